@@ -2,6 +2,6 @@
 
 The runner solves problems by some forms at some sizes and keeps a row a solve; the tables of
 `trust`, `newcomer`, `certify`, `essential` and `race` are views of such rows. `myork bench NAME`
-runs them where it is called in the folder that holds this one. Scripts that no module imports
-print single tables of docs/, which name them.
+runs them where it is called in the folder that holds this one. `choices.py NAME` prints one table
+of docs/, a function in `tables`.
 """

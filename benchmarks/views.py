@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.newcomer import DECKS
-from benchmarks.problems import PROBLEMS, Problem
+from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body
@@ -475,7 +474,7 @@ _MISSED = ("missed at points", "missed between")
 
 def essential(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """Prescribed displacements by the penalty and by the transformation method."""
-    problems = [problem for problem in PROBLEMS if problem.name in _PRESCRIBED]
+    problems = [BY_NAME[name] for name in _PRESCRIBED]
     rows: list[dict[str, Any]] = []
     for problem in problems[1:3] if quick else problems:
         _, own = rows_of(
@@ -570,8 +569,7 @@ def race(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     races: list[dict[str, Any]] = []
     entries = list(_entries(quick))
     # felupe imports what it needs: that is no part of a solution
-    tube = next(problem for problem in PROBLEMS if problem.name == "tube")
-    solve_rivals(tube._replace(elements=((1, 4),)), silent)
+    solve_rivals(BY_NAME["tube"]._replace(elements=((1, 4),)), silent)
     for entry in entries:
         forms = [form for form in _RACERS if form[0] in entry.forms]
         truths, own = rows_of(entry.problem, forms, progress, timed=True)
@@ -659,12 +657,11 @@ def cost(rows: Rows, key: str, error: float) -> float | None:
 
 def _entries(quick: bool) -> Iterator[_Entry]:
     """Problems of `trust` at the sizes of the race."""
-    known = {problem.name: problem for problem in PROBLEMS}
 
     def sized(
         name: str, sizes: tuple[tuple[int, ...], ...], meshes: tuple[tuple[int, ...], ...]
     ) -> Problem:
-        return known[name]._replace(
+        return BY_NAME[name]._replace(
             sizes=sizes[1:4] if quick else sizes, elements=meshes[:4] if quick else meshes
         )
 
@@ -688,8 +685,7 @@ def _entries(quick: bool) -> Iterator[_Entry]:
     )
     yield _Entry(torsion, solid, both)
     yield _Entry(sized("cube between plates", _CUBES, _CUBE_MESHES), solid, both)
-    tissues = next(body for body in BODIES if body.name == "three tissues of voxels")
-    yield _Entry(tissues, ("default",), both)
+    yield _Entry(BY_NAME["three tissues of voxels"], ("default",), both)
 
 
 def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dict[str, Any]]:

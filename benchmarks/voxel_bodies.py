@@ -19,7 +19,7 @@ from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
 from myork.types import F64
 
-__all__ = ["BODIES", "Body", "body_cloud", "box_tables", "strided_cloud"]
+__all__ = ["BODIES", "TWO_TISSUES", "Body", "body_cloud", "box_tables", "strided_cloud"]
 
 
 class Body(NamedTuple):
@@ -122,7 +122,6 @@ def box_tables(body: Body) -> dict[str, Any]:
     return deck
 
 
-_MODEL = {"kind": "model"}
 _LENGTH = 4.0
 
 
@@ -160,80 +159,112 @@ def _arms(x: F64) -> NDArray[Any]:
     return inside & ((x[..., 0] < 1) | (x[..., 2] > 2))
 
 
-_VOXELS = (0.25, 0.125)
-_RUBBER = {**RUBBER, "K": 1e3, "label": 1}
-_MUSCLE = {**MUSCLE, "fiber": [0, 0, 1], "label": 1}
+#: Box of two tissues [cm]
+_SIZE = (2.0, 1.0, 2.0)
+
+
+def _in_box(x: F64) -> NDArray[Any]:
+    return np.all((x > 0) & (x < _SIZE), axis=-1)
+
+
+def _body(
+    name: str,
+    material: Sequence[Mapping[str, Any]],
+    boundary: Sequence[Mapping[str, Any]],
+    probes: Sequence[Mapping[str, Any]],
+    activation: float = 0.0,
+    **rest: Any,
+) -> Body:
+    """A body of materials whose labels count from 1."""
+    labelled = [{**table, "label": label} for label, table in enumerate(material, 1)]
+    tables = deck(name, {"kind": "model"}, labelled, boundary, probes, activation)
+    return Body(name, tables=tables, **{"sizes": (0.25, 0.125), **rest})
+
+
+_RUBBER = {**RUBBER, "K": 1e3}
+_MUSCLE = {**MUSCLE, "fiber": [0, 0, 1]}
+_FAT = {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 100.0}
 
 BODIES = (
-    Body(
-        "cylinder of voxels",
-        tables=deck(
-            "Cylinder sheared and pulled",
-            _MODEL,
-            (_RUBBER,),
-            (held("bottom"), held("top", u_x=0.8, u_z=0.2)),
-            (
-                probe("mid", "u_x", (1, 1, 2)),
-                force("force x", "x", "top"),
-                force("force z", "z", "top"),
-            ),
+    _body(
+        "cylinder of voxels",  # sheared and pulled
+        (_RUBBER,),
+        (held("bottom"), held("top", u_x=0.8, u_z=0.2)),
+        (
+            probe("mid", "u_x", (1, 1, 2)),
+            force("force x", "x", "top"),
+            force("force z", "z", "top"),
         ),
-        sizes=_VOXELS,
         elements=((2, 2, 4), (4, 4, 8), (6, 6, 12)),
         **_round(np.ones_like),
     ),
-    Body(
-        "spindle of voxels",
-        tables=deck(
-            "Active spindle shortened",
-            _MODEL,
-            (_MUSCLE,),
-            (held("bottom"), held("top", u_z=-0.2)),
-            (probe("quarter", "u_z", (1, 1, 1)), force("force z", "z", "top")),
-            0.2,
-        ),
-        sizes=_VOXELS,
+    _body(
+        "spindle of voxels",  # active, shortened
+        (_MUSCLE,),
+        (held("bottom"), held("top", u_z=-0.2)),
+        (probe("quarter", "u_z", (1, 1, 1)), force("force z", "z", "top")),
+        activation=0.2,
         elements=((2, 2, 4), (4, 4, 8), (6, 6, 12)),
         **_round(lambda z: 0.6 + 0.4 * np.sin(np.pi * z / _LENGTH)),
     ),
-    Body(
-        "bracket of voxels",
+    _body(
+        "bracket of voxels",  # under a dead load
+        (_RUBBER,),
+        (held("bottom"), {"set": "top", "traction": [0, 0, -0.4]}),
+        (probe("tip", "u_z", (3, 0.5, 3)), force("force z", "z", "bottom")),
         size=(3.0, 1.0, 3.0),
-        tables=deck(
-            "Bracket under a dead load",
-            _MODEL,
-            (_RUBBER,),
-            (held("bottom"), {"set": "top", "traction": [0, 0, -0.4]}),
-            (probe("tip", "u_z", (3, 0.5, 3)), force("force z", "z", "bottom")),
-        ),
         label=_arms,
-        sizes=_VOXELS,
         elements=((3, 2, 3), (6, 2, 6), (12, 4, 12)),
         part=lambda x: int(x[0] < 1 or x[2] > 2),
     ),
-    Body(
-        "three tissues of voxels",
-        size=(2.0, 1.0, _LENGTH),
-        tables=deck(
-            "Muscle, fat and tendon with curved interfaces, pulled and active",
-            _MODEL,
-            (
-                {**_MUSCLE, "name": "muscle"},
-                {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 100.0, "label": 2},
-                {"name": "tendon", "model": "neo-hookean", "mu": 30.0, "K": 1e3, "label": 3},
-            ),
-            (held("bottom"), held("top", u_z=0.2)),
-            (
-                probe("interface", "u_z", (1.5 + 0.1125 * np.sqrt(0.5), 0.5, 1)),
-                probe("side", "u_x", (2, 0.5, 2)),
-                force("force z", "z", "top"),
-            ),
-            0.1,
+    _body(
+        "three tissues of voxels",  # curved interfaces, pulled and active
+        (
+            {**_MUSCLE, "name": "muscle"},
+            _FAT,
+            {"name": "tendon", "model": "neo-hookean", "mu": 30.0, "K": 1e3},
         ),
+        (held("bottom"), held("top", u_z=0.2)),
+        (
+            probe("interface", "u_z", (1.5 + 0.1125 * np.sqrt(0.5), 0.5, 1)),
+            probe("side", "u_x", (2, 0.5, 2)),
+            force("force z", "z", "top"),
+        ),
+        activation=0.1,
+        size=(2.0, 1.0, _LENGTH),
         label=_layer,
-        sizes=_VOXELS,
         elements=((4, 2, 4), (4, 2, 8), (8, 4, 12)),
         warp=_bent,
         part=lambda x: 1 + int(x[0] > 1) + int(x[0] > 1.5),
+    ),
+)
+
+#: Boxes of two tissues, of one size
+TWO_TISSUES = (
+    _body(
+        "muscle beside fat",
+        (_MUSCLE, _FAT),
+        (held("bottom"), held("top", u_z=0.1)),
+        (probe("within the muscle", "u_x", (0.5, 0.5, 1)), force("pull", "z", "top")),
+        activation=0.15,
+        size=_SIZE,
+        label=lambda x: _in_box(x) * (1 + (x[..., 0] > 1.0)),
+        sizes=(0.2,),
+        elements=((4, 2, 4), (8, 4, 8), (12, 4, 12)),
+        part=lambda x: 1 + int(x[0] > 1.0),
+    ),
+    _body(
+        "bar in gel",  # a stiff bar along z between softer sides, sheared
+        (
+            {"name": "gel", "model": "neo-hookean", "mu": 2.0, "K": 6.0},
+            {"name": "silicone", "model": "neo-hookean", "mu": 20.0, "K": 1e4},
+        ),
+        (held("bottom"), held("top", u_x=0.4)),
+        (probe("middle", "u_x", (1, 0.5, 1)), force("push", "x", "top")),
+        size=_SIZE,
+        label=lambda x: _in_box(x) * (1 + (abs(x[..., 0] - 1.0) < 0.4)),
+        sizes=(0.2,),
+        elements=((10, 2, 4), (10, 4, 8), (20, 4, 12)),
+        part=lambda x: 1 + int(abs(x[0] - 1.0) < 0.4),
     ),
 )

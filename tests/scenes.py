@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.truths.deck_parts import held
 from myork import Scene
 from myork.bench import materials
 from myork.core.deck import table_defaults
 from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.model.cloud import build_cloud
-from myork.records import Labels, PointCloud
+from myork.records import Image, Labels, PointCloud
 from myork.stations.solve import find_executable
 from myork.types import F64
 
@@ -36,6 +37,49 @@ RUBBER = {**materials.RUBBER, "K": 1e3}
 MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
 #: Approximation of a linear basis
 LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
+
+
+_BLOCK = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2",
+          "load.activation=0.01")  # fmt: skip
+#: Enough points for threads to share rows of multigrid, and for sums of several blocks
+_ROWS = ("geometry.source=[8,8,16]", "geometry.collocation=[8,8,16]", "load.steps=1",
+         "load.activation=0.01")  # fmt: skip
+_ORDERS = ("approximation.order=1", "approximation.support=2")
+_LINEAR = (*_ORDERS, *_BLOCK)
+_MIXED = ("scene.method=rkcm-mixed", "approximation.order=2", "approximation.support=3", *_BLOCK)
+
+_BEAM = ("geometry.source=[25,7]", "geometry.collocation=[49,13]")
+
+#: Deck and overrides of a small body for every method, and for every solver of least squares
+CASES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "linear": ("poisson_2d", ("scene.method=rkcm", "solver.linear=dgels")),
+    "linear, elastic": ("cantilever", ("scene.method=rkcm", "solver.linear=spqr", *_BEAM)),
+    "linear, Gauss cells": ("poisson_2d", ("scene.method=rkpm-gauss",)),
+    "linear, elastic, Gauss cells": ("cantilever", ("scene.method=rkpm-gauss", *_BEAM)),
+    "mixed": ("muscle_fibers", _MIXED),
+    "mixed, Newton": ("muscle_fibers", (*_MIXED, "solver.newton=full")),
+    "Gauss cells": ("muscle_fibers", ("scene.method=rkpm-gauss", *_LINEAR)),
+    "Gauss cells, incompressible": (
+        "uniaxial_tension",
+        ("scene.method=rkpm-gauss", "material.K=inf", "load.steps=1", *_ORDERS),
+    ),
+    "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
+    "nodal cells, not formed": (
+        "muscle_fibers",
+        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LINEAR),
+    ),
+    "nodal cells, rows and sums shared by threads": (
+        "muscle_fibers",
+        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
+    ),
+    **{
+        f"displacement, {solver}": (
+            "muscle_block",
+            ("scene.method=rkcm", *_BLOCK, f"solver.linear={solver}"),
+        )
+        for solver in ("dgels", "dgelsy", "normal", "refined", "spqr", "sparse-normal")
+    },
+}
 
 
 def box(*source: int, size: Any = 1.0, places: Any = None, **more: Any) -> dict[str, Any]:
@@ -61,11 +105,6 @@ def scene(method: str, geometry: Mapping[str, Any], **tables: Any) -> dict[str, 
     """Tables of a deck; the geometry of points that are given is empty, their body solid."""
     nd = len(geometry.get("source", "xyz"))
     return {"scene": {"dimension": nd, "method": method}, "geometry": dict(geometry)} | tables
-
-
-def held(name: str, nd: int = 3, **moved: Any) -> dict[str, Any]:
-    """A set without motion, but for the components given."""
-    return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:nd]}, **moved}
 
 
 def sheared(
@@ -103,6 +142,20 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
             {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
             {"name": "root", "quantity": "force", "set": "x0"},
         ],
+    ) | tables  # fmt: skip
+
+
+#: Tip of the beam of rubber: felupe's quadratic elements with projected pressure, 4, 8 and 16
+#: across, extrapolated
+BEAM_TIP = 1.6485
+
+
+def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> dict[str, Any]:
+    """A beam of 4 x 1 of rubber under a dead traction on its end; nothing else is named."""
+    return scene(
+        "auto", box(*source, size=[4, 1], places=places), material=[RUBBER],
+        boundary=[held("x0", 2), {"set": "x1", "traction": [0, load]}],
+        probe=[{"name": "tip", "quantity": "u_y", "point": [4, 0.5]}],
     ) | tables  # fmt: skip
 
 
@@ -165,13 +218,16 @@ def refused(
 
 
 def execute(
-    deck: Path, out: Path, *words: str, sets: Iterable[str] = ()
+    deck: Path, out: Path, *words: str, sets: Iterable[str] = (), **more: Any
 ) -> tuple[dict[str, Any], subprocess.CompletedProcess[str]]:
-    """Run the executable on one thread; the summary that it leaves, if any, and what it said."""
+    """Run the executable on one thread; the summary that it leaves, if any, and what it said.
+
+    `more` goes to `subprocess.run`.
+    """
     overrides = [word for text in sets for word in ("--set", text)]
     done = subprocess.run(
         [str(find_executable()), str(deck), "-o", str(out), "-t", "1", *words, *overrides],
-        capture_output=True, text=True, timeout=300,
+        capture_output=True, text=True, timeout=300, **more,
     )  # fmt: skip
     path = out / "summary.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}, done
@@ -197,12 +253,22 @@ def stop_behind(child: subprocess.Popen[str], step: int, number: int = signal.SI
 
 
 def voxels(
-    data: Any, edge: Any = 10.0, unit: str = "cm", said: list[str] | None = None, **build: Any
+    data: Any,
+    edge: Any = 10.0,
+    unit: str = "cm",
+    said: list[str] | None = None,
+    activation: Any = None,
+    **build: Any,
 ) -> PointCloud:
-    """Points of a label map with voxels of such edges [mm], each a source point by default."""
+    """Points of a label map with voxels of such edges [mm], each a source point by default.
+
+    `activation` is the part of the activation that each voxel has.
+    """
     affine = np.diag([*np.broadcast_to(edge, 3), 1.0])
     table = {**table_defaults("build"), "source_stride": [1] * 3, **build}
-    cloud, warnings = build_cloud(Labels(np.asarray(data, np.int32), affine), None, table, unit)
+    parts = None if activation is None else Image(np.asarray(activation, float), affine)
+    labels = Labels(np.asarray(data, np.int32), affine)
+    cloud, warnings = build_cloud(labels, None, table, unit, "", parts)
     if said is not None:
         said += warnings
     return cloud

@@ -6,11 +6,12 @@ other.
 """
 
 import ast
-import importlib.util
 import re
 from pathlib import Path
 
 import pytest
+
+from tests import draw_rooms
 
 ROOT = Path(__file__).parent.parent
 FORTRAN = ROOT / "fortran"
@@ -140,12 +141,6 @@ def test_fortran_uses_lower_layers() -> None:
 
 
 def test_the_drawing_of_the_rooms_is_that_of_the_sources() -> None:
-    spec = importlib.util.spec_from_file_location(
-        "draw_rooms", Path(__file__).with_name("draw_rooms.py")
-    )
-    assert spec is not None and spec.loader is not None
-    draw_rooms = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(draw_rooms)
     drawn = draw_rooms.PAGE.read_text(encoding="utf-8")
     assert drawn == draw_rooms.page(), "run python tests/draw_rooms.py"
     picture = draw_rooms.PICTURE.read_text(encoding="utf-8")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from benchmarks.hard.case import DOUBTED, FORMS, RIGHT, WARNED, Case
-from benchmarks.problems import PROBLEMS
+from benchmarks.problems import BY_NAME
 from benchmarks.runner import sized_tables
-from benchmarks.voxel_bodies import BODIES, body_cloud
+from benchmarks.voxel_bodies import body_cloud
 from myork.bench.runs import METHODS
 
 __all__ = ["bent_cases"]
@@ -35,8 +35,7 @@ def _beside(
     jitter: float = 0.0,
 ) -> Case:
     """A problem of `truths` with few points."""
-    problem = next(problem for problem in PROBLEMS if problem.name == name)
-    tables = sized_tables(problem.tables, size)
+    tables = sized_tables(BY_NAME[name].tables, size)
     if jitter:
         tables["geometry"]["jitter"] = jitter
     moved = f", lattice moved by {jitter:g} h" if jitter else ""
@@ -65,14 +64,14 @@ def _beams() -> list[Case]:
             name,
             (17, 5),
             form,
-            *{**off, "rkpm-gauss": gauss, "rkpm-scni": doubted}[form],
+            *{**off, "rkpm-gauss": gauss, "rkpm-scni": nodal}[form],
             jitter=jitter,
         )
-        for name, jitter, gauss in (
-            ("cantilever, dead traction", 0.0, right),
-            ("cantilever, dead traction", 0.3, doubted),
-            ("clamped beam, end shear", 0.0, doubted),
-            ("clamped beam, end shear", 0.3, right),
+        for name, jitter, gauss, nodal in (
+            ("cantilever, dead traction", 0.0, right, right),
+            ("cantilever, dead traction", 0.3, doubted, right),
+            ("clamped beam, end shear", 0.0, doubted, doubted),
+            ("clamped beam, end shear", 0.3, right, doubted),
         )
         for form in FORMS
     ]
@@ -112,7 +111,7 @@ def _blocks() -> list[Case]:
 
 def _tissues() -> list[Case]:
     """Muscle, fat and tendon in voxels; `rkcm` has no end within minutes there."""
-    body = next(body for body in BODIES if body.name.startswith("three"))
+    body = BY_NAME["three tissues of voxels"]
     cloud = body_cloud(body, 0.25)
     why = "the modulus jumps from tissue to tissue"
     found = [

@@ -13,10 +13,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.problems import PROBLEMS
+from benchmarks.problems import BY_NAME
 from benchmarks.runner import Truths, solve_rivals
 from benchmarks.truths.manufactured import Problem as Manufactured
-from benchmarks.voxel_bodies import BODIES
 from myork.bench.runs import METHODS, Deck
 from myork.console import silent
 from myork.records import PointCloud
@@ -149,7 +148,7 @@ def judge(case: Case, record: dict[str, Any]) -> str:
 @cache
 def _truths_of(name: str) -> Truths:
     """Right values of a problem of `benchmarks`, by two meshes of finite elements."""
-    problem: Any = next(problem for problem in (*PROBLEMS, *BODIES) if problem.name == name)
+    problem = BY_NAME[name]
     return solve_rivals(problem._replace(elements=problem.elements[:2]), silent)[0]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hard.case import DOUBTED, FORMS, WARNED, Case
+from benchmarks.runner import sized_tables
 from benchmarks.truths.bodies import box, graded, jittered, stretched
 from benchmarks.truths.manufactured import PROBLEMS
 from myork.bench import exact
@@ -234,9 +235,8 @@ def _fiber_curves() -> list[Case]:
 
 def _on_lattice(tables: dict[str, Any], source: Sequence[int], jitter: float = 0.0) -> Any:
     """The deck of a stretched box with a lattice of its own, and supports that forms choose."""
-    places = {"source": list(source), "collocation": [2 * n - 1 for n in source]}
-    geometry = {"kind": "box", "size": [1, 1, 1], **places, "jitter": jitter}
-    return {**tables, "geometry": geometry, "approximation": {}}
+    geometry = {"kind": "box", "size": [1, 1, 1], "jitter": jitter}
+    return sized_tables({**tables, "geometry": geometry, "approximation": {}}, source)
 
 
 def _clouds() -> list[Case]:

@@ -8,7 +8,7 @@ from typing import Any
 __all__ = ["deck", "force", "held", "probe"]
 
 
-def held(name: str, dimension: int = 3, **values: float) -> dict[str, Any]:
+def held(name: str, dimension: int = 3, **values: Any) -> dict[str, Any]:
     """A set without motion, but for the components given.
 
     Parameters
@@ -17,8 +17,8 @@ def held(name: str, dimension: int = 3, **values: float) -> dict[str, Any]:
         Boundary set.
     dimension : int
         Of space.
-    **values : float
-        Displacements by key, such as ``u_x`` [length].
+    **values : float or str
+        Displacements by key, such as ``u_x`` [length], and other keys of the set.
     """
     return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:dimension]}, **values}
 

@@ -27,7 +27,8 @@ module rk_cells
       integer :: per_cell = 1
       !> Points, those of a group together, shape (nd, np) [length]
       real(wp), allocatable :: point(:, :)
-      !> Source point of each nodal cell, shape (np); not allocated for Gauss points
+      !> Source point of each nodal cell, shape (np), that of cells of several groups several times;
+      !> not allocated for Gauss points
       integer, allocatable :: node(:)
       !> Volume of each point, shape (np) [length^nd]
       real(wp), allocatable :: weight(:)

@@ -2,7 +2,7 @@
 module rk_facets
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, group_by
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_tensor, only : vector_product
    implicit none
    private
@@ -135,7 +135,8 @@ subroutine grow(a, columns)
    call move_alloc(wide, a)
 end subroutine grow
 
-!> Integration points from facets: volumes, centres and moments by the divergence theorem
+!> Integration points from facets: volumes, centres and moments by the divergence theorem. A cell of
+!> several groups has a point in each, which stands for a share of it and of its facets
 subroutine close_cells(self, cells, facets, group, filled)
    !> Points
    type(cells_type), intent(inout) :: self
@@ -143,84 +144,140 @@ subroutine close_cells(self, cells, facets, group, filled)
    integer, intent(in) :: cells
    !> Facets
    type(facets_type), intent(in) :: facets
-   !> Group of each cell, from 1; groups without cells are left out, shape (cells)
-   integer, intent(in) :: group(:)
+   !> Groups of each cell, from 1; groups without cells are left out, shape (slots, cells)
+   integer, intent(in) :: group(:, :)
    !> Part of each cell's volume that counts, all if not allocated, shape (cells) [-]
    real(wp), allocatable, intent(in) :: filled(:)
-   type(csr_type) :: members
-   integer :: number(cells), i, k, nd, side, ms, d
+   type(csr_type) :: copies
+   integer :: i, k, nd, side, ms, mf, d
+   integer(i8) :: a, b
+   real(wp), allocatable :: share(:), weight(:), point(:, :), moment(:, :, :)
    real(wp) :: area(size(facets%x, 1)), x(size(facets%x, 1))
 
    nd = size(facets%x, 1)
-   call group_by(maxval(group), group, members)
-   associate (offset => members%offset)
-      self%first = [0, pack(int(offset(2:)), offset(2:) > offset(:size(offset) - 1))]
-   end associate
+   call list_points(group, self%first, self%node, share)
+   call group_by(cells, self%node, copies)
    self%smoothed = .true.
-   self%node = members%index
-   number(self%node) = [(i, i=1, cells)]
-   allocate (self%point(nd, cells), self%weight(cells), self%moment(nd, nd, cells), source=0.0_wp)
+   allocate (point(nd, cells), weight(cells), moment(nd, nd, cells), source=0.0_wp)
    do k = 1, facets%n
       do side = 1, merge(1, 2, facets%side(2, k) == 0)
-         i = number(facets%side(side, k))
+         i = facets%side(side, k)
          area = merge(1, -1, side == 1)*facets%area(:, k)
-         self%weight(i) = self%weight(i) + dot_product(facets%x(:, k), area)/nd
-         self%point(:, i) = self%point(:, i) + 0.5_wp*facets%x(:, k)**2*area
+         weight(i) = weight(i) + dot_product(facets%x(:, k), area)/nd
+         point(:, i) = point(:, i) + 0.5_wp*facets%x(:, k)**2*area
       end do
    end do
    do i = 1, cells
-      self%point(:, i) = self%point(:, i)/self%weight(i)
+      point(:, i) = point(:, i)/weight(i)
    end do
    do k = 1, facets%n
       do side = 1, merge(1, 2, facets%side(2, k) == 0)
-         i = number(facets%side(side, k))
+         i = facets%side(side, k)
          area = merge(1, -1, side == 1)*facets%area(:, k)
-         x = facets%x(:, k) - self%point(:, i)
+         x = facets%x(:, k) - point(:, i)
          do d = 1, nd
-            self%moment(:, d, i) = self%moment(:, d, i) + 0.5_wp*x**2*x(d)*area
-            self%moment(d, d, i) = self%moment(d, d, i) - x(d)**3*area(d)/6.0_wp
+            moment(:, d, i) = moment(:, d, i) + 0.5_wp*x**2*x(d)*area
+            moment(d, d, i) = moment(d, d, i) - x(d)**3*area(d)/6.0_wp
          end do
       end do
    end do
-
-   ! the quadrature of oblique facets is exact for linear functions only
-   do i = 1, cells
-      self%moment(:, :, i) = 0.5_wp*(self%moment(:, :, i) + transpose(self%moment(:, :, i)))
+   self%point = point(:, self%node)
+   self%weight = share*weight(self%node)
+   allocate (self%moment(nd, nd, size(share)))
+   do i = 1, size(share)
+      ! the quadrature of oblique facets is exact for linear functions only
+      associate (own => moment(:, :, self%node(i)))
+         self%moment(:, :, i) = 0.5_wp*share(i)*(own + transpose(own))
+      end associate
    end do
 
-   ms = count(facets%side(2, :facets%n) == 0)
-   allocate (self%facet(nd, facets%n - ms), self%area(nd, facets%n - ms), &
-      & self%side(2, facets%n - ms))
-   allocate (self%surface(nd, ms), self%outward(nd, ms), self%set(ms), self%part(ms))
-   allocate (self%lift_first(ms + 1), self%lift_point(ms), self%lift(ms))
-   i = 0
    ms = 0
-   if (any(facets%entry(:facets%n) > 0)) self%entry = pack(facets%entry(:facets%n), &
-      & facets%side(2, :facets%n) == 0)
-   self%lift_first(1) = 0
+   mf = 0
    do k = 1, facets%n
-      if (facets%side(2, k) > 0) then
-         i = i + 1
-         self%facet(:, i) = facets%x(:, k)
-         self%area(:, i) = facets%area(:, k)
-         self%side(:, i) = number(facets%side(:, k))
+      if (facets%side(2, k) == 0) then
+         ms = ms + points_of(facets%side(1, k))
       else
-         ms = ms + 1
-         self%surface(:, ms) = facets%x(:, k)
-         self%outward(:, ms) = facets%area(:, k)
-         self%set(ms) = facets%set(k)
-         self%part(ms) = facets%part(k)
-         self%lift_first(ms + 1) = ms
-         self%lift_point(ms) = number(facets%side(1, k))
-         self%lift(ms) = 1.0_wp/self%weight(self%lift_point(ms))
+         mf = mf + points_of(facets%side(1, k))*points_of(facets%side(2, k))
       end if
+   end do
+   allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf))
+   allocate (self%surface(nd, ms), self%outward(nd, ms), self%set(ms), self%part(ms))
+   allocate (self%lift_point(ms), self%lift(ms))
+   if (any(facets%entry(:facets%n) > 0)) allocate (self%entry(ms))
+   self%lift_first = [(i, i=0, ms)]
+   mf = 0
+   ms = 0
+   do k = 1, facets%n
+      do a = copies%offset(facets%side(1, k)) + 1, copies%offset(facets%side(1, k) + 1)
+         i = copies%index(a)
+         if (facets%side(2, k) > 0) then
+            do b = copies%offset(facets%side(2, k)) + 1, copies%offset(facets%side(2, k) + 1)
+               mf = mf + 1
+               self%facet(:, mf) = facets%x(:, k)
+               self%area(:, mf) = share(i)*share(copies%index(b))*facets%area(:, k)
+               self%side(:, mf) = [i, copies%index(b)]
+            end do
+         else
+            ms = ms + 1
+            self%surface(:, ms) = facets%x(:, k)
+            self%outward(:, ms) = share(i)*facets%area(:, k)
+            self%set(ms) = facets%set(k)
+            self%part(ms) = facets%part(k)
+            if (allocated(self%entry)) self%entry(ms) = facets%entry(k)
+            self%lift_point(ms) = i
+            self%lift(ms) = 1.0_wp/self%weight(i)
+         end if
+      end do
    end do
    if (.not. allocated(filled)) return
    self%filled = filled(self%node)
    self%weight = self%filled*self%weight
-   do i = 1, cells
+   do i = 1, size(share)
       self%moment(:, :, i) = self%filled(i)*self%moment(:, :, i)
    end do
+
+contains
+
+   !> Points of a cell
+   pure integer function points_of(cell)
+      integer, intent(in) :: cell
+
+      points_of = int(copies%offset(cell + 1) - copies%offset(cell))
+   end function points_of
+
 end subroutine close_cells
+
+!> Points of all cells, those of a group together: one in each group of a cell
+pure subroutine list_points(group, first, cell, share)
+   !> Groups of each cell, from 1, shape (slots, cells)
+   integer, intent(in) :: group(:, :)
+   !> Group g has points first(g)+1 : first(g+1), groups without points left out
+   integer, allocatable, intent(out) :: first(:)
+   !> Cell of each point, and the share of it that the point stands for [-]
+   integer, allocatable, intent(out) :: cell(:)
+   real(wp), allocatable, intent(out) :: share(:)
+   type(csr_type) :: members
+   integer, allocatable :: all_of(:), in_group(:)
+   integer :: n, i, s
+   real(wp), allocatable :: part(:)
+
+   allocate (all_of(size(group)), in_group(size(group)), part(size(group)))
+   n = 0
+   do i = 1, size(group, 2)
+      do s = 1, size(group, 1)
+         if (any(group(:s - 1, i) == group(s, i))) cycle
+         n = n + 1
+         all_of(n) = i
+         in_group(n) = group(s, i)
+         part(n) = count(group(:, i) == group(s, i))/real(size(group, 1), wp)
+      end do
+   end do
+   call group_by(maxval(group), in_group(:n), members)
+   associate (offset => members%offset)
+      first = [0, pack(int(offset(2:)), offset(2:) > offset(:size(offset) - 1))]
+   end associate
+   cell = all_of(members%index)
+   share = part(members%index)
+end subroutine list_points
 
 end module rk_facets

@@ -1,6 +1,8 @@
 !> Groups of cells within which the volume change is projected: rows of nodal cells of a lattice,
 !> and groups cut small by the surface joined to others. Which cells share one depends neither on
-!> the order of the points nor on where the body lies; five cells in a row are not symmetric.
+!> the order of the points nor on where the body lies. A row that cannot be divided symmetrically is
+!> divided in both orders: each cell then has a slot for each order, and stands for a share of
+!> itself in each group that its slots name.
 module rk_groups
    use rk_csr, only : csr_type, group_by, sort
    use rk_facets, only : facets_type
@@ -8,18 +10,36 @@ module rk_groups
    implicit none
    private
 
-   public :: threes, join_small
+   public :: slots, threes, pairs, join_small
+
+   !> Groups that a cell names: a row in each direction may be counted from either end
+   integer, parameter :: slots = 8
 
    !> Distances and areas that differ by less than this share are the same
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
-!> Group of a nodal cell in one direction, from 0: threes, as symmetric as can be
+!> Group of a nodal cell in one direction, from 0, counted from the first or from the last one:
+!> threes, as symmetric as can be
 !>
 !> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
 !> falls with the spacing, that of groups of three does not.
-elemental integer function threes(cell, cells) result(group)
+elemental integer function threes(cell, cells, backwards) result(group)
+   !> Cell, from 0
+   integer, intent(in) :: cell
+   !> Cells in this direction
+   integer, intent(in) :: cells
+   !> Count from the last one
+   logical, intent(in) :: backwards
+
+   group = threes_from_first(cell, cells)
+   if (backwards) group = threes_from_first(cells - 1, cells) &
+      & - threes_from_first(cells - 1 - cell, cells)
+end function threes
+
+!> Group of a nodal cell in one direction, counted from the first one
+elemental integer function threes_from_first(cell, cells) result(group)
    !> Cell, from 0
    integer, intent(in) :: cell
    !> Cells in this direction
@@ -28,7 +48,7 @@ elemental integer function threes(cell, cells) result(group)
 
    n = cells/3
    group = cell/3
-   ! five are three and two, the one row that is not symmetric: those that are cost accuracy
+   ! five are three and two from either end: three groups of them cost accuracy
    if (cells <= 5) then
       if (cells == 4) group = 0
       return
@@ -46,26 +66,45 @@ elemental integer function threes(cell, cells) result(group)
       ! fours at the ends
       group = min(max(cell - 1, 0)/3, n - 1)
    end select
-end function threes
+end function threes_from_first
+
+!> Group of a block of voxels in one direction, from 0, counted from the first or from the last one:
+!> pairs, of an odd number one in the middle alone
+elemental integer function pairs(block, blocks, backwards) result(group)
+   !> Block, from 0
+   integer, intent(in) :: block
+   !> Blocks in this direction
+   integer, intent(in) :: blocks
+   !> Count from the last one
+   logical, intent(in) :: backwards
+   integer :: from
+
+   from = block
+   if (backwards) from = blocks - 1 - block
+   group = from/2
+   if (mod(blocks, 2) == 1 .and. from > 2*((blocks - 1)/4)) group = (from + 1)/2
+   if (backwards) group = (blocks - 1)/2 - group
+end function pairs
 
 !> Join groups of few cells to the group with which they share the largest area, the smallest and
-!> outermost first; of equal areas that of the innermost group
+!> outermost first; of equal areas that of the innermost group, and where there are several, to all
+!> of them in equal parts
 subroutine join_small(group, facets, least)
-   !> Group of each cell, from 1, shape (cells)
-   integer, intent(inout) :: group(:)
+   !> Groups of each cell, from 1, shape (slots, cells)
+   integer, intent(inout) :: group(:, :)
    !> Facets
    type(facets_type), intent(in) :: facets
    !> Cells of a group at least; a body apart from all others keeps what it has
    integer, intent(in) :: least
    type(csr_type) :: of_cell
-   integer, allocatable :: own(:), near(:)
+   integer, allocatable :: own(:), near(:), others(:)
    logical, allocatable :: small(:)
    integer(i8) :: e
-   integer :: members(maxval(group)), g, i, k, other
+   integer :: members(maxval(group)), g, i, k, s
    real(wp), dimension(maxval(group)) :: shared, away, weight
    real(wp) :: centre(size(facets%x, 1), maxval(group)), middle(size(facets%x, 1)), extent
 
-   call group_by(size(group), reshape(facets%side(:, :facets%n), [2*facets%n]), of_cell)
+   call group_by(size(group, 2), reshape(facets%side(:, :facets%n), [2*facets%n]), of_cell)
    associate (x => facets%x(:, :facets%n))
       middle = 0.5_wp*(maxval(x, dim=2) + minval(x, dim=2))
       extent = maxval(maxval(x, dim=2) - minval(x, dim=2))
@@ -75,23 +114,27 @@ subroutine join_small(group, facets, least)
    do k = 1, facets%n
       do i = 1, 2
          if (facets%side(i, k) == 0) cycle
-         g = group(facets%side(i, k))
-         weight(g) = weight(g) + norm2(facets%area(:, k))
-         centre(:, g) = centre(:, g) + norm2(facets%area(:, k))*(facets%x(:, k) - middle)
+         do s = 1, slots
+            g = group(s, facets%side(i, k))
+            weight(g) = weight(g) + norm2(facets%area(:, k))
+            centre(:, g) = centre(:, g) + norm2(facets%area(:, k))*(facets%x(:, k) - middle)
+         end do
       end do
    end do
    away = norm2(centre, dim=1)/max(weight, tiny(1.0_wp))
    members = 0
-   do i = 1, size(group)
-      members(group(i)) = members(group(i)) + 1
+   do i = 1, size(group, 2)
+      do s = 1, slots
+         members(group(s, i)) = members(group(s, i)) + 1
+      end do
    end do
    do
-      small = members > 0 .and. members < least
+      small = members > 0 .and. members < slots*least
       if (.not. any(small)) return
       small = small .and. members == minval(members, mask=small)
       g = findloc(small .and. away >= maxval(away, mask=small) - same*extent, .true., dim=1)
       shared = 0.0_wp
-      own = pack([(i, i=1, size(group))], group == g)
+      own = pack([(i, i=1, size(group, 2))], any(group == g, dim=1))
       near = [((of_cell%index(e), e=of_cell%offset(own(i)) + 1, of_cell%offset(own(i) + 1)), &
          & i=1, size(own))]
       near = (near + 1)/2
@@ -99,21 +142,31 @@ subroutine join_small(group, facets, least)
       do i = 1, size(near)
          k = near(i)
          if (facets%side(2, k) == 0) cycle
-         associate (a => group(facets%side(1, k)), b => group(facets%side(2, k)))
-            if (a == b) cycle
-            if (a == g) shared(b) = shared(b) + norm2(facets%area(:, k))
-            if (b == g) shared(a) = shared(a) + norm2(facets%area(:, k))
-         end associate
+         do s = 1, slots
+            associate (a => group(s, facets%side(1, k)), b => group(s, facets%side(2, k)))
+               if (a == b) cycle
+               if (a == g) shared(b) = shared(b) + norm2(facets%area(:, k))
+               if (b == g) shared(a) = shared(a) + norm2(facets%area(:, k))
+            end associate
+         end do
       end do
       if (.not. any(shared > 0.0_wp)) then
          ! alone: never asked again
-         members(g) = least
+         members(g) = slots*least
          cycle
       end if
       small = shared >= (1.0_wp - same)*maxval(shared)
-      other = findloc(small .and. away <= minval(away, mask=small) + same*extent, .true., dim=1)
-      where (group == g) group = other
-      members(other) = members(other) + members(g)
+      small = small .and. away <= minval(away, mask=small) + same*extent
+      others = pack([(i, i=1, size(small))], small)
+      do i = 1, size(own)
+         k = 0
+         do s = 1, slots
+            if (group(s, own(i)) /= g) cycle
+            k = k + 1
+            group(s, own(i)) = others(1 + mod(k, size(others)))
+            members(group(s, own(i))) = members(group(s, own(i))) + 1
+         end do
+      end do
       members(g) = 0
    end do
 end subroutine join_small

@@ -11,7 +11,7 @@ module rk_nodal_cells
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_facets, only : close_cells, facets_type
-   use rk_groups, only : threes
+   use rk_groups, only : slots, threes
    use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
    use rk_precision, only : wp
    use rk_voronoi, only : voronoi_facets
@@ -36,9 +36,9 @@ subroutine nodal_cells(self, cloud, error)
    !> Error handling: cells that are not there
    type(error_type), allocatable, intent(out) :: error
    type(facets_type) :: facets
-   integer, allocatable :: group(:)
+   integer, allocatable :: group(:, :)
    real(wp), allocatable :: filled(:)
-   integer :: is, lattice(3), last(3)
+   integer :: d, is, s, lattice(3), last(3)
 
    if (allocated(cloud%lattice)) then
       if (cloud%jittered) then
@@ -50,14 +50,17 @@ subroutine nodal_cells(self, cloud, error)
       end if
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
-      last = threes(lattice - 1, lattice)
-      group = [(place_of(threes(lattice_index(cloud, is), lattice), last + 1), &
-         & is=1, size(cloud%source, 2))]
+      last = threes(lattice - 1, lattice, .false.)
+      allocate (group(slots, size(cloud%source, 2)))
+      do is = 1, size(group, 2)
+         group(:, is) = [(place_of(threes(lattice_index(cloud, is), lattice, &
+            & [(btest(s, d), d=0, 2)]), last + 1), s=0, slots - 1)]
+      end do
    else
       call voxel_facets(facets, cloud, group, filled, error)
    end if
    if (allocated(error)) return
-   call close_cells(self, size(group), facets, group, filled)
+   call close_cells(self, size(group, 2), facets, group, filled)
 end subroutine nodal_cells
 
 !> Place of a source point in its lattice, from 0

@@ -53,11 +53,11 @@ subroutine new_nodal_values(self, cells, inside)
    integer, allocatable :: cell(:)
    integer(i8), allocatable :: entry(:)
 
-   ns = size(cells%node)
+   ns = maxval(cells%node)
    associate (place => self%row%place)
       allocate (place%offset(ns + 1), place%index(inside%neighbour%offset(ns + 1)), cell(ns))
       allocate (self%row%value(size(place%index)))
-      cell(cells%node) = [(q, q=1, ns)]
+      cell(cells%node) = [(q, q=1, size(cells%node))]
       place%offset(1) = 0
       own = 0.0_wp
       do i = 1, ns

@@ -5,7 +5,8 @@ module rk_voxels
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type, fatal_error, err_input
    use rk_facets, only : facets_type
-   use rk_groups, only : join_small
+   use rk_groups, only : join_small, pairs, slots, threes
+   use rk_lattice, only : place_of
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
@@ -34,8 +35,8 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    type(facets_type), intent(inout) :: facets
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
-   !> Group of each cell, shape (cells)
-   integer, allocatable, intent(out) :: group(:)
+   !> Groups of each cell, shape (slots, cells)
+   integer, allocatable, intent(out) :: group(:, :)
    !> Volume of the body in each cell over that of its voxels, shape (cells) [-]; not allocated
    !> where all voxels are full
    real(wp), allocatable, intent(out) :: filled(:)
@@ -151,8 +152,8 @@ subroutine find_owners(cloud, owner, cells, error)
    owner = number(place)
 end subroutine find_owners
 
-!> Groups of two blocks in each direction, of an odd number one in the middle alone, or of three
-!> source spacings; groups of which the surface leaves less than half are joined to others
+!> Groups of two blocks in each direction or of three source spacings; groups of which the surface
+!> leaves less than half are joined to others
 pure subroutine find_groups(cloud, owner, cells, group, least)
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
@@ -160,33 +161,36 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
    integer, intent(in) :: owner(:)
    !> Number of cells
    integer, intent(in) :: cells
-   !> Group of each cell, from 1
-   integer, allocatable, intent(out) :: group(:)
+   !> Groups of each cell, from 1, shape (slots, cells)
+   integer, allocatable, intent(out) :: group(:, :)
    !> Cells that a group has at least
    integer, intent(out) :: least
    real(wp) :: step(3), low(3)
-   integer :: at(3), n(3), i
+   integer :: at(3), n(3), last(3), d, i, s
 
-   allocate (group(cells))
+   allocate (group(slots, cells))
    if (allocated(cloud%block)) then
       least = 4
       n = maxval(cloud%block, dim=2) + 1
       do i = 1, size(owner)
-         at = cloud%block(:, i)/2
-         where (mod(n, 2) == 1 .and. cloud%block(:, i) > 2*((n - 1)/4)) &
-            & at = (cloud%block(:, i) + 1)/2
-         group(owner(i)) = 1 + at(1) + n(1)*(at(2) + n(2)*at(3))
+         do s = 1, slots
+            at = pairs(cloud%block(:, i), n, [(btest(s - 1, d), d=0, 2)])
+            group(s, owner(i)) = place_of(at, n)
+         end do
       end do
       return
    end if
    ! linear pressures on two do not satisfy the inf-sup condition with nodal integration
    least = 14
-   step = 3.0_wp*minval(cloud%spacing, dim=2)
+   step = minval(cloud%spacing, dim=2)
    low = minval(cloud%source, dim=2)
-   n = 1 + int((maxval(cloud%source, dim=2) - low)/step + 0.5_wp)
+   n = 1 + nint((maxval(cloud%source, dim=2) - low)/step)
+   last = threes(n - 1, n, .false.) + 1
    do i = 1, cells
-      at = min(int((cloud%source(:, i) - low)/step + 0.25_wp/3.0_wp), n - 1)
-      group(i) = 1 + at(1) + n(1)*(at(2) + n(2)*at(3))
+      do s = 1, slots
+         at = threes(nint((cloud%source(:, i) - low)/step), n, [(btest(s - 1, d), d=0, 2)])
+         group(s, i) = place_of(at, last)
+      end do
    end do
 end subroutine find_groups
 

@@ -1,7 +1,8 @@
-// Decks for rk_deck.f90: one flat list of entries, in the order of the schema.
+// Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of the schema.
 //
 // Entry kinds: 0 table, 1 text, 2 texts (a line each), 3 number, 4 integer, 5 boolean (0 or 1),
-// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). All pointers live
+// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). A text that names an
+// entry of another table has the number of that entry, from 1, beside it. All pointers live
 // until rk_deck_close.
 #include "deck.h"
 
@@ -9,6 +10,23 @@
 #include <iomanip>
 #include <numeric>
 #include <sstream>
+
+extern "C" {
+
+// The same as entry_view and deck_view in rk_deck_c.f90
+struct EntryView {
+   const char *key, *where, *address, *text;
+   const double *numbers;
+   int count, kind, sorted; // the last: the entry (from 0) that has this place by its key
+};
+
+struct DeckView {
+   const char *message, *name, *text, *sha256, *folder;
+   const EntryView *entries;
+   int count, status;
+};
+
+} // extern "C"
 
 namespace {
 
@@ -21,7 +39,9 @@ struct Entry {
 struct Flat {
    rk::Deck deck;
    std::vector<Entry> entries;
-   std::vector<int> sorted; // entries by their keys
+   std::map<std::string, std::map<std::string, int>> numbers; // of entries, by table and name
+   std::vector<EntryView> views;
+   DeckView view;
 };
 
 // Expressions among numbers
@@ -93,6 +113,8 @@ void add_section(Flat &flat, const rk::Section &section) {
       if (!value)
          continue;
       Entry entry = flatten(*value);
+      if (!spec.refers_to.empty())
+         entry.numbers = {static_cast<double>(flat.numbers[spec.refers_to][value->text])};
       entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
       // empty: nobody wrote it
       entry.where = value->by_default ? "" : flat.deck.where(value->origin);
@@ -102,29 +124,49 @@ void add_section(Flat &flat, const rk::Section &section) {
    }
 }
 
-Flat *open(rk::Deck deck) {
-   Flat *flat = new Flat{std::move(deck), {}, {}};
-   if (flat->deck.status != rk::Status::good)
-      return flat;
+// Say anew what the deck and its entries are
+void look(Flat &flat) {
+   std::vector<int> sorted(flat.entries.size());
+   std::iota(sorted.begin(), sorted.end(), 0);
+   const auto key = [&flat](int i) -> const std::string & {
+      return flat.entries[static_cast<std::size_t>(i)].key;
+   };
+   std::sort(sorted.begin(), sorted.end(), [&key](int one, int other) { return key(one) < key(other); });
+   flat.views.clear();
+   for (const Entry &entry : flat.entries)
+      flat.views.push_back({entry.key.c_str(), entry.where.c_str(), entry.address.c_str(), entry.text.c_str(),
+                            entry.numbers.data(), static_cast<int>(entry.numbers.size()), entry.kind,
+                            sorted[flat.views.size()]});
+   const rk::Deck &deck = flat.deck;
+   flat.view = {deck.message.c_str(), deck.name.c_str(), deck.text.c_str(), deck.sha256.c_str(), deck.folder.c_str(),
+                flat.views.data(), static_cast<int>(flat.views.size()), static_cast<int>(deck.status)};
+}
+
+void fill(Flat &flat) {
+   for (const rk::Section &section : flat.deck.sections) {
+      if (!section.spec->named_by.empty())
+         flat.numbers[section.spec->name][section.text(section.spec->named_by)] = section.index;
+   }
    for (const rk::TableSpec &spec : rk::schema()) {
-      const std::vector<rk::Section *> sections = flat->deck.entries(spec.name);
+      const std::vector<rk::Section *> sections = flat.deck.entries(spec.name);
       if (spec.many) {
          Entry list;
          list.key = spec.name;
-         list.where = flat->deck.where(sections.empty() ? rk::Origin{} : sections.front()->origin);
+         list.where = flat.deck.where(sections.empty() ? rk::Origin{} : sections.front()->origin);
          list.kind = 8;
          list.numbers = {static_cast<double>(sections.size())};
-         flat->entries.push_back(list);
+         flat.entries.push_back(list);
       }
       for (const rk::Section *section : sections)
-         add_section(*flat, *section);
+         add_section(flat, *section);
    }
-   flat->sorted.resize(flat->entries.size());
-   std::iota(flat->sorted.begin(), flat->sorted.end(), 0);
-   std::sort(flat->sorted.begin(), flat->sorted.end(), [flat](int one, int other) {
-      return flat->entries[static_cast<std::size_t>(one)].key <
-             flat->entries[static_cast<std::size_t>(other)].key;
-   });
+}
+
+Flat *open(rk::Deck deck) {
+   Flat *flat = new Flat{std::move(deck), {}, {}, {}, {}};
+   if (flat->deck.status == rk::Status::good)
+      fill(*flat);
+   look(*flat);
    return flat;
 }
 
@@ -143,63 +185,26 @@ std::vector<std::string> lines(const char *text) {
 
 extern "C" {
 
-void *rk_deck_read(const char *path, const char *overrides) {
-   return open(rk::Deck::read(path, lines(overrides)));
-}
-
-void *rk_deck_parse(const char *text, const char *name, const char *overrides) {
-   return open(rk::Deck(name, text, lines(overrides)));
+// Read and check a file, or a text where there is one
+void *rk_deck_open(const char *path, const char *text, const char *overrides) {
+   return open(rk::is_blank(text) ? rk::Deck::read(path, lines(overrides))
+                                  : rk::Deck(path, text, lines(overrides)));
 }
 
 void *rk_deck_defaults(const char *table, const char *key, const char *value) {
    return open(rk::Deck::defaults(table, key, value));
 }
 
-int rk_deck_status(const void *handle) {
-   return static_cast<int>(static_cast<const Flat *>(handle)->deck.status);
-}
-
-// 1 message, 2 name, 3 text, 4 sha256, 5 folder
-const char *rk_deck_property(const void *handle, int which) {
-   const rk::Deck &deck = static_cast<const Flat *>(handle)->deck;
-   switch (which) {
-   case 1:
-      return deck.message.c_str();
-   case 2:
-      return deck.name.c_str();
-   case 3:
-      return deck.text.c_str();
-   case 4:
-      return deck.sha256.c_str();
-   default:
-      return deck.folder.c_str();
-   }
-}
-
-int rk_deck_size(const void *handle) {
-   return static_cast<int>(static_cast<const Flat *>(handle)->entries.size());
-}
-
-// Entry number `index` (from 0); returns its kind. `sorted`: the entry that has this place by its key
-int rk_deck_entry(const void *handle, int index, const char **key, const char **where,
-                  const char **address, const char **text, int *count, const double **numbers,
-                  int *sorted) {
-   const Flat &flat = *static_cast<const Flat *>(handle);
-   const Entry &entry = flat.entries[static_cast<std::size_t>(index)];
-   *sorted = flat.sorted[static_cast<std::size_t>(index)];
-   *key = entry.key.c_str();
-   *where = entry.where.c_str();
-   *address = entry.address.c_str();
-   *text = entry.text.c_str();
-   *count = static_cast<int>(entry.numbers.size());
-   *numbers = entry.numbers.data();
-   return entry.kind;
+const DeckView *rk_deck_look(const void *handle) {
+   return &static_cast<const Flat *>(handle)->view;
 }
 
 // The full name of a key as an override would take it; "" where the status and message say why not
 const char *rk_deck_resolve(void *handle, const char *key) {
    thread_local std::string found;
-   found = static_cast<Flat *>(handle)->deck.resolve(key);
+   Flat &flat = *static_cast<Flat *>(handle);
+   found = flat.deck.resolve(key);
+   look(flat);
    return found.c_str();
 }
 

@@ -3,7 +3,7 @@
 Usage::
 
     python make_schema.py --table schema.toml schema_table.cpp   (the build does this and the next)
-    python make_schema.py --records schema.toml deck_records.inc
+    python make_schema.py --records schema.toml rk_deck_records.f90 deck_records.f90
     python make_schema.py --reference                            (rewrites docs/decks.md)
 
 Needs nothing but Python 3.10 and a TOML parser: ``tomllib`` (Python 3.11), ``tomli``, or the copy
@@ -84,7 +84,8 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES - {"keys"}]
         if "about" not in table:
             wrong.append(f"[{name}]: about is missing")
-        for word in [table.get("named_by"), *table.get("at_least", [])]:
+        taken = table["record"] if isinstance(table.get("record"), list) else []
+        for word in [table.get("named_by"), *table.get("at_least", []), *taken]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
         if table.get("not_beside", name) not in tables:
@@ -217,34 +218,50 @@ COMPONENTS = {
     "number": "real(wp) :: {} = 0.0_wp",
     "numbers": "real(wp), allocatable :: {}(:)",
     "boolean": "logical :: {} = .false.",
+    "vector": "real(wp) :: {}(3) = 0.0_wp",
+    "entry": "integer :: {} = 0",
+    "value": "type(value_type) :: {}",
+    "values": "type(value_type) :: {}(3)",
 }
 
 
-def records(tables: dict[str, dict[str, Any]]) -> str:
-    """Types with the plain values of tables with `record`, and their readers."""
+def component(spec: dict[str, Any]) -> str:
+    """Key of COMPONENTS; empty where a value needs more than a look at its key."""
+    kind = str(spec["type"])
+    if "or_number" in spec:
+        return ""
+    if "refers_to" in spec:
+        return "entry"
+    if "expression" in spec:
+        return "value" if kind == "number" else "values"
+    return "vector" if kind == "numbers" and "length" in spec else kind
+
+
+def records(tables: dict[str, dict[str, Any]], frame: str) -> str:
+    """Types with the plain values of tables with `record`, and their readers, in their module."""
     types, readers = [], []
     for name, table in tables.items():
         if not table.get("record"):
             continue
-        # names of other tables and expressions are not plain
-        plain = {
-            key: spec
-            for key, spec in table["keys"].items()
-            if not spec.keys() & {"refers_to", "expression", "or_number"}
-        }
-        parts = [f"      {COMPONENTS[spec['type']].format(key)}\n" for key, spec in plain.items()]
+        kinds = {key: component(spec) for key, spec in table["keys"].items()}
+        if table["record"] is not True:
+            kinds = {key: kinds[key] for key in table["record"]}
+        plain = {key: kind for key, kind in kinds.items() if kind}
+        parts = [f"      {COMPONENTS[kind].format(key)}\n" for key, kind in plain.items()]
         types.append(
             f"   public :: {name}_keys\n   type :: {name}_keys\n{''.join(parts)}   contains\n"
             f"      procedure :: read => read_{name}\n   end type {name}_keys\n\n"
         )
-        parts = [f"   call deck%get(at//'.{key}', self%{key})\n" for key in plain]
+        getter = {key: "get_vector" if kind == "vector" else "get" for key, kind in plain.items()}
+        parts = [f"   call deck%{getter[key]}(at//'.{key}', self%{key})\n" for key in plain]
         readers.append(
             f"\nsubroutine read_{name}(self, deck, at)\n"
             f"   class({name}_keys), intent(inout) :: self\n"
             "   type(deck_type), intent(in) :: deck\n   character(len=*), intent(in) :: at\n\n"
             f"{''.join(parts)}end subroutine read_{name}\n"
         )
-    return "".join(types) + "contains\n" + "".join(readers)
+    text = "".join(types) + "contains\n" + "".join(readers)
+    return frame.replace("   include 'deck_records.inc'\n", text)
 
 
 # ---- reference -----------------------------------------------------------------------------------
@@ -395,8 +412,11 @@ def main(arguments: list[str]) -> None:
     """Do what the command line says."""
     if len(arguments) == 3 and arguments[0] == "--table":
         Path(arguments[2]).write_text(cpp_table(read_schema(Path(arguments[1]))), encoding="utf-8")
-    elif len(arguments) == 3 and arguments[0] == "--records":
-        Path(arguments[2]).write_text(records(read_schema(Path(arguments[1]))), encoding="utf-8")
+    elif len(arguments) == 4 and arguments[0] == "--records":
+        frame = Path(arguments[2]).read_text(encoding="utf-8")
+        Path(arguments[3]).write_text(
+            records(read_schema(Path(arguments[1])), frame), encoding="utf-8"
+        )
     elif arguments == ["--reference"]:
         target = HERE.parents[1] / "docs" / "decks.md"
         target.parent.mkdir(exist_ok=True)

@@ -3,21 +3,19 @@
 !> Keys are "table.key", for an array of tables "table.1.key" with the entry's number. The TOML
 !> parser and all checks are C++ (deck.h); what is kept here are plain values and their places.
 module rk_deck
-   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, &
-      & c_null_char, c_ptr
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use, intrinsic :: iso_c_binding, only : c_double, c_f_pointer, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
-   use rk_deck_c, only : rk_deck_close, rk_deck_defaults, rk_deck_entry, &
-      & rk_deck_needed, rk_deck_parse, rk_deck_property, rk_deck_read, rk_deck_resolve, &
-      & rk_deck_size, rk_deck_status
+   use rk_deck_c, only : deck_view, entry_view, rk_deck_close, rk_deck_defaults, rk_deck_look, &
+      & rk_deck_needed, rk_deck_open, rk_deck_resolve
    use rk_error, only : err_input, error_type, fatal_error
+   use rk_expression, only : expression_type, value_type
    use rk_json, only : json_type
    use rk_precision, only : wp
    use rk_text, only : line, to_text
    implicit none
    private
 
-   public :: deck_type, open_deck, parse_deck, take_deck, resolve_key, table_defaults, word_length
+   public :: deck_type, open_deck, resolve_key, table_defaults, word_length
 
    !> Longest key, and longest word of an array of texts
    integer, parameter :: word_length = 32
@@ -76,10 +74,12 @@ module rk_deck
       procedure :: locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
-      !> Value of a key. Ask `has` first where a key has no default: without a value numbers come
-      !> as NaN or -huge, logicals as .false., texts and arrays empty.
+      !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
+      !> and arrays come empty. The integer of a name is the number of the entry that has it.
       generic :: get => get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
-         & get_texts
+         & get_texts, get_expression, get_value, get_values
+      !> First components of a vector; without a value it stays what it was
+      procedure :: get_vector
       !> The same deck with further overrides
       procedure :: vary
       !> Error where a table is absent that a command needs
@@ -87,50 +87,17 @@ module rk_deck
       !> Write all values, defaults included, into a JSON object
       procedure :: write_json
       procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
-         & get_texts
+         & get_texts, get_expression, get_value, get_values, set_expression
       procedure, private :: find
    end type deck_type
 
 contains
 
-!> Read and check a deck; the error has all complaints, a line each
-subroutine open_deck(deck, path, overrides, error)
+!> Read and check a deck, in a file or in memory; the error has all complaints, a line each
+subroutine open_deck(deck, path, text, overrides, error)
    !> Deck
    type(deck_type), intent(out) :: deck
-   !> File
-   character(len=*), intent(in) :: path
-   !> "table.key=value" each; blank ones are ignored
-   character(len=*), intent(in) :: overrides(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   deck%overrides = joined(overrides)
-   call take(deck, rk_deck_read(trim(path)//c_null_char, deck%overrides//c_null_char), error)
-end subroutine open_deck
-
-!> Check a deck that is in memory; `name` stands for the file in messages
-subroutine parse_deck(deck, text, name, overrides, error)
-   !> Deck
-   type(deck_type), intent(out) :: deck
-   !> The deck
-   character(len=*), intent(in) :: text
-   !> Name for messages
-   character(len=*), intent(in) :: name
-   !> "table.key=value" each; blank ones are ignored
-   character(len=*), intent(in) :: overrides(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   deck%overrides = joined(overrides)
-   call take(deck, rk_deck_parse(text//c_null_char, trim(name)//c_null_char, &
-      & deck%overrides//c_null_char), error)
-end subroutine parse_deck
-
-!> Check a deck that is in memory, or read its file where there is no text
-subroutine take_deck(deck, path, text, overrides, error)
-   !> Deck
-   type(deck_type), intent(out) :: deck
-   !> File, or the name for messages
+   !> File, or the name of the text for messages
    character(len=*), intent(in) :: path
    !> The deck; blank for that of the file
    character(len=*), intent(in) :: text
@@ -139,12 +106,22 @@ subroutine take_deck(deck, path, text, overrides, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   if (text == '') then
-      call open_deck(deck, path, overrides, error)
-   else
-      call parse_deck(deck, text, path, overrides, error)
-   end if
-end subroutine take_deck
+   deck%overrides = joined(overrides)
+   call take(deck, opened(path, text, deck%overrides), error)
+end subroutine open_deck
+
+!> The C++ object of a deck
+function opened(path, text, overrides) result(handle)
+   !> File, or the name of the text
+   character(len=*), intent(in) :: path
+   !> The deck; blank for that of the file
+   character(len=*), intent(in) :: text
+   !> Overrides, a line each
+   character(len=*), intent(in) :: overrides
+   type(c_ptr) :: handle
+
+   handle = rk_deck_open(trim(path)//c_null_char, text//c_null_char, overrides//c_null_char)
+end function opened
 
 !> The key that an override would set, with the name of its entry: material.fat.K for material.K.
 !> The deck may have other faults
@@ -162,17 +139,12 @@ subroutine resolve_key(path, text, overrides, key, full, error)
    !> Error handling: no such key, entry or file
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: handle
-   integer :: status
+   type(deck_view), pointer :: view
 
-   if (text == '') then
-      handle = rk_deck_read(trim(path)//c_null_char, joined(overrides)//c_null_char)
-   else
-      handle = rk_deck_parse(text//c_null_char, trim(path)//c_null_char, &
-         & joined(overrides)//c_null_char)
-   end if
+   handle = opened(path, text, joined(overrides))
    full = to_fortran(rk_deck_resolve(handle, key//c_null_char))
-   status = rk_deck_status(handle)
-   if (full == '') call fatal_error(error, status, to_fortran(rk_deck_property(handle, 1)))
+   call c_f_pointer(rk_deck_look(handle), view)
+   if (full == '') call fatal_error(error, int(view%status), to_fortran(view%message))
    call rk_deck_close(handle)
 end subroutine resolve_key
 
@@ -206,8 +178,7 @@ subroutine vary(self, overrides, other, error)
    type(error_type), allocatable, intent(out) :: error
 
    other%overrides = self%overrides//joined(overrides)
-   call take(other, rk_deck_parse(self%text//c_null_char, self%path//c_null_char, &
-      & other%overrides//c_null_char), error)
+   call take(other, opened(self%path, self%text, other%overrides), error)
 end subroutine vary
 
 !> Texts as lines
@@ -231,32 +202,31 @@ subroutine take(deck, handle, error)
    type(c_ptr), intent(in) :: handle
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(c_ptr) :: key, where, address, text, numbers
-   real(c_double), pointer :: values(:)
-   integer(c_int) :: n, place
-   integer :: i, status
+   type(deck_view), pointer :: view
+   type(entry_view), pointer :: entries(:)
+   real(c_double), pointer :: numbers(:)
+   integer :: i
 
-   status = rk_deck_status(handle)
-   deck%path = to_fortran(rk_deck_property(handle, 2))
-   deck%text = to_fortran(rk_deck_property(handle, 3))
-   deck%sha256 = to_fortran(rk_deck_property(handle, 4))
-   deck%folder = to_fortran(rk_deck_property(handle, 5))
-   allocate (deck%entry(rk_deck_size(handle)))
-   allocate (deck%sorted(size(deck%entry)))
+   call c_f_pointer(rk_deck_look(handle), view)
+   call c_f_pointer(view%entries, entries, [view%count])
+   deck%path = to_fortran(view%name)
+   deck%text = to_fortran(view%text)
+   deck%sha256 = to_fortran(view%sha256)
+   deck%folder = to_fortran(view%folder)
+   allocate (deck%entry(view%count))
+   deck%sorted = entries%sorted + 1
    do i = 1, size(deck%entry)
-      deck%entry(i)%kind = rk_deck_entry(handle, i - 1, key, where, address, text, n, &
-         & numbers, place)
-      deck%sorted(i) = place + 1
-      deck%entry(i)%key = to_fortran(key)
-      deck%entry(i)%where = to_fortran(where)
-      deck%entry(i)%address = to_fortran(address)
-      deck%entry(i)%text = to_fortran(text)
-      allocate (deck%entry(i)%numbers(n))
-      if (n == 0) cycle
-      call c_f_pointer(numbers, values, [n])
-      deck%entry(i)%numbers = values
+      associate (entry => deck%entry(i), from => entries(i))
+         entry%kind = from%kind
+         entry%key = to_fortran(from%key)
+         entry%where = to_fortran(from%where)
+         entry%address = to_fortran(from%address)
+         entry%text = to_fortran(from%text)
+         call c_f_pointer(from%numbers, numbers, [from%count])
+         entry%numbers = numbers
+      end associate
    end do
-   if (status /= 0) call fatal_error(error, status, to_fortran(rk_deck_property(handle, 1)))
+   if (view%status /= 0) call fatal_error(error, int(view%status), to_fortran(view%message))
    call rk_deck_close(handle)
 end subroutine take
 
@@ -440,12 +410,12 @@ subroutine get_integer(self, key, value)
    !> Full key
    character(len=*), intent(in) :: key
    !> Its value
-   integer, intent(out) :: value
-   integer, allocatable :: values(:)
+   integer, intent(inout) :: value
+   real(wp) :: number
 
-   value = -huge(value)
-   call self%get(key, values)
-   if (size(values) == 1) value = values(1)
+   number = value
+   call self%get(key, number)
+   value = nint(number)
 end subroutine get_integer
 
 !> A number
@@ -455,10 +425,9 @@ subroutine get_real(self, key, value)
    !> Full key
    character(len=*), intent(in) :: key
    !> Its value
-   real(wp), intent(out) :: value
+   real(wp), intent(inout) :: value
    real(wp), allocatable :: values(:)
 
-   value = ieee_value(value, ieee_quiet_nan)
    call self%get(key, values)
    if (size(values) == 1) value = values(1)
 end subroutine get_real
@@ -470,13 +439,98 @@ subroutine get_logical(self, key, value)
    !> Full key
    character(len=*), intent(in) :: key
    !> Its value
-   logical, intent(out) :: value
+   logical, intent(inout) :: value
+   real(wp) :: number
+
+   number = merge(1.0_wp, 0.0_wp, value)
+   call self%get(key, number)
+   value = number > 0.0_wp
+end subroutine get_logical
+
+!> A vector
+subroutine get_vector(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Its components, as many as the deck has
+   real(wp), intent(inout) :: value(:)
    real(wp), allocatable :: values(:)
 
-   value = .false.
    call self%get(key, values)
-   if (size(values) == 1) value = values(1) > 0.0_wp
-end subroutine get_logical
+   value(:size(values)) = values
+end subroutine get_vector
+
+!> A text that is an expression
+subroutine get_expression(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Expression
+   type(expression_type), intent(inout) :: value
+
+   if (self%is_text(key)) call self%set_expression(key, self%entry(self%find(key))%text, value)
+end subroutine get_expression
+
+!> A number or an expression
+subroutine get_value(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Number or expression
+   type(value_type), intent(inout) :: value
+
+   call self%get(key, value%number)
+   call self%get(key, value%expression_type)
+end subroutine get_value
+
+!> An array of numbers and expressions
+subroutine get_values(self, key, value)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> Numbers, or expressions for all items where one of them is a text
+   type(value_type), intent(inout) :: value(:)
+   character(len=:), allocatable :: lines
+   integer :: i
+
+   call self%get_vector(key, value%number)
+   call self%get(key, lines)
+   do i = 1, size(value)
+      if (len(line(lines, i)) == 0) return
+      call self%set_expression(key, line(lines, i), value(i)%expression_type)
+   end do
+end subroutine get_values
+
+!> Set an expression and the tables of the deck that it calls
+subroutine set_expression(self, key, text, expression)
+   !> Deck
+   class(deck_type), intent(in) :: self
+   !> Full key
+   character(len=*), intent(in) :: key
+   !> The expression
+   character(len=*), intent(in) :: text
+   !> Expression with its place in the deck
+   class(expression_type), intent(inout) :: expression
+   character(len=:), allocatable :: at, curve, name
+   real(wp), allocatable :: x(:), values(:)
+   integer :: k
+
+   expression%text = text
+   expression%where = self%told(key)
+   do k = 1, self%count('table')
+      at = 'table.'//to_text(k)
+      call self%get(at//'.name', name)
+      if (index(text, name) == 0) cycle
+      call self%get(at//'.x', x)
+      call self%get(at//'.value', values)
+      call self%get(at//'.curve', curve)
+      call expression%add_table(name, x, values, curve == 'smooth')
+   end do
+end subroutine set_expression
 
 !> A text
 subroutine get_text(self, key, value)

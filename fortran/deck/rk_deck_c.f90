@@ -4,67 +4,44 @@ module rk_deck_c
    implicit none
    private
 
-   public :: rk_deck_read, rk_deck_parse, rk_deck_defaults, rk_deck_status, rk_deck_property
-   public :: rk_deck_size, rk_deck_entry, rk_deck_close, rk_deck_needed, rk_deck_resolve
+   public :: entry_view, deck_view
+   public :: rk_deck_open, rk_deck_defaults, rk_deck_look, rk_deck_close, rk_deck_needed, &
+      & rk_deck_resolve
+
+   !> A table, or a key with its value
+   type, bind(c) :: entry_view
+      type(c_ptr) :: key, where, address, text, numbers
+      !> How many numbers; kind; number, from 0, of the entry that has this place by its key
+      integer(c_int) :: count, kind, sorted
+   end type entry_view
+
+   !> A deck
+   type, bind(c) :: deck_view
+      type(c_ptr) :: message, name, text, sha256, folder, entries
+      integer(c_int) :: count, status
+   end type deck_view
 
    interface
-      function rk_deck_read(path, overrides) result(handle) bind(c)
+      function rk_deck_open(path, text, overrides) result(handle) bind(c)
          import :: c_char, c_ptr
-         implicit none
-         character(kind=c_char), intent(in) :: path(*), overrides(*)
+         character(kind=c_char), intent(in) :: path(*), text(*), overrides(*)
          type(c_ptr) :: handle
-      end function rk_deck_read
-
-      function rk_deck_parse(text, name, overrides) result(handle) bind(c)
-         import :: c_char, c_ptr
-         implicit none
-         character(kind=c_char), intent(in) :: text(*), name(*), overrides(*)
-         type(c_ptr) :: handle
-      end function rk_deck_parse
+      end function rk_deck_open
 
       function rk_deck_defaults(table, key, value) result(handle) bind(c)
          import :: c_char, c_ptr
-         implicit none
          character(kind=c_char), intent(in) :: table(*), key(*), value(*)
          type(c_ptr) :: handle
       end function rk_deck_defaults
 
-      function rk_deck_status(handle) result(status) bind(c)
-         import :: c_int, c_ptr
-         implicit none
+      function rk_deck_look(handle) result(view) bind(c)
+         import :: c_ptr
          type(c_ptr), value :: handle
-         integer(c_int) :: status
-      end function rk_deck_status
-
-      function rk_deck_property(handle, which) result(text) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int), value :: which
-         type(c_ptr) :: text
-      end function rk_deck_property
-
-      function rk_deck_size(handle) result(size) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int) :: size
-      end function rk_deck_size
-
-      function rk_deck_entry(handle, index, key, where, address, text, count, numbers, sorted) &
-         & result(kind) bind(c)
-         import :: c_int, c_ptr
-         implicit none
-         type(c_ptr), value :: handle
-         integer(c_int), value :: index
-         type(c_ptr), intent(out) :: key, where, address, text, numbers
-         integer(c_int), intent(out) :: count, sorted
-         integer(c_int) :: kind
-      end function rk_deck_entry
+         type(c_ptr) :: view
+      end function rk_deck_look
 
       function rk_deck_resolve(handle, key) result(full) bind(c)
          import :: c_char, c_ptr
-         implicit none
          type(c_ptr), value :: handle
          character(kind=c_char), intent(in) :: key(*)
          type(c_ptr) :: full
@@ -72,13 +49,11 @@ module rk_deck_c
 
       subroutine rk_deck_close(handle) bind(c)
          import :: c_ptr
-         implicit none
          type(c_ptr), value :: handle
       end subroutine rk_deck_close
 
       function rk_deck_needed(command) result(tables) bind(c)
          import :: c_char, c_ptr
-         implicit none
          character(kind=c_char), intent(in) :: command(*)
          type(c_ptr) :: tables
       end function rk_deck_needed

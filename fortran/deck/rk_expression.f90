@@ -9,7 +9,7 @@ module rk_expression
    implicit none
    private
 
-   public :: expression_type
+   public :: expression_type, value_type
 
    !> An expression in x, y, z, r, theta, the time t and the outward normal nx, ny, nz
    type :: expression_type
@@ -34,6 +34,19 @@ module rk_expression
       procedure :: varies
    end type expression_type
 
+   !> A number, or an expression in its place
+   type, extends(expression_type) :: value_type
+      !> The number, of no meaning beside an expression
+      real(wp) :: number = 0.0_wp
+   contains
+      !> Whether it is other than zero, at some place
+      procedure :: acts
+      !> Value at a place
+      procedure :: at => number_at
+      !> As it was written, or its number
+      procedure :: words
+   end type value_type
+
    interface
       function c_value(text, place) result(value) bind(c, name='rk_expression_value')
          import :: c_char, c_double
@@ -57,7 +70,7 @@ module rk_expression
 contains
 
 !> Whether there is an expression
-pure logical function given(self)
+elemental logical function given(self)
    !> Expression
    class(expression_type), intent(in) :: self
 
@@ -126,6 +139,43 @@ subroutine value_at(self, x, value, error, time, normal)
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))
 end subroutine value_at
+
+!> Value at a place, the number where there is no expression
+subroutine number_at(self, x, value, error, time, normal)
+   !> Number or expression
+   class(value_type), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Value
+   real(wp), intent(out) :: value
+   !> Error handling: not finite there
+   type(error_type), allocatable, intent(inout) :: error
+   !> Time, 0 without
+   real(wp), intent(in), optional :: time
+   !> Outward unit normal, shape (nd) [-]
+   real(wp), intent(in), optional :: normal(:)
+
+   value = self%number
+   if (self%given()) call self%expression_type%at(x, value, error, time, normal)
+end subroutine number_at
+
+!> Whether it is other than zero, at some place
+elemental logical function acts(self)
+   !> Number or expression
+   class(value_type), intent(in) :: self
+
+   acts = allocated(self%text) .or. abs(self%number) > 0.0_wp
+end function acts
+
+!> The expression, or the number
+function words(self)
+   !> Number or expression
+   class(value_type), intent(in) :: self
+   character(len=:), allocatable :: words
+
+   words = to_text(self%number)
+   if (self%given()) words = self%text
+end function words
 
 !> Value without a look at it
 real(wp) function plain_value(text, x, place)

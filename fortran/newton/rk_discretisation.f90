@@ -299,7 +299,7 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
    do a = 1, 3
       local%f(a, a) = 1.0_wp
    end do
-   if (equation%kind == 'poisson') return
+   if (equation%problem == 'poisson') return
    local%f(:nd, :nd) = local%f(:nd, :nd) + u(:, 2:1 + nd)
    local%j = determinant(local%f)
    lambda = pair(1)

@@ -4,8 +4,8 @@ module rk_linear_solve
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
    use rk_error, only : error_type, fatal_error, err_linalg
-   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_operator, only : solve_as_it_is, square_report
+   use rk_newton_step, only : solve_equations
+   use rk_operator, only : row_operator
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -31,8 +31,6 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
    class(row_operator), pointer :: op
-   type(lstsq_report) :: report
-   type(square_report) :: found
    type(iteration_type) :: it
    type(evaluation_type) :: state
    real(wp), allocatable :: r(:), g(:)
@@ -50,11 +48,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    first_gradient = max(norm2(g), tiny(1.0_wp))
    r = -r
    call system_clock(clock)
-   if (problem%square) then
-      call solve_as_it_is(op, 0.0_wp, r, x, found, error)
-   else
-      call solve_lstsq(op, r, method, x, report, error)
-   end if
+   call solve_equations(problem, op, method, 0.0_wp, r, x, it, error)
    timer%solve = tick(clock)
    if (allocated(error)) return
    ! comparisons that a NaN fails
@@ -70,20 +64,6 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    it%iteration = 1
    it%residual = norm2(r)
    it%gradient = norm2(g)
-   if (problem%square) then
-      it%backward_error = found%backward_error
-      it%rcond = found%rcond
-      it%solver = found%used
-      it%refinements = found%iterations
-      it%why = found%why
-   else
-      it%backward_error = report%backward_error
-      it%misfit = report%misfit
-      it%rcond = report%rcond
-      it%solver = trim(report%used)
-      it%refinements = report%iterations
-      it%why = report%why
-   end if
    it%seconds = tick(timer%start)
    call recorder%iteration(it)
    ! small strains have no volume ratio

@@ -29,37 +29,43 @@ module rk_motion
       procedure(advance_interface), deferred :: advance
    end type moving_type
 
-   !> That of a form
+   !> That of a form, M a'' + K a = f with what is held at the new time:
+   !> L a(n+1) = M (2 a(n) - a(n-1)) - dt^2 (K a(n) - f(n)) + h(n+1), L being M and what holds
    type, abstract, extends(moving_type) :: form_motion
       !> Equations of a time step
       integer :: m = 0
+      !> What moves it
+      type(motion_type) :: motion
       !> Whether loads or prescribed values change with time
       logical :: varies = .false.
       !> Whether the equations have symmetric matrices, as many as unknowns
       logical :: symmetric = .false.
-      !> Loads at the last time and their work since the start, of forms that count it, shape (n)
-      real(wp), allocatable :: force(:)
+      !> Loads f at the later one of the last two times, and what is held then, h, shape (m)
+      real(wp), allocatable :: force(:), held(:)
+      !> Work of the loads since the start, of symmetric forms
       real(wp) :: work = 0.0_wp
    contains
-      !> L times the coefficients of the new time
-      procedure(left_interface), deferred :: left
-      !> B (2 a(n) - a(n-1)) - dt^2 K a(n)
-      procedure(carry_interface), deferred :: carry
-      !> What loads and prescribed values add to it
-      procedure(loads_interface), deferred :: add_loads
+      !> Product of L, M or K with coefficients
+      procedure(product_interface), deferred :: product
+      !> Loads of a time, and what values held then add to a time step that ends there
+      procedure(loads_interface), deferred :: loads
       !> Coefficients that fulfil the equations, or come nearest to it
       procedure(solve_interface), deferred :: solve
-      procedure :: advance
-      !> Largest time step that is stable
+      !> Largest time step that is stable, huge where it is not known
       procedure(limit_interface), deferred :: limit
+      procedure :: advance
+      !> M (2 a(n) - a(n-1)) - dt^2 K a(n)
+      procedure :: carry
+      !> What loads and prescribed values add to it
+      procedure :: add_loads
       !> Kinetic and strain energy, and the work of the loads since the start
-      procedure(energy_interface), deferred :: energy
+      procedure :: energy
    end type form_motion
 
    abstract interface
       subroutine start_interface(self, first, second, error)
          import :: moving_type, error_type, wp
-         !> Body
+         !> Body, whose loads are those of the second time afterwards
          class(moving_type), intent(inout) :: self
          !> Coefficients at both times, shape (n)
          real(wp), contiguous, intent(inout) :: first(:), second(:)
@@ -79,33 +85,26 @@ module rk_motion
          !> Error handling: an expression without a value somewhere
          type(error_type), allocatable, intent(out) :: error
       end subroutine advance_interface
-      subroutine left_interface(self, x, y)
+      subroutine product_interface(self, what, x, y)
          import :: form_motion, wp
          !> Body
          class(form_motion), intent(in) :: self
+         !> left, mass or stiffness
+         character(len=*), intent(in) :: what
          !> Coefficients, shape (n)
          real(wp), contiguous, intent(in) :: x(:)
          !> Product, shape (m)
          real(wp), contiguous, intent(inout) :: y(:)
-      end subroutine left_interface
-      subroutine carry_interface(self, before, now, y)
-         import :: form_motion, wp
-         !> Body
-         class(form_motion), intent(in) :: self
-         !> Coefficients at the last two times, shape (n)
-         real(wp), contiguous, intent(in) :: before(:), now(:)
-         !> Right hand side without loads, shape (m)
-         real(wp), contiguous, intent(inout) :: y(:)
-      end subroutine carry_interface
-      subroutine loads_interface(self, time, y, error)
+      end subroutine product_interface
+      subroutine loads_interface(self, time, force, held, error)
          import :: form_motion, error_type, wp
          !> Body
-         class(form_motion), intent(inout) :: self
-         !> The time from which the step goes
+         class(form_motion), intent(in) :: self
+         !> Time
          real(wp), intent(in) :: time
-         !> Right hand side, to which the loads are added, shape (m)
-         real(wp), contiguous, intent(inout) :: y(:)
-         !> Error handling
+         !> Loads, and what values held then add to a time step that ends then, shape (m)
+         real(wp), allocatable, intent(out) :: force(:), held(:)
+         !> Error handling: an expression without a value somewhere
          type(error_type), allocatable, intent(out) :: error
       end subroutine loads_interface
       subroutine solve_interface(self, y, x)
@@ -117,25 +116,15 @@ module rk_motion
          !> Coefficients, shape (n)
          real(wp), contiguous, intent(inout) :: x(:)
       end subroutine solve_interface
-      subroutine limit_interface(self, step, found, error)
+      subroutine limit_interface(self, step, error)
          import :: form_motion, error_type, wp
          !> Body
-         class(form_motion), intent(inout) :: self
-         !> Largest stable step
+         class(form_motion), intent(in) :: self
+         !> Largest stable step, huge where it is not known
          real(wp), intent(out) :: step
-         !> Whether it is known
-         logical, intent(out) :: found
          !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine limit_interface
-      function energy_interface(self, now, next) result(energy)
-         import :: form_motion, wp
-         !> Body
-         class(form_motion), intent(in) :: self
-         !> Coefficients at two times, shape (n)
-         real(wp), contiguous, intent(in) :: now(:), next(:)
-         real(wp) :: energy(3)
-      end function energy_interface
    end interface
 
    !> Growth of the unknowns beyond which a motion has blown up [-]
@@ -155,14 +144,63 @@ subroutine advance(self, before, now, time, next, error)
    real(wp), contiguous, intent(inout) :: next(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: side(self%m)
+   real(wp) :: side(self%m), force(self%m)
 
    call self%carry(before, now, side)
+   force = self%force
    call self%add_loads(time, side, error)
    if (allocated(error)) return
    call self%solve(side, next)
-   if (allocated(self%force)) self%work = self%work + 0.5_wp*dot_product(self%force, next - before)
+   if (self%symmetric) self%work = self%work + 0.5_wp*dot_product(force, next - before)
 end subroutine advance
+
+!> Right hand side of the last two states
+subroutine carry(self, before, now, y)
+   !> Body
+   class(form_motion), intent(in) :: self
+   !> Coefficients at the last two times, shape (n)
+   real(wp), contiguous, intent(in) :: before(:), now(:)
+   !> Right hand side without loads, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp) :: image(self%m)
+
+   call self%product('mass', 2.0_wp*now - before, y)
+   call self%product('stiffness', now, image)
+   y = y - self%motion%time_step**2*image
+end subroutine carry
+
+!> Add the loads of a time, then those known are of the time after it, and what is held there
+subroutine add_loads(self, time, y, error)
+   !> Body with the loads of the time
+   class(form_motion), intent(inout) :: self
+   !> The time from which the step goes
+   real(wp), intent(in) :: time
+   !> Right hand side, to which the loads are added, shape (m)
+   real(wp), contiguous, intent(inout) :: y(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(out) :: error
+
+   y = y + self%motion%time_step**2*self%force
+   if (self%varies) call self%loads(time + self%motion%time_step, self%force, self%held, error)
+   if (.not. allocated(error)) y = y + self%held
+end subroutine add_loads
+
+!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the loads
+function energy(self, now, next)
+   !> Body
+   class(form_motion), intent(in) :: self
+   !> Coefficients at two times, shape (n)
+   real(wp), contiguous, intent(in) :: now(:), next(:)
+   real(wp) :: energy(3)
+   real(wp) :: image(self%m), speed(self%n)
+
+   speed = (next - now)/self%motion%time_step
+   call self%product('mass', speed, image)
+   energy(1) = 0.5_wp*dot_product(speed, image)
+   call self%product('stiffness', now, image)
+   energy(2) = 0.5_wp*dot_product(next, image)
+   energy(3) = self%work
+end function energy
 
 !> Whether loads or prescribed values change with time
 logical function loads_vary(scene)
@@ -170,10 +208,10 @@ logical function loads_vary(scene)
    type(scene_type), intent(in) :: scene
    integer :: i, k
 
-   loads_vary = any([(scene%equation%source_of(i)%varies(), i=1, 3)])
+   loads_vary = any([(scene%equation%source(i)%varies(), i=1, 3)])
    do k = 1, size(scene%condition)
-      loads_vary = loads_vary .or. any([(scene%condition(k)%value_of(i)%varies() .or. &
-         & scene%condition(k)%traction_of(i)%varies(), i=1, 3)])
+      loads_vary = loads_vary .or. any([(scene%condition(k)%value(i)%varies() .or. &
+         & scene%condition(k)%traction(i)%varies(), i=1, 3)])
    end do
 end function loads_vary
 
@@ -198,21 +236,20 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    real(wp) :: largest, limit
    integer(i8) :: clock
    integer :: k, steps
-   logical :: known
 
    call system_clock(clock)
    allocate (before(body%n), now(body%n), next(body%n))
-   steps = nint(motion%end/motion%step)
-   known = .false.
+   steps = nint(motion%end_time/motion%time_step)
+   limit = huge(1.0_wp)
    select type (body)
    class is (form_motion)
-      call body%limit(limit, known, error)
+      call body%limit(limit, error)
    end select
-   if (.not. allocated(error) .and. known) then
+   if (.not. allocated(error) .and. limit < huge(1.0_wp)) then
       call recorder%note('largest stable time step '//to_text(limit, 4)//', used ' &
-         & //to_text(motion%step, 4), warning=.false.)
-      if (motion%step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &
-         & //to_text(motion%step)//' is not stable, central differences allow ' &
+         & //to_text(motion%time_step, 4), warning=.false.)
+      if (motion%time_step > limit) call fatal_error(error, err_input, 'dynamics.time_step: ' &
+         & //to_text(motion%time_step)//' is not stable, central differences allow ' &
          & //'at most '//to_text(limit, 4)//' with these points')
    end if
    timer%assemble = tick(clock)
@@ -222,23 +259,23 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    ! a body that loads move from rest has no size to compare with yet
    if (.not. largest > 0.0_wp) largest = huge(1.0_wp)/blown_up
    do k = 1, steps
-      call body%advance(before, now, k*motion%step, next, error)
+      call body%advance(before, now, k*motion%time_step, next, error)
       if (allocated(error)) return
       if (recorder%stopped()) then
-         call fatal_error(error, err_stopped, 'stopped at time '//to_text(k*motion%step))
+         call fatal_error(error, err_stopped, 'stopped at time '//to_text(k*motion%time_step))
          return
       end if
       ! a comparison that a NaN fails; loads make motions grow in proportion to time
       if (.not. maxval(abs(next)) <= blown_up*largest) then
          call fatal_error(error, err_convergence, 'the motion blows up at time ' &
-            & //to_text(k*motion%step)//': take a smaller dynamics.time_step, or method ' &
+            & //to_text(k*motion%time_step)//': take a smaller dynamics.time_step, or method ' &
             & //'"rkpm-gauss", whose limit is known')
          return
       end if
       if (k <= 2) largest = max(largest, maxval(abs(next)))
       if (mod(k, motion%every) == 0 .or. k == steps) then
          it%step = k
-         it%load = k*motion%step
+         it%load = k*motion%time_step
          it%iteration = 1
          it%solver = method
          it%why = 'central differences'
@@ -265,7 +302,7 @@ contains
       none = ieee_value(none, ieee_quiet_nan)
       st%step = k
       st%steps = steps
-      st%load = k*motion%step
+      st%load = k*motion%time_step
       st%iterations = 1
       st%min_j = none
       st%max_j = none

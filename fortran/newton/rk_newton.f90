@@ -64,6 +64,8 @@ module rk_newton
       real(wp) :: done = 0.0_wp
       !> A smaller load step is at hand: give up where a costly problem gets on slowly
       logical :: impatient = .false.
+      !> The load is one by which answers are judged: the last, or one where its rate changes
+      logical :: settles = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
@@ -125,8 +127,8 @@ module rk_newton
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
-   !> Times that row weights are taken from a converged state and the iteration goes on with them
-   integer, parameter :: max_weighings = 8
+   !> Iterations after a converged state that begin with the row weights of the state before each
+   integer, parameter :: max_weighings = 12
    !> Saddles that are left before the state is taken as it is
    integer, parameter :: max_saddles = 3
    !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
@@ -192,7 +194,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
             cycle
          end if
          if (off_weight()) then
-            call weigh()
+            call iterate_on()
             cycle
          end if
          reason = problem%rejection(a)
@@ -220,6 +222,9 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       if (returned) exit
       self%iterations = self%iterations + 1
       call take_step()
+      if (now%weighings > 0 .and. now%linearised) then
+         if (off_weight()) call weigh()
+      end if
    end do
    x = a
    call self%damping%finish()
@@ -244,24 +249,29 @@ contains
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 
-   !> Whether the converged state is not the one from which the row weights are: states would depend
-   !> on the way to them
+   !> Whether the state is not the one from which the row weights are: states would depend on the
+   !> way to them
    logical function off_weight()
-      off_weight = problem%weighted .and. now%weighings < max_weighings
+      off_weight = self%settles .and. problem%weighted .and. now%weighings < max_weighings
       if (off_weight) off_weight = any(problem%scaled_norms(a - now%weighed) &
          & >= self%tolerance*now%extent)
    end function off_weight
 
-   !> Take the row weights from the converged state and iterate on
-   subroutine weigh()
-      now%weighings = now%weighings + 1
-      now%weighed = a
+   !> Go on from a converged state with the row weights that it makes
+   subroutine iterate_on()
       now%limit = self%iterations + self%max_iterations
       self%step_norm = huge(1.0_wp)
       now%left = huge(1.0_wp)
       now%still = .false.
       now%rejected = 0
       call self%damping%start()
+      call weigh()
+   end subroutine iterate_on
+
+   !> Take the row weights from the state
+   subroutine weigh()
+      now%weighings = now%weighings + 1
+      now%weighed = a
       call problem%start(a, load, .false.)
       call linearise()
    end subroutine weigh

@@ -1,4 +1,5 @@
-!> Step of one iteration: Gauss-Newton by least squares, Newton or a damped step by Cholesky.
+!> Step of one iteration: Gauss-Newton by least squares, Newton or a damped step by Cholesky; of a
+!> square problem, and of a linear one, the solution of its equations.
 module rk_newton_step
    use rk_damping, only : damping_type
    use rk_error, only : error_type
@@ -13,7 +14,7 @@ module rk_newton_step
    implicit none
    private
 
-   public :: find_step
+   public :: find_step, solve_equations
 
 contains
 
@@ -50,28 +51,15 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    type(iteration_type), intent(inout) :: it
    !> Error handling: failed factorisation
    type(error_type), allocatable, intent(out) :: error
-   type(lstsq_report) :: report
    type(shifted_report) :: shifted
-   type(square_report) :: square
    real(wp), allocatable :: matrix(:, :)
 
    it%refinements = 0
    it%misfit = 0.0_wp
    factored = .false.
-   newton = .false.
-   if (problem%square) then
-      call solve_as_it_is(op, damping%lambda, -r, da, square, error)
-      if (allocated(error)) return
-      predicted = -0.5_wp*dot_product(g, da)
-      it%backward_error = square%backward_error
-      it%rcond = square%rcond
-      it%solver = square%used
-      it%refinements = square%iterations
-      it%why = square%why
-      return
-   end if
-   newton = damping%curved
-   if (newton .or. damping%lambda > 0.0_wp) then
+   predicted = 0.0_wp
+   newton = damping%curved .and. .not. problem%square
+   if (newton .or. (damping%lambda > 0.0_wp .and. .not. problem%square)) then
       allocate (matrix(problem%n, problem%n))
       if (newton) then
          call problem%hessian(a, load, r, matrix)
@@ -97,19 +85,57 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       deallocate (matrix)
       newton = newton .and. (shifted%positive .or. damping%lambda > 0.0_wp)
    end if
-   if (.not. newton .and. .not. damping%lambda > 0.0_wp) then
-      call solve_lstsq(op, -r, linear, da, report, error, factor)
+   if (problem%square .or. .not. (newton .or. damping%lambda > 0.0_wp)) then
+      call solve_equations(problem, op, linear, damping%lambda, -r, da, it, error, factor)
       if (allocated(error)) return
-      factored = report%used == 'normal' .or. report%used == 'refined'
       predicted = -0.5_wp*dot_product(g, da)
+      if (problem%square) return
+      factored = any(it%solver == ['normal ', 'refined'])
+      damping%rcond = it%rcond
+   end if
+end subroutine find_step
+
+!> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
+subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
+   !> Problem
+   class(problem_type), intent(in) :: problem
+   !> Its linearised rows A
+   class(row_operator), target, intent(inout) :: op
+   !> Least squares solver, one of solver_names
+   character(len=*), intent(in) :: linear
+   !> Damping of square equations in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
+   !> Right hand side, shape (m)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Record of the iteration: the solver's part
+   type(iteration_type), intent(inout) :: it
+   !> Error handling: rank deficient, fewer rows than columns
+   type(error_type), allocatable, intent(out) :: error
+   !> Factor of A^T A, where the least squares solver makes one
+   type(envelope_factor), intent(inout), optional :: factor
+   type(lstsq_report) :: report
+   type(square_report) :: square
+
+   if (problem%square) then
+      call solve_as_it_is(op, shift, b, x, square, error)
+      if (allocated(error)) return
+      it%backward_error = square%backward_error
+      it%rcond = square%rcond
+      it%solver = square%used
+      it%refinements = square%iterations
+      it%why = square%why
+   else
+      call solve_lstsq(op, b, linear, x, report, error, factor)
+      if (allocated(error)) return
       it%backward_error = report%backward_error
       it%misfit = report%misfit
       it%rcond = report%rcond
-      damping%rcond = report%rcond
       it%solver = trim(report%used)
       it%refinements = report%iterations
       it%why = report%why
    end if
-end subroutine find_step
+end subroutine solve_equations
 
 end module rk_newton_step

@@ -68,27 +68,28 @@ module rk_problem
       logical :: costly = .false.
       !> Steps are solved to few digits: the size of an evaluation says what they leave
       logical :: inexact = .false.
-      !> Row weights are those of the state at which the load step, or the iteration, was started
-      !> last: a converged state is one that has the weights that it makes itself
+      !> Row weights are those of the state that `start` was called with last
       logical :: weighted = .false.
       !> The residuals are the derivative of an energy by the unknowns, so that modes reduce both
       logical :: energetic = .false.
       !> What may keep the iteration from converging, and what a user can do, in the words of the
       !> deck; not allocated where nothing is known
       character(len=:), allocatable :: caveat
+      !> Linearised rows, which assemble sets
+      class(row_operator), pointer :: linearised => null()
    contains
       !> Begin a load step or an iteration
       procedure :: start
       !> Residuals and, where wanted, their linearisation, which operator and hessian then give
       procedure(assemble_interface), deferred :: assemble
-      !> The linearisation
-      procedure(operator_interface), deferred :: operator
       !> Second derivatives of r.r/2 where the problem was linearised
       procedure :: hessian
       !> Product of the second derivatives of the residuals, weighted with these, with a vector
       procedure :: apply_curvature
       !> What speaks against a converged state
       procedure :: rejection
+      !> The linearisation
+      procedure, non_overridable :: operator
       !> Residuals, with their linearisation where wanted
       procedure, non_overridable :: evaluate
       !> Size of a change of the unknowns
@@ -111,12 +112,6 @@ module rk_problem
          !> What was seen
          type(evaluation_type), intent(out) :: seen
       end subroutine assemble_interface
-      function operator_interface(self) result(op)
-         import :: problem_type, row_operator
-         !> Problem
-         class(problem_type), target, intent(in) :: self
-         class(row_operator), pointer :: op
-      end function operator_interface
    end interface
 
 contains
@@ -136,6 +131,15 @@ subroutine start(self, x, load, iteration)
    associate (unused => self, unused_x => x, unused_load => load, unused_too => iteration)
    end associate
 end subroutine start
+
+!> The linearisation
+function operator(self) result(op)
+   !> Problem, assembled
+   class(problem_type), intent(in) :: self
+   class(row_operator), pointer :: op
+
+   op => self%linearised
+end function operator
 
 !> Residuals and, where wanted, their linearisation, which otherwise stays what it was
 subroutine evaluate(self, x, load, r, seen, tangent, lifted)

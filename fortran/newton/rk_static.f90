@@ -133,6 +133,9 @@ contains
       newton%done = done
       if (aside) newton%done = fitting_load(x, load)
       newton%impatient = halvings < min(early, max_halvings)
+      newton%settles = .false.
+      if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
+         & .or. planned%knot(step)
    end subroutine choose_load
 
    !> Whether the last state is that of the next load as well

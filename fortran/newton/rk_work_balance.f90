@@ -48,10 +48,10 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
       end do
       do c = 1, size(condition)
          if (condition(c)%moves_unevenly()) cycle
-         if (.not. any(condition(c)%fixed .and. abs(condition(c)%value) > 0.0_wp)) cycle
+         if (.not. any(condition(c)%fixed .and. condition(c)%value%acts())) cycle
          force = problem%set_force(condition(c)%set, state, 1.0_wp)
          outside = outside + state%factor(ramp + condition(c)%amplitude) &
-            & *sum(force*condition(c)%value, mask=condition(c)%fixed)
+            & *sum(force*condition(c)%value%number, mask=condition(c)%fixed)
       end do
    end associate
    mismatch = 0.0_wp

@@ -33,7 +33,6 @@ module rk_projected
    contains
       procedure :: start
       procedure :: assemble
-      procedure :: operator
    end type projected_problem
 
 contains
@@ -56,6 +55,7 @@ subroutine new_projected(self, full, modes)
    ! amplitudes of orthonormal modes have the norm of the unknowns they stand for
    self%extent = full%extent
    self%costly = full%costly
+   self%weighted = full%weighted
    allocate (self%residual(full%m))
    allocate (self%rows%a(self%m, self%n))
    self%rows%m = self%m
@@ -92,6 +92,7 @@ subroutine assemble(self, x, stage, r, seen)
    real(wp), allocatable :: image(:)
    integer :: j
 
+   self%linearised => self%rows
    call self%full%assemble(matmul(self%modes, x), stage, self%residual, seen)
    ! the size of what modes can balance, not of all
    seen%size = -1.0_wp
@@ -113,14 +114,5 @@ subroutine assemble(self, x, stage, r, seen)
       end if
    end do
 end subroutine assemble
-
-!> Projected tangent or rows
-function operator(self) result(op)
-   !> Problem, linearised
-   class(projected_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%rows
-end function operator
 
 end module rk_projected

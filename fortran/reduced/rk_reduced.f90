@@ -5,17 +5,20 @@ module rk_reduced
    use rk_discretisation, only : discretisation_type
    use rk_equilibrium, only : equilibrium_problem, reduce_rows
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_galerkin, only : galerkin_problem
+   use rk_linear, only : linear_problem
    use rk_motion, only : form_motion
-   use rk_new_motion, only : new_motion
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_projected, only : new_projected, projected_problem
    use rk_reduced_motion, only : moving_problem, new_moving_problem
+   use rk_strong_motion, only : new_strong_motion, strong_motion
    use rk_text, only : to_text
+   use rk_weak_motion, only : new_weak_motion, weak_motion
    implicit none
    private
 
-   public :: new_reduced, reduction_type
+   public :: new_motion, new_reduced, reduction_type
 
    !> How a problem is reduced
    type :: reduction_type
@@ -114,5 +117,34 @@ subroutine new_reduced_motion(reduced, full, modes, projection, error)
       reduced => moving
    end if
 end subroutine new_reduced_motion
+
+!> Set up the motion of a problem, whose scene has one
+subroutine new_motion(body, problem, error)
+   !> Body in motion, not associated after an error; the problem must outlive it
+   class(form_motion), pointer, intent(out) :: body
+   !> Linear problem
+   class(discretisation_type), target, intent(inout) :: problem
+   !> Error handling: a mass that is not positive, too many rows, a problem that cannot move
+   type(error_type), allocatable, intent(out) :: error
+   type(weak_motion), pointer :: weak
+   type(strong_motion), pointer :: strong
+
+   nullify (body)
+   select type (problem)
+   type is (galerkin_problem)
+      allocate (weak)
+      call new_weak_motion(weak, problem, error)
+      body => weak
+   type is (linear_problem)
+      allocate (strong)
+      call new_strong_motion(strong, problem, error)
+      body => strong
+   class default
+      call fatal_error(error, err_input, 'dynamics: only linear problems move')
+   end select
+   if (.not. allocated(error) .or. .not. associated(body)) return
+   deallocate (body)
+   nullify (body)
+end subroutine new_motion
 
 end module rk_reduced

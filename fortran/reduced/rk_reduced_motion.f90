@@ -11,7 +11,6 @@
 module rk_reduced_motion
    use rk_error, only : error_type, fatal_error, err_input
    use rk_lapack, only : cholesky, solve_pivoted_qr, solve_triangular
-   use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
    use rk_motion, only : form_motion, moving_type
    use rk_precision, only : wp
@@ -51,7 +50,6 @@ module rk_reduced_motion
       type(matrix_rows) :: rows
    contains
       procedure :: assemble
-      procedure :: operator
    end type moving_problem
 
 contains
@@ -76,7 +74,7 @@ subroutine new_moving_problem(self, full, modes, projection, error)
       body%modes = modes
       allocate (body%image(full%m, body%n))
       do j = 1, body%n
-         call full%left(modes(:, j), body%image(:, j))
+         call full%product('left', modes(:, j), body%image(:, j))
       end do
       body%least_squares = projection == 'least-squares' .or. (projection == 'auto' &
          & .and. .not. full%symmetric)
@@ -222,17 +220,9 @@ subroutine assemble(self, x, stage, r, seen)
 
    associate (unused => stage)
    end associate
+   self%linearised => self%rows
    call self%rows%apply(x, r)
    seen%valid = all(abs(r) <= huge(1.0_wp))
 end subroutine assemble
-
-!> L U
-function operator(self) result(op)
-   !> Problem
-   class(moving_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%rows
-end function operator
 
 end module rk_reduced_motion

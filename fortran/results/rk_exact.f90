@@ -1,10 +1,11 @@
 !> Exact homogeneous solutions for finite K: the deformation gradient, whatever the material.
 module rk_exact
+   use rk_deck_records, only : exact_keys
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_type
    use rk_precision, only : wp
    use rk_probes, only : quantity
-   use rk_scene, only : exact_type, scene_type
+   use rk_scene, only : scene_type
    use rk_states, only : point_state
    use rk_tensor, only : determinant
    use rk_text, only : to_text
@@ -20,7 +21,7 @@ subroutine exact_value(scene, exact, value, error)
    !> Scene
    type(scene_type), intent(in) :: scene
    !> Solution
-   type(exact_type), intent(in) :: exact
+   type(exact_keys), intent(in) :: exact
    !> Value
    real(wp), intent(out) :: value
    !> Error handling: no root

@@ -73,8 +73,8 @@ subroutine probe_value(problem, probes, i, state, value, whole)
       end if
       select case (quantity_kind(probe%quantity))
       case ('force')
-         if (probe%tissue > 0) then
-            call problem%state(state%x, state%load, own, probe%tissue)
+         if (probe%material > 0) then
+            call problem%state(state%x, state%load, own, probe%material)
             value = force_of(problem, probe, own)
          else
             value = force_of(problem, probe, state)
@@ -138,14 +138,14 @@ real(wp) function muscle_value(problem, probe, state) result(value)
    integer :: ip
 
    if (probe%quantity == 'energy') then
-      value = problem%strain_energy(state, probe%tissue)
+      value = problem%strain_energy(state, probe%material)
       return
    end if
    value = 0.0_wp
    total = 0.0_wp
    do ip = 1, size(problem%scene%cloud%points, 2)
-      part = problem%scene%cloud%volume(ip)*problem%mixture%part_of(ip, probe%tissue)
-      fiber = problem%mixture%fiber_of(ip, probe%tissue)
+      part = problem%scene%cloud%volume(ip)*problem%mixture%part_of(ip, probe%material)
+      fiber = problem%mixture%fiber_of(ip, probe%material)
       if (.not. part*norm2(fiber) > 0.0_wp) cycle
       call problem%at_point(state, ip, local)
       fiber = matmul(local%f, fiber)

@@ -5,6 +5,7 @@
 module rk_coefficients
    use rk_equation, only : equation_type
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_expression, only : value_type
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
@@ -12,7 +13,7 @@ module rk_coefficients
    implicit none
    private
 
-   public :: coefficients_type, new_coefficients, coefficient_at, moduli, lame_constants
+   public :: coefficients_type, new_coefficients, coefficient_at, moduli
 
    !> Coefficients at points
    type :: coefficients_type
@@ -39,6 +40,7 @@ subroutine new_coefficients(self, scene, x, with_slope, error)
    logical, intent(in) :: with_slope
    !> Error handling: an expression without a value there, coefficients that are not positive
    type(error_type), allocatable, intent(out) :: error
+   real(wp) :: pair(2)
    integer :: ip, nd
 
    nd = size(x, 1)
@@ -46,7 +48,8 @@ subroutine new_coefficients(self, scene, x, with_slope, error)
    if (with_slope) allocate (self%slope(2, nd, size(x, 2)), source=0.0_wp)
    associate (equation => scene%equation)
       if (.not. equation%varies()) then
-         self%pair = spread(plain_pair(equation), 2, size(x, 2))
+         call coefficient_at(equation, spread(0.0_wp, 1, nd), pair, error)
+         self%pair = spread(pair, 2, size(x, 2))
          return
       end if
       if (equation%smoothing > 0.0_wp) then
@@ -62,16 +65,6 @@ subroutine new_coefficients(self, scene, x, with_slope, error)
    end associate
 end subroutine new_coefficients
 
-!> The pair of constant coefficients [stress]
-pure function plain_pair(equation) result(pair)
-   !> Equation
-   type(equation_type), intent(in) :: equation
-   real(wp) :: pair(2)
-
-   pair = [0.0_wp, equation%conductivity]
-   if (equation%kind == 'elasticity') pair = lame_constants(equation)
-end function plain_pair
-
 !> Coefficients at a place, as the deck gives them
 subroutine coefficient_at(equation, x, pair, error)
    !> Equation
@@ -82,42 +75,36 @@ subroutine coefficient_at(equation, x, pair, error)
    real(wp), intent(out) :: pair(2)
    !> Error handling: no value there, or none that is possible
    type(error_type), allocatable, intent(inout) :: error
-   type(equation_type) :: here
+   real(wp) :: young, ratio
 
    pair = 0.0_wp
-   if (.not. equation%varies()) then
-      pair = plain_pair(equation)
+   if (equation%problem == 'poisson') then
+      call equation%conductivity%at(x, pair(2), error)
+      if (.not. (allocated(error) .or. pair(2) > 0.0_wp)) call refuse(equation%conductivity, &
+         & 'must be positive', pair(2))
       return
    end if
-   here%kind = equation%kind
-   here%young = equation%young
-   here%poisson_ratio = equation%poisson_ratio
-   here%conductivity = equation%conductivity
-   if (equation%young_of%given()) call equation%young_of%at(x, here%young, error)
-   if (equation%ratio_of%given()) call equation%ratio_of%at(x, here%poisson_ratio, error)
-   if (equation%conductivity_of%given()) &
-      & call equation%conductivity_of%at(x, here%conductivity, error)
+   call equation%E%at(x, young, error)
+   call equation%nu%at(x, ratio, error)
    if (allocated(error)) return
-   if (.not. here%young > 0.0_wp) then
-      call refuse(equation%young_of%where, 'must be positive', here%young)
-   else if (.not. here%conductivity > 0.0_wp) then
-      call refuse(equation%conductivity_of%where, 'must be positive', here%conductivity)
-   else if (.not. (here%poisson_ratio > -1.0_wp .and. here%poisson_ratio < 0.5_wp)) then
-      call refuse(equation%ratio_of%where, 'must be greater than -1 and less than 0.5', &
-         & here%poisson_ratio)
+   if (.not. young > 0.0_wp) then
+      call refuse(equation%E, 'must be positive', young)
+   else if (.not. (ratio > -1.0_wp .and. ratio < 0.5_wp)) then
+      call refuse(equation%nu, 'must be greater than -1 and less than 0.5', ratio)
    else
-      pair = plain_pair(here)
+      pair = lame_constants(young, ratio)
    end if
 
 contains
 
    !> A value that makes no sense
-   subroutine refuse(where, what, value)
-      character(len=*), intent(in) :: where, what
+   subroutine refuse(given, what, value)
+      type(value_type), intent(in) :: given
+      character(len=*), intent(in) :: what
       real(wp), intent(in) :: value
 
-      call fatal_error(error, err_input, where//': '//what//', not '//to_text(value)//' as at ' &
-         & //to_text(x))
+      call fatal_error(error, err_input, given%where//': '//what//', not '//to_text(value) &
+         & //' as at '//to_text(x))
    end subroutine refuse
 
 end subroutine coefficient_at
@@ -200,7 +187,7 @@ pure function moduli(equation, nd, pair) result(c)
    real(wp), allocatable :: c(:, :, :, :)
    integer :: i, k
 
-   if (equation%kind == 'poisson') then
+   if (equation%problem == 'poisson') then
       allocate (c(1, nd, 1, nd), source=0.0_wp)
       do i = 1, nd
          c(1, i, 1, i) = pair(2)
@@ -218,16 +205,16 @@ pure function moduli(equation, nd, pair) result(c)
 end function moduli
 
 !> Lamé's constants
-pure function lame_constants(equation) result(lame)
-   !> Equation of elasticity
-   type(equation_type), intent(in) :: equation
+pure function lame_constants(young, ratio) result(lame)
+   !> Young's modulus [force/length^2]
+   real(wp), intent(in) :: young
+   !> Poisson's ratio [-]
+   real(wp), intent(in) :: ratio
    !> [force/length^2]
    real(wp) :: lame(2)
 
-   associate (v => equation%poisson_ratio)
-      lame(2) = 0.5_wp*equation%young/(1.0_wp + v)
-      lame(1) = 2.0_wp*lame(2)*v/(1.0_wp - 2.0_wp*v)
-   end associate
+   lame(2) = 0.5_wp*young/(1.0_wp + ratio)
+   lame(1) = 2.0_wp*lame(2)*ratio/(1.0_wp - 2.0_wp*ratio)
 end function lame_constants
 
 end module rk_coefficients

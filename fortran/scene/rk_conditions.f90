@@ -223,13 +223,10 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
       a = ramp + condition(c)%amplitude
       own = condition(c)%fixed
       g = 0.0_wp
-      g(a, :) = condition(c)%value
-      h = condition(c)%traction
+      h = 0.0_wp
       do i = 1, cloud%nd
-         if (condition(c)%value_of(i)%given()) &
-            & call condition(c)%value_of(i)%at(x, g(a, i), error, time)
-         if (condition(c)%traction_of(i)%given()) &
-            & call condition(c)%traction_of(i)%at(x, h(i), error, time)
+         call condition(c)%value(i)%at(x, g(a, i), error, time)
+         call condition(c)%traction(i)%at(x, h(i), error, time)
          if (allocated(error)) return
       end do
       if (condition(c)%is_radial) then
@@ -323,11 +320,9 @@ pure function loaded(condition)
    !> Condition
    type(condition_type), intent(in) :: condition
    logical :: loaded(3)
-   integer :: i
 
-   loaded = condition%fixed .or. condition%is_radial .or. abs(condition%traction) > 0.0_wp &
-      & .or. [(condition%traction_of(i)%given(), i=1, 3)] .or. condition%spring > 0.0_wp &
-      & .or. abs(condition%pressure) > 0.0_wp
+   loaded = condition%fixed .or. condition%is_radial .or. condition%traction%acts() &
+      & .or. condition%spring > 0.0_wp .or. abs(condition%pressure) > 0.0_wp
 end function loaded
 
 end module rk_conditions

@@ -1,7 +1,7 @@
 !> What a linear problem is, as plain data: operator, loads, motion.
 module rk_equation
+   use rk_deck_records, only : dynamics_keys, linear_keys
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_expression, only : expression_type
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -21,26 +21,9 @@ module rk_equation
       logical :: fixed(3) = .false.
    end type pin_type
 
-   !> A linear problem
-   type :: equation_type
-      !> poisson or elasticity; not allocated in nonlinear scenes
-      character(len=:), allocatable :: kind
-      !> What the solution is, where somebody knows, by component
-      type(expression_type) :: exact_of(3)
-      !> Source or body force, a number or an expression for each component
-      !> [force/length^3]
-      real(wp) :: source(3) = 0.0_wp
-      type(expression_type) :: source_of(3)
-      !> Young's modulus [force/length^2] and Poisson's ratio [-]
-      real(wp) :: young = 1.0_wp
-      real(wp) :: poisson_ratio = 0.0_wp
-      !> Conductivity of Poisson's problem
-      real(wp) :: conductivity = 1.0_wp
-      !> Expressions in their place
-      type(expression_type) :: young_of, ratio_of, conductivity_of
-      !> Support of functions that interpolate the coefficients between source points, in spacings;
-      !> 0 for the coefficients themselves [-]
-      real(wp) :: smoothing = 0.0_wp
+   !> A linear problem: the table of the deck, whose `problem` is not allocated in nonlinear scenes
+   !> and whose `smoothing` is 0 where the coefficients are not interpolated
+   type, extends(linear_keys) :: equation_type
       !> Size of the body [length]
       real(wp) :: extent(3) = 1.0_wp
       !> Single points where it is 0
@@ -55,21 +38,9 @@ module rk_equation
    end type equation_type
 
    !> What makes a linear problem move
-   type :: motion_type
-      !> Mass per volume, and an expression in its place
-      real(wp) :: density = 1.0_wp
-      type(expression_type) :: density_of
-      !> Time step, and the end, which is a multiple of it
-      real(wp) :: step = 0.0_wp
-      real(wp) :: end = 0.0_wp
-      !> Time steps from one state that is written to the next
-      integer :: every = 1
+   type, extends(dynamics_keys) :: motion_type
       !> Essential rows of collocation as published
       logical :: published = .false.
-      !> Displacement and velocity at the start, and expressions in their place
-      real(wp) :: displacement(3) = 0.0_wp
-      real(wp) :: velocity(3) = 0.0_wp
-      type(expression_type) :: displacement_of(3), velocity_of(3)
    contains
       !> Density at a place
       procedure :: density_at
@@ -90,10 +61,9 @@ subroutine density_at(self, x, density, error)
    !> Error handling: no value there, or none that is possible
    type(error_type), allocatable, intent(inout) :: error
 
-   density = self%density
-   if (self%density_of%given()) call self%density_of%at(x, density, error)
+   call self%density%at(x, density, error)
    if (density > 0.0_wp .or. allocated(error)) return
-   call fatal_error(error, err_input, self%density_of%where//': must be positive, not ' &
+   call fatal_error(error, err_input, self%density%where//': must be positive, not ' &
       & //to_text(density)//' as at '//to_text(x))
 end subroutine density_at
 
@@ -111,12 +81,12 @@ subroutine initial(self, displacement, x, value, error)
    type(error_type), allocatable, intent(inout) :: error
    integer :: i
 
-   value = merge(self%displacement, self%velocity, displacement)
+   value = 0.0_wp
    do i = 1, size(x)
-      if (displacement .and. self%displacement_of(i)%given()) then
-         call self%displacement_of(i)%at(x, value(i), error)
-      else if (.not. displacement .and. self%velocity_of(i)%given()) then
-         call self%velocity_of(i)%at(x, value(i), error)
+      if (displacement) then
+         call self%displacement(i)%at(x, value(i), error)
+      else
+         call self%velocity(i)%at(x, value(i), error)
       end if
    end do
 end subroutine initial
@@ -126,7 +96,7 @@ pure logical function varies(self)
    !> Equation
    class(equation_type), intent(in) :: self
 
-   varies = self%young_of%given() .or. self%ratio_of%given() .or. self%conductivity_of%given()
+   varies = self%E%given() .or. self%nu%given() .or. self%conductivity%given()
 end function varies
 
 !> Whether a solution is known
@@ -134,7 +104,7 @@ pure logical function is_known(self)
    !> Equation
    class(equation_type), intent(in) :: self
 
-   is_known = self%exact_of(1)%given()
+   is_known = self%exact(1)%given()
 end function is_known
 
 !> Components of the solution: one of Poisson's problem, else those of the displacement
@@ -145,7 +115,7 @@ pure integer function fields(self, nd)
    integer, intent(in) :: nd
 
    fields = nd
-   if (allocated(self%kind)) fields = merge(1, nd, self%kind == 'poisson')
+   if (allocated(self%problem)) fields = merge(1, nd, self%problem == 'poisson')
 end function fields
 
 !> Value and first derivatives of the solution
@@ -164,8 +134,8 @@ subroutine solution_at(equation, x, time, u, error)
 
    u = 0.0_wp
    do i = 1, size(u, 1)
-      call equation%exact_of(i)%at(x, u(i, 1), error, time)
-      call equation%exact_of(i)%gradient(x, difference*minval(equation%extent(:size(x))), &
+      call equation%exact(i)%at(x, u(i, 1), error, time)
+      call equation%exact(i)%gradient(x, difference*minval(equation%extent(:size(x))), &
          & u(i, 2:1 + size(x)), error, time)
    end do
 end subroutine solution_at
@@ -184,9 +154,8 @@ subroutine source_at(equation, x, time, f, error)
    type(error_type), allocatable, intent(inout) :: error
    integer :: i
 
-   f = equation%source(:size(f))
    do i = 1, size(f)
-      if (equation%source_of(i)%given()) call equation%source_of(i)%at(x, f(i), error, time)
+      call equation%source(i)%at(x, f(i), error, time)
    end do
 end subroutine source_at
 

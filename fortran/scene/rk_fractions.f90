@@ -109,7 +109,7 @@ pure logical function has_fibers(scene, k, at)
    integer, intent(in) :: at
 
    has_fibers = scene%tissue(k)%material%active(kind_i4)
-   if (has_fibers .and. scene%interface%own_fibers) &
+   if (has_fibers .and. scene%basis%interface_fibers == 'own') &
       & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
 end function has_fibers
 

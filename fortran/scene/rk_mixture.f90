@@ -115,7 +115,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
    integer :: ip, k, n, np, round
 
    self%scene => scene
-   if (allocated(scene%equation%kind)) then
+   if (allocated(scene%equation%problem)) then
       call new_coefficients(coefficient, scene, position, .false., error)
       if (allocated(error)) return
       call move_alloc(coefficient%pair, self%pair)
@@ -129,9 +129,9 @@ subroutine new_mixture(self, scene, position, nearest, error)
    do k = 1, size(scene%tissue)
       if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
    end do
-   if (size(scene%tissue) > 1 .and. scene%interface%reach > 0.0_wp) then
+   if (size(scene%tissue) > 1 .and. scene%basis%interface > 0.0_wp) then
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
-         & scene%cloud%source, scene%interface%reach*scene%cloud%spacing, position, error)
+         & scene%cloud%source, scene%basis%interface*scene%cloud%spacing, position, error)
       if (allocated(error)) return
       share = shares(scene)
    end if

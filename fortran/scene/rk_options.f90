@@ -1,23 +1,17 @@
 !> Options of a scene: records of the deck, whose defaults the schema has, and what follows from
 !> them.
 module rk_options
-   use rk_deck_records, only : galerkin_keys, load_keys, solver_keys
+   use rk_deck_records, only : galerkin_keys, solver_keys
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: load_options, solver_options, galerkin_options, interface_options
+   public :: solver_options, galerkin_options
    public :: displacement_weight
 
    !> Weight of the displacement rows of the mixed form, and of balanced ones of collocation, in
    !> shear moduli over spacing [-]
    real(wp), parameter :: displacement_weight = 15.0_wp
-
-   !> How the load is applied
-   type, extends(load_keys) :: load_options
-      !> Amplitude of the activation, 0 for the ramp
-      integer :: amplitude
-   end type load_options
 
    !> Iteration, linear solver and weights of boundary rows
    type, extends(solver_keys) :: solver_options
@@ -34,13 +28,5 @@ module rk_options
       !> Prescribed displacements hold exactly at source points, not by the penalty
       logical :: transformation
    end type galerkin_options
-
-   !> Interfaces between materials
-   type :: interface_options
-      !> Support of the fractions of several materials in spacings of the source points [-]
-      real(wp) :: reach
-      !> Galerkin form: no fibers at points of a tissue that has none, whatever the fractions there
-      logical :: own_fibers
-   end type interface_options
 
 end module rk_options

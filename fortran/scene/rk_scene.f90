@@ -3,18 +3,18 @@ module rk_scene
    use rk_cloud, only : cloud_type
    use rk_equation, only : equation_type, motion_type
    use rk_error, only : error_type
-   use rk_expression, only : expression_type
+   use rk_expression, only : expression_type, value_type
    use rk_material, only : material_type
-   use rk_deck_records, only : exact_keys, mixed_keys, reference_keys
-   use rk_options, only : galerkin_options, interface_options, load_options, &
-      & solver_options
+   use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, load_keys, &
+      & mixed_keys, probe_keys, reference_keys
+   use rk_options, only : galerkin_options, solver_options
    use rk_precision, only : wp
    use rk_programme, only : plan_type, programme_type, ramp
    use rk_shape, only : approximation_type, new_shape, shape_type
    implicit none
    private
 
-   public :: scene_type, tissue_type, condition_type, probe_type, exact_type, reference_type
+   public :: scene_type, tissue_type, condition_type, probe_type
 
    !> A material and the label of the points it fills
    type :: tissue_type
@@ -35,40 +35,20 @@ module rk_scene
       type(expression_type) :: level
    end type tissue_type
 
-   !> What is prescribed on a boundary set where its amplitude is 1
-   type :: condition_type
+   !> What is prescribed on a boundary set where its amplitude is 1, beside the numbers of the deck,
+   !> which are 0 where they are not given
+   type, extends(boundary_keys) :: condition_type
       !> Boundary set
       integer :: set = 0
-      !> Which displacement components are prescribed
+      !> Which displacement components are prescribed; of a tendon those in which its direction has
+      !> a part, which its plate moves
       logical :: fixed(3) = .false.
       !> Their values [length]
-      real(wp) :: value(3) = 0.0_wp
+      type(value_type) :: value(3)
       !> Radial displacement about the third axis replaces the components
       logical :: is_radial = .false.
-      !> Its value [length]
-      real(wp) :: radial = 0.0_wp
-      !> Dead traction on the free components, per undeformed area [force/area]
-      real(wp) :: traction(3) = 0.0_wp
-      !> Expressions in coordinates that stand in the place of values and of parts of the traction
-      type(expression_type) :: value_of(3), traction_of(3)
-      !> Pressure that follows the surface, against its outward normal [force/area]
-      real(wp) :: pressure = 0.0_wp
-      !> Springs on the free components [force/length/area]
-      real(wp) :: spring(3) = 0.0_wp
-      !> Stiffness of a tendon, at whose end the set moves as a rigid plate, 0 where there is none
-      !> [force/length]
-      real(wp) :: tendon = 0.0_wp
-      !> Its unit direction; components in which it has a part are those that the plate moves
-      real(wp) :: direction(3) = 0.0_wp
-      !> Displacement of its other end along this direction [length]
-      real(wp) :: pull = 0.0_wp
-      !> Amplitude of all these, 0 for the ramp
-      integer :: amplitude = 0
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
-      !> Unit vector along its axis, and a point of that [-], [length]
-      real(wp) :: axis(3) = 0.0_wp
-      real(wp) :: about(3) = 0.0_wp
    contains
       !> Whether displacements are prescribed that are not the same everywhere
       procedure :: moves_unevenly
@@ -77,39 +57,15 @@ module rk_scene
    end type condition_type
 
    !> A number or vector to follow through the steps
-   type :: probe_type
-      !> Name in the deck
-      character(len=:), allocatable :: name
-      !> What is measured
-      character(len=:), allocatable :: quantity
-      !> Tissue whose part is measured, 0 for all
-      integer :: tissue = 0
+   type, extends(probe_keys) :: probe_type
       !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
-      !> Undeformed place of a point quantity, or a point of the plane of a section [length]
-      real(wp) :: point(3) = 0.0_wp
-      !> Unit normal of the plane, or direction against which fibers are inclined
-      real(wp) :: normal(3) = 0.0_wp
-      !> Point about which a torque turns [length]
-      real(wp) :: about(3) = 0.0_wp
    contains
       !> Whether it is of a body or a tissue as a whole
       procedure :: of_body
       !> Whether it is of a place in the body
       procedure :: at_a_place
    end type probe_type
-
-   !> A homogeneous exact solution for a probe
-   type, extends(exact_keys) :: exact_type
-      !> Probe
-      integer :: probe = 0
-   end type exact_type
-
-   !> Values from elsewhere for a probe
-   type, extends(reference_keys) :: reference_type
-      !> Probe
-      integer :: probe = 0
-   end type reference_type
 
    !> Everything a solve needs
    type :: scene_type
@@ -123,8 +79,8 @@ module rk_scene
       type(approximation_type) :: approximation
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
-      !> Interfaces between materials
-      type(interface_options) :: interface
+      !> Shape functions as the deck names them, and interfaces between materials
+      type(approximation_keys) :: basis
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
       !> Its motion, not allocated where it is at rest
@@ -141,7 +97,7 @@ module rk_scene
       !> Boundary conditions
       type(condition_type), allocatable :: condition(:)
       !> Load steps and activation
-      type(load_options) :: load
+      type(load_keys) :: load
       !> How they grow
       type(programme_type) :: programme
       !> Body force at full load per undeformed volume, none unless allocated, shape (3, points
@@ -156,9 +112,9 @@ module rk_scene
       !> Probes
       type(probe_type), allocatable :: probe(:)
       !> Exact solutions
-      type(exact_type), allocatable :: exact(:)
+      type(exact_keys), allocatable :: exact(:)
       !> Reference values
-      type(reference_type), allocatable :: reference(:)
+      type(reference_keys), allocatable :: reference(:)
    contains
       !> Number of load steps
       procedure :: steps => count_steps
@@ -191,7 +147,7 @@ pure integer function count_steps(self)
    type(plan_type) :: planned
 
    if (allocated(self%motion)) then
-      count_steps = (nint(self%motion%end/self%motion%step) + self%motion%every - 1) &
+      count_steps = (nint(self%motion%end_time/self%motion%time_step) + self%motion%every - 1) &
          & /self%motion%every
       return
    end if
@@ -279,9 +235,8 @@ end function changes
 pure logical function moves_unevenly(self)
    !> Condition
    class(condition_type), intent(in) :: self
-   integer :: i
 
-   moves_unevenly = self%is_radial .or. self%sine > 0 .or. any([(self%value_of(i)%given(), i=1, 3)])
+   moves_unevenly = self%is_radial .or. self%sine > 0 .or. any(self%value%given())
 end function moves_unevenly
 
 !> Whether a probe is of a body or a tissue as a whole
@@ -306,12 +261,10 @@ pure logical function acts(self, factor)
    class(condition_type), intent(in) :: self
    !> Load factors at which that is asked; without them: at any, shape (factors) [-]
    real(wp), intent(in), optional :: factor(:)
-   integer :: i
 
    acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
-      & .or. any(abs(self%value) > 0.0_wp .and. self%fixed) .or. any(abs(self%traction) > 0.0_wp) &
-      & .or. abs(self%pressure) > 0.0_wp .or. abs(self%pull) > 0.0_wp &
-      & .or. any([(self%value_of(i)%given() .or. self%traction_of(i)%given(), i=1, 3)])
+      & .or. any(self%value%acts() .and. self%fixed) .or. any(self%traction%acts()) &
+      & .or. abs(self%pressure) > 0.0_wp .or. abs(self%pull) > 0.0_wp
    if (.not. present(factor)) then
       acts = acts .or. self%sine > 0
       return

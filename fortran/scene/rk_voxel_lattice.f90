@@ -12,6 +12,9 @@ module rk_voxel_lattice
 
    public :: corner_sources
 
+   !> Ratios that differ by less are the same [-]
+   real(wp), parameter :: same = 1.0e-6_wp
+
 contains
 
 !> Put the source points at the corners of blocks, about as large as their spacing unless a number
@@ -29,8 +32,9 @@ subroutine corner_sources(cloud, blocks, single)
 
    low = minval(cloud%voxels%index, dim=2)
    n = maxval(cloud%voxels%index, dim=2) - low + 1
-   ! none is smaller than a voxel
-   cells = nint(min(real(n, wp), max(1.0_wp, n*cloud%voxels%size/minval(cloud%spacing, dim=2))))
+   ! none is smaller than a voxel; two and a half are three, whatever rounding leaves of the half
+   cells = nint((1.0_wp + same)*min(real(n, wp), max(1.0_wp, &
+      & n*cloud%voxels%size/minval(cloud%spacing, dim=2))))
    where (single) cells = n
    if (size(blocks) == 3) cells = min(blocks, n)
    step = n*cloud%voxels%size/cells

@@ -3,8 +3,7 @@
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_expression, only : read_value, read_values
-   use rk_deck_programme, only : find_amplitude, read_motion
+   use rk_deck_programme, only : read_motion
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice, set_number
    use rk_named_sets, only : extent_of
@@ -28,7 +27,6 @@ subroutine read_conditions(scene, deck, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
    character(len=*), parameter :: component(3) = ['.u_x', '.u_y', '.u_z']
-   real(wp), allocatable :: spring(:), direction(:)
    integer :: i, k
 
    allocate (scene%condition(deck%count('boundary')))
@@ -39,36 +37,22 @@ subroutine read_conditions(scene, deck, error)
          call find_named_set(scene%cloud, deck, at//'.set', name, condition%set, error)
          do i = 1, scene%cloud%nd
             condition%fixed(i) = deck%has(at//component(i))
-            if (condition%fixed(i)) call read_value(deck, at//component(i), condition%value(i), &
-               & condition%value_of(i))
+            call deck%get(at//component(i), condition%value(i))
          end do
-         if (deck%has(at//'.u')) then
-            ! the only component of a scalar problem
-            condition%fixed(1) = .true.
-            call read_value(deck, at//'.u', condition%value(1), condition%value_of(1))
-         end if
-         if (deck%has(at//'.flux')) call read_value(deck, at//'.flux', condition%traction(1), &
-            & condition%traction_of(1))
+         call condition%read(deck, at)
+         ! the only component of a scalar problem
+         condition%fixed(1) = condition%fixed(1) .or. deck%has(at//'.u')
+         call deck%get(at//'.u', condition%value(1))
+         call deck%get(at//'.flux', condition%traction(1))
          condition%is_radial = deck%has(at//'.radial')
-         if (condition%is_radial) call deck%get(at//'.radial', condition%radial)
          ! the other sides of an annulus are its planes of symmetry
          if (condition%is_radial .and. all(condition%set /= [set_number(.true., 1, 0), &
             & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
             & //'inner and outer', error)
-         call read_values(deck, at//'.traction', condition%traction, condition%traction_of)
-         if (deck%has(at//'.pressure')) call deck%get(at//'.pressure', condition%pressure)
-         if (deck%has(at//'.spring')) then
-            call deck%get(at//'.spring', spring)
-            condition%spring(:size(spring)) = spring
-         end if
-         if (deck%has(at//'.tendon')) then
-            call deck%get(at//'.tendon', condition%tendon)
-            call deck%get(at//'.direction', direction)
-            condition%direction(:size(direction)) = direction/norm2(direction)
+         if (condition%tendon > 0.0_wp) then
+            condition%direction = condition%direction/norm2(condition%direction)
             condition%fixed = condition%fixed .or. abs(condition%direction) > 0.0_wp
-            if (deck%has(at//'.pull')) call deck%get(at//'.pull', condition%pull)
          end if
-         condition%amplitude = find_amplitude(scene%programme, deck, at)
          if (deck%has(at//'.rotation')) &
             & call read_motion(condition, scene%programme, deck, at, scene%cloud%nd)
       end associate
@@ -85,7 +69,6 @@ subroutine read_probes(scene, deck, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, name
    type(error_type), allocatable :: fault
-   real(wp), allocatable :: point(:), normal(:)
    real(wp) :: area
    integer :: k
 
@@ -94,15 +77,8 @@ subroutine read_probes(scene, deck, error)
    do k = 1, size(scene%probe)
       at = 'probe.'//to_text(k)
       associate (probe => scene%probe(k))
-         call deck%get(at//'.name', probe%name)
-         call deck%get(at//'.quantity', probe%quantity)
-         call deck%get(at//'.point', point)
-         probe%point(:size(point)) = point
-         if (deck%has(at//'.normal')) then
-            call deck%get(at//'.normal', normal)
-            probe%normal(:size(normal)) = normal/norm2(normal)
-         end if
-         if (deck%has(at//'.material')) probe%tissue = tissue_number(scene, deck, at)
+         call probe%read(deck, at)
+         if (deck%has(at//'.normal')) probe%normal = probe%normal/norm2(probe%normal)
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
             call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)
@@ -110,25 +86,21 @@ subroutine read_probes(scene, deck, error)
                call extent_of(scene%cloud, probe%set, area, probe%about(:scene%cloud%nd), fault)
                if (allocated(fault)) call move_alloc(fault, error)
             end if
-            if (deck%has(at//'.about')) then
-               call deck%get(at//'.about', point)
-               probe%about(:size(point)) = point
-            end if
+            call deck%get_vector(at//'.about', probe%about)
          else if (allocated(scene%cloud%lattice) .and. deck%has(at//'.point')) then
-            if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
-               & to_text(point)//' lies outside the '//body_of(deck), error)
+            associate (point => probe%point(:scene%cloud%nd))
+               if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
+                  & to_text(point)//' lies outside the '//body_of(deck), error)
+            end associate
          end if
       end associate
    end do
    do k = 1, size(scene%exact)
-      at = 'exact.'//to_text(k)
-      scene%exact(k)%probe = probe_number(scene, deck, at)
-      call scene%exact(k)%read(deck, at)
+      call scene%exact(k)%read(deck, 'exact.'//to_text(k))
    end do
    do k = 1, size(scene%reference)
       at = 'reference.'//to_text(k)
       associate (reference => scene%reference(k))
-         reference%probe = probe_number(scene, deck, at)
          call reference%read(deck, at)
          if (size(reference%activation) == 0) cycle
          if (scene%load%amplitude > 0) call deck%complain(at//'.activation', 'needs an ' &
@@ -137,38 +109,6 @@ subroutine read_probes(scene, deck, error)
       end associate
    end do
 end subroutine read_probes
-
-!> Number of the probe that an entry names; the deck check knows that it exists
-integer function probe_number(scene, deck, at)
-   !> Scene with probes
-   type(scene_type), intent(in) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   call deck%get(at//'.probe', name)
-   do probe_number = 1, size(scene%probe)
-      if (scene%probe(probe_number)%name == name) return
-   end do
-end function probe_number
-
-!> Number of the tissue that an entry names; the deck check knows that it exists
-integer function tissue_number(scene, deck, at)
-   !> Scene with tissues
-   type(scene_type), intent(in) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   call deck%get(at//'.material', name)
-   do tissue_number = 1, size(scene%tissue)
-      if (scene%tissue(tissue_number)%name == name) return
-   end do
-end function tissue_number
 
 !> Number of a boundary set that a key names
 subroutine find_named_set(cloud, deck, key, name, set, error)

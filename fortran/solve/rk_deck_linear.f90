@@ -2,7 +2,6 @@
 module rk_deck_linear
    use rk_deck, only : deck_type
    use rk_deck_boundary, only : read_conditions
-   use rk_deck_expression, only : read_value, read_values
    use rk_error, only : error_type
    use rk_linear, only : set_essential_weight
    use rk_precision, only : wp
@@ -24,63 +23,31 @@ subroutine read_linear(scene, deck, error)
    !> Error handling, one line more for each unknown side
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at, word
-   real(wp), allocatable :: point(:)
-   real(wp) :: no_numbers(3)
    integer :: k
 
    associate (equation => scene%equation)
-      call deck%get('linear.problem', equation%kind)
-      if (equation%kind == 'elasticity') then
-         call read_value(deck, 'linear.E', equation%young, equation%young_of)
-         if (deck%has('linear.nu')) call read_value(deck, 'linear.nu', equation%poisson_ratio, &
-            & equation%ratio_of)
-      end if
-      if (deck%has('linear.conductivity')) call read_value(deck, 'linear.conductivity', &
-         & equation%conductivity, equation%conductivity_of)
-      if (deck%has('linear.smoothing')) call deck%get('linear.smoothing', equation%smoothing)
-      call read_values(deck, 'linear.source', equation%source, equation%source_of)
-      call read_values(deck, 'linear.exact', no_numbers, equation%exact_of)
+      call equation%read(deck, 'linear')
       equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
       allocate (equation%pin(deck%count('pin')))
       do k = 1, size(equation%pin)
          at = 'pin.'//to_text(k)
-         call deck%get(at//'.point', point)
-         equation%pin(k)%point(:size(point)) = point
+         call deck%get_vector(at//'.point', equation%pin(k)%point)
          call deck%get(at//'.components', word)
          equation%pin(k)%fixed = [index(word, 'x') > 0, index(word, 'y') > 0, index(word, 'z') > 0]
       end do
    end associate
    call read_conditions(scene, deck, error)
-   if (deck%has('dynamics')) call read_motion(scene, deck)
+   if (deck%has('dynamics')) then
+      allocate (scene%motion)
+      call scene%motion%read(deck, 'dynamics')
+      call deck%get('solver.weight_essential', word)
+      scene%motion%published = word == 'ns-c4'
+   end if
    ! no materials or load steps
    allocate (scene%tissue(0), scene%tissue_of(0))
    scene%load%steps = 1
    scene%load%activation = 0.0_wp
-   scene%load%amplitude = 0
    if (.not. allocated(error)) call set_essential_weight(scene, error)
 end subroutine read_linear
-
-!> Masses, times and the start of a motion
-subroutine read_motion(scene, deck)
-   !> Scene
-   type(scene_type), intent(inout) :: scene
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: word
-
-   allocate (scene%motion)
-   associate (motion => scene%motion)
-      call read_value(deck, 'dynamics.density', motion%density, motion%density_of)
-      call deck%get('dynamics.time_step', motion%step)
-      call deck%get('dynamics.end_time', motion%end)
-      call deck%get('dynamics.every', motion%every)
-      if (deck%is_text('solver.weight_essential')) then
-         call deck%get('solver.weight_essential', word)
-         motion%published = word == 'ns-c4'
-      end if
-      call read_values(deck, 'dynamics.displacement', motion%displacement, motion%displacement_of)
-      call read_values(deck, 'dynamics.velocity', motion%velocity, motion%velocity_of)
-   end associate
-end subroutine read_motion
 
 end module rk_deck_linear

@@ -1,7 +1,6 @@
 !> From a checked deck to the load programme: amplitudes, output times, what follows them.
 module rk_deck_programme
    use rk_deck, only : deck_type
-   use rk_deck_expression, only : read_value
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
    use rk_programme, only : programme_type, rotation_type
@@ -10,7 +9,7 @@ module rk_deck_programme
    implicit none
    private
 
-   public :: read_programme, read_activation, read_motion, find_amplitude
+   public :: read_programme, read_activation, read_motion
 
 contains
 
@@ -34,24 +33,6 @@ subroutine read_programme(programme, deck)
    if (deck%has('load.at')) call deck%get('load.at', programme%output)
 end subroutine read_programme
 
-!> Amplitude that an entry names, 0 for the ramp; the deck check knows that it exists
-integer function find_amplitude(programme, deck, at) result(number)
-   !> Programme
-   type(programme_type), intent(in) :: programme
-   !> Deck
-   type(deck_type), intent(in) :: deck
-   !> Key of the entry
-   character(len=*), intent(in) :: at
-   character(len=:), allocatable :: name
-
-   number = 0
-   if (.not. deck%has(at//'.amplitude')) return
-   call deck%get(at//'.amplitude', name)
-   do number = size(programme%amplitude), 1, -1
-      if (programme%amplitude(number)%name == name) return
-   end do
-end function find_amplitude
-
 !> Activation of a muscle: its own, or what holds for all
 subroutine read_activation(scene, deck, at, k, error)
    !> Scene with its programme and load
@@ -69,16 +50,14 @@ subroutine read_activation(scene, deck, at, k, error)
 
    associate (tissue => scene%tissue(k))
       tissue%activation = scene%load%activation
-      if (deck%has(at//'.activation')) call read_value(deck, at//'.activation', &
-         & tissue%activation, tissue%level)
+      call deck%get(at//'.activation', tissue%activation)
+      call deck%get(at//'.activation', tissue%level)
       ! an expression says all of it
       if (tissue%level%given()) tissue%activation = 1.0_wp
       tissue%amplitude = scene%load%amplitude
+      call deck%get(at//'.amplitude', tissue%amplitude)
       key = 'load.amplitude'
-      if (deck%has(at//'.amplitude')) then
-         tissue%amplitude = find_amplitude(scene%programme, deck, at)
-         key = at//'.amplitude'
-      end if
+      if (deck%has(at//'.amplitude')) key = at//'.amplitude'
       if (tissue%amplitude == 0) return
       if (.not. tissue%activation > 0.0_wp) then
          call deck%complain(key, 'there is no activation that could follow it: give ' &
@@ -106,17 +85,11 @@ subroutine read_motion(condition, programme, deck, at, nd)
    character(len=*), intent(in) :: at
    !> Space dimension
    integer, intent(in) :: nd
-   real(wp), allocatable :: about(:), axis(:)
    real(wp) :: angle
 
    call deck%get(at//'.rotation', angle)
-   call deck%get(at//'.about', about)
-   condition%about(:nd) = about
-   condition%axis = [0.0_wp, 0.0_wp, 1.0_wp]
-   if (nd == 3) then
-      call deck%get(at//'.axis', axis)
-      condition%axis = axis/norm2(axis)
-   end if
+   if (nd < 3) condition%axis(3) = 1.0_wp
+   condition%axis = condition%axis/norm2(condition%axis)
    condition%fixed(:nd) = .true.
    programme%rotation = [programme%rotation, rotation_type(condition%amplitude, angle*pi/180.0_wp)]
    condition%sine = programme%sine_of(size(programme%rotation))

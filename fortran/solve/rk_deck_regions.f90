@@ -4,8 +4,8 @@
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_expression, only : read_expression
    use rk_deck_labels, only : read_labels
+   use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type
    use rk_precision, only : pi, wp
    use rk_scene, only : tissue_type
@@ -45,7 +45,7 @@ subroutine read_parts(tissue, deck, error)
 
    do k = 1, size(tissue)
       tissue(k)%label = k
-      call read_expression(deck, 'material.'//to_text(k)//'.where', tissue(k)%part)
+      call deck%get('material.'//to_text(k)//'.where', tissue(k)%part)
    end do
    if (deck%has('geometry.labels')) call read_labels(tissue, deck, error)
 end subroutine read_parts
@@ -60,23 +60,19 @@ subroutine label_regions(cloud, tissue, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
-   integer, allocatable :: count_(:)
-   real(wp), allocatable :: extent(:)
+   type(geometry_keys) :: body
    real(wp) :: part(size(tissue)), low(3), high(3), step(3)
    integer :: d, ip
 
-   call deck%get('geometry.collocation', count_)
+   call body%read(deck, 'geometry')
    low = 0.0_wp
+   high = body%size
    if (cloud%polar) then
-      call deck%get('geometry.inner_radius', low(1))
-      call deck%get('geometry.outer_radius', high(1))
-      high(2) = 0.5_wp*pi
-   else
-      call deck%get('geometry.size', extent)
-      high(:cloud%nd) = extent
+      low(1) = body%inner_radius
+      high(:2) = [body%outer_radius, 0.5_wp*pi]
    end if
    do d = 1, cloud%nd
-      step(d) = (high(d) - low(d))/(count_(d) - 1)
+      step(d) = (high(d) - low(d))/(body%collocation(d) - 1)
    end do
    if (allocated(cloud%fraction)) deallocate (cloud%fraction)
    allocate (cloud%fraction(size(tissue), size(cloud%points, 2)), source=0.0_wp)

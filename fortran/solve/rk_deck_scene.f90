@@ -9,9 +9,10 @@ module rk_deck_scene
    use rk_deck_boundary, only : read_conditions, read_probes
    use rk_deck_linear, only : read_linear
    use rk_deck_materials, only : read_materials
-   use rk_deck_programme, only : find_amplitude, read_programme
+   use rk_deck_programme, only : read_programme
+   use rk_deck_records, only : geometry_keys
    use rk_deck_sets, only : read_sets
-   use rk_error, only : error_type, fatal_error, err_input, err_memory
+   use rk_error, only : error_type, fatal_error, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : find_kernel, find_window, window_polar
    use rk_lattice, only : jitter, lattice_frame, new_annulus, new_box
@@ -64,7 +65,6 @@ subroutine new_scene(scene, deck, model, error)
       return
    end if
    call read_programme(scene%programme, deck)
-   scene%load%amplitude = find_amplitude(scene%programme, deck, 'load')
    call read_materials(scene, deck, error)
    if (allocated(error)) return
    call check_cloud(scene%cloud, error)
@@ -115,24 +115,16 @@ subroutine read_geometry(cloud, deck, model, error)
    type(cloud_type), intent(in) :: model
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: kind
-   real(wp), allocatable :: size_(:)
-   integer, allocatable :: source(:), collocation(:)
-   real(wp) :: inner, outer, share
+   type(geometry_keys) :: body
 
-   call deck%get('geometry.kind', kind)
-   call deck%get('geometry.source', source)
-   call deck%get('geometry.collocation', collocation)
-   select case (kind)
+   call body%read(deck, 'geometry')
+   select case (body%kind)
    case ('box')
-      call deck%get('geometry.size', size_)
-      call new_box(cloud, size_, source, collocation, error)
-      call deck%get('geometry.jitter', share)
-      if (share > 0.0_wp .and. .not. allocated(error)) call jitter(cloud, share)
+      call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, error)
+      if (body%jitter > 0.0_wp .and. .not. allocated(error)) call jitter(cloud, body%jitter)
    case ('annulus')
-      call deck%get('geometry.inner_radius', inner)
-      call deck%get('geometry.outer_radius', outer)
-      call new_annulus(cloud, inner, outer, source, collocation, error)
+      call new_annulus(cloud, body%inner_radius, body%outer_radius, body%source, &
+         & body%collocation, error)
    case default
       call check_unit(deck, model, error)
       if (allocated(error)) return
@@ -154,8 +146,8 @@ subroutine check_unit(deck, model, error)
    if (.not. allocated(model%length_unit)) return
    call deck%get('units.length', unit)
    if (model%length_unit == '' .or. model%length_unit == unit) return
-   call fatal_error(error, err_input, deck%where('units.length')//": units.length: '"//unit &
-      & //"', but the lengths of the points are in "//model%length_unit)
+   call deck%complain('units.length', "'"//unit//"', but the lengths of the points are in " &
+      & //model%length_unit, error)
 end subroutine check_unit
 
 !> Order, kernel, window and support
@@ -166,45 +158,37 @@ subroutine read_approximation(scene, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling: a name that the deck's check knows and this one does not
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: kernel, window, fibers
-   real(wp), allocatable :: support(:)
    real(wp) :: low(3), step(3)
    integer :: d
 
-   call deck%get('approximation.order', scene%approximation%order)
-   call deck%get('approximation.kernel', kernel)
-   call deck%get('approximation.window', window)
-   call deck%get('approximation.support', support)
-   call deck%get('approximation.interface', scene%interface%reach)
-   call deck%get('approximation.interface_fibers', fibers)
-   ! models without voxels are refused later, by a word on these
-   if (scene%interface%reach <= 1.0_wp .and. (scene%interface%reach > 0.0_wp &
-      & .or. scene%method /= 'rkpm-gauss' .or. allocated(scene%cloud%lattice))) then
-      call fatal_error(error, err_input, deck%where('approximation.interface') &
-         & //': approximation.interface: must be above 1; 0, tissues as the voxels have them, is ' &
-         & //'for models of voxels by method "rkpm-gauss"')
-      return
-   end if
-   scene%interface%own_fibers = fibers == 'own'
-   call find_kernel(kernel, scene%approximation%kernel, error)
-   if (allocated(error)) return
-   call find_window(window, scene%approximation%window, error)
-   if (allocated(error)) return
-   allocate (scene%support, mold=scene%cloud%spacing)
-   do d = 1, scene%cloud%nd
-      scene%support(d, :) = support(min(d, size(support)))*scene%cloud%spacing(d, :)
-   end do
-   if (scene%approximation%window /= window_polar) return
-   associate (cloud => scene%cloud)
+   call scene%basis%read(deck, 'approximation')
+   associate (basis => scene%basis, cloud => scene%cloud)
+      ! models without voxels are refused later, by a word on these
+      if (basis%interface <= 1.0_wp .and. (basis%interface > 0.0_wp &
+         & .or. scene%method /= 'rkpm-gauss' .or. allocated(cloud%lattice))) then
+         call deck%complain('approximation.interface', 'must be above 1; 0, tissues as the ' &
+            & //'voxels have them, is for models of voxels by method "rkpm-gauss"', error)
+         return
+      end if
+      scene%approximation%order = basis%order
+      call find_kernel(basis%kernel, scene%approximation%kernel, error)
+      if (allocated(error)) return
+      call find_window(basis%window, scene%approximation%window, error)
+      if (allocated(error)) return
+      allocate (scene%support, mold=cloud%spacing)
+      do d = 1, cloud%nd
+         scene%support(d, :) = basis%support(d)*cloud%spacing(d, :)
+      end do
+      if (scene%approximation%window /= window_polar) return
       if (.not. cloud%polar) then
-         call fatal_error(error, err_input, deck%where('approximation.window') &
-            & //': approximation.window: "polar" is for geometry.kind = annulus: take "product"')
+         call deck%complain('approximation.window', &
+            & '"polar" is for geometry.kind = annulus: take "product"', error)
          return
       end if
       call lattice_frame(cloud, low, step)
-      scene%support(1, :) = support(1)*step(1)
+      scene%support(1, :) = basis%support(1)*step(1)
       ! the same to the last bit all around
-      scene%support(2, :) = support(size(support))*step(2)*(low(1) + step(1) &
+      scene%support(2, :) = basis%support(2)*step(2)*(low(1) + step(1) &
          & *nint((norm2(cloud%source, dim=1) - low(1))/step(1)))
    end associate
 end subroutine read_approximation

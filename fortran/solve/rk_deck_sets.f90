@@ -2,7 +2,6 @@
 module rk_deck_sets
    use rk_deck, only : deck_type
    use rk_deck_boundary, only : find_named_set
-   use rk_deck_expression, only : read_expression
    use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
    use rk_named_sets, only : add_set
@@ -72,10 +71,7 @@ subroutine read_region(region, scene, deck, at, error)
          & //"' is not a side, but another [[set]]: say with `where` what both hold", error)
    end if
    if (deck%has(at//'.on')) then
-      call deck%get(at//'.on', word)
-      do k = 1, size(scene%tissue)
-         if (scene%tissue(k)%name == word) exit
-      end do
+      call deck%get(at//'.on', k)
       if (has_regions(deck)) then
          ! labels of points would put the border half way between these
          region%tissue = scene%tissue(k:)%part
@@ -83,7 +79,7 @@ subroutine read_region(region, scene, deck, at, error)
          region%label = scene%tissue(k)%label
       end if
    end if
-   call read_expression(deck, at//'.where', region%where)
+   call deck%get(at//'.where', region%where)
 end subroutine read_region
 
 !> How many boundary points each criterion of an empty set leaves

@@ -28,7 +28,7 @@ subroutine new_problem(problem, scene, error)
 
    select case (scene%method)
    case ('rkcm', 'rkcm-mixed')
-      if (allocated(scene%equation%kind)) then
+      if (allocated(scene%equation%problem)) then
          allocate (linear)
          call new_linear(linear, scene, error)
          call move_alloc(linear, problem)

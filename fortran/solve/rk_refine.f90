@@ -15,7 +15,7 @@ module rk_refine
    use rk_deck, only : deck_type
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
-   use rk_error, only : error_type, fatal_error, err_input, err_stopped
+   use rk_error, only : error_type, fatal_error, err_stopped
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
@@ -192,7 +192,7 @@ subroutine check(scene, deck, error)
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: complaint
 
-   if (allocated(scene%equation%kind)) then
+   if (allocated(scene%equation%problem)) then
       complaint = 'is not for linear problems, whose solution is known'
    else if (scene%method /= 'rkpm-gauss' .or. .not. (allocated(scene%cloud%lattice) &
       & .or. allocated(scene%cloud%block))) then
@@ -204,7 +204,7 @@ subroutine check(scene, deck, error)
    else
       return
    end if
-   call fatal_error(error, err_input, deck%where('refine')//': refine: '//complaint)
+   call deck%complain('refine', complaint, error)
 end subroutine check
 
 !> Probes whose error counts
@@ -226,8 +226,8 @@ subroutine wanted_probes(deck, scene, counts, error)
    do i = 1, size(counts)
       counts(i) = scene%probe(i)%name == name
    end do
-   if (.not. any(counts)) call fatal_error(error, err_input, deck%where('refine.probe') &
-      & //": refine.probe: there is no probe '"//name//"'")
+   if (.not. any(counts)) call deck%complain('refine.probe', &
+      & "there is no probe '"//name//"'", error)
 end subroutine wanted_probes
 
 !> Cells along each direction, and how many there may be
@@ -297,7 +297,7 @@ subroutine solve(problem, scene, deck, model, receiver, answer, bars, error)
    if (allocated(error)) return
    call solve_companion(companion, problem, keeper%load, answer, deck, model, receiver)
    if (allocated(companion%why_not)) then
-      call fatal_error(error, err_input, deck%where('refine')//': refine: '//companion%why_not)
+      call deck%complain('refine', companion%why_not, error)
       return
    end if
    call bars_by_other(bars, problem, companion%seen, merge(more_points, fewer_points, &

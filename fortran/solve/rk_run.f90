@@ -10,11 +10,11 @@ module rk_run
    use rk_force, only : set_forces
    use rk_linear_solve, only : solve_linear
    use rk_motion, only : form_motion, march
-   use rk_new_motion, only : new_motion
    use rk_newton, only : newton_type
    use rk_precision, only : i8, wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
+   use rk_reduced, only : new_motion
    use rk_reduced_motion, only : moving_problem, prepare
    use rk_scene, only : scene_type
    use rk_states, only : field_state

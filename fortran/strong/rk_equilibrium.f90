@@ -22,10 +22,8 @@ module rk_equilibrium
    use rk_conditions, only : new_boundary
    use rk_discretisation, only : deformation
    use rk_error, only : error_type
-   use rk_lstsq, only : row_operator
    use rk_matrix, only : matrix_rows
-   use rk_mixed, only : add_pressure, add_pressure_curvature, add_traction_curvature, &
-      & add_traction_pressure
+   use rk_mixed, only : add_pressure, add_pressure_curvature, cofactor_slope
    use rk_mixture, only : new_mixture
    use rk_modes, only : modes_type, new_modes
    use rk_neighbours, only : nearest_points
@@ -36,7 +34,7 @@ module rk_equilibrium
    use rk_rows, only : new_rows
    use rk_scene, only : scene_type
    use rk_strong, only : strong_problem
-   use rk_tensor, only : cofactor, cross_form, determinant
+   use rk_tensor, only : cofactor, cross, cross_form, determinant
    use rk_text, only : to_text
    implicit none
    private
@@ -70,7 +68,6 @@ module rk_equilibrium
       procedure :: field
       procedure :: start
       procedure :: assemble
-      procedure :: operator
       procedure :: hessian
       procedure :: apply_curvature
       procedure :: rejection
@@ -240,9 +237,9 @@ pure real(wp) function rim_distance(self, x)
    end do
 end function rim_distance
 
-!> Weights at the start of a load step. In displacements, essential rows (5.52b) by the tangent;
-!> with a pressure, volume and displacement rows by the stiffness: stresses of a material that
-!> stiffens would outweigh them
+!> Weights by the state at which a load step starts, or goes on. In displacements, essential rows
+!> (5.52b) by the tangent; with a pressure, volume and displacement rows by the stiffness: stresses
+!> of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
    !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
@@ -369,6 +366,8 @@ subroutine assemble(self, x, stage, r, seen)
    real(wp), allocatable :: volume(:)
    integer :: ip
 
+   self%linearised => self%rows
+   if (allocated(self%modes)) self%linearised => self%projected
    allocate (volume(self%shape%np))
    !$omp parallel do default(none) schedule(static) private(ip) &
    !$omp shared(self, x, stage, r, volume)
@@ -470,7 +469,7 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    logical, intent(in) :: tangent
    !> Residuals, shape (m)
    real(wp), intent(inout) :: r(:)
-   real(wp) :: n(3), slope(3, 3), factor(size(self%boundary%value, 1)), pressed
+   real(wp) :: n(3), slope(3, 3), factor(size(self%boundary%value, 1)), t(3, 3, 3), c(3, 3)
    integer :: nd, block, row, i, k, cb
 
    factor = self%scene%factors(load)
@@ -497,8 +496,13 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
                slope(k, cb) = dot_product(c4(i, :nd, k, cb), n(:nd))
             end do
          end do
-         if (self%has_pressure()) call add_traction_pressure(nd, i, u, f, n, slope, pressed)
-         if (self%has_pressure()) self%rows%coefficient(i, nd + 1, 1, block) = w*pressed
+         if (self%has_pressure()) then
+            ! p cof F N
+            t = cofactor_slope(f, n)
+            slope(:nd, :nd) = slope(:nd, :nd) + u(nd + 1, 1)*t(i, :nd, :nd)
+            c = cofactor(f)
+            self%rows%coefficient(i, nd + 1, 1, block) = w*dot_product(c(i, :), n)
+         end if
          self%rows%coefficient(i, :nd, 2:1 + nd, block) = w*slope(:nd, :nd)
       end associate
    end do
@@ -540,16 +544,6 @@ subroutine volume_row(self, ip, x, tangent, r, volume)
       self%rows%coefficient(1, nd + 1, 1, block) = -w*compliance
    end associate
 end subroutine volume_row
-
-!> Linearised rows, or their product with the modes
-function operator(self) result(op)
-   !> Problem, linearised
-   class(equilibrium_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%rows
-   if (allocated(self%modes)) op => self%projected
-end function operator
 
 !> Second derivatives of r.r/2, of which those of the residuals, weighted with these, are kept
 subroutine hessian(self, x, load, r, a)
@@ -613,7 +607,7 @@ subroutine point_curvature(self, ip, x, load, r, form)
    !> Form as in rk_rows, shape (nd*nd, fields, nq)
    real(wp), contiguous, intent(inout) :: form(:, :, :)
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3), rho(3)
-   real(wp) :: ff(9, 9), fh(9, 9, 3)
+   real(wp) :: ff(9, 9), fh(9, 9, 3), second(3, 3)
    integer :: nd, i, b, row
 
    nd = self%scene%cloud%nd
@@ -638,7 +632,12 @@ subroutine point_curvature(self, ip, x, load, r, form)
    end do
    call self%mixture%stress_curvature(ip, f, weighted, load, ff, &
       & volumetric=.not. self%has_pressure())
-   if (self%has_pressure()) call add_traction_curvature(nd, u, f, weighted, ff, form)
+   if (self%has_pressure()) then
+      ! R_iA p (cof F)_iA
+      ff = ff + u(nd + 1, 1)*cross_form(weighted)
+      second = cross(f, weighted)
+      form(:, nd + 1, 1) = form(:, nd + 1, 1) + reshape(second(:nd, :nd), [nd*nd])
+   end if
    fh = 0.0_wp
    call add_curvature(nd, ff, fh, form)
 end subroutine point_curvature

@@ -227,6 +227,7 @@ subroutine assemble(self, x, stage, r, seen)
    !> What was seen
    type(evaluation_type), intent(out) :: seen
 
+   self%linearised => self%rows
    call self%rows%apply(x, r)
    r = r - stage%load*self%b
    seen%valid = all(abs(r) <= huge(1.0_wp))

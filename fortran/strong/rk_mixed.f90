@@ -5,7 +5,7 @@ module rk_mixed
    implicit none
    private
 
-   public :: add_pressure, add_pressure_curvature, add_traction_curvature, add_traction_pressure
+   public :: add_pressure, add_pressure_curvature, cofactor_slope
 
 contains
 
@@ -58,30 +58,6 @@ pure subroutine add_pressure(nd, u, f, tangent, p, divergence, t, c)
    if (tangent) t = t + cofactor_slope(f, slope)
 end subroutine add_pressure
 
-!> Derivatives of the traction p cof F N by F and by p
-pure subroutine add_traction_pressure(nd, i, u, f, n, slope, pressed)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Component
-   integer, intent(in) :: i
-   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Normal
-   real(wp), intent(in) :: n(3)
-   !> Derivative of the traction by F(k, C)
-   real(wp), intent(inout) :: slope(3, 3)
-   !> Its derivative by p
-   real(wp), intent(out) :: pressed
-   real(wp) :: c(3, 3), t(3, 3, 3)
-
-   c = cofactor(f)
-   t = cofactor_slope(f, n)
-   slope(:nd, :nd) = slope(:nd, :nd) + u(nd + 1, 1)*t(i, :nd, :nd)
-   pressed = dot_product(c(i, :), n)
-end subroutine add_traction_pressure
-
 !> Second derivatives of rho_i (cof F)_iA p_,A
 pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
    !> Space dimension
@@ -96,7 +72,7 @@ pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
    real(wp), intent(inout) :: ff(9, 9)
    !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
    real(wp), intent(inout) :: form(:, :, :)
-   real(wp) :: slope(3, 3), weighted(3, 3)
+   real(wp) :: slope(3, 3), weighted(3, 3), second(3, 3)
    integer :: a
 
    slope = 0.0_wp
@@ -104,42 +80,10 @@ pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
       slope(:, a) = rho*u(nd + 1, 1 + a)
       weighted = 0.0_wp
       weighted(:, a) = rho
-      call add_mixed_curvature(nd, cross(f, weighted), 1 + a, form)
+      second = cross(f, weighted)
+      form(:, nd + 1, 1 + a) = form(:, nd + 1, 1 + a) + reshape(second(:nd, :nd), [nd*nd])
    end do
    ff = ff + cross_form(slope)
 end subroutine add_pressure_curvature
-
-!> Second derivatives of R_iA p (cof F)_iA
-pure subroutine add_traction_curvature(nd, u, f, weighted, ff, form)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
-   real(wp), intent(in) :: u(:, :)
-   !> Deformation gradient F(i, A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Residuals times weight and normal, R(i, A)
-   real(wp), intent(in) :: weighted(3, 3)
-   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
-   real(wp), intent(inout) :: ff(9, 9)
-   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
-   real(wp), intent(inout) :: form(:, :, :)
-
-   ff = ff + u(nd + 1, 1)*cross_form(weighted)
-   call add_mixed_curvature(nd, cross(f, weighted), 1, form)
-end subroutine add_traction_curvature
-
-!> Add second derivatives by F and a derivative of the pressure to the form of a place
-pure subroutine add_mixed_curvature(nd, slope, q, form)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Second derivatives by F(i, A)
-   real(wp), intent(in) :: slope(3, 3)
-   !> Derivative of the pressure
-   integer, intent(in) :: q
-   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
-   real(wp), intent(inout) :: form(:, :, :)
-
-   form(:, nd + 1, q) = form(:, nd + 1, q) + reshape(slope(:nd, :nd), [nd*nd])
-end subroutine add_mixed_curvature
 
 end module rk_mixed

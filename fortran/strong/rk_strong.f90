@@ -8,7 +8,6 @@
 !> the traction integral over the set.
 module rk_strong
    use rk_discretisation, only : discretisation_type
-   use rk_lstsq, only : row_operator
    use rk_precision, only : pi, wp
    use rk_rows, only : rows_type
    use rk_states, only : field_state, point_state
@@ -23,21 +22,11 @@ module rk_strong
       !> Linearised rows
       type(rows_type) :: rows
    contains
-      procedure :: operator
       procedure :: set_force
       procedure :: section_force
    end type strong_problem
 
 contains
-
-!> Linearised rows
-function operator(self) result(op)
-   !> Problem
-   class(strong_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%rows
-end function operator
 
 !> Force that the surroundings exert on the body through a set, or its moment where the set has
 !> moved to, whose virtual motion is a rotation: through the sections below the set, and by the

@@ -6,7 +6,6 @@
 !> and so is "balanced" here. The published weight is that of "ns-c4".
 module rk_strong_motion
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_equation, only : motion_type
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_lapack, only : svd
    use rk_linear, only : linear_problem
@@ -28,8 +27,6 @@ module rk_strong_motion
    type, extends(form_motion) :: strong_motion
       !> Problem with its rows
       type(linear_problem), pointer :: problem => null()
-      !> What moves it
-      type(motion_type) :: motion
       !> Rows of a time step, shape (m, n), and their pseudo-inverse, shape (n, m)
       real(wp), allocatable :: row(:, :), inverse(:, :)
       !> Density of each row inside, shape (rows inside)
@@ -38,13 +35,10 @@ module rk_strong_motion
       real(wp), allocatable :: weight(:)
       !> Values of the fields at the rows' points, and rows of the operator, shape (m, n)
       real(wp), allocatable :: values(:, :), operator(:, :)
-      !> Loads inside and boundary values, shape (m)
-      real(wp), allocatable :: side(:)
    contains
       procedure :: start
-      procedure :: left
-      procedure :: carry
-      procedure :: add_loads
+      procedure :: product
+      procedure :: loads
       procedure :: solve
       procedure :: limit
       procedure :: energy
@@ -77,7 +71,6 @@ subroutine new_strong_motion(self, problem, error)
    end if
    allocate (self%values(problem%m, self%n), self%operator(problem%m, self%n), source=0.0_wp)
    allocate (self%weight(problem%m), self%density(problem%m), source=1.0_wp)
-   allocate (self%side(problem%m), source=0.0_wp)
    call problem%rows%dense(self%operator)
    self%row = self%operator
    modulus = maxval(problem%coefficient%pair)
@@ -113,7 +106,7 @@ contains
       real(wp), intent(in) :: density
 
       essential = heavy*density
-      if (problem%scene%motion%published) essential = max(density, (self%motion%step &
+      if (problem%scene%motion%published) essential = max(density, (self%motion%time_step &
          & *size(problem%scene%cloud%source, 2))**2)/size(problem%scene%cloud%source, 2)
    end function essential
 
@@ -139,13 +132,11 @@ subroutine invert(a, inverse, error)
 end subroutine invert
 
 !> Largest stable time step, where the eigenvalues of a step may be computed
-subroutine limit(self, step, found, error)
+subroutine limit(self, step, error)
    !> Body
-   class(strong_motion), intent(inout) :: self
-   !> Largest stable step
+   class(strong_motion), intent(in) :: self
+   !> Largest stable step, huge where it is not known
    real(wp), intent(out) :: step
-   !> Whether it is known
-   logical, intent(out) :: found
    !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
    integer, parameter :: trials = 12
@@ -154,15 +145,14 @@ subroutine limit(self, step, found, error)
    integer :: inside, k
 
    step = huge(1.0_wp)
-   found = self%n <= most_judged
-   if (.not. found) return
+   if (self%n > most_judged) return
    inside = self%problem%rows%row(self%problem%inside + 1)
    allocate (mass(self%n, self%n), stiff(self%n, self%n))
    mass = matmul(self%inverse(:, :inside), spread(self%density(:inside), 2, self%n) &
       & *self%values(:inside, :))
    ! the rows are those of div(c grad u), minus the operator of (6.36a)
    stiff = -matmul(self%inverse(:, :inside), self%operator(:inside, :))
-   low = self%motion%step
+   low = self%motion%time_step
    high = low
    if (is_stable(low)) then
       do k = 1, trials
@@ -199,7 +189,7 @@ contains
          companion(self%n + i, i) = 1.0_wp
       end do
       call spectral_radius(companion, radius, error)
-      is_stable = radius**(self%motion%end/dt) <= harmless
+      is_stable = radius**(self%motion%end_time/dt) <= harmless
    end function is_stable
 
 end subroutine limit
@@ -229,65 +219,62 @@ subroutine start(self, first, second, error)
       inside = problem%rows%row(problem%inside + 1)
    end associate
    call invert(self%values, fit, error)
-   if (.not. allocated(error)) call self%problem%own_side(0.0_wp, self%side, error)
+   if (.not. allocated(error)) call self%loads(0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
    first = matmul(fit, given(:, 1))
    ! (6.42b), with the half step that the loads make
-   second = first + self%motion%step*matmul(fit, given(:, 2)) + 0.5_wp*self%motion%step**2 &
-      & *matmul(fit(:, :inside), (matmul(self%operator(:inside, :), first) - self%side(:inside)) &
-      & /self%density(:inside))
+   second = first + self%motion%time_step*matmul(fit, given(:, 2)) &
+      & + 0.5_wp*self%motion%time_step**2*matmul(fit(:, :inside), &
+      & (matmul(self%operator(:inside, :), first) + self%force(:inside))/self%density(:inside))
+   if (self%varies) call self%loads(self%motion%time_step, self%force, self%held, error)
 end subroutine start
 
-!> Rows of the new time (6.40)
-subroutine left(self, x, y)
+!> Product of rows with coefficients: those of the new time (6.40), of mass and stiffness (6.38a),
+!> which the boundary has not
+subroutine product(self, what, x, y)
    !> Body
    class(strong_motion), intent(in) :: self
+   !> left, mass or stiffness
+   character(len=*), intent(in) :: what
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (m)
    real(wp), contiguous, intent(inout) :: y(:)
-
-   y = matmul(self%row, x)
-end subroutine left
-
-!> Right hand side of the last two states (6.38a)
-subroutine carry(self, before, now, y)
-   !> Body
-   class(strong_motion), intent(in) :: self
-   !> Coefficients at the last two times, shape (n)
-   real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> Right hand side without loads, shape (m)
-   real(wp), contiguous, intent(inout) :: y(:)
-   real(wp) :: path(size(now))
    integer :: inside
 
+   if (what == 'left') then
+      y = matmul(self%row, x)
+      return
+   end if
    inside = self%problem%rows%row(self%problem%inside + 1)
-   path = 2.0_wp*now - before
-   y(:inside) = self%density(:inside)*matmul(self%values(:inside, :), path)
-   y(:inside) = y(:inside) + self%motion%step**2*matmul(self%operator(:inside, :), now)
    y(inside + 1:) = 0.0_wp
-end subroutine carry
+   if (what == 'mass') then
+      y(:inside) = self%density(:inside)*matmul(self%values(:inside, :), x)
+   else
+      y(:inside) = -matmul(self%operator(:inside, :), x)
+   end if
+end subroutine product
 
-!> Add the loads inside of a time and the boundary values of the time after it
-subroutine add_loads(self, time, y, error)
+!> Loads inside, and boundary values
+subroutine loads(self, time, force, held, error)
    !> Body
-   class(strong_motion), intent(inout) :: self
-   !> The time from which the step goes
+   class(strong_motion), intent(in) :: self
+   !> Time
    real(wp), intent(in) :: time
-   !> Right hand side, to which the loads are added, shape (m)
-   real(wp), contiguous, intent(inout) :: y(:)
+   !> Loads, and weighted boundary values, shape (m)
+   real(wp), allocatable, intent(out) :: force(:), held(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    integer :: inside
 
    inside = self%problem%rows%row(self%problem%inside + 1)
-   call self%problem%own_side(time, self%side, error)
+   allocate (held(self%m), force(self%m), source=0.0_wp)
+   call self%problem%own_side(time, held, error)
    if (allocated(error)) return
-   y(:inside) = y(:inside) - self%motion%step**2*self%side(:inside)
-   call self%problem%own_side(time + self%motion%step, self%side, error)
-   if (allocated(error)) return
-   y(inside + 1:) = y(inside + 1:) + self%weight(inside + 1:)*self%side(inside + 1:)
-end subroutine add_loads
+   force(:inside) = -held(:inside)
+   held(:inside) = 0.0_wp
+   held(inside + 1:) = self%weight(inside + 1:)*held(inside + 1:)
+end subroutine loads
 
 !> Least squares solution of the rows
 subroutine solve(self, y, x)
@@ -309,10 +296,10 @@ function energy(self, now, next)
    !> Coefficients at two times, shape (n)
    real(wp), contiguous, intent(in) :: now(:), next(:)
    real(wp) :: energy(3)
-   real(wp) :: speed(size(self%side))
+   real(wp) :: speed(self%m)
    integer :: b, row
 
-   speed = matmul(self%values, next - now)/self%motion%step
+   speed = matmul(self%values, next - now)/self%motion%time_step
    energy = ieee_value(energy, ieee_quiet_nan)
    energy(1) = 0.0_wp
    associate (problem => self%problem)

@@ -28,14 +28,12 @@ module rk_galerkin
    use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
-   use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type, stage_type
    use rk_programme, only : ramp
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
-   use rk_section, only : cut_through, inner_force
    use rk_shape, only : shape_type
    use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
@@ -86,7 +84,6 @@ module rk_galerkin
    contains
       procedure :: start
       procedure :: assemble
-      procedure :: operator
       procedure :: state
       procedure :: at_place
       procedure :: strain_energy
@@ -95,8 +92,7 @@ module rk_galerkin
       procedure :: section_force
       procedure :: set_point_loads
       procedure :: renew
-      !> Gradients that prescribed values of a time make, and the forces of stresses
-      procedure :: lift_at
+      !> Forces of stresses
       procedure :: inner_forces
    end type galerkin_problem
 
@@ -119,7 +115,7 @@ subroutine new_galerkin(self, scene, error)
    integer :: blocks, ip, nc, nd, np, ns
 
    self%scene => scene
-   self%linear = allocated(scene%equation%kind)
+   self%linear = allocated(scene%equation%problem)
    self%costly = .true.
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)
@@ -313,8 +309,8 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    ms = np + size(self%cells%set)
    if (present(place)) then
       place = reshape([self%cells%point, self%cells%surface], [nd, ms])
-      if (allocated(self%held)) place = reshape([place, self%held%at%x], [nd, ms &
-         & + size(self%held%at%x, 2)])
+      if (allocated(self%held)) place = reshape([place, self%held%x], [nd, ms &
+         & + size(self%held%x, 2)])
       return
    end if
    self%scene%body_force = body_force
@@ -371,6 +367,8 @@ subroutine assemble(self, x, stage, r, seen)
    integer :: g
    logical :: tangent
 
+   self%linearised => self%matrix
+   if (allocated(self%held)) self%linearised => self%held%whole
    if (allocated(stage%behind)) call extrapolate(self, stage)
    call new_state(self, at)
    at%factor = self%scene%factors(stage%lifted)
@@ -571,16 +569,6 @@ subroutine extrapolate(self, stage)
    call self%matrix%pressures%extrapolate(pressure, stage%share)
 end subroutine extrapolate
 
-!> Tangent
-function operator(self) result(op)
-   !> Problem, linearised
-   class(galerkin_problem), target, intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%matrix
-   if (allocated(self%held)) op => self%held%whole
-end function operator
-
 !> Whether pressures are written with their curvature: where the strains are as exact. On walls of
 !> annuli those of boxes are not, and errors of both cancelled before; in space two groups across a
 !> twisted bar put its stress three tenths off. Pressures of different tissues have no common
@@ -640,9 +628,11 @@ recursive subroutine state(self, x, load, at, tissue)
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
    type(field_state) :: whole
+   !> Gradients that the prescribed values of a time make; of others only what is given is there
    type(gradient_type) :: lift
    type(error_type), allocatable :: error
-   real(wp), allocatable :: part(:)
+   real(wp), allocatable :: part(:), value(:, :, :), traction(:, :, :)
+   logical, allocatable :: essential(:, :)
    integer :: g, nc, q
 
    nc = size(self%scene%cloud%points, 2)
@@ -653,7 +643,11 @@ recursive subroutine state(self, x, load, at, tissue)
    ! of a motion the load is the time; its expressions had values then
    if (allocated(self%scene%motion)) then
       at%factor = [0.0_wp]
-      call self%lift_at(load, lift, error)
+      call prescribed_at(self%scene, self%cells, essential, value, traction, error, load)
+      lift%nd = self%gradient%nd
+      lift%fields = self%fields
+      lift%start = self%gradient%start
+      call lift%set_essential(self%cells, essential, value)
    end if
    allocate (at%p(3, 3, size(at%j)), part(size(at%j)))
    part = 1.0_wp
@@ -727,27 +721,6 @@ subroutine inner_forces(self, state, r)
       end associate
    end do
 end subroutine inner_forces
-
-!> Gradients that the prescribed values of a time make
-subroutine lift_at(self, time, lift, error)
-   !> Problem
-   class(galerkin_problem), intent(in) :: self
-   !> Time
-   real(wp), intent(in) :: time
-   !> Gradients of which only what is given is there
-   type(gradient_type), intent(out) :: lift
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
-   logical, allocatable :: essential(:, :)
-
-   call prescribed_at(self%scene, self%cells, essential, value, traction, error, time)
-   if (allocated(error)) return
-   lift%nd = self%gradient%nd
-   lift%fields = self%fields
-   lift%start = self%gradient%start
-   call lift%set_essential(self%cells, essential, value)
-end subroutine lift_at
 
 !> Energy of the deformation, with that of the projected change of volume; of the whole body with
 !> that of its supports [force length]
@@ -881,7 +854,9 @@ subroutine at_place(self, state, ip, x, u, local)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine at_place
 
-!> Force through a plane section: that of its part behind the normal on the part before it
+!> Force through a plane section: that of its part behind the normal on the part before it, as the
+!> work of the internal forces in a motion of one side against the other. In equilibrium it is
+!> exactly that of all forces behind the plane, however coarse the points are
 function section_force(self, place, normal, state) result(force)
    !> Problem
    class(galerkin_problem), intent(in) :: self
@@ -892,19 +867,59 @@ function section_force(self, place, normal, state) result(force)
    !> State
    type(field_state), intent(in) :: state
    real(wp) :: force(3)
-   real(wp), allocatable :: cut(:), held(:)
+   real(wp), allocatable :: cut(:), inner(:)
+   integer :: k, nd
 
+   nd = self%scene%cloud%nd
    cut = cut_through(self%scene, place, normal)
-   allocate (held(self%n), source=0.0_wp)
-   if (state%tissue > 0) then
-      ! the stress of one tissue, to which neither supports nor stabilisation belong
-      force = inner_force(self%cells, self%gradient, cut, state, held)
-      return
+   allocate (inner(self%n), source=0.0_wp)
+   force = 0.0_wp
+   ! to the stress of one tissue neither supports nor stabilisation belong
+   if (state%tissue == 0) then
+      call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), &
+         & inner(:self%matrix%n))
+      force = self%surface%held_force(self%cells, cut, state)
    end if
-   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), held(:self%matrix%n))
-   force = inner_force(self%cells, self%gradient, cut, state, held) &
-      & + self%surface%held_force(self%cells, cut, state)
+   call self%inner_forces(state, inner)
+   do k = 1, size(cut)
+      force(:nd) = force(:nd) + cut(k)*inner(nd*(k - 1) + 1:nd*k)
+   end do
 end function section_force
+
+!> Share of each source point in that motion, which grows from 0 to 1 within one spacing across the
+!> plane. No surface point at the ends of the body may see the
+!> cut: near an end the plane is taken farther inside, and where there is no such room, the share
+!> grows all the way through the body
+function cut_through(scene, place, normal) result(share)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Point of the plane, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Its unit normal, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Share, 0 before the plane and 1 behind it, shape (ns) [-]
+   real(wp), allocatable :: share(:)
+   real(wp) :: first, last, margin, middle, width
+
+   associate (cloud => scene%cloud)
+      share = matmul(normal, cloud%source)
+      first = minval(share)
+      last = maxval(share)
+      width = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(share)
+      margin = dot_product(abs(normal), maxval(scene%support, dim=2))
+      ! supports that turn reach as far as their corners
+      if (scene%approximation%window == window_polar) margin = norm2(maxval(scene%support, dim=2))
+      margin = margin - 0.5_wp*width
+      middle = dot_product(normal, place)
+      if (last - first >= 2.0_wp*margin) then
+         middle = min(max(middle, first + margin), last - margin)
+      else
+         middle = 0.5_wp*(first + last)
+         width = last - first
+      end if
+      share = min(max(0.5_wp + (share - middle)/width, 0.0_wp), 1.0_wp)
+   end associate
+end function cut_through
 
 !> Force that the surroundings exert on the body through a set, or its moment
 function set_force(self, set, state, share, about) result(force)

@@ -37,7 +37,6 @@ module rk_group_stiffness
       procedure :: attach
       !> Add a product, of displacements alone or with pressures
       procedure :: add_product
-      procedure :: add_saddle
       !> Displacements and pressures from unknowns, and the other way
       procedure :: split
       procedure :: join
@@ -93,35 +92,6 @@ subroutine attach(self, cells, gradient, pressure, multiplier)
       & call gradient%member%transposed(maxval(gradient%member%index), self%groups, self%entry)
 end subroutine attach
 
-!> Add the forces of displacements and of the pressures that their change of volume makes
-subroutine add_product(self, x, y)
-   !> Stiffness
-   class(group_stiffness), intent(in) :: self
-   !> Unknowns [length]
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Forces, to which these are added [force]
-   real(wp), contiguous, intent(inout) :: y(:)
-   real(wp) :: volume(size(self%pressure%total, 1), size(self%pressure%total, 2))
-
-   call add_groups(self, x, y, volume)
-end subroutine add_product
-
-!> Add the forces of displacements and pressures
-subroutine add_saddle(self, x, pressure, y, volume)
-   !> Stiffness
-   class(group_stiffness), intent(in) :: self
-   !> Displacements [length]
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Pressures beside those of the kept part, shape (1 + nd, groups) [stress length^(nd/2)]
-   real(wp), intent(in) :: pressure(:, :)
-   !> Forces, to which these are added [force]
-   real(wp), contiguous, intent(inout) :: y(:)
-   !> Change of volume by the polynomials of each group, B u, of the same shape [length^(nd/2)]
-   real(wp), intent(inout) :: volume(:, :)
-
-   call add_groups(self, x, y, volume, pressure)
-end subroutine add_saddle
-
 !> Right hand side of displacements and pressures
 subroutine split(self, n, b, right)
    !> Stiffness
@@ -145,7 +115,7 @@ subroutine split(self, n, b, right)
    do g = 1, size(self%bulk)
       pressure(:, g) = self%kept(g)*pressure(:, g)
    end do
-   call self%add_saddle(0.0_wp*right(:n), pressure, right(:n), volume)
+   call self%add_product(0.0_wp*right(:n), right(:n), volume, pressure)
 end subroutine split
 
 !> Unknowns from displacements and pressures
@@ -164,17 +134,19 @@ subroutine join(self, n, both, x)
       & shape(self%pressure%total)), x(n + 1:))
 end subroutine join
 
-!> Add the forces of all groups, the pressures given or those of the volume's change
-subroutine add_groups(self, x, y, volume, pressure)
+!> Add the forces of displacements and pressures, those given or those of the volume's change
+subroutine add_product(self, x, y, volume, pressure)
    !> Stiffness
    class(group_stiffness), intent(in) :: self
-   !> Displacements, shape (n) [length]
+   !> Displacements, or without pressures all unknowns, shape (n) [length]
    real(wp), contiguous, intent(in) :: x(:)
    !> Forces, to which these are added, shape (n) [force]
    real(wp), contiguous, intent(inout) :: y(:)
    !> Change of volume by the polynomials of each group, B u, shape (1 + nd, groups)
+   !> [length^(nd/2)]
    real(wp), intent(inout) :: volume(:, :)
-   !> Pressures of the same shape; without them K B u
+   !> Pressures beside those of the kept part, of the same shape; without them K B u
+   !> [stress length^(nd/2)]
    real(wp), intent(in), optional :: pressure(:, :)
    real(wp), allocatable :: force(:, :), local(:, :), h(:, :, :)
    integer(i8) :: k, o
@@ -217,7 +189,7 @@ subroutine add_groups(self, x, y, volume, pressure)
    end do
    !$omp end do
    !$omp end parallel
-end subroutine add_groups
+end subroutine add_product
 
 !> Add forces on some source points to those on all
 pure subroutine add_forces(member, force, y)

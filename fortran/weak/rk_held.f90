@@ -16,7 +16,7 @@
 module rk_held
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
-   use rk_conditions, only : conditions_at, contradiction
+   use rk_conditions, only : contradiction
    use rk_constraint, only : constrained_matrix, constraint_type, new_constraint
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
@@ -30,30 +30,20 @@ module rk_held
    use rk_symmetric, only : symmetric_matrix
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
-   use rk_weak_conditions, only : surface_type
+   use rk_weak_conditions, only : prescribed_at, surface_type
    implicit none
    private
 
    public :: held_type, new_held
 
-   !> Source points on sides of the body that hold something, an entry for each side
-   type :: places_type
-      !> Places, shape (nd, nh) [length]
-      real(wp), allocatable :: x(:, :)
-      !> Entries: place and side of the body, shape (ne) each
-      integer, allocatable :: place(:), side(:)
-      !> Whether an entry lies in a boundary set, shape (sets, ne); not allocated where it lies in
-      !> that of its side alone
-      logical, allocatable :: within(:, :)
-   contains
-      !> Whether an entry lies in a boundary set
-      procedure :: in_set
-   end type places_type
-
    !> What is held
    type :: held_type
-      !> Where
-      type(places_type) :: at
+      !> Source points on sides of the body that hold something, shape (nd, nh) [length]
+      real(wp), allocatable :: x(:, :)
+      !> As points of a surface: an entry for each side and point, with its sets
+      type(cells_type) :: at
+      !> Point of each entry, shape (ne)
+      integer, allocatable :: place(:)
       !> Nearest integration point of each, shape (nh)
       integer, allocatable :: nearest(:)
       !> Shape functions, components, values and resistances there
@@ -71,7 +61,6 @@ module rk_held
       procedure :: set
       !> Add the resistance of the rows to the stiffness
       procedure :: resist
-      procedure :: bind
       !> Residuals under the constraints, from forces
       procedure :: constrain
       !> Forces on held points
@@ -103,19 +92,19 @@ subroutine new_held(self, scene, cells, surface, error)
 
    if (.not. any(surface%essential)) return
    allocate (self)
-   call find_places(self%at, scene%cloud, cells, surface, error)
+   call find_places(self, scene%cloud, cells, surface, error)
    if (allocated(error)) return
-   call scene%shape_at(self%at%x, self%points%shape, error)
+   call scene%shape_at(self%x, self%points%shape, error)
    if (allocated(error)) error%message = 'held '//error%message
-   self%nearest = nearest_points(cells%point, self%at%x)
+   self%nearest = nearest_points(cells%point, self%x)
 end subroutine new_held
 
 !> Source points on the sides of the body where something is held: of a lattice those of its faces;
 !> of a model corners of blocks in the plane of a side's voxel faces, or what nodal cells have there
 !> of their source points
 subroutine find_places(self, cloud, cells, surface, error)
-   !> Places
-   type(places_type), intent(out) :: self
+   !> What is held
+   type(held_type), intent(inout) :: self
    !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Integration points
@@ -160,7 +149,7 @@ subroutine find_places(self, cloud, cells, surface, error)
    end do
    if (allocated(cloud%lattice)) on = on .and. on_faces(cloud)
    self%x = x(:, pack([(is, is=1, size(x, 2))], any(on, dim=1)))
-   allocate (self%place(count(on)), self%side(count(on)), node(count(on)))
+   allocate (self%place(count(on)), self%at%set(count(on)), node(count(on)))
    s = 0
    k = 0
    do is = 1, size(x, 2)
@@ -169,25 +158,26 @@ subroutine find_places(self, cloud, cells, surface, error)
          if (.not. on(side, is)) cycle
          s = s + 1
          self%place(s) = k
-         self%side(s) = side
+         self%at%set(s) = side
          node(s) = is
       end do
    end do
+   self%at%surface = self%x(:, self%place)
    if (.not. allocated(cloud%region)) return
    if (allocated(cloud%lattice)) then
       allocate (outward(cloud%nd, size(node)))
       do s = 1, size(node)
-         outward(:, s) = cells%outward(:, findloc(cells%set, self%side(s), dim=1))
+         outward(:, s) = cells%outward(:, findloc(cells%set, self%at%set(s), dim=1))
          ! the side of an annulus that is no plane
-         if (cloud%polar .and. self%side(s) <= 2) outward(:, s) = x(:, node(s)) &
-            & *merge(-1, 1, self%side(s) == 1)
+         if (cloud%polar .and. self%at%set(s) <= 2) outward(:, s) = x(:, node(s)) &
+            & *merge(-1, 1, self%at%set(s) == 1)
       end do
-      call sets_of(cloud, x(:, node), outward, self%side, nearest_points(cloud%points, &
-         & x(:, node)), self%within, error)
+      call sets_of(cloud, x(:, node), outward, self%at%set, nearest_points(cloud%points, &
+         & x(:, node)), self%at%within, error)
    else
-      allocate (self%within(size(member, 1), size(node)))
+      allocate (self%at%within(size(member, 1), size(node)))
       do s = 1, size(node)
-         self%within(:, s) = member(:, self%side(s), node(s))
+         self%at%within(:, s) = member(:, self%at%set(s), node(s))
       end do
    end if
 
@@ -221,52 +211,6 @@ pure function on_faces(cloud) result(on)
    end do
 end function on_faces
 
-!> Whether the place of an entry lies in a boundary set
-elemental logical function in_set(self, e, set)
-   !> Places
-   class(places_type), intent(in) :: self
-   !> Entry
-   integer, intent(in) :: e
-   !> Set
-   integer, intent(in) :: set
-
-   if (allocated(self%within)) then
-      in_set = self%within(set, e)
-   else
-      in_set = self%side(e) == set
-   end if
-end function in_set
-
-!> What the deck or a known solution prescribes
-subroutine prescribed(self, scene, by, value, error)
-   !> What is held
-   type(held_type), intent(in) :: self
-   !> Scene
-   type(scene_type), intent(in) :: scene
-   !> Whether an entry's sets hold a component, shape (fields, ne)
-   logical, allocatable, intent(out) :: by(:, :)
-   !> Its value that each load factor makes, shape (factors, fields, ne) [length]
-   real(wp), allocatable, intent(out) :: value(:, :, :)
-   !> Error handling: no direction on the axis, an expression that is not finite
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), dimension(scene%programme%count(), 3) :: own, push
-   logical :: fixed(3)
-   integer :: e, fields
-
-   fields = scene%equation%fields(scene%cloud%nd)
-   allocate (by(fields, size(self%at%side)))
-   allocate (value(size(own, 1), fields, size(self%at%side)))
-   do e = 1, size(self%at%side)
-      associate (x => self%at%x(:, self%at%place(e)))
-         call conditions_at(scene%cloud, scene%condition, self%at%in_set(e, &
-            & scene%condition%set), x, fixed, own, push, error)
-      end associate
-      if (allocated(error)) return
-      by(:, e) = fixed(:fields)
-      value(:, :, e) = own(:, :fields)
-   end do
-end subroutine prescribed
-
 !> Values and rows
 subroutine set(self, scene, shear, bulk, n, error)
    !> What is held, with places and their shape functions
@@ -280,32 +224,30 @@ subroutine set(self, scene, shear, bulk, n, error)
    !> Error handling: two values of one point, more points held than there are to hold them
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: unknown
-   real(wp), allocatable :: value(:, :, :), weight(:), resistance(:)
-   logical, allocatable :: by(:, :)
+   real(wp), allocatable :: value(:, :, :), push(:, :, :), weight(:), resistance(:)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer(i8) :: k
    integer :: a, e, h, i, nf, nh
 
-   call prescribed(self, scene, by, value, error)
+   call prescribed_at(scene, self%at, self%by, value, push, error)
    if (allocated(error)) return
-   nf = size(by, 1)
+   nf = size(self%by, 1)
    nh = size(shear)
-   self%by = by
    associate (points => self%points)
       if (allocated(points%essential)) deallocate (points%essential, points%value)
       allocate (points%essential(nf, nh), source=.false.)
       allocate (points%value(size(value, 1), nf, nh), source=0.0_wp)
-      do e = 1, size(self%at%place)
-         h = self%at%place(e)
+      do e = 1, size(self%place)
+         h = self%place(e)
          do i = 1, nf
-            if (.not. by(i, e)) cycle
+            if (.not. self%by(i, e)) cycle
             a = 0
             if (points%essential(i, h)) a = contradiction(points%value(:, i, h), value(:, i, e))
             if (a > 0) then
                call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
                   & //to_text(points%value(a, i, h))//' and '//to_text(value(a, i, e)) &
-                  & //', for component '//to_text(i)//' at '//to_text(self%at%x(:, h)))
+                  & //', for component '//to_text(i)//' at '//to_text(self%x(:, h)))
                return
             end if
             points%essential(i, h) = .true.
@@ -351,21 +293,11 @@ subroutine resist(self, matrix)
    call move_alloc(matrix%value, value)
    call self%points%add_penalty(matrix, value)
    call move_alloc(value, matrix%value)
-   call self%bind(matrix)
-end subroutine resist
-
-!> Let the stiffness under the rows know the stiffness
-subroutine bind(self, matrix)
-   !> What is held
-   class(held_type), target, intent(inout) :: self
-   !> Stiffness with their resistance
-   class(symmetric_matrix), target, intent(in) :: matrix
-
    self%whole%m = matrix%n
    self%whole%n = matrix%n
    self%whole%matrix => matrix
    self%whole%constraint => self%rows
-end subroutine bind
+end subroutine resist
 
 !> Residuals under the constraints: forces without those of the multipliers that balance them best,
 !> and the resistance of what is missed
@@ -421,14 +353,14 @@ pure function set_force(self, set, held, x, about) result(force)
    integer :: e
 
    force = 0.0_wp
-   do e = 1, size(self%at%side)
+   do e = 1, size(self%at%set)
       if (.not. self%at%in_set(e, set)) cycle
       own = entry_force(self, e, held)
       if (present(about)) then
-         associate (h => self%at%place(e))
+         associate (h => self%place(e))
             call self%points%shape%interpolate(h, x, 1, 1, u)
             arm = -about
-            arm(:size(self%at%x, 1)) = arm(:size(self%at%x, 1)) + self%at%x(:, h)
+            arm(:size(self%x, 1)) = arm(:size(self%x, 1)) + self%x(:, h)
             arm(:size(u, 1)) = arm(:size(u, 1)) + u(:, 1)
          end associate
          own = vector_product(arm, own)
@@ -451,8 +383,8 @@ pure function entry_force(self, e, held) result(force)
    force = 0.0_wp
    do i = 1, size(held, 1)
       if (.not. self%by(i, e)) cycle
-      sets = count(self%by(i, :) .and. self%at%place == self%at%place(e))
-      force(i) = held(i, self%at%place(e))/sets
+      sets = count(self%by(i, :) .and. self%place == self%place(e))
+      force(i) = held(i, self%place(e))/sets
    end do
 end function entry_force
 

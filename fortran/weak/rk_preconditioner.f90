@@ -63,9 +63,10 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: free(:), value(:), held(:, :, :)
    integer, allocatable :: pair(:, :), behind(:)
-   integer :: i, j, k, nd, s
+   integer :: i, j, k, n, nd, s
 
    nd = inside%nd
+   n = maxval(cells%node)
    call new_nodal_values(self%values, cells, inside)
    allocate (pair(2, size(cells%side, 2)))
    do k = 1, size(pair, 2)
@@ -73,9 +74,8 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
       if (pair(1, k) > pair(2, k)) pair(:, k) = pair([2, 1], k)
    end do
    ! every cell has a diagonal, also one that touches no other
-   call new_symmetric(graph, 1, size(cells%node), csr_type([(int(2*k, i8), k=0, size(pair, 2)), &
-      & (int(2*size(pair, 2) + k, i8), k=1, size(cells%node))], [reshape(pair, [size(pair)]), &
-      & (k, k=1, size(cells%node))]))
+   call new_symmetric(graph, 1, n, csr_type([(int(2*k, i8), k=0, size(pair, 2)), &
+      & (int(2*size(pair, 2) + k, i8), k=1, n)], [reshape(pair, [size(pair)]), (k, k=1, n)]))
    do k = 1, size(cells%node)
       call graph%add(graph%value, [cells%node(k)], reshape([slight*shear(k) &
          & *cells%weight(k)**(1.0_wp - 2.0_wp/nd)], [1, 1]))
@@ -89,7 +89,7 @@ subroutine new_preconditioner(self, cells, surface, inside, shear, error)
    end do
    call find_behind(behind, cells)
    call find_penalties(held, cells, surface, shear, behind)
-   allocate (self%laplacian(nd), self%cycle_of(nd), self%diagonal(nd*size(cells%node)))
+   allocate (self%laplacian(nd), self%cycle_of(nd), self%diagonal(nd*n))
    free = graph%value
    do i = 1, nd
       j = 1

@@ -46,6 +46,8 @@ subroutine new_recovery(self, scene, cells, error)
    type(cells_type), intent(in) :: cells
    !> Error handling: a place that too few cells cover
    type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: one(:)
+   logical :: first(size(cells%node)), seen(size(scene%support, 2))
    integer :: i, n
 
    associate (cloud => scene%cloud)
@@ -60,9 +62,20 @@ subroutine new_recovery(self, scene, cells, error)
       end do
       self%place = self%place(:, :n)
    end associate
-   call new_shape(self%shape, scene%approximation, cells%point, scene%support(:, cells%node), &
-      & self%place, error)
-   if (allocated(error)) error%message = 'stress at '//error%message
+   ! of a cell in several groups one point
+   seen = .false.
+   do i = 1, size(cells%node)
+      first(i) = .not. seen(cells%node(i))
+      seen(cells%node(i)) = .true.
+   end do
+   one = pack([(i, i=1, size(first))], first)
+   call new_shape(self%shape, scene%approximation, cells%point(:, one), &
+      & scene%support(:, cells%node(one)), self%place, error)
+   if (allocated(error)) then
+      error%message = 'stress at '//error%message
+      return
+   end if
+   self%shape%neighbour%index = one(self%shape%neighbour%index)
 end subroutine new_recovery
 
 !> Deformation gradient at a collocation point or a probe

@@ -252,7 +252,7 @@ subroutine stabilise_cells(self, constant, cells, inside, modulus)
    call self%compressed(start, column, value)
    call new_sparse_rows(self%supports, start, column, value)
    if (allocated(self%followers%value)) deallocate (self%followers%value)
-   call new_symmetric(component, 1, size(cells%node), inside%neighbour)
+   call new_symmetric(component, 1, maxval(cells%node), inside%neighbour)
    call stabilise(component, component%value, cells, inside, modulus)
    call component%compressed(start, column, value)
    call new_sparse_rows(self%stabilising, start, column, value)
@@ -311,10 +311,14 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
+   real(wp), allocatable :: volume(:, :)
 
    y = 0.0_wp
    call linear_product(self, x(:self%n), y(:self%n))
-   if (.not. self%formed) call self%groups%add_product(x, y)
+   if (.not. self%formed) then
+      allocate (volume, mold=self%groups%pressure%total)
+      call self%groups%add_product(x, y, volume)
+   end if
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
 
@@ -494,7 +498,7 @@ subroutine multiply(self, x, y)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
       call linear_product(tangent, x(:n), y(:n))
-      call tangent%groups%add_saddle(x(:n), pressure, y(:n), volume)
+      call tangent%groups%add_product(x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]
       do g = 1, size(volume, 2)

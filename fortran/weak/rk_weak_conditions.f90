@@ -60,7 +60,6 @@ module rk_weak_conditions
       procedure :: gradient_at
       !> What is prescribed at a point
       procedure :: held_at
-      procedure, private :: pushed_at
       !> Share of lifting and penalty in the forces on one side of a cut
       procedure :: held_force
    end type surface_type
@@ -319,26 +318,18 @@ end subroutine add_penalty
 !> Forces of tractions and of the penalty's prescribed values that each load factor makes
 subroutine add_forces(self, force)
    !> Surface
-   class(surface_type), target, intent(in) :: self
+   class(surface_type), intent(in) :: self
    !> Forces, to which these are added, shape (n, factors) [force]
    real(wp), intent(inout) :: force(:, :)
-   real(wp), pointer, contiguous :: values(:, :)
-   real(wp) :: push(size(self%value, 2))
-   integer, pointer, contiguous :: nodes(:)
-   integer :: a, nd, s, k
+   real(wp) :: push(size(self%value, 2), size(self%penalty))
+   integer :: a, s
 
-   nd = size(push)
-   do s = 1, size(self%penalty)
-      call self%shape%row(s, nodes, values)
-      do a = 1, size(force, 2)
-         push = merge(self%penalty(s)*self%value(a, :, s), self%bearing(s)*self%traction(a, :, s), &
-            & self%essential(:, s))
-         do k = 1, size(nodes)
-            associate (own => force(nd*(nodes(k) - 1) + 1:nd*nodes(k), a))
-               own = own + values(1, k)*push
-            end associate
-         end do
+   do a = 1, size(force, 2)
+      do s = 1, size(self%penalty)
+         push(:, s) = merge(self%penalty(s)*self%value(a, :, s), &
+            & self%bearing(s)*self%traction(a, :, s), self%essential(:, s))
       end do
+      call add_load(self%shape, spread(1.0_wp, 1, size(push, 2)), push, force(:, a))
    end do
 end subroutine add_forces
 
@@ -395,7 +386,7 @@ function set_force(self, cells, set, state, value, traction, about) result(force
          call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), own, u)
       else
          call add_point_force(self, cells, s, state, self%held_at(s, state), &
-            & self%pushed_at(s, state), own, u)
+            & by_factors(self%traction(:, :, s), state%factor), own, u)
       end if
       if (present(about)) then
          arm = u - about
@@ -416,29 +407,22 @@ pure function held_at(self, s, state) result(u)
    type(field_state), intent(in) :: state
    !> Displacement, shape (nd) [length]
    real(wp) :: u(size(self%value, 2))
-   integer :: i
 
-   do i = 1, size(u)
-      u(i) = combined(self%value(:, i, s), state%factor)
-   end do
+   u = by_factors(self%value(:, :, s), state%factor)
    if (self%plates%count > 0) u = u + self%plates%motion(s, state%x)
 end function held_at
 
-!> Traction at a point, by load factors [force/area]
-pure function pushed_at(self, s, state) result(traction)
-   !> Surface
-   class(surface_type), intent(in) :: self
-   !> Surface point
-   integer, intent(in) :: s
-   !> State
-   type(field_state), intent(in) :: state
-   real(wp) :: traction(size(self%value, 2))
+!> What load factors make of their parts, component by component
+pure function by_factors(part, factor) result(all)
+   !> Part of each factor, shape (factors, fields)
+   real(wp), intent(in) :: part(:, :)
+   !> Load factors, shape (factors) [-]
+   real(wp), intent(in) :: factor(:)
+   real(wp) :: all(size(part, 2))
    integer :: i
 
-   do i = 1, size(traction)
-      traction(i) = combined(self%traction(:, i, s), state%factor)
-   end do
-end function pushed_at
+   all = [(combined(part(:, i), factor), i=1, size(all))]
+end function by_factors
 
 !> Energy of the penalty: supports give way a little [force length]
 real(wp) function held_energy(self, state) result(energy)

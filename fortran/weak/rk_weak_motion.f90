@@ -5,7 +5,6 @@
 !> equation whose solutions stay bounded where dt^2 (K - P) <= 4 M: the limit is that of K - P, and
 !> a large penalty makes no step small.
 module rk_weak_motion
-   use rk_equation, only : motion_type
    use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem, sources
    use rk_motion, only : form_motion, loads_vary
@@ -25,26 +24,20 @@ module rk_weak_motion
    type, extends(form_motion) :: weak_motion
       !> Problem with its stiffness
       type(galerkin_problem), pointer :: problem => null()
-      !> What moves it
-      type(motion_type) :: motion
       !> Mass of each integration point, shape (np)
       real(wp), allocatable :: inertia(:)
       !> Entries of the mass matrix in the places of the stiffness
       real(wp), allocatable :: mass(:)
       !> Entries of the stiffness without the penalty
       real(wp), allocatable :: stiffness(:)
-      !> Loads of the penalty at the new time, shape (n)
-      real(wp), allocatable :: held(:)
       !> Factor of mass and penalty, the same in all time steps
       type(sparse_factor) :: factor
    contains
       procedure :: start
-      procedure :: left
-      procedure :: carry
-      procedure :: add_loads
+      procedure :: product
+      procedure :: loads
       procedure :: solve
       procedure :: limit
-      procedure :: energy
       final :: free_motion
    end type weak_motion
 
@@ -86,10 +79,8 @@ subroutine new_weak_motion(self, problem, error)
    call points%add_penalty(problem%matrix%symmetric_matrix, self%mass)
    self%stiffness = problem%matrix%value - problem%constant
    self%varies = loads_vary(problem%scene)
-   call loads_at(problem, 0.0_wp, self%force, self%held, error)
-   if (allocated(error)) return
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
-      & + self%motion%step**2*problem%constant, error)
+      & + self%motion%time_step**2*problem%constant, error)
 end subroutine new_weak_motion
 
 !> Give the factor back
@@ -101,12 +92,12 @@ subroutine free_motion(self)
 end subroutine free_motion
 
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
-subroutine loads_at(self, time, force, held, error)
-   !> Problem
-   type(galerkin_problem), intent(in) :: self
+subroutine loads(self, time, force, held, error)
+   !> Body
+   class(weak_motion), intent(in) :: self
    !> Time
    real(wp), intent(in) :: time
-   !> Loads without the penalty, and its own, shape (n)
+   !> Loads without the penalty, and its own times the time step squared, shape (n)
    real(wp), allocatable, intent(out) :: force(:), held(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
@@ -115,40 +106,38 @@ subroutine loads_at(self, time, force, held, error)
    real(wp), allocatable :: value(:, :, :), traction(:, :, :)
 
    allocate (force(self%n), held(self%n), source=0.0_wp)
-   call prescribed_at(self%scene, self%cells, essential, value, traction, error, time)
-   if (allocated(error)) return
-   if (any(abs(value) > 0.0_wp)) then
-      ! what prescribed values alone make of the body
-      call self%state(force, time, at)
-      call self%inner_forces(at, held)
-      force = -held
-      held = 0.0_wp
-   end if
-   call add_load(self%inside, self%cells%weight, sources(self, time, error), force)
-   if (allocated(error)) return
-   associate (surface => self%surface)
+   associate (problem => self%problem, surface => self%problem%surface)
+      call prescribed_at(problem%scene, problem%cells, essential, value, traction, error, time)
+      if (allocated(error)) return
+      if (any(abs(value) > 0.0_wp)) then
+         ! what prescribed values alone make of the body
+         call problem%state(force, time, at)
+         call problem%inner_forces(at, held)
+         force = -held
+         held = 0.0_wp
+      end if
+      call add_load(problem%inside, problem%cells%weight, sources(problem, time, error), force)
+      if (allocated(error)) return
       call add_load(surface%shape, surface%area, merge(0.0_wp, traction(1, :, :), essential), force)
       call add_load(surface%shape, surface%penalty, merge(value(1, :, :), 0.0_wp, essential), held)
    end associate
-end subroutine loads_at
+   held = self%motion%time_step**2*held
+end subroutine loads
 
 !> Largest stable time step
-subroutine limit(self, step, found, error)
+subroutine limit(self, step, error)
    !> Body
-   class(weak_motion), intent(inout) :: self
+   class(weak_motion), intent(in) :: self
    !> Largest stable step
    real(wp), intent(out) :: step
-   !> Whether it is known
-   logical, intent(out) :: found
    !> Error handling: a mass that is not positive
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: value
 
    call largest_eigenvalue(self%problem%matrix%symmetric_matrix, self%stiffness &
       & - self%problem%constant, self%mass, value, error)
-   found = .not. allocated(error)
    step = huge(1.0_wp)
-   if (value > 0.0_wp) step = 2.0_wp/sqrt(value)
+   if (.not. allocated(error) .and. value > 0.0_wp) step = 2.0_wp/sqrt(value)
 end subroutine limit
 
 !> Coefficients at the start, whose values are the projected ones (6.42), and one time step later
@@ -159,82 +148,43 @@ subroutine start(self, first, second, error)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: side(:), speed(:), image(:)
+   real(wp), dimension(self%n) :: side, speed, image
 
-   allocate (side(self%n), speed(self%n), image(self%n))
    call project(self, .true., first, error)
    if (.not. allocated(error)) call project(self, .false., speed, error)
+   if (.not. allocated(error)) call self%loads(0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
-   associate (dt => self%motion%step, matrix => self%problem%matrix)
-      call matrix%product(self%mass, first + dt*speed, side)
-      call matrix%product(self%stiffness, first, image)
+   associate (dt => self%motion%time_step)
+      call self%product('mass', first + dt*speed, side)
+      call self%product('stiffness', first, image)
       side = side + 0.5_wp*dt**2*(self%force - image)
-      call hold_at(self, dt, side, error)
-      if (.not. allocated(error)) call self%solve(side, second)
+      if (self%varies) call self%loads(dt, self%force, self%held, error)
+      if (.not. allocated(error)) call self%solve(side + self%held, second)
    end associate
 end subroutine start
 
-!> Mass and penalty, which is that of the new time, times coefficients
-subroutine left(self, x, y)
+!> Product of a matrix with coefficients; L is mass and penalty, which is that of the new time
+subroutine product(self, what, x, y)
    !> Body
    class(weak_motion), intent(in) :: self
+   !> left, mass or stiffness
+   character(len=*), intent(in) :: what
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   call self%problem%matrix%product(self%mass + self%motion%step**2*self%problem%constant, x, y)
-end subroutine left
-
-!> Right hand side of the last two states
-subroutine carry(self, before, now, y)
-   !> Body
-   class(weak_motion), intent(in) :: self
-   !> Coefficients at the last two times, shape (n)
-   real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> Right hand side without loads, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-   real(wp) :: image(self%n)
-
-   call self%problem%matrix%product(self%mass, 2.0_wp*now - before, y)
-   call self%problem%matrix%product(self%stiffness, now, image)
-   y = y - self%motion%step**2*image
-end subroutine carry
-
-!> Add the loads of a time and the penalty's share of the time after it
-subroutine add_loads(self, time, y, error)
-   !> Body
-   class(weak_motion), intent(inout) :: self
-   !> The time from which the step goes
-   real(wp), intent(in) :: time
-   !> Right hand side, to which the loads are added, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: held(:)
-
-   if (self%varies) call loads_at(self%problem, time, self%force, held, error)
-   if (allocated(error)) return
-   y = y + self%motion%step**2*self%force
-   call hold_at(self, time + self%motion%step, y, error)
-end subroutine add_loads
-
-!> Add the penalty's share of a new time
-subroutine hold_at(self, time, y, error)
-   !> Body
-   class(weak_motion), intent(inout) :: self
-   !> New time
-   real(wp), intent(in) :: time
-   !> Right hand side, to which it is added, shape (n)
-   real(wp), intent(inout) :: y(:)
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: unused(:)
-
-   if (self%varies) call loads_at(self%problem, time, unused, self%held, error)
-   if (allocated(error)) return
-   y = y + self%motion%step**2*self%held
-end subroutine hold_at
+   associate (matrix => self%problem%matrix)
+      select case (what)
+      case ('left')
+         call matrix%product(self%mass + self%motion%time_step**2*self%problem%constant, x, y)
+      case ('mass')
+         call matrix%product(self%mass, x, y)
+      case ('stiffness')
+         call matrix%product(self%stiffness, x, y)
+      end select
+   end associate
+end subroutine product
 
 !> Solve with mass and penalty
 subroutine solve(self, y, x)
@@ -273,22 +223,5 @@ subroutine project(self, displacement, x, error)
    if (any(abs(side) > 0.0_wp)) call self%problem%matrix%solve_with(self%mass, side, x, &
       & report, error)
 end subroutine project
-
-!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the loads
-function energy(self, now, next)
-   !> Body
-   class(weak_motion), intent(in) :: self
-   !> Coefficients at two times, shape (n)
-   real(wp), contiguous, intent(in) :: now(:), next(:)
-   real(wp) :: energy(3)
-   real(wp) :: image(self%n), speed(self%n)
-
-   speed = (next - now)/self%motion%step
-   call self%problem%matrix%product(self%mass, speed, image)
-   energy(1) = 0.5_wp*dot_product(speed, image)
-   call self%problem%matrix%product(self%stiffness, now, image)
-   energy(2) = 0.5_wp*dot_product(next, image)
-   energy(3) = self%work
-end function energy
 
 end module rk_weak_motion

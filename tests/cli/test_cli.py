@@ -121,6 +121,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (("solve", "case.toml", "--threads", "two"), "at least 1"),
         (("solve", "case.toml", "-q", "-v"), "not allowed with"),
         (("solve", "case.toml", "--speed", "3"), "--speed"),
+        (("explain", "case.toml", "--out", ""), "the name of a folder"),
+        (("explain", "case.toml", "--threads", "100000"), "at most 1024"),
     ],
 )
 def test_wrong_arguments(

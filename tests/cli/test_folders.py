@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from myork.files import alone_in
 from myork.report import make_report
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
-from tests.scenes import box, held, scene, start
+from tests.scenes import box, execute, held, scene, start
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
@@ -42,18 +43,8 @@ def deck(tmp_path: Path) -> Path:
     return path
 
 
-def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
-
-
-def solve(deck: Path, out: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [find_executable(), deck, "-o", out, "-t", "1", *words],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
+def solve(deck: Path, out: Path, *words: str, **more: Any) -> subprocess.CompletedProcess[str]:
+    return execute(deck, out, *words, **more)[1]
 
 
 def begun(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
@@ -267,9 +258,7 @@ def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
         "myork solve": [sys.executable, "-m", "myork", "solve", deck, "--out", out],
         "myork run -q": [sys.executable, "-m", "myork", "run", deck, "--out", out, "-q"],
     }
-    run = subprocess.Popen(
-        words[command], env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    run = subprocess.Popen(words[command], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert run.stdout is not None and run.stderr is not None
     run.stdout.close()
     assert run.stderr.read() == b""
@@ -286,10 +275,8 @@ def test_a_solve_ends_with_the_command_that_started_it(
     out = tmp_path / "out"
     parent = subprocess.Popen(
         [sys.executable, "-m", "myork", "solve", deck, "--out", out, *LONG, loudness],
-        env=environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
     log = out / "run.log.part"
     wait_for(lambda: log.is_file() and "step   2/" in log.read_text())
     solver = int((out / ".lock").read_text())
@@ -376,14 +363,7 @@ def test_a_full_disk_loses_nothing(deck: Path, tmp_path: Path) -> None:
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-        done = subprocess.run(
-            [find_executable(), deck, "-o", out, "-t", "1"],
-            env=environment(),
-            preexec_fn=limit,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-        )
+        done = solve(deck, out, preexec_fn=limit)
         if done.returncode == 0:
             assert summary_of(out)["steps"] == summary["steps"]
             continue

@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 import pytest
 
-from myork.cli import main
 from myork.core.deck import load_deck, text_of_tables
 from myork.core.scene import Scene
 from myork.errors import InputError
@@ -120,18 +119,6 @@ def test_words_of_the_executable(tmp_path: Path, words: list[str], message: str)
     write_model(tmp_path / "model.h5", cloud())
     done = explain(tmp_path, *words)
     assert done.returncode == 2 and message in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [(["--out", ""], "the name of a folder"), (["--threads", "100000"], "at most 1024")],
-)
-def test_words_of_the_command(
-    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["explain", "deck.toml", *words])
-    assert end.value.code == 2 and message in capsys.readouterr().err
 
 
 def test_texts_of_a_deck() -> None:

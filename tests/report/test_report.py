@@ -18,16 +18,10 @@ from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
 from myork.report import make_report
-from myork.report.beside import reduced_figure
-from myork.report.figures import (
-    history_figure,
-    probe_figure,
-    rom_figure,
-    rom_probe_figure,
-)
+from myork.report.bodies import plane_figure, reduced_figure, slices_figure, surface_figure
+from myork.report.figures import Series, history_figure, probe_figure, rom_figure, rom_series
 from myork.report.image_figures import area_figure, slice_figure
 from myork.report.numbers import fraction, labelled, number, probe_units, with_error
-from myork.report.pictures import plane_figure, slices_figure, surface_figure
 from myork.report.sketch import NO_VALUE, limits_of
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, probe_table, rom_table
@@ -397,14 +391,16 @@ def test_page_in_a_browser(folder: Path, open_page: Callable[[str], Any]) -> Non
 def test_probes_against_activation() -> None:
     steps = [{"load": load, "activation": 0.3 * load, "probes": {"f": -load}} for load in (0.5, 1)]
     reference = {"f": {"load": [0.25], "activation": [0.075], "reference": [-0.2]}}
-    axes = probe_figure(steps, {"f": "N"}, reference, {"f": {"reference": -1.1}}).axes[0]
+    axes = probe_figure(
+        [Series("", steps)], {"f": "N"}, reference, {"f": {"reference": -1.1}}
+    ).axes[0]
     assert axes.get_xlabel() == "activation [-]"
     computed, theirs, star = axes.lines
     assert_allclose(computed.get_xydata(), [[0.15, -0.5], [0.3, -1.0]])
     assert_allclose(theirs.get_xydata(), [[0.075, -0.2]])
     assert_allclose(star.get_xydata(), [[0.3, -1.1]])
     passive = [{**step, "activation": 0.0} for step in steps]
-    axes = probe_figure(passive, {"f": "N"}, reference, {}).axes[0]
+    axes = probe_figure([Series("", passive)], {"f": "N"}, reference, {}).axes[0]
     assert axes.get_xlabel() == "load [-]"
     assert_allclose(axes.lines[1].get_xydata(), [[0.25, -0.2]])
 
@@ -424,7 +420,7 @@ def test_orthogonal_values_start_at_one() -> None:
 def test_full_against_reduced() -> None:
     full = {"load": [0.5, 1.0], "probes": {"f": [1.0, 2.0], "tip": [[0.0, 1.0], [0.0, 2.0]]}}
     models = [{"kind": "hyper", "r": 3, "probes": {"f": [1.1, None]}}]
-    figure = rom_probe_figure(full, models, {"f": "N", "tip": "mm"})
+    figure = probe_figure(rom_series({"full": full, "models": models}), {"f": "N", "tip": "mm"})
     lines = figure.axes[0].lines
     assert_allclose(lines[0].get_xydata(), [[0.5, 1.0], [1.0, 2.0]])
     assert_allclose(lines[1].get_xydata(), [[0.5, 1.1], [1.0, np.nan]])

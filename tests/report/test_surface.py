@@ -96,7 +96,7 @@ def test_without_a_lattice_there_is_no_surface() -> None:
 def picture_of(panel: Panel, middle: F64, half: F64) -> F64:
     """Pixels of a body as it is seen along z, shape `(n, n, 3)`."""
     figure = Figure(figsize=(3.0, 3.0 * half[1] / half[0]))
-    show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), panel, np.eye(3), middle, half)
+    show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), panel, middle, half)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].astype(float)

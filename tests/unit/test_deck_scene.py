@@ -5,75 +5,31 @@ The form of a deck is tested in test_deck.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from myork import Results, Scene, run_deck
 from myork.errors import InputError
-from tests.scenes import annulus, scene
+from tests.scenes import annulus, box, held, scene
 
-#: The tests below change lines of it; lines count from 1
-BLOCK = """\
-title = "block"
-units = {force = "N", length = "cm"}
-[scene]
-dimension = 3
-method = "rkcm"
-[geometry]
-kind = "box"
-size = [1, 1, 2]
-source = [3, 3, 5]
-collocation = [4, 4, 7]
-[[material]]
-name = "muscle"
-model = "muscle"
-A10 = 6.43
-K = 5000
-fiber = [0, 0, 1]
-[[boundary]]
-set = "z0"
-u_x = 0
-u_y = 0
-u_z = 0
-[[boundary]]
-set = "z1"
-traction = [0, 0, 2.5]
-[load]
-steps = 2
-activation = 0.01
-[[probe]]
-name = "mid"
-quantity = "cauchy_zz"
-point = [0.5, 0.5, 1]
-[[probe]]
-name = "pull"
-quantity = "force"
-set = "z0"
-[[reference]]
-probe = "mid"
-activation = [0.005, 0.01]
-value = [1, 2]
-source = "nobody"
-"""
+MUSCLE = {"name": "muscle", "model": "muscle", "A10": 6.43, "K": 5000, "fiber": [0, 0, 1]}
+CLAMPED, PULLED = held("z0"), {"set": "z1", "traction": [0, 0, 2.5]}
+MID = {"name": "mid", "quantity": "cauchy_zz", "point": [0.5, 0.5, 1]}
+PULL = {"name": "pull", "quantity": "force", "set": "z0"}
+BLOCK = scene(
+    "rkcm", box(3, 3, 5, size=[1, 1, 2], places=(4, 4, 7)), material=[MUSCLE],
+    boundary=[CLAMPED, PULLED], load={"steps": 2, "activation": 0.01}, probe=[MID, PULL],
+    reference=[
+        {"probe": "mid", "activation": [0.005, 0.01], "value": [1, 2], "source": "nobody"}
+    ],
+)  # fmt: skip
 #: Collocation locks in this block, which is refused
 RIGHT = ("scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2")
 SIDES = "is not a side of this box; there are x0, x1, y0, y1, z0, z1"
 
-Write = Callable[[str], Path]
-
-
-@pytest.fixture
-def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """Write a deck and stand beside it, so that messages start with the short name."""
-    monkeypatch.chdir(tmp_path)
-
-    def write_deck(text: str) -> Path:
-        path = Path("case.toml")
-        path.write_text(text)
-        return path
-
-    return write_deck
+Write = Callable[[dict[str, Any]], Path]
 
 
 def complaints(path: Path, *overrides: str) -> list[str]:
@@ -82,50 +38,62 @@ def complaints(path: Path, *overrides: str) -> list[str]:
     return str(caught.value).splitlines()
 
 
+def place_of(path: Path, line: str) -> str:
+    """File and line of a text of a deck."""
+    return f"{path}:{path.read_text(encoding='utf-8').splitlines().index(line) + 1}"
+
+
+def ended(**changes: Any) -> dict[str, Any]:
+    """The end that is pulled is another set."""
+    return {"boundary": [CLAMPED, PULLED | changes]}
+
+
+def probed(*point: float) -> dict[str, Any]:
+    """A probe at another point."""
+    return {"probe": [MID | {"point": list(point)}, PULL]}
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("change", "line", "message"),
     [
-        ('set = "z1"', 'set = "z3"', f"boundary.z3.set: 'z3' {SIDES}"),
-        ('set = "z1"', 'u_x = 1\nset = "top"', f"boundary.top.set: 'top' {SIDES}"),
-        ("point = [0.5, 0.5, 1]", "point = [2, 0, 0]", "probe.mid.point: (2, 0, 0) lies outside "),
-        ("point = [0.5, 0.5, 1]", "point = [0, 0, -0.1]", "probe.mid.point: (0, 0, -0.1) lies out"),
+        (ended(set="z3"), 'set = "z3"', f"boundary.z3.set: 'z3' {SIDES}"),
+        (ended(u_x=1, set="top"), 'set = "top"', f"boundary.top.set: 'top' {SIDES}"),
+        (probed(2, 0, 0), "point = [2, 0, 0]", "probe.mid.point: (2, 0, 0) lies outside "),
+        (probed(0, 0, -0.1), "point = [0, 0, -0.1]", "probe.mid.point: (0, 0, -0.1) lies out"),
+        (
+            {"material": [{key: MUSCLE[key] for key in MUSCLE if key != "fiber"}]},
+            "[[material]]",
+            "material.muscle.fiber: missing, collocation point 1 ",
+        ),
     ],
 )
-def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
-    """One complaint, at the last of the lines that replace a good one."""
-    assert BLOCK.count(f"{old}\n") == 1
-    number = BLOCK.splitlines().index(old) + 1 + new.count("\n")
-    lines = complaints(write(BLOCK.replace(f"{old}\n", f"{new}\n")))
-    assert len(lines) == 1, lines
-    assert lines[0].startswith(f"case.toml:{number}: {message}")
+def test_wrong_line(write_deck: Write, change: dict[str, Any], line: str, message: str) -> None:
+    """One complaint, at its line."""
+    path = write_deck(BLOCK | change)
+    (said,) = complaints(path)
+    assert said.startswith(f"{place_of(path, line)}: {message}")
+    assert "fiber" not in message or "give fiber or fiber_angle" in said
 
 
-def test_points_on_the_surface_are_inside(write: Write) -> None:
-    path = write(BLOCK)
+def test_points_on_the_surface_are_inside(write_deck: Write) -> None:
+    path = write_deck(BLOCK)
     for point in ("[0,0,0]", "[1,1,2]", "[1,0,2.000000001]"):
         Scene(path, [f"probe.mid.point={point}"]).close()
 
 
-def test_a_muscle_needs_a_direction(write: Write) -> None:
-    lines = complaints(write(BLOCK.replace("fiber = [0, 0, 1]\n", "")))
-    assert len(lines) == 1, lines
-    assert lines[0].startswith("case.toml:11: material.muscle.fiber: missing, collocation point 1 ")
-    assert "give fiber or fiber_angle" in lines[0]
-
-
-def test_all_complaints_at_once(write: Write) -> None:
-    text = BLOCK.replace('set = "z1"', 'set = "z3"').replace("[0.5, 0.5, 1]", "[0, 0, 3]")
-    lines = complaints(write(text), "probe.pull.set=left")
+def test_all_complaints_at_once(write_deck: Write) -> None:
+    path = write_deck(BLOCK | ended(set="z3") | probed(0, 0, 3))
+    lines = complaints(path, "probe.pull.set=left")
     assert [line.split(": ")[:2] for line in lines] == [
-        ["case.toml:23", "boundary.z3.set"],
-        ["case.toml:31", "probe.mid.point"],
+        [place_of(path, 'set = "z3"'), "boundary.z3.set"],
+        [place_of(path, "point = [0, 0, 3]"), "probe.mid.point"],
         ["--set probe.pull.set=left", "probe.pull.set"],
     ]
 
 
-def test_a_body_that_nothing_holds(write: Write) -> None:
-    text = BLOCK.replace("u_x = 0\nu_y = 0\nu_z = 0\n", "traction = [0, 0, 0]\n")
-    (line,) = complaints(write(text))
+def test_a_body_that_nothing_holds(write_deck: Write) -> None:
+    free = [{"set": "z0", "traction": [0, 0, 0]}, PULLED]
+    (line,) = complaints(write_deck(BLOCK | {"boundary": free}))
     assert "no displacement is prescribed on the body" in line and "can move freely" in line
 
 
@@ -150,10 +118,11 @@ def test_radial_displacements_are_for_round_sides() -> None:
         Scene.from_tables(tables)
 
 
-def test_fiber_angle_gives_the_fiber(write: Write, tmp_path: Path) -> None:
+def test_fiber_angle_gives_the_fiber(tmp_path: Path) -> None:
     """From the last axis towards x, in the deck's own words."""
+    turned = {key: MUSCLE[key] for key in MUSCLE if key != "fiber"} | {"fiber_angle": 30}
     run_deck(
-        write(BLOCK.replace("fiber = [0, 0, 1]", "fiber_angle = 30")),
+        BLOCK | {"material": [turned]},
         tmp_path / "out",
         overrides=["load.steps=1", *RIGHT],
         verbosity=-1,
@@ -165,9 +134,9 @@ def test_fiber_angle_gives_the_fiber(write: Write, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("full", "loads"), [(0.01, [0.5, 1.0]), (0.005, [1.0]), (0.0, [])])
 def test_activations_of_references_become_loads(
-    write: Write, tmp_path: Path, full: float, loads: list[float]
+    tmp_path: Path, full: float, loads: list[float]
 ) -> None:
     """Those that the run meets are compared; without activation it meets none."""
     overrides = [f"load.activation={full}", *RIGHT]
-    summary = run_deck(write(BLOCK), tmp_path / "out", overrides=overrides, verbosity=-1)
+    summary = run_deck(BLOCK, tmp_path / "out", overrides=overrides, verbosity=-1)
     assert summary["reference"].get("mid", {}).get("load", []) == pytest.approx(loads)

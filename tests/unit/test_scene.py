@@ -1,8 +1,4 @@
-"""Scenes in memory: handles, fields, forces, and how conditions meet at edges.
-
-Where a state is homogeneous, shape functions of order 2 represent it exactly: what remains is
-rounding times the condition of the rows, about 1e-10 of the largest value.
-"""
+"""Scenes in memory: handles, shapes, forces, and how conditions meet at edges."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -26,15 +22,6 @@ TABLES = scene(
 )  # fmt: skip
 #: Planes of symmetry at three sides
 SLIP = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "zxy"]
-#: Displacement gradient of a homogeneous state
-GRADIENT = np.array([[0.1, 0.3, -0.05], [0.02, -0.1, 0.1], [0.04, 0.07, 0.2]])
-
-
-def affine(size, counts, gradient):
-    """Coefficients of u = gradient x: shape functions reproduce it with nodal values."""
-    axes = [np.linspace(0, length, n) for length, n in zip(size, counts, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(size))
-    return (points @ gradient.T).ravel()
 
 
 def test_a_closed_scene_is_recognised(open_scene):
@@ -108,53 +95,6 @@ def test_sizes(open_scene):
     opened = open_scene(TABLES)
     assert (opened.dimension, opened.source_points, opened.collocation_points) == (3, 36, 96)
     assert (opened.dofs, opened.rows, opened.steps) == (108, 3 * 96 + 3 * (96 - 16), 2)
-
-
-def test_fields_of_a_homogeneous_state(open_scene):
-    """F[point, i, A] is not its transpose: the gradient is not symmetric."""
-    opened = open_scene(TABLES)
-    fields = opened.fields(affine([1, 1, 2], [3, 3, 4], GRADIENT), 1.0)
-    f = np.eye(3) + GRADIENT
-    assert_allclose(fields.f, np.broadcast_to(f, fields.f.shape), rtol=0, atol=1e-11)
-    # neo-Hookean with K/2 (J - 1)^2, written out by hand
-    j = np.linalg.det(f)
-    b = f @ f.T
-    sigma = 2 * 37.3 * j ** (-5 / 3) * (b - np.trace(b) / 3 * np.eye(3)) + 100 * (j - 1) * np.eye(3)
-    wanted = sigma[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-    assert_allclose(fields.cauchy, np.broadcast_to(wanted, fields.cauchy.shape), rtol=1e-9)
-    # all of them by the names in result files
-    principal = np.linalg.eigvalsh(sigma)[::-1]
-    for name, value in {
-        "u": fields.u[0], "F": f.ravel(), "J": [j], "cauchy": wanted,
-        "principal_stress": principal, "pressure": [-np.trace(sigma) / 3],
-    }.items():  # fmt: skip
-        assert_allclose(fields.named[name][0], value, rtol=1e-9, atol=1e-10)
-    assert len(fields.named) == 6
-
-
-def test_fields_in_the_plane(open_scene):
-    opened = open_scene(
-        scene("rkcm", box(4, 5, size=[1, 2], places=(6, 8)), material=TABLES["material"],
-              boundary=[held("y0", 2)])
-    )  # fmt: skip
-    fields = opened.fields(affine([1, 2], [4, 5], GRADIENT[:2, :2]), 1.0)
-    f = np.eye(3)
-    f[:2, :2] += GRADIENT[:2, :2]
-    assert_allclose(fields.f, np.broadcast_to(f, fields.f.shape), rtol=0, atol=1e-11)
-    assert not fields.u[:, 2].any()
-    assert not fields.cauchy[:, 4:].any()
-
-
-def test_the_mixed_form_has_the_same_points(open_scene):
-    """Its shape functions also cover cell centres, which are no collocation points."""
-    mixed = open_scene(TABLES, 'scene.method="rkcm-mixed"')
-    assert mixed.collocation_points == 96
-    states = mixed.solve(error=False)
-    fields = mixed.fields(states.x[-1], 1.0)
-    assert fields.f.shape == (96, 3, 3)
-    assert (np.linalg.det(fields.f) > 0.5).all()
-    assert np.isfinite(fields.cauchy).all()
-    assert abs(fields.cauchy).max() < 1e3
 
 
 def test_forces_of_both_ends_balance(open_scene):

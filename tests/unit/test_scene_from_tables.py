@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.truths import bodies
 from myork import Scene
 from myork.core.deck import load_deck
 from myork.errors import InputError
@@ -34,30 +35,18 @@ BLOCK = {**PULLED, "geometry": {"kind": "model", "file": "model.h5"}}
 
 
 def cloud() -> PointCloud:
-    """Block of 1 x 1 x 1.5, source points 4 x 4 x 5, collocation points twice as dense."""
-    size = np.array([1.0, 1.0, 1.5])
-
-    def grid(*counts: int) -> np.ndarray:
-        axes = [np.linspace(0, length, n) for length, n in zip(size, counts, strict=True)]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-    points = grid(7, 7, 9)
-    ends = [np.flatnonzero(points[:, 2] == z) for z in (0.0, 1.5)]
-    return PointCloud(
-        source=grid(4, 4, 5),
-        spacing=size / [3, 3, 4],
-        points=points,
-        label=np.ones(len(points), np.int32),
-        fiber=np.zeros((len(points), 3)),
-        volume=np.full(len(points), size.prod() / len(points)),
-        boundary_point=np.concatenate(ends).astype(np.int32),
-        boundary_set=np.repeat([0, 1], [len(end) for end in ends]).astype(np.int32),
-        normal=np.repeat([[0.0, 0, -1], [0, 0, 1]], [len(end) for end in ends], axis=0),
-        area=np.full(2 * len(ends[0]), 1 / len(ends[0])),
+    """Block of 1 x 1 x 1.5, source points 4 x 4 x 5, collocation points twice as dense; its ends
+    are sets.
+    """
+    body = bodies.box((1.0, 1.0, 1.5), (4, 4, 5), (7, 7, 9))
+    end = body.boundary_set >= 4
+    return replace(
+        body,
+        boundary_point=body.boundary_point[end],
+        boundary_set=body.boundary_set[end] - 4,
+        normal=body.normal[end],
+        area=body.area[end],
         set_names=("z0", "z1"),
-        label_names={1: "rubber"},
-        length_unit="cm",
-        source_images="",
     )
 
 

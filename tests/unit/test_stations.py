@@ -9,16 +9,6 @@ from myork import _core
 from myork.console import silent
 from myork.core.threads import core_threads
 
-BAR = {
-    "scene": {"dimension": 2, "method": "rkcm"},
-    "geometry": {"kind": "box", "size": [2, 1], "source": [5, 4], "collocation": [9, 7]},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
-    "boundary": [{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 0.4}],
-    "load": {"steps": 3},
-    "rom": {"modes": [1, 2]},
-    "probe": [{"name": "pull", "quantity": "force_x", "set": "x1"}],
-}
-
 
 def test_public_names() -> None:
     wanted = (

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.truths import bodies
 from myork import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.model_file import write_model
@@ -72,24 +73,15 @@ def test_bodies_that_are_held(dimension: int, sets: dict[str, str]) -> None:
 
 def pinned(points: np.ndarray) -> PointCloud:
     """A cube of which these points are the only set."""
-    axes = np.linspace(0, 1, 4)
-    cube = np.stack(np.meshgrid(axes, axes, axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    place = np.array([np.linalg.norm(cube - point, axis=1).argmin() for point in points])
-    return PointCloud(
-        source=cube,
-        spacing=np.full(3, 1 / 3),
-        points=cube,
-        label=np.ones(64, np.int32),
-        fiber=np.zeros((64, 3)),
-        volume=np.full(64, 1 / 64),
+    cube = bodies.box((1.0, 1.0, 1.0), (4, 4, 4), (4, 4, 4))
+    place = np.array([np.linalg.norm(cube.points - point, axis=1).argmin() for point in points])
+    return replace(
+        cube,
         boundary_point=place.astype(np.int32),
         boundary_set=np.zeros(len(place), np.int32),
         normal=np.tile([0.0, 0, -1], (len(place), 1)),
         area=np.full(len(place), 1 / 16),
         set_names=("pins",),
-        label_names={1: "rubber"},
-        length_unit="cm",
-        source_images="",
     )
 
 

@@ -15,7 +15,7 @@ from myork.imaging.geometry import canonical
 from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels, PointCloud
-from tests.scenes import box, held, scene, solved
+from tests.scenes import box, held, scene, solved, voxels
 
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "fiber": [0, 0, 1]}
 PULL = [{"name": "pull", "quantity": "force_z", "set": "z1"}]
@@ -78,8 +78,16 @@ def test_isometric_stress_of_a_field_along_the_muscle() -> None:
     assert forces[0] < forces[1] < forces[2]
 
 
-def voxels(shape: tuple[int, int, int] = (8, 8, 12)) -> Labels:
-    return Labels(np.ones(shape, np.int32), np.diag([1.25, 1.25, 1.25, 1.0]))
+def bar(activation: Any = None) -> PointCloud:
+    """A bar of voxels whose parts of the activation are these."""
+    return voxels(np.ones((8, 8, 12)), 1.25, activation=activation, source_stride=[2] * 3)
+
+
+def half(value: float) -> NDArray[np.float64]:
+    """One half of the voxels of a bar has a part of the activation, the other none."""
+    parts = np.zeros((8, 8, 12))
+    parts[:4] = value
+    return parts
 
 
 def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
@@ -92,16 +100,12 @@ def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
 @pytest.mark.slow
 def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     """From an image over the model file to the solve; a constant one keeps the bits of a number."""
-    labels = voxels()
-    plain = build_cloud(labels, None, table_defaults("build"), "cm")[0]
+    plain = bar()
     number = unknowns(model_tables(activation=0.3), plain)
     constant = replace(plain, activation=np.full(len(plain.points), 0.3))
     assert np.array_equal(unknowns(model_tables(activation=1.0), constant), number)
 
-    half = np.zeros(labels.data.shape)
-    half[:4] = 0.3
-    image = Image(half, labels.affine)
-    cloud = build_cloud(labels, None, table_defaults("build"), "cm", "", image)[0]
+    cloud = bar(half(0.3))
     assert cloud.activation is not None
     centre = cloud.points[:, 0].mean()
     assert cloud.activation[cloud.points[:, 0] < centre].mean() > 0.25
@@ -120,11 +124,8 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
 
 
 def test_images_on_turned_grids_are_turned() -> None:
-    labels = voxels()
-    half = np.zeros(labels.data.shape)
-    half[:4] = 1.0
-    turned = canonical(Labels(labels.data[::-1].copy(), labels.affine))
-    image = Image(half[::-1].copy(), turned.affine)
+    turned = canonical(Labels(np.ones((8, 8, 12), np.int32), np.diag([1.25, 1.25, 1.25, 1.0])))
+    image = Image(half(1.0)[::-1].copy(), turned.affine)
     cloud = build_cloud(turned, None, table_defaults("build"), "cm", "", image)[0]
     assert cloud.activation is not None
     assert cloud.activation[cloud.points[:, 0] > cloud.points[:, 0].mean()].mean() > 0.8
@@ -149,18 +150,16 @@ def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
 
 
 def test_activations_of_points_that_cannot_be() -> None:
-    plain = build_cloud(voxels(), None, table_defaults("build"), "cm")[0]
+    plain = bar()
     for values, message in (
         (np.full(3, 0.5), r"'activation' has shape \(3,\), but \(768,\) is needed"),
         (np.full(len(plain.points), 1.5), "'activation' must hold numbers from 0 to 1"),
     ):
         with pytest.raises(InputError, match=message):
             Scene.from_tables(model_tables(), replace(plain, activation=values))
-    half = replace(plain, activation=np.full(len(plain.points), 0.5))
+    active = replace(plain, activation=np.full(len(plain.points), 0.5))
     for method in ("rkcm", "rkcm-mixed"):
         with pytest.raises(InputError, match="whose slopes collocation does not know"):
-            Scene.from_tables(model_tables(method, activation=1.0), half)
+            Scene.from_tables(model_tables(method, activation=1.0), active)
     with pytest.raises(InputError, match=r"activation must lie between 0 and 1, but is 2"):
-        labels = voxels()
-        image = Image(np.full(labels.data.shape, 2.0), labels.affine)
-        build_cloud(labels, None, table_defaults("build"), "cm", "", image)
+        bar(half(2.0))

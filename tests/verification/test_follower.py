@@ -40,18 +40,23 @@ def answers(tables, *overrides):
 
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
-@pytest.mark.parametrize("pressure", [0.6, -0.6])
+@pytest.mark.parametrize("pressure", [0.6, -0.6, 4.0, -4.0])
 def test_a_pressed_block_has_the_pressure_as_cauchy_stress(method, pressure):
-    """The state is homogeneous: stress -p, force p times the deformed area; a dead load differs."""
+    """The state is homogeneous: stress -p, force p times the deformed area; a dead load differs.
+
+    A free rim goes on beyond the shear modulus, to twice of it.
+    """
     found = answers(pressed({"pressure": pressure}, method))
     area = (1 + found["wide"]) ** 2
-    assert found["stress"] == pytest.approx(-pressure, rel=1e-3)
-    assert found["below"] == pytest.approx(pressure * area, rel=1e-3)
-    assert found["above"] == pytest.approx(-pressure * area, rel=1e-3)
+    near = 1e-6 if method == "rkpm-gauss" else 1e-3
+    assert found["stress"] == pytest.approx(-pressure, rel=near)
+    assert found["below"] == pytest.approx(pressure * area, rel=near)
+    assert found["above"] == pytest.approx(-pressure * area, rel=near)
     assert found["inside"] == pytest.approx(found["above"], rel=1e-4)
-    dead = answers(pressed({"traction": [0, 0, -pressure]}, method))
-    assert dead["below"] == pytest.approx(pressure, rel=1e-3)
-    assert abs(dead["down"] / found["down"] - 1) > 0.02
+    if abs(pressure) < 1:
+        dead = answers(pressed({"traction": [0, 0, -pressure]}, method))
+        assert dead["below"] == pytest.approx(pressure, rel=1e-3)
+        assert abs(dead["down"] / found["down"] - 1) > 0.02
 
 
 def test_the_tube_under_pressure_has_the_exact_radius(inputs):
@@ -79,15 +84,6 @@ def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
     assert {row["solver"] for row in rows} == {"lu"}
     contraction = np.log(size[1:] / size[:-1])
     assert max(contraction[-2:] / contraction[-3:-1]) > 1.7
-
-
-@pytest.mark.parametrize("pressure", [4.0, -4.0])
-def test_a_free_rim_goes_on_beyond_the_shear_modulus(pressure):
-    """Twice the shear modulus; the state stays homogeneous."""
-    found = answers(pressed({"pressure": pressure}))
-    area = (1 + found["wide"]) ** 2
-    assert found["stress"] == pytest.approx(-pressure, rel=1e-6)
-    assert found["below"] == pytest.approx(pressure * area, rel=1e-6)
 
 
 def test_a_pressure_where_the_tangent_is_not_formed():

@@ -8,7 +8,7 @@ The same bits on one and on two threads are asked of all forms in test_threads.p
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 from benchmarks.truths import manufactured
@@ -70,6 +70,7 @@ PATCHES = {
     "space, Gauss points": ("rkpm-gauss", box(4, 4, 4, jitter=0.2), LINEAR),
     "staircase of voxels": ("rkpm-scni", {}, LINEAR),
     "staircase of voxels, Gauss points": ("rkpm-gauss", {}, LINEAR),
+    "plane, collocation": ("rkcm", box(4, 5, size=[1, 2], places=(6, 8)), {"order": 2}),
     "space, collocation": ("rkcm", box(4, 4, 4, places=(6, 6, 6)), {"order": 2}),
     "space, mixed": ("rkcm-mixed", box(4, 4, 4, places=(6, 6, 6)), {"order": 2}),
 }
@@ -107,11 +108,24 @@ def test_patch(open_scene, name, essential):
     right = opened.points() @ SLOPE[:nd, :nd].T
     f = np.eye(3)
     f[:nd, :nd] += SLOPE[:nd, :nd]
-    stress = np.tile(cauchy(f, 1e3)[VOIGT], (len(right), 1))
+    stress = cauchy(f, 1e3)
     near = (1e-10, 1e-7) if method in STRONG else (1e-11, 1e-11)
+    assert len(right) == opened.collocation_points
     assert_allclose(fields.u[:, :nd], right, rtol=0, atol=near[0] * np.abs(right).max())
+    # F[point, i, A] is not its transpose: the slope is not symmetric
     assert_allclose(fields.f, np.tile(f, (len(right), 1, 1)), rtol=0, atol=10 * near[0])
-    assert_allclose(fields.cauchy, stress, rtol=0, atol=near[1] * np.abs(stress).max())
+    assert nd == 3 or not (fields.u[:, 2].any() or fields.cauchy[:, 4:].any())
+    # all of them by the names in result files
+    named = {
+        "F": f.ravel(), "J": [np.linalg.det(f)], "cauchy": stress[VOIGT],
+        "principal_stress": np.linalg.eigvalsh(stress)[::-1], "pressure": [-np.trace(stress) / 3],
+    }  # fmt: skip
+    assert set(fields.named) == {"u", *named}
+    for name, value in named.items():
+        off = 10 * near[0] if name in "FJ" else near[1] * np.abs(stress).max()
+        assert_allclose(fields.named[name], np.tile(value, (len(right), 1)), rtol=0, atol=off)
+    for name, value in (("u", fields.u), ("cauchy", fields.cauchy)):
+        assert_array_equal(fields.named[name], value)
 
 
 # ---- homogeneous states --------------------------------------------------------------------------

@@ -317,17 +317,6 @@ def test_points_of_a_part_of_a_side_are_held(open_scene):
     assert_allclose(whole, right, atol=1e-7 * np.abs(right).max())
 
 
-def test_an_open_scene_takes_other_values(open_scene):
-    tables = sheared(3, "rkpm-gauss")
-    opened = open_scene(tables)
-    solved(opened)
-    opened.update({"boundary.z1.u_z": 0.2, "material.A10": 20.0})
-    u, x = solved(opened).fields.u, opened.points()
-    assert_allclose(u[x[:, 2] == x[:, 2].max(), 2], 0.2, atol=1e-13)
-    fresh = solved(tables, "boundary.z1.u_z=0.2", "material.A10=20.0").fields.u
-    assert_allclose(u, fresh, atol=1e-12)
-
-
 def test_what_it_does_not_do_is_refused(open_scene):
     opened = open_scene(sheared(3, "rkpm-gauss"))
     with pytest.raises(InputError, match='"transformation": take "penalty"'):

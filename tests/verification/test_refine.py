@@ -8,29 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork.bench.materials import RUBBER
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.report import make_report
 from myork.stations.solve import run_deck
-from tests import scenes
-from tests.scenes import held, solved, voxels
-
-_RUBBER = {**RUBBER, "K": 1e3}
-#: Tip of the cantilever by felupe's quadratic elements, 4, 8 and 16 across, extrapolated
-_TIP = 1.6485
+from tests.scenes import BEAM_TIP, RUBBER, beam, held, scene, solved, voxels
 
 
 def cantilever(**refine: Any) -> dict[str, Any]:
-    return scenes.cantilever(
-        "auto", 9, 3, load={}, refine=refine, material=[_RUBBER],
-        geometry=scenes.box(9, 3, size=[4, 1], places=(9, 3)),
-        boundary=[held("x0", 2), {"set": "x1", "traction": [0, 2.0]}],
-        probe=[
-            {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
-            {"name": "shear", "quantity": "cauchy_xy", "point": [0.5, 0.25]},
-        ],
-    )  # fmt: skip
+    tables = beam(9, 3, places=(9, 3), refine=refine)
+    tables["probe"].append({"name": "shear", "quantity": "cauchy_xy", "point": [0.5, 0.25]})
+    return tables
 
 
 @pytest.mark.parametrize("error", [0.01, 0.003])
@@ -39,7 +27,7 @@ def test_the_wanted_error_of_a_tip_is_met(error) -> None:
         points = opened.source_points
         found = solved(opened, error=True)
     states, tip = found.states, found.last()["tip"]
-    assert tip == pytest.approx(_TIP, rel=error)
+    assert tip == pytest.approx(BEAM_TIP, rel=error)
     assert states.probe_errors[-1, 0, 0] <= error * abs(tip)
     # the stress that nobody wanted to know may still be in doubt
     assert states.reasons[-1] == f"the wanted error of {100 * error:g} % is met"
@@ -73,8 +61,8 @@ def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
 
 def bar(**refine: Any) -> Scene:
     """A bar of 16 voxels along its axis, sheared."""
-    tables = scenes.scene(
-        "auto", {}, material=[{**_RUBBER, "label": 1}], refine=refine,
+    tables = scene(
+        "auto", {}, material=[{**RUBBER, "label": 1}], refine=refine,
         boundary=[held("bottom"), held("top", u_x=0.5)],
         probe=[{"name": "force", "quantity": "force_x", "set": "top"}],
     )  # fmt: skip
@@ -83,9 +71,9 @@ def bar(**refine: Any) -> Scene:
 
 @pytest.mark.slow
 def test_models_are_refined_up_to_their_voxels() -> None:
-    with bar(error=0.002) as scene:
-        states = scene.solve()
-        assert scene.source_points > 3 * 3 * 9
+    with bar(error=0.002) as opened:
+        states = opened.solve()
+        assert opened.source_points > 3 * 3 * 9
     assert states.reasons[-1].endswith(
         "every voxel has its own source points; give a label map of finer voxels"
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.truths import bodies
 from myork.bench import exact
 from myork.bench.materials import RUBBER
 from myork.errors import InputError
@@ -34,29 +35,14 @@ def rubbers(*mu: float, bulk: float) -> list[dict[str, Any]]:
 def brick(share: NDArray[Any], slices: int) -> PointCloud:
     """Voxels of edge 0.5 in a block, all slices filled alike, with a set for each face."""
     n = (*share.shape, slices)
-    index = np.argwhere(np.ones(n, bool)).astype(np.int32)
-    points = 0.5 * index + 0.25
-    entries = [
-        (point, number, (number % 2 * 2 - 1) * np.eye(3)[number // 2])
-        for number in range(6)
-        for point in np.flatnonzero(index[:, number // 2] == number % 2 * (n[number // 2] - 1))
-    ]
-    point, face, normal = (np.array(column) for column in zip(*entries, strict=True))
-    return PointCloud(
-        source=points,
-        spacing=np.full(3, 0.5),
-        points=points,
-        label=np.ones(len(points), np.int32),
-        fiber=np.zeros(points.shape),
+    middles = bodies.box(0.5 * (np.array(n) - 1.0), n, n)
+    index = np.rint(middles.points / 0.5).astype(np.int32)
+    return replace(
+        middles,
+        source=middles.source + 0.25,
+        points=middles.points + 0.25,
         volume=np.repeat(share.ravel(), slices) * 0.125,
-        boundary_point=point.astype(np.int32),
-        boundary_set=face.astype(np.int32),
-        normal=normal,
-        area=np.full(len(entries), 0.25),
-        set_names=("x0", "x1", "y0", "y1", "z0", "z1"),
-        label_names={1: "rubber"},
-        length_unit="cm",
-        source_images="",
+        area=np.full(len(middles.area), 0.25),
         voxels=Voxels(index, np.full(3, 0.5), np.full(3, 0.25)),
     )
 

@@ -205,8 +205,8 @@ def wait_for(met: Callable[[], bool], seconds: float) -> None:
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Points are solved in this process, without the seconds in which others start."""
 
-    workers = (lambda: ThreadPoolExecutor(1)), 1, (RuntimeError,)
-    monkeypatch.setattr(run, "_workers", lambda *_: contextlib.nullcontext(workers))
+    team = run._Team(lambda: ThreadPoolExecutor(1), 1, (RuntimeError,))
+    monkeypatch.setattr(run, "_workers", lambda *_: contextlib.nullcontext(team))
 
 
 def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> None:
@@ -392,8 +392,8 @@ def test_only_a_death_costs_a_point_a_message(
 def test_inputs_that_have_not_changed_are_not_read_again(
     deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = make_plan(["material.rubber.mu=5,6"])
-    own = inputs.Inputs(plan, deck, [], tmp_path)
+    plan = make_plan(["material.rubber.mu=5,6"])._replace(deck=deck)
+    own = inputs.Inputs(plan, tmp_path)
     assert "another sweep" in own.refusal(tmp_path, {**own.head, "inputs": ["deck"]})
     monkeypatch.setattr(inputs, "_digest", lambda path: "another")
     own.check()

@@ -16,47 +16,7 @@ from pathlib import Path
 
 import pytest
 
-_BLOCK = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2",
-          "load.activation=0.01")  # fmt: skip
-#: Enough points for threads to share rows of multigrid, and for sums of several blocks
-_ROWS = ("geometry.source=[8,8,16]", "geometry.collocation=[8,8,16]", "load.steps=1",
-         "load.activation=0.01")  # fmt: skip
-_ORDERS = ("approximation.order=1", "approximation.support=2")
-_LINEAR = (*_ORDERS, *_BLOCK)
-_MIXED = ("scene.method=rkcm-mixed", "approximation.order=2", "approximation.support=3", *_BLOCK)
-
-_BEAM = ("geometry.source=[25,7]", "geometry.collocation=[49,13]")
-
-#: Deck and overrides of a small body for every method, and for every solver of least squares
-CASES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "linear": ("poisson_2d", ("scene.method=rkcm", "solver.linear=dgels")),
-    "linear, elastic": ("cantilever", ("scene.method=rkcm", "solver.linear=spqr", *_BEAM)),
-    "linear, Gauss cells": ("poisson_2d", ("scene.method=rkpm-gauss",)),
-    "linear, elastic, Gauss cells": ("cantilever", ("scene.method=rkpm-gauss", *_BEAM)),
-    "mixed": ("muscle_fibers", _MIXED),
-    "mixed, Newton": ("muscle_fibers", (*_MIXED, "solver.newton=full")),
-    "Gauss cells": ("muscle_fibers", ("scene.method=rkpm-gauss", *_LINEAR)),
-    "Gauss cells, incompressible": (
-        "uniaxial_tension",
-        ("scene.method=rkpm-gauss", "material.K=inf", "load.steps=1", *_ORDERS),
-    ),
-    "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
-    "nodal cells, not formed": (
-        "muscle_fibers",
-        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LINEAR),
-    ),
-    "nodal cells, rows and sums shared by threads": (
-        "muscle_fibers",
-        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
-    ),
-    **{
-        f"displacement, {solver}": (
-            "muscle_block",
-            ("scene.method=rkcm", *_BLOCK, f"solver.linear={solver}"),
-        )
-        for solver in ("dgels", "dgelsy", "normal", "refined", "spqr", "sparse-normal")
-    },
-}
+from tests.scenes import CASES
 
 #: What Python hands out of all cases, once on each number of threads
 PROGRAM = """

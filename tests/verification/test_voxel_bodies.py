@@ -1,5 +1,6 @@
 """Bodies from label maps against finite elements of the true shape."""
 
+import numpy as np
 import pytest
 
 from benchmarks.truths.finite_elements import solve_deck
@@ -16,6 +17,18 @@ BOUNDS = {
     "three": {"interface": 0.037, "side": 0.01, "force z": 0.022},
 }
 
+#: Values that the bars of these voxels must reach, and how wide a bar may be, of the error and of
+#: the value. Of the cylinder half as many blocks differ by 0.1 % in the pull, which is 0.6 % off by
+#: stairs. Two blocks across the fat were right and doubtful: their side had a bar of 10 %.
+BARS = {
+    "cylinder": {"force x": (22.19, 6.0, 1.0), "force z": (41.77, 6.0, 1.0)},
+    "three": {
+        "interface": (0.0407, np.inf, 0.05),
+        "side": (-0.0368, np.inf, 0.05),
+        "force z": (6.411, np.inf, 0.05),
+    },
+}
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
@@ -27,5 +40,11 @@ def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
     assert case["outcome"] == "converged" and case["method"] == "rkpm-gauss"
     off = [abs(case["probes"][name] / value - 1) for name, (*_, value) in rival["probes"].items()]
     assert max(off) < 0.05 or case["verdict"]["state"] == "doubtful", off
-    for name, bound in BOUNDS[body.name.split()[0]].items():
+    kind = body.name.split()[0]
+    if kind == "three":
+        assert case["verdict"] == {"state": "accepted", "reasons": []}
+    for name, (value, errors, share) in BARS.get(kind, {}).items():
+        error = abs(case["probes"][name] - value)
+        assert error < case["probe_errors"][name] < min(errors * error, share * abs(value)), name
+    for name, bound in BOUNDS[kind].items():
         assert case["probes"][name] == pytest.approx(rival["probes"][name][-1], rel=bound), name

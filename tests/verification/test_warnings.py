@@ -12,7 +12,7 @@ import pytest
 from myork import Scene, run_deck
 from myork.core.states import States
 from myork.errors import ConvergenceError, InputError, MyorkError, RefusedError
-from tests.scenes import cantilever, execute, solved
+from tests.scenes import execute
 
 SMALL_MUSCLE = (
     "geometry.source=[3,3,5]", "geometry.collocation=[5,5,9]", "load.steps=2",
@@ -43,8 +43,7 @@ CASES: dict[
         ("scene.method=rkcm", "geometry.source=[3,9]", "geometry.collocation=[5,17]",
          "load.steps=4"),
         "refused",
-        ("less work than the forces", "do not balance", "of their norm away",
-         "probe radial_stress is"),
+        ("do not balance", "of their norm away", "probe radial_stress is"),
         RefusedError,
     ),
     "unbalanced forces of the mixed form": (
@@ -157,35 +156,12 @@ def test_warnings_are_those_of_the_last_solve(inputs: Path) -> None:
     overrides = CASES["a coarse tube"][1]
     with Scene(inputs / "tube.toml", overrides, threads=1) as scene:
         full = scene.solve()
-        assert len(full.warnings) == 4 and full.checks_s > 0
+        assert len(full.warnings) == 3 and full.checks_s > 0
         scene.reduce(np.linalg.qr(full.x.T)[0])
         reduced = scene.solve_reduced("dgels")
         assert reduced.warnings == [] and reduced.checks_s == 0
         assert reduced.verdict == "" and reduced.reasons == []
         assert np.isnan(reduced.min_acoustic).all()
-
-
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-def test_a_body_that_bends_shows_by_its_work(method: str) -> None:
-    """Least squares of second derivatives lose it.
-
-    The stress does as much less work than the loads as the tip is too low: both are linear in the
-    part of the bending that is there.
-    """
-    states, probes, *_ = solved(cantilever(method), error=True)
-    assert probes["tip"][-1, 0] < 0.2 * 0.9145
-    assert states.work_mismatch < -0.8
-    assert states.verdict == "refused"
-    assert any("less work than the forces" in text for text in states.warnings)
-
-
-def test_a_weak_form_keeps_work() -> None:
-    """Within 2 % of its own limit; 17x5 points are 1.4 % below it."""
-    tables = cantilever("rkpm-gauss", approximation={"order": 1, "support": 2})
-    states, probes, *_ = solved(tables, error=True)
-    assert abs(probes["tip"][-1, 0] / 0.9145 - 1) < 0.02
-    assert np.isnan(states.work_mismatch) and not states.warnings
-    assert states.verdict == "accepted" and not states.reasons
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@
 !> `length` is that of the whole answer; where it is above `capacity` the answer is cut off and the
 !> caller asks again with more.
 subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, length, stat, message)
-   use rk_deck, only : deck_type, take_deck
+   use rk_deck, only : deck_type, open_deck
    use rk_error, only : error_type
    use rk_json, only : json_type
    use rk_pack, only : pack_error
@@ -20,7 +20,7 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
    type(json_type) :: json
    character(len=:), allocatable :: all
 
-   call take_deck(deck, path, deck_text, overrides, error)
+   call open_deck(deck, path, deck_text, overrides, error)
    if (.not. allocated(error) .and. command /= '') call deck%require(trim(command), error)
    if (allocated(error)) then
       all = error%message

@@ -1,7 +1,7 @@
 !> What the Python boundary does with a scene: open, solve full or reduced, evaluate.
 module rk_session
    use rk_cloud, only : cloud_type
-   use rk_deck, only : deck_type, take_deck
+   use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
@@ -44,7 +44,7 @@ subroutine open_session(path, text, overrides, model, handle, error)
    type(deck_type) :: deck
 
    handle = 0
-   call take_deck(deck, path, text, pack(overrides, overrides /= ''), error)
+   call open_deck(deck, path, text, pack(overrides, overrides /= ''), error)
    if (allocated(error)) return
    call open_slot(slot, error)
    if (allocated(error)) return

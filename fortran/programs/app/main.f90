@@ -48,7 +48,7 @@ program main
    if (.not. config%explain) then
       if (is_solved(config%out)) call claim()
    end if
-   call open_deck(deck, config%deck, config%overrides, error)
+   call open_deck(deck, config%deck, '', config%overrides, error)
    call leave_on(error)
    call read_model_cloud(model, deck, config%out, error)
    call leave_on(error)

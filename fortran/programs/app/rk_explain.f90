@@ -33,7 +33,7 @@ subroutine explain(deck, model, scene)
    cost = estimate_cost(deck, model)
    print '(a)', scene%title
    print '(a)', '  units         '//scene%force_unit//', '//scene%length_unit
-   if (allocated(scene%equation%kind)) then
+   if (allocated(scene%equation%problem)) then
       print '(a)', '  dimension     '//to_text(scene%cloud%nd)
       call explain_equation(scene)
    else
@@ -63,7 +63,7 @@ subroutine explain(deck, model, scene)
             & //held(condition, scene%cloud%nd)
       end associate
    end do
-   if (.not. allocated(scene%equation%kind)) call explain_load(scene)
+   if (.not. allocated(scene%equation%problem)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
       & //' Gflop a solution, about '//to_text(cost%flops/rate(), 2)//' s here'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
@@ -166,15 +166,12 @@ subroutine explain_equation(scene)
    character(len=:), allocatable :: text
 
    associate (equation => scene%equation)
-      text = 'linear '//equation%kind
-      if (equation%kind == 'elasticity') then
+      text = 'linear '//equation%problem
+      if (equation%problem == 'elasticity') then
          if (scene%cloud%nd == 2) text = text//' in plane strain'
-         if (equation%young_of%given()) text = text//', E '//equation%young_of%text
-         if (.not. equation%young_of%given()) text = text//', E '//to_text(equation%young)
-         if (equation%ratio_of%given()) text = text//', nu '//equation%ratio_of%text
-         if (.not. equation%ratio_of%given()) text = text//', nu '//to_text(equation%poisson_ratio)
-      else if (equation%conductivity_of%given()) then
-         text = text//', conductivity '//equation%conductivity_of%text
+         text = text//', E '//equation%E%words()//', nu '//equation%nu%words()
+      else if (equation%conductivity%given()) then
+         text = text//', conductivity '//equation%conductivity%text
       end if
       print '(a)', '  equation      '//text//': one assembly, one ' &
          & //trim(merge('least squares ', '              ', scene%method == 'rkcm'))//' solve'
@@ -195,19 +192,16 @@ function held(condition, nd) result(text)
    text = ''
    if (condition%is_radial) text = ', radial displacement '//to_text(condition%radial)
    do d = 1, nd
-      if (condition%value_of(d)%given()) then
-         text = text//', u_'//axes(d)//' '//condition%value_of(d)%text
-      else if (condition%fixed(d) .and. .not. abs(condition%direction(d)) > 0.0_wp) then
-         text = text//', u_'//axes(d)//' '//to_text(condition%value(d))
-      end if
+      if (condition%fixed(d) .and. .not. abs(condition%direction(d)) > 0.0_wp) &
+         & text = text//', u_'//axes(d)//' '//condition%value(d)%words()
    end do
-   if (any([(condition%traction_of(d)%given(), d=1, nd)])) then
+   if (any(condition%traction(:nd)%given())) then
       text = text//', traction'
       do d = 1, nd
-         text = text//' '//condition%traction_of(d)%text
+         text = text//' '//condition%traction(d)%text
       end do
-   else if (any(abs(condition%traction(:nd)) > 0.0_wp)) then
-      text = text//', traction '//to_text(condition%traction(:nd))
+   else if (any(condition%traction(:nd)%acts())) then
+      text = text//', traction '//to_text(condition%traction(:nd)%number)
    end if
    if (abs(condition%pressure) > 0.0_wp) text = text//', pressure '//to_text(condition%pressure)
    if (any(condition%spring > 0.0_wp)) text = text//', spring '//to_text(condition%spring(:nd))

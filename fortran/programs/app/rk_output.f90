@@ -282,7 +282,7 @@ subroutine step(self, st, x)
    if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
    if (allocated(self%problem%scene%motion)) then
       write (line, '("time ", a, " of ", a, "  ", a, " s")') to_text(st%load), &
-         & to_text(self%problem%scene%motion%end), to_text(self%last%seconds, 3)
+         & to_text(self%problem%scene%motion%end_time), to_text(self%last%seconds, 3)
       call self%say(trim(line), level=1)
       return
    else if (self%problem%linear) then

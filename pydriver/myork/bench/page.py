@@ -13,7 +13,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from myork.files import write_text
 from myork.report.figures import COLOURS, MARKERS
-from myork.report.frame import Section, figure, render, table
+from myork.report.frame import Page, Section, figure, table
 from myork.report.numbers import DASH, number
 
 __all__ = ["write_page"]
@@ -32,25 +32,27 @@ _SCALES = {
 
 def write_page(path: Path, record: Mapping[str, Any]) -> None:
     """Write the page of a record."""
-    write_text(path, _page(record))
-
-
-def _page(record: Mapping[str, Any]) -> str:
     benches = record["benches"]
     without = [name for name, bench in benches.items() if "ended" in bench]
-    return render(
-        "bench.html",
+    again = " ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])])
+    page = Page(
         title="Benchmarks",
         sections=[
             Section(name, bench.get("title", name), _parts(bench))
             for name, bench in benches.items()
         ],
-        done=len(benches) - len(without),
-        without=without,
-        extent="small cases only" if record["quick"] else "all cases",
-        again=" ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])]),
-        **{key: record[key] for key in ("version", "date", "processor", "cores", "load_average")},
+        about=(
+            f"MyoRK {record['version']}, {record['date']}, {record['processor']}, "
+            f"{record['cores']} cores, one thread a solve, "
+            f"{'small cases only' if record['quick'] else 'all cases'}; load of the machine at "
+            f"the start {record['load_average']:.1f}. {len(benches) - len(without)} benchmarks "
+            f"have results{'; without: ' if without else ''}{', '.join(without)}."
+        ),
+        footer=Markup("Made by <code>{}</code>; all numbers: <code>bench.json</code>").format(
+            again
+        ),
     )
+    write_text(path, page.text())
 
 
 def _parts(bench: Mapping[str, Any]) -> list[Markup]:

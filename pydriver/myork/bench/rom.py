@@ -32,7 +32,7 @@ from myork.core.states import Fields
 from myork.errors import ConvergenceError
 from myork.files import INPUTS
 from myork.reduced_fields import ReducedFields
-from myork.report.beside import reduced_figure
+from myork.report.bodies import reduced_figure
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.check import measure, solve_tests, started
 from myork.rom.model import ReducedModel

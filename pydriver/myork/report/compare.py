@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
+import myork
 from myork.errors import FileError
-from myork.report.beside import compared_figure
-from myork.report.figures import COLOURS, DASHES, MARKERS
-from myork.report.frame import Section, figure, render, table
+from myork.report.bodies import compared_figure
+from myork.report.figures import Series, probe_figure
+from myork.report.frame import Answer, Page, Section, figure, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, probe_units, with_error
-from myork.report.sketch import panels_of
 from myork.report.sources import RunFolder
-from myork.report.story import Answer
+from myork.report.tables import run_table
 from myork.summary import printed, read_summary
 from myork.tables import differing_keys
 
@@ -29,26 +28,25 @@ _MOST_BODIES = 4
 _SAME = 1e-9
 
 
-def compare_page(runs: Sequence[RunFolder], version: str) -> str:
+def compare_page(runs: Sequence[RunFolder]) -> Page:
     """All runs side by side, the first being what the others are compared with."""
     for run in runs:
         if not run.summary.get("steps"):
             raise FileError(f"{run.path}: has no load steps to compare; solve its deck first")
     names = _names(runs)
-    sections = [
-        Section("answers", "Answers", list(_answers(runs, names))),
-        Section("bodies", "Deformed bodies", list(_bodies(runs, names))),
-        Section("curves", "On the way", list(_curves(runs, names))),
-        Section("decks", "What differs in the decks", list(_decks(runs, names))),
-        Section("cost", "Sizes and cost", list(_cost(runs, names))),
-    ]
-    return render(
-        "compare.html",
+    return Page(
         title=f"{len(runs)} runs side by side",
-        sections=[section for section in sections if section.parts],
-        story=list(_story(runs, names)),
-        version=version,
-        again="myork report " + " ".join(str(run.path) for run in runs),
+        sections=(
+            Section("answers", "Answers", _answers(runs, names)),
+            Section("bodies", "Deformed bodies", _bodies(runs, names)),
+            Section("curves", "On the way", _curves(runs, names)),
+            Section("decks", "What differs in the decks", _decks(runs, names)),
+            Section("cost", "Sizes and cost", _cost(runs, names)),
+        ),
+        story=_story(runs, names),
+        footer=Markup("MyoRK {} · made by <code>myork report {}</code>").format(
+            myork.__version__, " ".join(str(run.path) for run in runs)
+        ),
     )
 
 
@@ -104,7 +102,7 @@ def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
     units = {tuple(sorted(run.summary.get("units", {}).items())) for run in runs}
     trust: list[str | Markup] = [
         "; ".join(
-            f"{name} {(run.summary.get('verdict') or {}).get('state', 'without verdict')}"
+            f"{name} {run.summary.get('verdict', {}).get('state', 'without verdict')}"
             if run.summary.get("converged")
             else f"{name} not converged"
             for name, run in zip(names, runs, strict=True)
@@ -137,7 +135,7 @@ def _disagree(runs: Sequence[RunFolder], name: str) -> bool:
 
 def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
     rows: list[list[str | Markup]] = [
-        ["verdict", *((run.summary.get("verdict") or {}).get("state", DASH) for run in runs)],
+        ["verdict", *(run.summary.get("verdict", {}).get("state", DASH) for run in runs)],
         ["load reached", *(fraction(_last(run).get("load")) for run in runs)],
     ]
     for name, unit in _probes(runs).items():
@@ -171,7 +169,7 @@ def _bodies(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
         for run, name in zip(runs, names, strict=True)
         if run.deformation is not None and len(run.deformation.loads) > 1
     ][:_MOST_BODIES]
-    kinds = {bool(np.ptp(deformation.points[:, 2])) for deformation, _ in own}
+    kinds = {deformation.is_plane for deformation, _ in own}
     units = [run.summary.get("units", {}) for run in runs]
     if len(own) < 2 or len(kinds) > 1 or any(other != units[0] for other in units):
         return
@@ -186,36 +184,10 @@ def _bodies(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]
 
 
 def _curves(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
-    units = {
-        name: unit
-        for name, unit in _probes(runs).items()
-        if any(isinstance(_last(run).get("probes", {}).get(name), int | float) for run in runs)
-    }
-    if not units:
-        return
-    drawn, panels = panels_of(len(units))
-    active = any(step.get("activation") for run in runs for step in run.summary["steps"])
-    across = "activation" if active else "load"
-    for axes, (name, unit) in zip(panels, units.items(), strict=True):
-        for k, run in enumerate(runs):
-            steps = [
-                step
-                for step in run.summary["steps"]
-                if isinstance(step.get("probes", {}).get(name), int | float)
-            ]
-            x = np.array([step.get(across) for step in steps], float)
-            y = np.array([step["probes"][name] for step in steps], float)
-            bars = [step.get("probe_errors", {}).get(name) for step in steps]
-            error = np.nan_to_num(np.array(bars, float)) if steps else np.zeros(0)
-            axes.errorbar(
-                x, y, error, color=COLOURS[k % len(COLOURS)], marker=MARKERS[k % len(MARKERS)],
-                linestyle=DASHES[k % len(DASHES)], markersize=4, elinewidth=0.8, capsize=2,
-                label=names[k],
-            )  # fmt: skip
-        axes.set(xlabel=f"{across} [-]", ylabel=labelled(name, unit))
-    handles, labels = panels[0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
-    yield figure(drawn, "Probes of all runs with their error bars.")
+    units = _probes(runs)
+    if units:
+        series = [Series(name, run.summary["steps"]) for run, name in zip(runs, names, strict=True)]
+        yield figure(probe_figure(series, units), "Probes of all runs. Bands: estimated errors.")
 
 
 def _decks(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
@@ -235,27 +207,8 @@ def _decks(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
 
 
 def _cost(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup]:
-    rows: list[list[str | Markup]] = [
-        ["method", *(run.summary.get("method", DASH) for run in runs)]
-    ]
-    for key, label in (
-        ("source_points", "source points"),
-        ("dofs", "unknowns"),
-        ("threads", "threads"),
-    ):
-        rows.append([label, *(number(run.summary.get(key)) for run in runs)])
-    rows.append(
-        [
-            "load steps, iterations",
-            *(
-                f"{len(run.summary['steps'])}, "
-                f"{sum(int(step.get('iterations') or 0) for step in run.summary['steps'])}"
-                for run in runs
-            ),
-        ]
-    )
-    stages = dict.fromkeys(s for run in runs for s in run.summary.get("timings_s", {}))
-    for stage in stages:
-        times = (run.summary.get("timings_s", {}).get(stage) for run in runs)
-        rows.append([f"{stage} [s]", *(number(time, 3) for time in times)])
+    yield run_table([run.summary for run in runs], names)
+    times = [run.summary.get("timings_s", {}) for run in runs]
+    stages = dict.fromkeys(stage for own in times for stage in own)
+    rows = [[f"{stage} [s]", *(number(own.get(stage), 3) for own in times)] for stage in stages]
     yield table(("", *names), rows, "Wall times of the full solutions")

@@ -7,23 +7,26 @@ readers (https://jfly.uni-koeln.de/color). Lines differ in marker or dash as wel
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from myork.report.numbers import labelled
-from myork.report.sketch import panels_of
 from myork.report.tables import MODEL_KINDS
 from myork.types import F64
 
 __all__ = [
+    "Series",
     "history_figure",
+    "panels_of",
     "probe_figure",
     "rom_figure",
-    "rom_probe_figure",
+    "rom_series",
     "timing_figure",
 ]
 
@@ -34,18 +37,49 @@ DASHES = ("-", "--", ":", "-.")
 GREY = "#666666"
 
 
+def panels_of(count: int, height: float = 3.4, **keys: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, three in a row; keys are those of `subplots`."""
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, height * rows), layout="constrained")
+    found = figure.subplots(rows, columns, squeeze=False, **keys).ravel()
+    for axes in found:
+        axes.grid(color="#E5E5E5")
+    for axes in found[count:]:
+        axes.set_visible(False)
+    return figure, list(found[:count])
+
+
+class Series(NamedTuple):
+    """Probes on the way through the load.
+
+    Attributes
+    ----------
+    name : str
+        Whose they are; empty for the only one of a figure.
+    steps : Sequence of Mapping
+        Steps as in the summary: `load`, `activation`, `probes`, `probe_errors`.
+    look : Mapping
+        How its curves differ from those that others have, as `Axes.plot` takes it.
+    """
+
+    name: str
+    steps: Sequence[Mapping[str, Any]]
+    look: Mapping[str, Any] = MappingProxyType({})
+
+
 def probe_figure(
-    steps: Sequence[Mapping[str, Any]],
+    series: Sequence[Series],
     units: Mapping[str, str],
-    reference: Mapping[str, Any],
-    exact: Mapping[str, Any],
+    reference: Mapping[str, Any] = MappingProxyType({}),
+    exact: Mapping[str, Any] = MappingProxyType({}),
 ) -> Figure:
     """Probes against activation where it changes, otherwise against load.
 
     Parameters
     ----------
-    steps : Sequence of Mapping
-        `steps` of the summary.
+    series : Sequence of Series
+        One, whose components differ in colour, or several, which do.
     units : Mapping
         Unit of each probe by its name.
     reference, exact : Mapping
@@ -54,28 +88,14 @@ def probe_figure(
     Returns
     -------
     Figure
-        One panel for each probe.
+        One panel for each probe, with estimated errors as bands.
     """
     figure, panels = panels_of(len(units))
-    across = "activation" if any(step.get("activation") for step in steps) else "load"
+    active = any(step.get("activation") for own in series for step in own.steps)
+    across = "activation" if active else "load"
     for axes, (name, unit) in zip(panels, units.items(), strict=True):
-        shown = [step for step in steps if name in step.get("probes", {})]
-        places = np.array([step.get(across) for step in shown], dtype=float)
-        values = _as_columns([step["probes"][name] for step in shown])
-        for part in range(values.shape[1]):
-            label = "computed" if values.shape[1] == 1 else "xyz"[part]
-            axes.plot(
-                places, values[:, part], DASHES[part], color=COLOURS[part],
-                marker=MARKERS[part], markersize=4, label=label,
-            )  # fmt: skip
-            bars = _bars(shown, name, part)
-            if len(places) == 1:
-                axes.errorbar(places, values[:, part], bars, color=COLOURS[part], capsize=5)
-                continue
-            axes.fill_between(
-                places, values[:, part] - bars, values[:, part] + bars,
-                color=COLOURS[part], alpha=0.2, linewidth=0,
-            )  # fmt: skip
+        for number, own in enumerate(series):
+            _draw_series(axes, own, name, across, number if len(series) > 1 else None)
         theirs = reference.get(name, {})
         if theirs.get(across):
             axes.plot(
@@ -83,15 +103,74 @@ def probe_figure(
                 color=COLOURS[1], label="reference",
             )  # fmt: skip
         answer = exact.get(name, {}).get("reference")
-        if answer is not None and len(places):
+        shown = [step for step in series[0].steps if name in step.get("probes", {})]
+        if answer is not None and shown:
             axes.plot(
-                places[-1:], [answer], "*", markersize=14, markerfacecolor="none",
+                shown[-1][across], answer, "*", markersize=14, markerfacecolor="none",
                 color=COLOURS[1], label="exact",
             )  # fmt: skip
         axes.set(xlabel=f"{across} [-]", ylabel=labelled(name, unit))
-        if len(axes.lines) > 1:
+        if len(series) == 1 and len(axes.lines) > 1:
             axes.legend(frameon=False, fontsize="small")
+    if len(series) > 1:
+        names = [axes.get_legend_handles_labels() for axes in panels]
+        found = {label: handle for own in names for handle, label in zip(*own, strict=True)}
+        figure.legend(
+            found.values(), found, loc="outside upper center", ncols=4, frameon=False
+        )  # fmt: skip
     return figure
+
+
+def _draw_series(axes: Axes, own: Series, name: str, across: str, number: int | None) -> None:
+    """Curves of a probe, by components; the number of a series among others gives its colour."""
+    shown = [step for step in own.steps if name in step.get("probes", {})]
+    places = np.array([step.get(across) for step in shown], dtype=float)
+    values = _as_columns([step["probes"][name] for step in shown])
+    for part in range(values.shape[1]):
+        kind = part if number is None else number
+        dash = DASHES[part if number is None or values.shape[1] > 1 else number % len(DASHES)]
+        word = own.name or ("computed" if values.shape[1] == 1 else "xyz"[part])
+        colour = COLOURS[kind % len(COLOURS)]
+        look = {
+            "color": colour, "linestyle": dash, "marker": MARKERS[kind % len(MARKERS)],
+            "markersize": 4, "label": word if number is None or part == 0 else "_", **own.look,
+        }  # fmt: skip
+        axes.plot(places, values[:, part], **look)
+        bars = _bars(shown, name, part)
+        if len(places) == 1:
+            axes.errorbar(places, values[:, part], bars, color=look["color"], capsize=5)
+        else:
+            axes.fill_between(
+                places, values[:, part] - bars, values[:, part] + bars,
+                color=look["color"], alpha=0.2, linewidth=0,
+            )  # fmt: skip
+
+
+def rom_series(rom: Mapping[str, Any]) -> list[Series]:
+    """Probes of the full solution as a line, those of the reduced models as markers on it.
+
+    Parameters
+    ----------
+    rom : Mapping
+        `rom` of the summary: `full` with `load` and `probes`, and `models`, each with its `probes`.
+    """
+    load = rom["full"]["load"]
+
+    def steps(probes: Mapping[str, Any]) -> list[dict[str, Any]]:
+        return [
+            {"load": at, "probes": {name: own[k] for name, own in probes.items()}}
+            for k, at in enumerate(load)
+        ]
+
+    found = [Series("full", steps(rom["full"].get("probes", {})), {"color": "black", "marker": ""})]
+    for number, model in enumerate(rom.get("models", [])):
+        look = {
+            "linestyle": "none", "markerfacecolor": "none", "color": COLOURS[number % 6],
+            "marker": MARKERS[number % len(MARKERS)], "markersize": 6 + 2 * (number % 3),
+        }  # fmt: skip
+        name = f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}"
+        found.append(Series(name, steps(model.get("probes", {})), look))
+    return found
 
 
 def _as_columns(values: Sequence[Any]) -> F64:
@@ -102,6 +181,16 @@ def _as_columns(values: Sequence[Any]) -> F64:
         if value is not None:
             row[:] = value
     return table
+
+
+def _bars(steps: Sequence[Mapping[str, Any]], name: str, part: int) -> F64:
+    """Estimated errors of one component of a probe, gaps where there are none."""
+    found = []
+    for step in steps:
+        value = step.get("probe_errors", {}).get(name)
+        parts = value if isinstance(value, list) else [value]
+        found.append(parts[part] if part < len(parts) else None)
+    return np.array(found, dtype=float)
 
 
 def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
@@ -204,54 +293,6 @@ def rom_figure(rom: Mapping[str, Any]) -> Figure:
     for axes in (decay, errors, speed):
         axes.grid(color="#E5E5E5")
         axes.minorticks_off()
-    return figure
-
-
-def _bars(steps: Sequence[Mapping[str, Any]], name: str, part: int) -> F64:
-    """Estimated errors of one component of a probe, gaps where there are none."""
-    found = []
-    for step in steps:
-        value = step.get("probe_errors", {}).get(name)
-        parts = value if isinstance(value, list) else [value]
-        found.append(parts[part] if part < len(parts) else None)
-    return np.array(found, dtype=float)
-
-
-def rom_probe_figure(
-    full: Mapping[str, Any], models: Sequence[Mapping[str, Any]], units: Mapping[str, str]
-) -> Figure:
-    """Probes of the full solution as lines, those of the reduced models as markers on them.
-
-    Parameters
-    ----------
-    full : Mapping
-        `rom.full` of the summary: `load` and `probes`.
-    models : Sequence of Mapping
-        `rom.models` of the summary, each with its `probes`.
-    units : Mapping
-        Unit of each probe by its name; three at most are shown.
-
-    Returns
-    -------
-    Figure
-        One panel for each probe.
-    """
-    names = [name for name in full.get("probes", {}) if name in units][:3]
-    figure, panels = panels_of(len(names), 3.6)
-    for axes, name in zip(panels, names, strict=True):
-        axes.plot(full["load"], _as_columns(full["probes"][name]), color="black", label="full")
-        for number, model in enumerate(models):
-            values = model.get("probes", {}).get(name)
-            if values:
-                axes.plot(
-                    full["load"], _as_columns(values), linestyle="none", markerfacecolor="none",
-                    color=COLOURS[number % 6], marker=MARKERS[number % len(MARKERS)],
-                    markersize=6 + 2 * (number % 3),
-                    label=f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}",
-                )  # fmt: skip
-        axes.set(xlabel="load [-]", ylabel=labelled(name, units[name]))
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Parts of a page from templates: figures, tables, sections; text is escaped, `Markup` is not."""
+"""A page and its parts: figures, tables, sections; text is escaped, `Markup` is not."""
 
 from __future__ import annotations
 
@@ -13,11 +13,31 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-__all__ = ["Section", "figure", "render", "table"]
+__all__ = ["Answer", "Page", "Section", "figure", "folded", "render", "table"]
 
 
 #: Points an inch of figures, and inches of those as wide as the page
 _DPI, _WIDTH = 130, 11.0
+#: A picture; its caption is its alternative text as well
+_FIGURE = Markup(
+    '<figure><img alt="{alt}" src="{source}" style="{style}">'
+    "<figcaption>{caption}</figcaption></figure>"
+)
+
+
+class Answer(NamedTuple):
+    """A question of the reader with its answer.
+
+    Attributes
+    ----------
+    question : str
+        A word or two.
+    lines : list of str or Markup
+        Sentences of the answer, the most important one first.
+    """
+
+    question: str
+    lines: list[str | Markup]
 
 
 class Section(NamedTuple):
@@ -29,13 +49,49 @@ class Section(NamedTuple):
         Its anchor.
     name : str
         Its heading.
-    parts : list of Markup
+    parts : iterable of Markup
         Figures, tables and other HTML.
     """
 
     key: str
     name: str
-    parts: list[Markup]
+    parts: Iterable[Markup]
+
+
+class Page(NamedTuple):
+    """All that a page shows.
+
+    Attributes
+    ----------
+    title : str
+        Its heading.
+    sections : iterable of Section
+        Those without parts are left out.
+    footer : Markup
+        What made it.
+    badges : iterable of tuple
+        Kind (`good`, `unsure`, `bad`) and words of each, behind the heading.
+    about : str
+        A line on what it is.
+    story : iterable of Answer
+        What a reader asks first; questions without an answer are left out.
+    warnings : sequence of str
+        What is wrong.
+    """
+
+    title: str
+    sections: Iterable[Section]
+    footer: Markup
+    badges: Iterable[tuple[str, str]] = ()
+    about: str = ""
+    story: Iterable[Answer] = ()
+    warnings: Sequence[str] = ()
+
+    def text(self) -> str:
+        """The page as one file without external parts."""
+        listed = ((key, name, list(parts)) for key, name, parts in self.sections)
+        shown = self._replace(story=[answer for answer in self.story if answer.lines])
+        return render("page.html", page=shown, sections=[own for own in listed if own[2]])
 
 
 def render(template: str, **values: Any) -> Markup:
@@ -63,7 +119,10 @@ def figure(picture: Figure | str, caption: str) -> Markup:
         # one size of letters in all figures of a page
         share = min(100.0, 100.0 * wide / (_DPI * _WIDTH))
         source = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-    return render("figure.html", source=source, caption=caption, share=round(share))
+    return _FIGURE.format(
+        alt=Markup(caption).striptags(), source=source, caption=caption,
+        style=f"{'width' if round(share) < 100 else 'max-width'}: {round(share)}%",
+    )  # fmt: skip
 
 
 def table(
@@ -77,6 +136,11 @@ def table(
     Notes, one a row or none at all, stand below their rows, as wide as the table.
     """
     return render("table.html", head=head, rows=rows, caption=caption, notes=notes)
+
+
+def folded(summary: str, content: Markup) -> Markup:
+    """Content that is unfolded by a click on its summary."""
+    return Markup("<details><summary>{}</summary>{}</details>").format(summary, content)
 
 
 @cache

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-import myork
 from myork.errors import FileError, InputError, MyorkError
 from myork.files import read_json, write_text
-from myork.report import figures, image_figures, pictures, tables
-from myork.report.beside import reduced_figure
+from myork.records import Image, Labels
+from myork.report import bodies, figures, image_figures, tables
 from myork.report.compare import compare_page
-from myork.report.frame import Section, figure, render
+from myork.report.frame import Page, Section, figure, folded, render
 from myork.report.numbers import fraction, number, probe_units
 from myork.report.sketch import NO_VALUE
 from myork.report.sources import RunFolder, read_folder
@@ -26,6 +25,8 @@ from myork.summary import failures
 __all__ = ["compare_runs", "make_report"]
 
 _NAME = "report.html"
+#: Probes that are compared with those of reduced models
+_MOST = 3
 #: What arrows and crosses of a picture are
 _STROKES = (
     "Arrows: displacement in the plane, each picture with a scale of its own. Crosses: principal "
@@ -47,14 +48,10 @@ def make_report(folder: str | Path) -> Path:
         The page; figures are inside it, nothing is loaded from elsewhere.
     """
     path = Path(folder)
-    if (path / SWEEP_FILE).is_file():
-        text = sweep_page(read_sweep(path), myork.__version__)
-    else:
-        # what cannot be read is refused there
-        content = read_folder(path)
-        text = _whole(lambda: _page(content), path)
-    write_text(path / _NAME, text)
-    return path / _NAME
+    swept = (path / SWEEP_FILE).is_file()
+    # what cannot be read is refused there
+    content = read_sweep(path) if swept else read_folder(path)
+    return _written(path / _NAME, sweep_page if swept else _page, content)
 
 
 def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -> Path:
@@ -70,53 +67,71 @@ def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -
     runs = [read_folder(Path(folder)) for folder in folders]
     if len(runs) < 2:
         raise InputError("a comparison needs two folders or more")
-    page = Path(out or folders[0]) / "compare.html"
-    page.parent.mkdir(parents=True, exist_ok=True)
-    write_text(page, _whole(lambda: compare_page(runs, myork.__version__), page.parent))
-    return page
+    return _written(Path(out or folders[0]) / "compare.html", compare_page, runs)
 
 
-def _whole(make: Callable[[], str], folder: Path) -> str:
-    """A page, or an error where the numbers of its files do not fit together."""
+def _written(path: Path, make: Callable[[Any], Page], content: Any) -> Path:
+    """Write a page, or refuse where the numbers of its files do not fit together."""
     try:
-        return make()
+        text = make(content).text()
     except MyorkError:
         raise
     except Exception as reason:
         raise FileError(
-            f"{folder}: summary.json or another file is damaged, or the page has a fault "
+            f"{path.parent}: summary.json or another file is damaged, or the page has a fault "
             f"of its own: {reason!r}; run the command again"
         ) from reason
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, text)
+    return path
 
 
-def _page(folder: RunFolder) -> str:
-    """All sections that have something to show, behind their headline."""
+def _page(folder: RunFolder) -> Page:
+    """All of a run."""
     summary = folder.summary
-    sections = [
-        Section("images", "From the image to the labels", _images(folder)),
-        Section("deformation", "Deformation", _deformation(folder)),
-        Section("planes", "Inside the body", _planes(folder)),
-        Section("probes", "Forces and other probes", _probes(folder)),
-        Section("rom", "Reduced models", _rom(folder)),
-        Section("touch", "The reduced model to touch", _touch(folder)),
-        Section("convergence", "Convergence", _convergence(folder)),
-        Section("run", "The run", _run(folder)),
-    ]
-    steps = summary.get("steps")
-    return render(
-        "report.html",
+    return Page(
         title=summary.get("title") or folder.path.resolve().name,
-        sections=[section for section in sections if section.parts],
-        converged=summary.get("converged"),
-        verdict=(summary.get("verdict") or {}).get("state"),
-        reached=fraction(steps[-1].get("load")) if steps else None,
+        sections=(
+            Section("images", "From the image to the labels", _images(folder)),
+            Section("deformation", "Deformation", _deformation(folder)),
+            Section("planes", "Inside the body", _planes(folder)),
+            Section("probes", "Forces and other probes", _probes(folder)),
+            Section("rom", "Reduced models", _rom(folder)),
+            Section("touch", "The reduced model to touch", _touch(folder)),
+            Section("convergence", "Convergence", _convergence(folder)),
+            Section("run", "The run", _run(folder)),
+        ),
+        badges=_badges(summary),
         about=_about(summary),
-        phantom=is_phantom(summary),
         story=story(folder),
         warnings=_warnings(folder),
-        version=summary.get("version", ""),
-        folder=folder.path,
+        footer=Markup(
+            "MyoRK {} · made by <code>myork report</code> from the files in\n<code>{}</code>"
+        ).format(summary.get("version", ""), folder.path),
     )
+
+
+#: Kind and words of each verdict
+_VERDICTS = {
+    "accepted": ("good", "✓ accepted"),
+    "doubtful": ("unsure", "? doubtful"),
+    "refused": ("bad", "✗ refused"),
+}
+
+
+def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """How the run ended, and whether its images were measured."""
+    steps = summary.get("steps")
+    if summary.get("converged"):
+        verdict = summary.get("verdict", {}).get("state", "")
+        yield _VERDICTS.get(verdict, ("unsure", "converged"))
+    elif summary.get("converged") is False:
+        reached = (
+            f"not converged, last state at load {fraction(steps[-1].get('load'))}" if steps else ""
+        )
+        yield "bad", f"✗ {reached or 'no solution'}"
+    if is_phantom(summary):
+        yield "unsure", "phantom data"
 
 
 def _about(summary: Mapping[str, Any]) -> str:
@@ -137,7 +152,7 @@ def _about(summary: Mapping[str, Any]) -> str:
 def _warnings(folder: RunFolder) -> list[str]:
     """Warnings of the run and of the segmentation, and what is old; reasons stand in the story."""
     warnings = folder.summary.get("warnings", [])
-    reasons = (folder.summary.get("verdict") or {}).get("reasons", [])
+    reasons = folder.summary.get("verdict", {}).get("reasons", [])
     refine = folder.summary.get("refine")
     return [
         *failures(folder.summary),
@@ -147,51 +162,45 @@ def _warnings(folder: RunFolder) -> list[str]:
     ]
 
 
-def _images(folder: RunFolder) -> list[Markup]:
+def _images(folder: RunFolder) -> Iterator[Markup]:
     """Slices, areas, scores."""
-    parts = []
     segmentation = folder.summary.get("segmentation", {})
+    units = folder.summary.get("units", {})
     if folder.labels is not None:
-        image, fibers = (
-            None if extra is None or extra.data.shape[:3] != folder.labels.data.shape else extra
-            for extra in (folder.image, folder.fibers)
+        image, fibers = (own if _same_grid(own, folder.labels) else None
+                         for own in (folder.image, folder.fibers))  # fmt: skip
+        yield figure(
+            image_figures.slice_figure(folder.labels, image, fibers),
+            "Slices of the image with the contour of each label and the fibers in the plane "
+            "of the picture; a short stroke is a fiber that leaves the plane.",
         )
-        parts += [
-            figure(
-                image_figures.slice_figure(folder.labels, image, fibers),
-                "Slices of the image with the contour of each label and the fibers in the plane "
-                "of the picture; a short stroke is a fiber that leaves the plane.",
-            ),
-            figure(
-                image_figures.area_figure(folder.labels, segmentation.get("energy") or []),
-                "Cross-sectional area of each label along the stack, and the energy of the "
-                "segmentation where it was recorded.",
-            ),
-        ]
+        yield figure(
+            image_figures.area_figure(folder.labels, segmentation.get("energy", [])),
+            "Cross-sectional area of each label along the stack, and the energy of the "
+            "segmentation where it was recorded.",
+        )
     if segmentation:
-        parts.append(tables.label_table(segmentation, folder.summary.get("units", {})))
+        yield tables.label_table(segmentation, units)
     if segmentation.get("orientation"):
-        parts.append(tables.orientation_table(segmentation["orientation"]))
+        yield tables.orientation_table(segmentation["orientation"])
     if folder.tissue is not None:
-        image = folder.image
-        if image is not None and image.data.shape != folder.tissue.data.shape:
-            image = None
-        parts.append(
-            figure(
-                image_figures.slice_figure(folder.tissue, image, None),
-                "Materials of the leg: contour of each on the image.",
-            )
+        image = folder.image if _same_grid(folder.image, folder.tissue) else None
+        yield figure(
+            image_figures.slice_figure(folder.tissue, image, None),
+            "Materials of the leg: contour of each on the image.",
         )
-        record = folder.summary.get("tissue", {})
-        parts.append(tables.label_table(record, folder.summary.get("units", {})))
-    return parts
+        yield tables.label_table(folder.summary.get("tissue", {}), units)
 
 
-def _deformation(folder: RunFolder) -> list[Markup]:
+def _same_grid(image: Image | None, labels: Labels) -> bool:
+    return image is not None and image.data.shape[:3] == labels.data.shape
+
+
+def _deformation(folder: RunFolder) -> Iterator[Markup]:
     """The body in the last step."""
     deformation = folder.deformation
     if deformation is None or len(deformation.loads) < 2:
-        return []
+        return
     units = folder.summary.get("units", {})
     caption = Markup(
         "Load {}, activation {}: the body as it is deformed, to scale, largest displacement {} {}; "
@@ -199,7 +208,7 @@ def _deformation(folder: RunFolder) -> list[Markup]:
     ).format(
         fraction(float(deformation.loads[-1])),
         fraction(float(deformation.activations[-1])),
-        number(float(np.linalg.norm(deformation.displacement, axis=1).max())),
+        number(float(deformation.size.max())),
         units.get("length", "?"),
     )
     missing = int(np.count_nonzero(np.isnan(deformation.stress)))
@@ -208,82 +217,71 @@ def _deformation(folder: RunFolder) -> list[Markup]:
             "{} <b>{} of {} points have no stress</b>, for the material is turned inside out there "
             '(J ≤ 0): <span style="color:{}">this colour, or crosses in it</span>.'
         ).format(caption, missing, len(deformation.stress), NO_VALUE)
-    if not np.ptp(deformation.points[:, 2]):
-        return [figure(pictures.plane_figure(deformation, units), Markup("{} {}").format(
-            caption, _STROKES))]  # fmt: skip
+    if deformation.is_plane:
+        shown = bodies.plane_figure(deformation, units)
+        yield figure(shown, Markup("{} {}").format(caption, _STROKES))
+        return
     tissues = list(folder.summary.get("model", {}).get("volume", {}))
     if deformation.label is None or len(tissues) != len(np.unique(deformation.label)):
         materials = folder.summary.get("deck", {}).get("material", [])
         tissues = [str(own.get("name", "")) for own in materials]
     if not len(deformation.surface):
-        caption = Markup("{} Points in place of the surface, which the file does not have.").format(
-            caption
-        )
-    return [figure(pictures.surface_figure(deformation, units, tissues), caption)]
+        caption += " Points in place of the surface, which the file does not have."
+    yield figure(bodies.surface_figure(deformation, units, tissues), caption)
 
 
-def _planes(folder: RunFolder) -> list[Markup]:
+def _planes(folder: RunFolder) -> Iterator[Markup]:
     """Displacement, fibers and stresses on three planes of a body in space."""
     deformation = folder.deformation
-    if deformation is None or len(deformation.loads) < 2 or not np.ptp(deformation.points[:, 2]):
-        return []
-    if not len(deformation.lattice):
-        return [Markup("<p>No planes: the file does not say how its points hang together.</p>")]
-    shown = pictures.slices_figure(deformation, folder.summary.get("units", {}))
-    return [figure(shown, Markup("Planes through the middle, undeformed. {}").format(_STROKES))]
+    if deformation is None or len(deformation.loads) < 2 or deformation.is_plane:
+        return
+    if len(deformation.lattice):
+        shown = bodies.slices_figure(deformation, folder.summary.get("units", {}))
+        yield figure(shown, f"Planes through the middle, undeformed. {_STROKES}")
+    else:
+        yield Markup("<p>No planes: the file does not say how its points hang together.</p>")
 
 
-def _probes(folder: RunFolder) -> list[Markup]:
+def _probes(folder: RunFolder) -> Iterator[Markup]:
     """Curves and numbers of the probes, with what they are compared to."""
     summary = folder.summary
     units = probe_units(summary)
     steps = summary.get("steps", [])
     reference, exact = summary.get("reference", {}), summary.get("exact", {})
-    parts = []
     if units and steps:
-        curves = figures.probe_figure(steps, units, reference, exact)
+        curves = figures.probe_figure([figures.Series("", steps)], units, reference, exact)
         extra = " Open circles: reference values." if reference else ""
         if any(step.get("probe_errors") for step in steps):
             extra += " Bands: estimated errors."
-        parts.append(figure(curves, f"Probes of the deck in all converged steps.{extra}"))
+        yield figure(curves, f"Probes of the deck in all converged steps.{extra}")
     if reference:
-        parts.append(tables.reference_table(reference, units))
+        yield tables.reference_table(reference, units)
     if exact:
-        parts.append(tables.exact_table(exact, units))
+        yield tables.exact_table(exact, units)
     if units and steps:
-        values = tables.probe_table(steps, units)
-        details = "<details><summary>Values in all converged steps</summary>{}</details>"
-        parts.append(Markup(details).format(values))
-    return parts
+        yield folded("Values in all converged steps", tables.probe_table(steps, units))
 
 
-def _rom(folder: RunFolder) -> list[Markup]:
+def _rom(folder: RunFolder) -> Iterator[Markup]:
     """Full against reduced."""
     summary = folder.summary
     rom = summary.get("rom")
     if not rom:
-        return []
+        return
     models = rom.get("models", [])
-    parts = [
-        figure(
-            figures.rom_figure(rom),
-            Markup(
-                "Left: decay of the orthogonal values of {} snapshots. Middle: errors of "
-                "displacement (e<sub>1</sub>) and displacement gradient (e<sub>2</sub>). Right: "
-                "what a given speed-up costs in accuracy."
-            ).format(number(rom.get("snapshots"))),
-        ),
-        tables.rom_table(models),
-    ]
-    full, units = rom.get("full", {}), probe_units(summary)
-    if units.keys() & full.get("probes", {}).keys():
-        parts.append(
-            figure(
-                figures.rom_probe_figure(full, models, units),
-                "Full solution (line) against the reduced models (markers).",
-            )
-        )
-    return [*parts, *_reduced_fields(folder, models)]
+    caption = Markup(
+        "Left: decay of the orthogonal values of {} snapshots. Middle: errors of displacement "
+        "(e<sub>1</sub>) and displacement gradient (e<sub>2</sub>). Right: what a given speed-up "
+        "costs in accuracy."
+    )
+    yield figure(figures.rom_figure(rom), caption.format(number(rom.get("snapshots"))))
+    yield tables.rom_table(models)
+    own = rom.get("full", {}).get("probes", {})
+    units = {name: unit for name, unit in probe_units(summary).items() if name in own}
+    if units:
+        shown = figures.probe_figure(figures.rom_series(rom), dict(list(units.items())[:_MOST]))
+        yield figure(shown, "Full solution (line) against the reduced models (markers).")
+    yield from _reduced_fields(folder, models)
 
 
 def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> Iterator[Markup]:
@@ -306,48 +304,38 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
             "Over all {} states the errors are e<sub>1</sub> = {}, e<sub>2</sub> = {}."
         ).format(
             modes,
-            number((folder.summary.get("rom") or {}).get("snapshots")),
+            number(folder.summary.get("rom", {}).get("snapshots")),
             number(model.get("e1"), 2),
             number(model.get("e2"), 2),
         )
-        shown = figure(reduced_figure(fields, k, folder.summary.get("units", {})), caption)
-        folded = "<details><summary>The same with {}</summary>{}</details>"
-        yield shown if k == best else Markup(folded).format(modes, shown)
+        shown = figure(bodies.reduced_figure(fields, k, folder.summary.get("units", {})), caption)
+        yield shown if k == best else folded(Markup("The same with {}").format(modes), shown)
 
 
-def _touch(folder: RunFolder) -> list[Markup]:
+def _touch(folder: RunFolder) -> Iterator[Markup]:
     """States of a reduced model beside the run, with sliders."""
     path = folder.path / "states.json"
-    if not path.is_file():
-        return []
-    return [render("touch.html", about=read_json(path))]
+    if path.is_file():
+        yield render("touch.html", about=read_json(path))
 
 
-def _convergence(folder: RunFolder) -> list[Markup]:
+def _convergence(folder: RunFolder) -> Iterator[Markup]:
     """Iterations of all steps."""
-    if not {"step", "load"} <= set(folder.history):
-        return []
-    return [
-        figure(
-            figures.history_figure(folder.history),
-            "Every iteration of every load step."
-            if str(folder.summary.get("method")).startswith("rkpm")
-            else "Every iteration of every load step; residuals of a least squares solution do not "
-            "go to zero, the gradient does.",
-        )
-    ]
+    if {"step", "load"} <= set(folder.history):
+        caption = "Every iteration of every load step"
+        if not str(folder.summary.get("method")).startswith("rkpm"):
+            caption += (
+                "; residuals of a least squares solution do not go to zero, the gradient does"
+            )
+        yield figure(figures.history_figure(folder.history), f"{caption}.")
 
 
-def _run(folder: RunFolder) -> list[Markup]:
+def _run(folder: RunFolder) -> Iterator[Markup]:
     """Method, solver, timings."""
     summary = folder.summary
-    parts = []
     if "method" in summary:
-        parts.append(Markup('<div class="facts">{}</div>').format(tables.run_table(summary)))
+        yield tables.run_table([summary])
     timings = summary.get("timings_s", {})
     if timings:
-        parts += [
-            figure(figures.timing_figure(timings), "Wall time of the full solution."),
-            tables.timing_table(timings, summary.get("memory_peak_bytes")),
-        ]
-    return parts
+        yield figure(figures.timing_figure(timings), "Wall time of the full solution.")
+        yield tables.timing_table(timings, summary.get("memory_peak_bytes"))

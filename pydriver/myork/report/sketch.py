@@ -18,13 +18,13 @@ from myork.types import F64, I32
 
 __all__ = [
     "NO_VALUE",
+    "RIM",
     "draw_bar",
     "draw_ruler",
+    "draw_strokes",
     "draw_triad",
     "frame_of",
     "limits_of",
-    "mark_missing",
-    "panels_of",
     "rim_of",
     "shade_plane",
     "views_of",
@@ -33,6 +33,8 @@ __all__ = [
 
 #: Colour of places without a value, which no map of colours in use has
 NO_VALUE = "#FF00C8"
+#: How the outline of an undeformed plane body looks
+RIM: dict[str, Any] = {"color": "#999999", "linewidth": 0.8}
 #: Colours reach the largest value unless it lies this many spans of the middle 99 % beyond them
 _BEYOND = 1.0
 #: The reader looks from this much to the side and from above [degree]
@@ -60,26 +62,6 @@ def limits_of(values: F64) -> tuple[float, float, str]:
     return low - margin, high + margin, ends[below, above]
 
 
-def mark_missing(axes: Any, places: F64, values: F64) -> None:
-    """Crosses at the places, shape `(n, 2)` or `(n, 3)`, whose values are not finite."""
-    missing = places[~np.isfinite(values)]
-    if len(missing):
-        axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
-
-
-def panels_of(count: int, height: float = 3.4, **keys: Any) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, three in a row; keys are those of `subplots`."""
-    columns = min(count, 3)
-    rows = -(-count // columns)
-    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, height * rows), layout="constrained")
-    found = figure.subplots(rows, columns, squeeze=False, **keys).ravel()
-    for axes in found:
-        axes.grid(color="#E5E5E5")
-    for axes in found[count:]:
-        axes.set_visible(False)
-    return figure, list(found[:count])
-
-
 def frame_of(points: F64, views: Sequence[F64]) -> tuple[F64, F64]:
     """Middle of points, and half the width and height that show them in all views."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -94,17 +76,26 @@ def shade_plane(
     values: F64,
     limits: tuple[float, float, str],
     colours: str = "viridis",
-) -> Any:
-    """Values on triangles of a plane, or at its points where there are none."""
+) -> None:
+    """Values on triangles of a plane, or at its points where there are none; crosses lack one."""
     look: dict[str, Any] = {"vmin": limits[0], "vmax": limits[1], "cmap": colours}
     if len(triangles):
         shape = Triangulation(places[:, 0], places[:, 1], triangles)
-        shade: Any = axes.tripcolor(shape, values, shading="gouraud", **look)
+        axes.tripcolor(shape, values, shading="gouraud", **look)
     else:
-        shade = axes.scatter(places[:, 0], places[:, 1], c=values, s=12, **look)
-    mark_missing(axes, places, values)
+        axes.scatter(places[:, 0], places[:, 1], c=values, s=12, **look)
+    missing = places[~np.isfinite(values)]
+    if len(missing):
+        axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
     axes.set_aspect("equal")
-    return shade
+
+
+def draw_strokes(axes: Axes, places: F64, vectors: F64, long: float, **look: Any) -> None:
+    """Strokes without heads around places, shape `(n, 2)`, as long as `long` times the vectors."""
+    axes.quiver(
+        *places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0 / long, pivot="mid",
+        headwidth=0, headlength=0, headaxislength=0, **look,
+    )  # fmt: skip
 
 
 def views_of(sides: F64) -> list[F64]:
@@ -161,19 +152,14 @@ def rim_of(triangles: I32) -> I32:
 
 
 def draw_bar(
-    figure: Figure,
-    axes: list[Any],
-    limits: tuple[float, float, str],
-    wide: bool,
-    colours: str = "viridis",
+    figure: Figure, axes: list[Any], limits: tuple[float, float, str], side: str, colours: str
 ) -> Colorbar:
-    """A bar of colours for some axes, beside them where they are `wide`, else below."""
+    """A bar of colours for some axes, at one side of them."""
     low, high, ends = limits
     shade = ScalarMappable(Normalize(low, high), colormaps[colours])
-    side = "right" if wide else "bottom"
     bar = figure.colorbar(
         shade, ax=axes, extend=ends, pad=0.02, aspect=25, location=side, shrink=0.8
     )
     bar.ax.locator_params(nbins=5)
-    bar.ax.ticklabel_format(useOffset=False)
+    bar.ax.ticklabel_format(scilimits=(-3, 5), useOffset=False)
     return bar

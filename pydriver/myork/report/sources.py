@@ -68,6 +68,21 @@ class Deformation:
     fiber: F64 | None = None
     label: I32 | None = None
 
+    @property
+    def moved(self) -> F64:
+        """Places of the points in the last step, shape `(np, 3)` [length]."""
+        return self.points + self.displacement
+
+    @property
+    def size(self) -> F64:
+        """Length of the displacement, shape `(np,)` [length]."""
+        return np.asarray(np.linalg.norm(self.displacement, axis=1))
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether all points lie in the plane of x and y."""
+        return not np.ptp(self.points[:, 2])
+
 
 @dataclass(frozen=True)
 class RunFolder:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
+from myork.report.frame import Answer
 from myork.report.numbers import fraction, number, plain, probe_units, unit_of, with_error
 from myork.report.sources import Deformation, RunFolder
 from myork.summary import printed
 
-__all__ = ["Answer", "is_phantom", "story"]
+__all__ = ["is_phantom", "story"]
 
 #: Volume ratios further than this from 1 are counted
 _OFF = 0.1
@@ -23,48 +24,32 @@ _VERDICTS = {
 }
 
 
-class Answer(NamedTuple):
-    """A question of the reader with its answer.
-
-    Attributes
-    ----------
-    question : str
-        A word or two.
-    lines : list of str or Markup
-        Sentences of the answer, the most important one first.
-    """
-
-    question: str
-    lines: list[str | Markup]
-
-
 def story(folder: RunFolder) -> list[Answer]:
-    """Answers to what a reader asks first; a question without an answer is left out."""
+    """Answers to what a reader asks first."""
     summary, deformation = folder.summary, folder.deformation
-    found = [
+    return [
         Answer("Problem", list(_asked(summary))),
         Answer("Results", list(_came_out(summary, deformation))),
         Answer("Reliability", list(_trust(summary, deformation))),
         Answer("Data", list(_data(summary))),
     ]
-    return [answer for answer in found if answer.lines]
 
 
 def is_phantom(summary: Mapping[str, Any]) -> bool:
     """Whether the images are those of the phantom: computed, not measured."""
-    segmentation = summary.get("segmentation") or {}
+    segmentation = summary.get("segmentation", {})
     return bool(segmentation.get("source") == "phantom")
 
 
 def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
-    deck, units = summary.get("deck") or {}, summary.get("units") or {}
+    deck, units = summary.get("deck", {}), summary.get("units", {})
     length = units.get("length", "?")
-    materials = ", ".join(str(own["name"]) for own in deck.get("material") or [] if own.get("name"))
+    materials = ", ".join(str(own["name"]) for own in deck.get("material", []) if own.get("name"))
     body = _body(deck, summary, length)
     if body:
         yield Markup("{} of {}").format(body, materials) if materials else body
     held, moved = [], []
-    for entry in deck.get("boundary") or []:
+    for entry in deck.get("boundary", []):
         where = str(entry.get("set", "?"))
         given = {
             key: value
@@ -76,7 +61,7 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         else:
             values = ", ".join(f"{key} = {plain(value)}" for key, value in given.items())
             moved.append(f"{where}: {values}")
-    activation = (deck.get("load") or {}).get("activation")
+    activation = deck.get("load", {}).get("activation")
     loads = [f"held at {', '.join(held)}"] if held else []
     loads += moved
     if isinstance(activation, int | float) and activation > 0:
@@ -85,7 +70,7 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         yield "; ".join(loads)
     wanted = [
         f"{probe['name']} ({probe['quantity']}{_where(probe, length)})"
-        for probe in deck.get("probe") or []
+        for probe in deck.get("probe", [])
         if probe.get("name") and probe.get("quantity")
     ]
     if wanted:
@@ -93,7 +78,7 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
 
 
 def _body(deck: Mapping[str, Any], summary: Mapping[str, Any], length: str) -> str | Markup:
-    geometry = deck.get("geometry") or {}
+    geometry = deck.get("geometry", {})
     kind = geometry.get("kind")
     if kind == "box" and geometry.get("size"):
         sides = " × ".join(fraction(side) for side in geometry["size"])
@@ -102,11 +87,11 @@ def _body(deck: Mapping[str, Any], summary: Mapping[str, Any], length: str) -> s
         radii = " to ".join(fraction(geometry.get(f"{end}_radius")) for end in ("inner", "outer"))
         return f"A quarter of a ring, radius {radii} {length}"
     if kind == "model":
-        volumes = (summary.get("model") or {}).get("volume") or {}
+        volumes = summary.get("model", {}).get("volume", {})
         total = sum(volumes.values())
         if not total:
             return f"The body of {geometry.get('file', 'a model file')}"
-        unit = unit_of(summary.get("units") or {}, "volume")
+        unit = unit_of(summary.get("units", {}), "volume")
         if len(volumes) == 1:
             return Markup("A body of {} {}").format(number(total, 3), unit)
         shares = ", ".join(f"{name} {100 * own / total:.0f} %" for name, own in volumes.items())
@@ -125,14 +110,14 @@ def _where(probe: Mapping[str, Any], length: str) -> str:
 def _came_out(
     summary: Mapping[str, Any], deformation: Deformation | None
 ) -> Iterator[str | Markup]:
-    units = summary.get("units") or {}
-    steps = summary.get("steps") or []
+    units = summary.get("units", {})
+    steps = summary.get("steps", [])
     if steps:
         last = steps[-1]
         known = probe_units(summary)
         values = [
             Markup("<b>{} {}</b> {}").format(
-                name, with_error(value, (last.get("probe_errors") or {}).get(name)), known[name]
+                name, with_error(value, last.get("probe_errors", {}).get(name)), known[name]
             )
             for name, value in printed(last).items()
             if value is not None
@@ -142,7 +127,7 @@ def _came_out(
                 fraction(last.get("load")), Markup(", ").join(values)
             )
     if deformation is not None:
-        size = np.linalg.norm(deformation.displacement, axis=1)
+        size = deformation.size
         stress = np.nan_to_num(deformation.stress, nan=-np.inf)
         most, tense = int(np.argmax(size)), int(np.argmax(stress))
         line = "Largest displacement {} {} at {}, largest principal stress {} {} at {}"
@@ -151,7 +136,7 @@ def _came_out(
             number(float(deformation.stress[tense]), 3), unit_of(units, "stress"),
             _place(deformation, tense),
         )  # fmt: skip
-    models = [m for m in (summary.get("rom") or {}).get("models", []) if m.get("e1")]
+    models = [m for m in summary.get("rom", {}).get("models", []) if m.get("e1")]
     if models:
         best = min(models, key=lambda model: model["e1"])
         yield Markup(
@@ -174,19 +159,19 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
                 "of. The error of the full model comes on top: myork solve estimates it"
             )
         return
-    steps = summary.get("steps") or []
+    steps = summary.get("steps", [])
     last = steps[-1] if steps else {}
-    verdict = summary.get("verdict") or {}
+    verdict = summary.get("verdict", {})
     if not summary["converged"] and not steps:
         yield f"No solution: {'; '.join(verdict.get('reasons') or ['no load step converged'])}"
     elif not summary["converged"]:
         yield f"Not converged: the last state is at load {fraction(last.get('load', 0.0))}"
     elif verdict.get("state") in _VERDICTS:
-        reasons = "; ".join(verdict.get("reasons") or [])
+        reasons = "; ".join(verdict.get("reasons", []))
         yield _VERDICTS[verdict["state"]] + (f": {reasons}" if reasons else "")
     else:
         yield "No verdict: nothing was checked"
-    refined = summary.get("refine") or {}
+    refined = summary.get("refine", {})
     if refined.get("met"):
         yield str(refined["reason"])
     bars = list(_relative_bars(last))
@@ -195,7 +180,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         yield Markup("Error bars: {} % of the value at most ({})").format(
             number(100.0 * worst, 2), name
         )
-    second = summary.get("companion") or {}
+    second = summary.get("companion", {})
     if second.get("difference") is not None and second.get("method"):
         points = (
             "the same points"
@@ -206,7 +191,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         )
         yield Markup("A second solution ({}, {}) differs by {} {} in displacement (rms)").format(
             second["method"], points, number(second["difference"], 2),
-            (summary.get("units") or {}).get("length", "?"),
+            summary.get("units", {}).get("length", "?"),
         )  # fmt: skip
     checks: list[str | Markup] = []
     if summary.get("force_imbalance") is not None:
@@ -228,11 +213,11 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         )
     if checks:
         yield Markup("; ").join(checks)
-    entries = [*(summary.get("reference") or {}).values()]
-    errors = [abs(e) for own in entries for e in own.get("relative_error") or [] if e is not None]
+    entries = [*summary.get("reference", {}).values()]
+    errors = [abs(e) for own in entries for e in own.get("relative_error", []) if e is not None]
     errors += [
         abs(own["relative_error"])
-        for own in (summary.get("exact") or {}).values()
+        for own in summary.get("exact", {}).values()
         if own.get("relative_error") is not None
     ]
     if errors:
@@ -241,8 +226,8 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
 
 def _relative_bars(step: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
     """Error bars of a step relative to their values, with the name of the probe."""
-    for name, error in (step.get("probe_errors") or {}).items():
-        value = (step.get("probes") or {}).get(name)
+    for name, error in step.get("probe_errors", {}).items():
+        value = step.get("probes", {}).get(name)
         if error is None or value is None:
             continue
         if isinstance(value, list):
@@ -256,21 +241,21 @@ def _relative_bars(step: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
 
 
 def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
-    segmentation = summary.get("segmentation") or {}
-    deck = summary.get("deck") or {}
+    segmentation = summary.get("segmentation", {})
+    deck = summary.get("deck", {})
     if is_phantom(summary):
         yield Markup("<b>Phantom</b>: the images were computed, not measured on anybody")
     elif segmentation:
         yield f"Images: {segmentation.get('source', 'not named in this folder')}"
-    elif (deck.get("geometry") or {}).get("kind") == "model":
-        build = deck.get("build") or {}
+    elif deck.get("geometry", {}).get("kind") == "model":
+        build = deck.get("build", {})
         source = build.get("labels") or build.get("surface")
         yield f"Body: {source or deck['geometry'].get('file', 'a model file')}"
     elif deck.get("geometry"):
         yield "No images: the body is given by numbers of the deck"
     scores = [
         (name, own["dice"])
-        for name, own in (segmentation.get("scores") or {}).items()
+        for name, own in segmentation.get("scores", {}).items()
         if own.get("dice") is not None
     ]
     if scores:

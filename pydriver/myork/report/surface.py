@@ -1,23 +1,35 @@
-"""Pictures of a surface: its triangles and the strokes on it, drawn from the farthest on."""
+"""Pictures of bodies in rows: triangles and strokes of surfaces, drawn from the farthest on."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import TriMesh
 from matplotlib.colors import Colormap, ListedColormap, to_rgb
+from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from myork.report.sketch import NO_VALUE
+from myork.report.sketch import (
+    NO_VALUE,
+    RIM,
+    draw_bar,
+    draw_ruler,
+    draw_triad,
+    frame_of,
+    limits_of,
+    rim_of,
+    shade_plane,
+)
 from myork.types import F64, I32, I64
 
-__all__ = ["Panel", "show"]
+__all__ = ["Panel", "board", "show"]
 
 #: Facets that meet at a larger angle have an edge there [degree]
 _EDGE_ANGLE = 60.0
@@ -49,6 +61,10 @@ class Panel(NamedTuple):
         Name of a colour map of matplotlib, or colours between commas.
     strokes : NDArray
         Ends of strokes on the body, shape `(k, 2, 3)` [length].
+    view : NDArray
+        Directions to the right and upwards in the picture and towards the reader, shape `(3, 3)`.
+    title, bar : str
+        What stands above the picture and beside its bar of colours; without words no bar.
     """
 
     rest: F64
@@ -58,6 +74,13 @@ class Panel(NamedTuple):
     limits: tuple[float, float, str] = (0.0, 1.0, "neither")
     colours: str = "viridis"
     strokes: F64 = np.empty((0, 2, 3))
+    view: F64 = np.eye(3)
+    title: str = ""
+    bar: str = ""
+
+    def shaded(self, values: F64, **more: Any) -> Panel:
+        """The body in the colours of values, shape `(n,)`, as far as these are seen."""
+        return self._replace(values=values, limits=limits_of(values[self.seen]), **more)
 
     @property
     def seen(self) -> I64:
@@ -65,7 +88,42 @@ class Panel(NamedTuple):
         return np.unique(self.triangles) if len(self.triangles) else np.arange(len(self.rest))
 
 
-def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
+def board(cells: Sequence[Sequence[Panel]], length: str) -> tuple[Figure, NDArray[np.object_]]:
+    """Rows of pictures to one scale, with the axes of each.
+
+    Parameters
+    ----------
+    cells : sequence of sequence of Panel
+        Pictures in rows of one length. Those of a row or a column that have one bar share it.
+    length : str
+        Unit of the length that stands in the first picture.
+    """
+    every = [panel for row in cells for panel in row]
+    places = np.vstack([part for panel in every for part in (panel.rest, panel.positions)])
+    middle, half = frame_of(places, [panel.view for panel in every])
+    rows, columns, solid = len(cells), len(cells[0]), np.ptp(places[:, 2]) > 0.0
+    bars = max(len({panel.bar for panel in row} - {""}) for row in cells)
+    high = min((11.0 - bars) / columns * float(half[1] / half[0]) + 0.3, 4.8)
+    figure = Figure(figsize=(11.0, rows * high + 1.0), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    shared: dict[Any, list[Axes]] = {}
+    for axes, panel in zip(grid.ravel(), every, strict=True):
+        (show if solid else _show_plane)(axes, panel, middle, half)
+        axes.set_title(panel.title, fontsize=10)
+        shared.setdefault((panel.bar, panel.limits, panel.colours), []).append(axes)
+    if solid:
+        first = {panel.view.tobytes(): at for at, panel in reversed(list(enumerate(every)))}
+        for at in first.values():
+            draw_triad(grid.ravel()[at], every[at].view, half)
+    draw_ruler(grid[0, 0], half, length)
+    for (bar, limits, colours), own in shared.items():
+        below = len(own) > 1 and own[0] in grid[0] and own[1] not in grid[0]
+        if bar:
+            draw_bar(figure, own, limits, "bottom" if below else "right", colours).set_label(bar)
+    return figure, grid
+
+
+def show(axes: Axes, panel: Panel, middle: F64, half: F64) -> None:
     """Draw a body by parallel projection into axes without a frame.
 
     Parameters
@@ -74,8 +132,6 @@ def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
         Where it is drawn.
     panel : Panel
         What is drawn.
-    view : F64
-        Directions to the right and upwards in the picture and towards the reader, shape `(3, 3)`.
     middle : F64
         Place in the middle of the picture, shape `(3,)` [length].
     half : F64
@@ -83,19 +139,18 @@ def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
     """
     axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
     axes.set_axis_off()
-    place = (panel.positions - middle) @ view.T
+    view = panel.view
+    rest, place = (panel.rest - middle) @ view.T, (panel.positions - middle) @ view.T
     if not len(panel.triangles):
         order = np.argsort(place[:, 2])
         x, y, _ = place[order].T
         axes.scatter(x, y, s=12, c=_coloured(panel, panel.values[order]))
         return
     sharp = _edges(panel.rest, panel.triangles, float(half.min()))
-    parts = [_facets(panel, place, view)]
-    for ends, width, colour in (
-        (panel.rest[sharp], _EDGE, "#888888"),
-        (panel.strokes, _STROKE, "#222222"),
-    ):
-        parts.append(_ribbons((ends - middle) @ view.T, width * float(half.max()), colour))
+    parts = [_facets(panel, place)]
+    strokes = (panel.strokes - middle) @ view.T
+    for ends, width, colour in ((rest[sharp], _EDGE, "#888888"), (strokes, _STROKE, "#222222")):
+        parts.append(_ribbons(ends, width * float(half.max()), colour))
         parts[-1][0][..., 2] += _LIFT * float(np.linalg.norm(half))
     corners, colours = (np.concatenate(own) for own in zip(*parts, strict=True))
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
@@ -105,9 +160,18 @@ def show(axes: Axes, panel: Panel, view: F64, middle: F64, half: F64) -> None:
     axes.add_collection(mesh, autolim=False)
 
 
-def _facets(panel: Panel, place: F64, view: F64) -> tuple[F64, F64]:
+def _show_plane(axes: Axes, panel: Panel, middle: F64, half: F64) -> None:
+    """Draw a plane body with its undeformed outline; parameters as of `show`."""
+    rest, place = ((own - middle)[:, :2] for own in (panel.rest, panel.positions))
+    shade_plane(axes, place, panel.triangles, panel.values, panel.limits, panel.colours)
+    axes.plot(*rest[rim_of(panel.triangles)].transpose(2, 1, 0), **RIM)
+    axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
+    axes.set_axis_off()
+
+
+def _facets(panel: Panel, place: F64) -> tuple[F64, F64]:
     """Triangles that face the reader: their corners, and the colours there in the light."""
-    triangles = panel.triangles
+    triangles, view = panel.triangles, panel.view
     light = _normals(panel.positions, triangles) @ _unit(view[2] + _ABOVE * view[1])
     corners = place[triangles]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from myork.report.figures import panels_of
 from myork.report.numbers import labelled
-from myork.report.sketch import panels_of
 from myork.types import F64
 
 __all__ = ["VERDICTS", "Column", "Fit", "response_figure", "tornado_figure", "trend_figure"]

@@ -6,18 +6,17 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 
+import myork
 from myork.errors import FileError
 from myork.report import sweep_figures
-from myork.report.frame import Section, figure, render, table
+from myork.report.frame import Answer, Page, Section, figure, folded, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
-from myork.report.story import Answer
 from myork.report.sweep_figures import VERDICTS, Column, Fit
 
 __all__ = ["SWEEP_FILE", "SweepFolder", "read_sweep", "sweep_page"]
@@ -28,8 +27,7 @@ SWEEP_FILE = "points.jsonl"
 _MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
 
 
-@dataclass(frozen=True)
-class SweepFolder:
+class SweepFolder(NamedTuple):
     """Finished points of a sweep.
 
     Attributes
@@ -38,8 +36,6 @@ class SweepFolder:
         The folder.
     total : int
         Number of points that were asked for.
-    model : str or None
-        File name of the reduced model that answered.
     keys, probes : list of Column
         What was varied and what came out, a value a finished point.
     verdicts, messages : list of str
@@ -52,13 +48,17 @@ class SweepFolder:
 
     path: Path
     total: int
-    model: str | None
     keys: list[Column]
     probes: list[Column]
     verdicts: list[str]
     messages: list[str]
     cpu: list[float]
-    about: dict[str, Any] = field(default_factory=dict)
+    about: dict[str, Any]
+
+    @property
+    def left(self) -> int:
+        """Number of points that are not solved yet."""
+        return self.total - len(self.verdicts)
 
 
 def read_sweep(path: Path) -> SweepFolder:
@@ -101,7 +101,7 @@ def read_sweep(path: Path) -> SweepFolder:
             for name in asked
         ]
         sweep = SweepFolder(
-            path, len(points), about.get("model"), keys, probes,
+            path, len(points), keys, probes,
             [str(row["verdict"]) for row in rows], [str(row["message"]) for row in rows],
             [float(row["cpu_s"]) for row in rows], about,
         )  # fmt: skip
@@ -112,26 +112,25 @@ def read_sweep(path: Path) -> SweepFolder:
     return sweep
 
 
-def sweep_page(sweep: SweepFolder, version: str) -> str:
+def sweep_page(sweep: SweepFolder) -> Page:
     """All of a sweep as one page."""
     fits = [Fit.of(sweep.keys[:_MOST_KEYS], probe) for probe in sweep.probes[:_MOST_PROBES]]
-    sections = [
-        Section("trends", "Trends", list(_trends(sweep))),
-        Section("effects", "Which key matters", list(_effects(fits))),
-        Section("surfaces", "Response surfaces", list(_surfaces(sweep, fits))),
-        Section("failures", "What to look at", list(_failures(sweep))),
-        Section("points", "All points", list(_points(sweep))),
-    ]
-    done = len(sweep.verdicts)
-    return render(
-        "sweep.html",
+    badges = [(_BADGES.get(word, "bad"), f"{count} {word}") for word, count in _counts(sweep)]
+    return Page(
         title=f"Sweep: {sweep.about.get('title') or sweep.path.resolve().name}",
-        sections=[section for section in sections if section.parts],
-        story=list(_story(sweep)),
-        counts=[(word, count, _BADGES.get(word, "bad")) for word, count in _counts(sweep)],
-        left=sweep.total - done,
-        version=version,
-        folder=sweep.path,
+        sections=(
+            Section("trends", "Trends", _trends(sweep)),
+            Section("effects", "Which key matters", _effects(fits)),
+            Section("surfaces", "Response surfaces", _surfaces(sweep, fits)),
+            Section("failures", "What to look at", _failures(sweep)),
+            Section("points", "All points", _points(sweep)),
+        ),
+        badges=[*badges, *([("unsure", f"{sweep.left} to do")] if sweep.left else [])],
+        story=_story(sweep),
+        footer=Markup(
+            "MyoRK {} · made by <code>myork report</code> from <code>points.jsonl</code> in\n"
+            "<code>{}</code>; all numbers: <code>sweep.csv</code>"
+        ).format(myork.__version__, sweep.path),
     )
 
 
@@ -152,7 +151,8 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
             ranges.append(f"{key.name}: {', '.join(dict.fromkeys(map(str, key.values)))}")
         else:
             ranges.append(f"{key.name} from {fraction(values.min())} to {fraction(values.max())}")
-    who = f"the reduced model {sweep.model}" if sweep.model else "full solutions"
+    model = sweep.about.get("model")
+    who = f"the reduced model {model}" if model else "full solutions"
     yield Answer("Problem", [f"{sweep.total} points by {who}", "; ".join(ranges)])
     found: list[Markup] = []
     for probe in sweep.probes[:_MOST_PROBES]:
@@ -176,8 +176,8 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
         ", ".join(f"{count} {word}" for word, count in counts)
         + f" of {len(sweep.verdicts)} finished points"
     ]
-    if len(sweep.verdicts) < sweep.total:
-        lines.append(f"{sweep.total - len(sweep.verdicts)} points are not solved yet")
+    if sweep.left:
+        lines.append(f"{sweep.left} points are not solved yet")
     bars = [bar for probe in sweep.probes if (bar := probe.largest_bar()) is not None]
     if bars:
         lines.append(
@@ -257,5 +257,4 @@ def _points(sweep: SweepFolder) -> Iterator[Markup]:
     caption = (
         f"The first {len(rows)} points; all: sweep.csv" if len(rows) < sweep.total else "Points"
     )
-    details = "<details><summary>{}</summary>{}</details>"
-    yield Markup(details).format(caption, table([*head, "verdict"], rows))
+    yield folded(caption, table([*head, "verdict"], rows))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -33,43 +33,77 @@ _STAGES = {
 }
 
 
-def run_table(summary: Mapping[str, Any]) -> Markup:
-    """What was solved and how: method, sizes, solver, backward error."""
-    units = summary.get("units", {})
+def run_table(summaries: Sequence[Mapping[str, Any]], names: Sequence[str] = ()) -> Markup:
+    """What was solved and how: method, sizes, solver, backward error.
+
+    Parameters
+    ----------
+    summaries : Sequence of Mapping
+        Summaries, a column each.
+    names : Sequence of str
+        Heads of the columns; none for a single run.
+    """
+    rows = [[name, *(cell(own) for own in summaries)] for name, cell in _FACTS.items()]
+    shown = [row for row in rows if any(cell != DASH for cell in row[1:])]
+    return Markup('<div class="facts">{}</div>').format(table(("", *names) if names else (), shown))
+
+
+def _of(key: str, digits: int = 4) -> Callable[[Mapping[str, Any]], Markup]:
+    """A number of an entry."""
+    return lambda own: number(own.get(key), digits)
+
+
+def _solver(summary: Mapping[str, Any]) -> str:
     solver = summary.get("solver", {})
     used = str(solver.get("used", DASH))
     if solver.get("asked") not in (None, solver.get("used")):
         used += f" (asked: {solver['asked']})"
-    if solver.get("why"):
-        used = Markup("{}<br><small>{}</small>").format(used, solver["why"])
-    rows: list[tuple[str, str]] = [
-        ("method", str(summary.get("method", DASH))),
-        ("dimension", _dimension(summary.get("dimension"))),
-        ("source points", number(summary.get("source_points"))),
-        ("collocation points", number(summary.get("collocation_points"))),
-        ("unknowns", number(summary.get("dofs"))),
-        ("equations (rows)", number(summary.get("rows"))),
-        ("linear solver", used),
-        ("condition number of the rows, about", number(_inverse(solver), 2)),
-        ("backward error, largest", number(solver.get("backward_error"), 2)),
-        ("load steps, iterations", _iterations(summary.get("steps", []))),
-        ("threads", number(summary.get("threads"))),
-        ("units", ", ".join(f"{key} {unit}" for key, unit in units.items()) or DASH),
-    ]
-    if summary.get("sets"):
-        lines = [
-            f"{own.get('name')}: {own.get('boundary_points')} boundary points, "
-            + Markup("{} {}").format(number(own.get("area")), unit_of(own, "unit"))
-            for own in summary["sets"]
-        ]
-        rows.append(("sets of the deck", Markup("<br>").join(lines)))
-    overrides = summary.get("overrides")
-    if overrides:
-        rows.append(("changed with --set", Markup("<br>").join(str(line) for line in overrides)))
-    rows.append(
-        ("deck, SHA-256", Markup("<code>{}</code>").format(summary.get("deck_sha256", DASH)))
+    return (
+        Markup("{}<br><small>{}</small>").format(used, solver["why"]) if solver.get("why") else used
     )
-    return table((), [row for row in rows if row[1] != DASH])
+
+
+def _condition(summary: Mapping[str, Any]) -> Markup:
+    small = summary.get("solver", {}).get("reciprocal_condition")
+    return number(1.0 / small if small else None, 2)
+
+
+def _iterations(summary: Mapping[str, Any]) -> str:
+    steps = summary.get("steps", [])
+    total = sum(step.get("iterations") or 0 for step in steps)
+    words = Markup("{} steps, {} iterations").format(number(len(steps)), number(total))
+    return words if steps else DASH
+
+
+def _sets(summary: Mapping[str, Any]) -> str:
+    lines = [
+        f"{own.get('name')}: {own.get('boundary_points')} boundary points, "
+        + Markup("{} {}").format(number(own.get("area")), unit_of(own, "unit"))
+        for own in summary.get("sets", [])
+    ]
+    return Markup("<br>").join(lines) or DASH
+
+
+#: Rows of the table of a run: what stands there of a summary
+_FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "method": lambda own: str(own.get("method", DASH)),
+    "dimension": lambda own: {2: "2 (plane strain)", 3: "3"}.get(own.get("dimension", 0), DASH),
+    "source points": _of("source_points"),
+    "collocation points": _of("collocation_points"),
+    "unknowns": _of("dofs"),
+    "equations (rows)": _of("rows"),
+    "linear solver": _solver,
+    "condition number of the rows, about": _condition,
+    "backward error, largest": lambda own: number(own.get("solver", {}).get("backward_error"), 2),
+    "load steps, iterations": _iterations,
+    "threads": _of("threads"),
+    "units": lambda own: ", ".join(f"{k} {u}" for k, u in own.get("units", {}).items()) or DASH,
+    "sets of the deck": _sets,
+    "changed with --set": lambda own: Markup("<br>").join(own.get("overrides", ())) or DASH,
+    "deck, SHA-256": lambda own: (
+        Markup("<code>{}</code>").format(own["deck_sha256"]) if "deck_sha256" in own else DASH
+    ),
+}
 
 
 def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> Markup:
@@ -101,74 +135,71 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) ->
     return table(head, rows)
 
 
+def _listed(
+    entries: Iterable[Mapping[str, Any]],
+    columns: Mapping[str, Callable[[Mapping[str, Any]], str]],
+    caption: str,
+    always: int = 0,
+) -> Markup:
+    """A row an entry; behind the first few, columns of dashes are left out."""
+    rows = [[cell(own) for cell in columns.values()] for own in entries]
+    shown = [k for k in range(len(columns)) if k < always or any(row[k] != DASH for row in rows)]
+    heads = [list(columns)[k] for k in shown]
+    return table(heads, [[row[k] for k in shown] for row in rows], caption)
+
+
 def exact_table(exact: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Values beside their exact solutions, both at full load."""
-    rows = [
-        (
-            labelled(name, units.get(name, "")),
-            number(entry.get("value"), 6),
-            number(entry.get("reference"), 6),
-            number(entry.get("relative_error"), 2),
-        )
-        for name, entry in exact.items()
-    ]
-    head = ("quantity", "computed", "exact", "relative error [-]")
-    return table(head, rows, "Exact solutions at full load")
+    columns = {
+        "quantity": lambda own: labelled(own["name"], units.get(own["name"], "")),
+        "computed": _of("value", 6),
+        "exact": _of("reference", 6),
+        "relative error [-]": _of("relative_error", 2),
+    }
+    return _listed(_named(exact), columns, "Exact solutions at full load", 4)
 
 
 def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Largest distance of each probe from reference values."""
-    rows = []
-    for name, entry in reference.items():
-        values, theirs = _numbers(entry.get("value")), _numbers(entry.get("reference"))
-        errors = _numbers(entry.get("relative_error"))
-        rows.append(
-            (
-                labelled(name, units.get(name, "")),
-                number(len(theirs)),
-                number(values[-1] if values else None),
-                number(theirs[-1] if theirs else None),
-                number(max((abs(error) for error in errors), default=None), 2),
-                str(entry.get("source", DASH)),
-            )
-        )
-    head = (
-        "probe", "points", "computed, last", "reference, last", "largest relative error [-]",
-        "source of the reference",
-    )  # fmt: skip
-    return table(head, rows, "Distance from reference values")
+    columns = {
+        "probe": lambda own: labelled(own["name"], units.get(own["name"], "")),
+        "points": lambda own: number(len(_numbers(own, "reference"))),
+        "computed, last": lambda own: number(next(reversed(_numbers(own, "value")), None)),
+        "reference, last": lambda own: number(next(reversed(_numbers(own, "reference")), None)),
+        "largest relative error [-]": lambda own: number(
+            max(map(abs, _numbers(own, "relative_error")), default=None), 2
+        ),
+        "source of the reference": lambda own: str(own.get("source", DASH)),
+    }
+    return _listed(_named(reference), columns, "Distance from reference values", 6)
+
+
+def _named(entries: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    return ({**own, "name": name} for name, own in entries.items())
+
+
+def _numbers(entry: Mapping[str, Any], key: str) -> list[float]:
+    return [value for value in entry.get(key, ()) if isinstance(value, (int, float))]
 
 
 def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
     """Errors, times and speed-up of the reduced models, side by side."""
-    head = (
-        "model", "modes r", "points", Markup("e<sub>1</sub> displacement [-]"),
-        Markup("e<sub>2</sub> gradient [-]"), "stress error [-]", "force error [-]", "offline [s]",
-        "online, a state [ms]", "speed-up over full", "speed-up over DGELS",
-    )  # fmt: skip
-    rows = []
-    for model in models:
-        online = model.get("online_s_per_state")
-        rows.append(
-            (
-                MODEL_KINDS.get(str(model.get("kind")), str(model.get("kind"))),
-                number(model.get("r")),
-                number(model.get("points")),
-                *(number(model.get(key), 2) for key in ("e1", "e2", "stress_error", "force_error")),
-                number(model.get("offline_s"), 3),
-                number(None if online is None else 1000.0 * online, 3),
-                number(model.get("speedup_vs_full"), 3),
-                number(model.get("speedup_vs_dgels"), 3),
-            )
-        )
-    return _known(head, rows, 0, "Reduced models against the full solution")
-
-
-def _known(head: Sequence[str], rows: Sequence[Sequence[str]], first: int, caption: str) -> Markup:
-    """A table without the columns, from one on, in which all entries are dashes."""
-    shown = [k for k in range(len(head)) if k < first or any(row[k] != DASH for row in rows)]
-    kept = [[row[k] for k in shown] for row in rows]
-    return table([head[k] for k in shown], kept, caption)
+    columns = {
+        "model": lambda own: MODEL_KINDS.get(str(own.get("kind")), str(own.get("kind"))),
+        "modes r": _of("r"),
+        "points": _of("points"),
+        Markup("e<sub>1</sub> displacement [-]"): _of("e1", 2),
+        Markup("e<sub>2</sub> gradient [-]"): _of("e2", 2),
+        "stress error [-]": _of("stress_error", 2),
+        "force error [-]": _of("force_error", 2),
+        "offline [s]": _of("offline_s", 3),
+        "online, a state [ms]": lambda own: number(
+            None if own.get("online_s_per_state") is None else 1e3 * own["online_s_per_state"], 3
+        ),
+        "speed-up over full": _of("speedup_vs_full", 3),
+        "speed-up over DGELS": _of("speedup_vs_dgels", 3),
+    }
+    return _listed(models, columns, "Reduced models against the full solution")
 
 
 def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> Markup:
@@ -197,20 +228,21 @@ def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> 
 def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Size and, where the truth is known, scores of each label."""
     labels, scores = segmentation.get("labels", {}), segmentation.get("scores", {})
-    digits = {"pixels": 4, "volume": 4, "dice": 3, "pcc": 3, "fat_fraction": 3,
-              "volume_of_parts": 4}  # fmt: skip
     unit = unit_of(units, "volume")
-    head = ("label", "voxels", f"volume [{unit}]", "Dice [-]", "PCC [-]", "fraction of fat [-]",
-            f"volume of parts [{unit}]")  # fmt: skip
-    rows = []
-    for name in dict.fromkeys([*labels, *scores]):
-        own = {**labels.get(name, {}), **scores.get(name, {})}
-        rows.append([name, *(number(own.get(key), n) for key, n in digits.items())])
+    columns = {
+        "label": lambda own: own["name"],
+        "voxels": _of("pixels"),
+        f"volume [{unit}]": _of("volume"),
+        "Dice [-]": _of("dice", 3),
+        "PCC [-]": _of("pcc", 3),
+        "fraction of fat [-]": _of("fat_fraction", 3),
+        f"volume of parts [{unit}]": _of("volume_of_parts"),
+    }
     caption = "Labels of the segmentation (a dash: no truth to score against)"
-    maps = segmentation.get("maps") or {}
-    if maps:
+    if maps := segmentation.get("maps"):
         caption += "; maps in this folder: " + ", ".join(maps.values())
-    return _known(head, rows, 5, caption)
+    both = {name: {**labels.get(name, {}), **scores.get(name, {})} for name in {**labels, **scores}}
+    return _listed(_named(both), columns, caption, 5)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
@@ -226,23 +258,3 @@ def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
     if memory is not None:
         rows.append(("memory, largest", Markup("{} MiB").format(number(memory / 2**20, 3)), ""))
     return table(("stage", "wall time [s]", "share [%]"), rows, "Where the time went")
-
-
-def _inverse(solver: Mapping[str, Any]) -> float | None:
-    small = solver.get("reciprocal_condition")
-    return 1.0 / small if small else None
-
-
-def _dimension(dimension: Any) -> str:
-    return {2: "2 (plane strain)", 3: "3"}.get(dimension, DASH)
-
-
-def _iterations(steps: Sequence[Mapping[str, Any]]) -> str:
-    if not steps:
-        return DASH
-    total = sum(step.get("iterations") or 0 for step in steps)
-    return Markup("{} steps, {} iterations").format(number(len(steps)), number(total))
-
-
-def _numbers(values: Any) -> list[float]:
-    return [value for value in values or () if isinstance(value, (int, float))]

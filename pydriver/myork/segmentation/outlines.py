@@ -17,8 +17,8 @@ from myork.types import F64, I32, Mask
 __all__ = ["pull_of_outlines", "signed_distances"]
 
 
-# Chosen on `benchmarks/outlines.py tuned`: rate of a walk's end where outlines predict a label,
-# against steps of rate 1 where there is no edge [-],
+# Chosen on `benchmarks/choices.py outlines tuned`: rate of a walk's end where outlines predict a
+# label, against steps of rate 1 where there is no edge [-],
 _RATE = 3e-4
 # and how far predicted outlines are off: at drawn slices [mm], and more by this part of the way [-]
 _OFF = 2.0

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from myork.core.cloud import model_path
-from myork.core.deck import load_deck
 from myork.errors import FileError, InputError, MyorkError
 from myork.rom.probes import probe_columns
 from myork.sweeps.plan import Plan
@@ -25,11 +24,7 @@ class Inputs:
     Parameters
     ----------
     plan : Plan
-        Points.
-    deck : Path
-        Deck file.
-    overrides : sequence of str
-        Overrides for all points.
+        Points and their deck.
     out : Path
         Folder of the sweep, in which the model file of the deck is looked for first.
     model : Path, optional
@@ -53,21 +48,19 @@ class Inputs:
     def __init__(
         self,
         plan: Plan,
-        deck: Path,
-        overrides: Sequence[str],
         out: Path,
         model: Path | None = None,
         model_probes: Sequence[str] = (),
     ) -> None:
-        self._paths = {"deck": deck} if model is None else {"deck": deck, "--model": model}
+        self._paths = {"deck": plan.deck} | ({} if model is None else {"--model": model})
         # what is read and found depends on words and whole numbers: files, methods, names
         chosen = {
-            tuple(value for value in point if not isinstance(value, float)): point
-            for point in reversed(plan.points)
+            tuple(value for value in point if not isinstance(value, float)): number
+            for number, point in reversed(list(enumerate(plan.points)))
         }
-        for point in chosen.values():
+        for number in chosen.values():
             try:
-                one = load_deck(deck, [*overrides, *plan.settings(point)], "solve")
+                one = plan.tables(number)
             except MyorkError:
                 # words that do not go together: these points fail with the message
                 continue
@@ -76,12 +69,12 @@ class Inputs:
                 self._paths |= _files(one, out)
             else:
                 probes = [probe for probe in probes if probe["name"] in model_probes]
-            _check_columns(plan.keys, probes, one["scene"]["dimension"], deck)
+            _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
         self._marks = {name: _mark(path) for name, path in self._paths.items()}
         self._digests = {name: _digest(path) for name, path in self._paths.items()}
         self.head = {
             "inputs": self._digests,
-            "overrides": list(overrides),
+            "overrides": list(plan.overrides),
             "keys": list(plan.keys),
             "points": [list(point) for point in plan.points],
         }

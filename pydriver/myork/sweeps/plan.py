@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from itertools import product
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.core.deck import load_deck
 from myork.errors import InputError
 
 __all__ = ["Plan", "make_plan"]
@@ -28,14 +30,28 @@ class Plan(NamedTuple):
         Keys as in `--set`.
     points : list of tuple
         Values of the keys: numbers, or words of a list.
+    deck : Path
+        Deck file.
+    overrides : tuple of str
+        Overrides of the deck for all points.
     """
 
     keys: tuple[str, ...]
     points: list[tuple[Any, ...]]
+    deck: Path = Path()
+    overrides: tuple[str, ...] = ()
 
     def settings(self, point: tuple[Any, ...]) -> list[str]:
-        """Overrides that make a point of the deck."""
+        """Overrides that make a point of the deck, without those for all."""
         return [f"{key}={value}" for key, value in zip(self.keys, point, strict=True)]
+
+    def items(self, number: int) -> list[str]:
+        """All overrides of a point, by its number."""
+        return [*self.overrides, *self.settings(self.points[number])]
+
+    def tables(self, number: int) -> dict[str, Any]:
+        """The deck of a point, checked, by its number."""
+        return load_deck(self.deck, self.items(number), "solve")
 
 
 def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:

@@ -21,20 +21,20 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_key, load_deck
-from myork.errors import InputError, InstallationError
+from myork.core.scene import Scene
+from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import probe_columns
 from myork.stations.explain import explain_deck
 from myork.sweeps.inputs import Inputs
 from myork.sweeps.plan import Plan, make_plan
-from myork.sweeps.point import solve_point
 from myork.sweeps.store import Store, has_parquet, read_points
 from myork.types import F64
 
@@ -109,17 +109,15 @@ def sweep(
     InputError
         The deck, a key or the plan is wrong, or the folder holds another sweep.
     """
-    plan = make_plan(vary, samples, seed)
-    deck, out = Path(deck), Path(out)
-    full = [deck_key(deck, key, overrides) for key in plan.keys]
+    plan = make_plan(vary, samples, seed)._replace(deck=Path(deck), overrides=tuple(overrides))
+    out = Path(out)
+    full = [deck_key(plan.deck, key, overrides) for key in plan.keys]
     for k, key in enumerate(full):
         if key in full[:k]:
             raise InputError(
                 f"--vary: {plan.keys[full.index(key)]} and {plan.keys[k]} are both {key}"
             )
-    one = load_deck(deck, [*overrides, *plan.settings(plan.points[0])], "solve")
-    for point in (plan.points[-1], plan.points[len(plan.points) // 2]):
-        load_deck(deck, [*overrides, *plan.settings(point)], "solve")
+    one, *_ = (plan.tables(number) for number in (0, -1, len(plan.points) // 2))
     if model is not None and dask is not None:
         raise InputError("a reduced model needs no workers of Dask")
     workers = workers or os.cpu_count() or 1
@@ -130,14 +128,13 @@ def sweep(
     share = range(len(plan.points)) if part is None else _share(part, len(plan.points))
     rom = None if model is None else ReducedModel.load(model)
     if rom is not None:
-        values = _model_values(plan, rom, Path(model or ""), deck, overrides)
+        values = _model_values(plan, rom, Path(model or ""))
     inputs = Inputs(
-        plan, deck, overrides, out,
-        None if model is None else Path(model),
+        plan, out, None if model is None else Path(model),
         () if rom is None else [probe["name"] for probe in rom.head["probes"]],
     )  # fmt: skip
     if dry_run:
-        for line in (*_preview(plan), *_cost(plan, deck, out, overrides, inputs)):
+        for line in (*_preview(plan), *_cost(plan, out, inputs)):
             progress(line)
         return out / "sweep.csv"
     # jobs of an array write side by side
@@ -160,10 +157,8 @@ def sweep(
             if rom is not None:
                 _reduced(rom, values, left, store)
             elif left:
-                with _workers(dask, min(workers, len(left))) as (make, size, deaths):
-                    _full(
-                        plan, left, deck, out, overrides, make, size, deaths, store, progress
-                    )  # fmt: skip
+                with _workers(dask, min(workers, len(left))) as team:
+                    _full(plan, left, out, team, store, progress)
         finally:
             # a run that found nothing leaves nothing
             if store.rows or not left:
@@ -198,7 +193,7 @@ def _share(part: str, count: int) -> range:
     return range(number - 1, count, parts)
 
 
-def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str], inputs: Inputs) -> list[str]:
+def _cost(plan: Plan, out: Path, inputs: Inputs) -> list[str]:
     """What all points cost: by those that are finished, else by one solution of the equations."""
     count = len(plan.points)
     times = [row["cpu_s"] for row in read_points(out / "points.jsonl", inputs).values()]
@@ -211,12 +206,12 @@ def _cost(plan: Plan, deck: Path, out: Path, overrides: Sequence[str], inputs: I
             f"{count * mean / 3600.0:.3g} CPU hours for all"
         ]
     lines: list[str] = []
-    middle = [*overrides, *plan.settings(plan.points[count // 2])]
-    explain_deck(deck, out=out, overrides=middle, progress=lines.append)
+    middle = plan.items(count // 2)
+    explain_deck(plan.deck, out=out, overrides=middle, progress=lines.append)
     once = re.search(_ONCE, "\n".join(lines))
     if once is None:
         return []
-    steps = int(load_deck(deck, middle, "solve")["load"]["steps"])
+    steps = int(plan.tables(count // 2)["load"]["steps"])
     least = _LEAST_ITERATIONS * steps * float(once[1])
     return [
         f"  factors of the equations alone: {once[1]} s each, at least {least:.2g} CPU s a point, "
@@ -233,40 +228,70 @@ def _preview(plan: Plan) -> Iterator[str]:
         yield f"  and {len(plan.points) - len(shown)} more"
 
 
+def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
+    """Solve a deck with overrides; what goes wrong is a message, not raised.
+
+    Returns
+    -------
+    dict
+        `probes`: values of the last step by name, vectors by components; `errors`: their error
+        bars; `verdict`, `message`, `cpu_s`.
+    """
+    start = time.process_time()
+    row: dict[str, Any] = {"probes": {}, "errors": {}, "verdict": "failed", "message": ""}
+    try:
+        with Scene(deck, overrides, Path(out), threads=1) as scene:
+            try:
+                states = scene.solve()
+                row["verdict"] = states.verdict
+                row["message"] = "; ".join(states.reasons)
+                values = scene.probes(states.x[-1:], states.load[-1:])[0]
+                for i, probe in enumerate(scene.deck.get("probe", [])):
+                    bars = states.probe_errors[-1, i]
+                    for k, name in enumerate(probe_columns(probe, scene.dimension)):
+                        row["probes"][name] = float(values[i, k])
+                        row["errors"][name] = float(bars[k])
+            except ConvergenceError as ended:
+                row["message"] = str(ended)
+    except (MyorkError, OSError) as wrong:
+        row["message"] = str(wrong)
+    row["cpu_s"] = time.process_time() - start
+    return row
+
+
+class _Team(NamedTuple):
+    """Maker of an executor, its size, and what a call raises whose worker died."""
+
+    make: Callable[[], Executor]
+    size: int
+    deaths: tuple[type[Exception], ...]
+
+
 def _full(
-    plan: Plan,
-    left: Sequence[int],
-    deck: Path,
-    out: Path,
-    overrides: Sequence[str],
-    make: Callable[[], Executor],
-    size: int,
-    deaths: tuple[type[Exception], ...],
-    store: Store,
+    plan: Plan, left: Sequence[int], out: Path, team: _Team, store: Store,
     progress: ProgressCallback,
-) -> None:
+) -> None:  # fmt: skip
     """Solve points; a worker that dies costs its point a message, not the sweep."""
     begin = time.monotonic()
     waiting = list(reversed(left))
     running: dict[Future[Any], tuple[int, Executor]] = {}
     tried: set[int] = set()
     total, done = len(left), 0
-    pool = make()
+    pool = team.make()
     try:
         while waiting or running:
-            while waiting and len(running) < size:
+            while waiting and len(running) < team.size:
                 number = waiting.pop()
-                items = [*overrides, *plan.settings(plan.points[number])]
-                call = pool.submit(solve_point, str(deck.resolve()), items, str(out))
-                running[call] = number, pool
+                words = str(plan.deck.resolve()), plan.items(number), str(out)
+                running[pool.submit(solve_point, *words)] = number, pool
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 number, own = running.pop(future)
                 try:
                     row = future.result()
-                except deaths as died:
+                except team.deaths as died:
                     # a process that dies takes its pool with it
                     if isinstance(died, BrokenProcessPool) and own is pool:
-                        pool = make()
+                        pool = team.make()
                     # of several points that ran, the one that killed the worker is not known
                     if number not in tried:
                         tried.add(number)
@@ -291,16 +316,15 @@ def _full(
             pool.shutdown(cancel_futures=True)
 
 
-def _model_values(
-    plan: Plan, rom: ReducedModel, path: Path, deck: Path, overrides: Sequence[str]
-) -> F64:
+def _model_values(plan: Plan, rom: ReducedModel, path: Path) -> F64:
     """Values of the parameters of a reduced model at all points; it must be of this very deck."""
     trained = list(rom.head["overrides"])
-    if load_deck(deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
+    if load_deck(plan.deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
         raise InputError(
-            f"{path}: was trained on another deck than {deck}; sweep that one, or train it again"
+            f"{path}: was trained on another deck than {plan.deck}; sweep that one, or train it "
+            "again"
         )
-    fixed = [item.partition("=") for item in overrides if item not in trained]
+    fixed = [item.partition("=") for item in plan.overrides if item not in trained]
     given: dict[str, Any] = {rom.key_of(name.strip()): value for name, _, value in fixed}
     columns = zip(*plan.points, strict=True)
     given |= {rom.key_of(name): column for name, column in zip(plan.keys, columns, strict=True)}
@@ -333,19 +357,14 @@ def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) 
 
 
 @contextmanager
-def _workers(
-    dask: str | None, workers: int
-) -> Iterator[tuple[Callable[[], Executor], int, tuple[type[Exception], ...]]]:
-    """Maker of an executor, its size, and what a call raises whose worker died.
-
-    Workers are processes with one thread each, or those of Dask.
-    """
+def _workers(dask: str | None, workers: int) -> Iterator[_Team]:
+    """Processes with one thread each, or the workers of Dask."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
         if dask is None:
             context = multiprocessing.get_context("spawn")
-            yield (
+            yield _Team(
                 lambda: ProcessPoolExecutor(workers, mp_context=context, initializer=_begin),
                 workers,
                 (OSError, RuntimeError),
@@ -356,7 +375,9 @@ def _workers(
                 from distributed import KilledWorker
 
                 # an error of the system says that the scheduler has ended
-                yield lambda: client.get_executor(pure=False), size, (RuntimeError, KilledWorker)
+                yield _Team(
+                    lambda: client.get_executor(pure=False), size, (RuntimeError, KilledWorker)
+                )
     finally:
         for name, value in before.items():
             os.environ.pop(name)

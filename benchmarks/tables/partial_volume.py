@@ -1,25 +1,16 @@
-"""Parts of labels in each voxel against a truth in finer voxels.
-
-    python benchmarks/partial_volume.py tuned|other
-
-Legs of the phantom in voxels of 0.35 mm, averaged to 1.4 mm. First with one value for each tissue,
-shading and noise in three channels, the labels being what fills most of each voxel; then the
-phantom's own images (septa are darker than fat, skin) through `[tissue]`. Settings were chosen on
-`tuned`. Printed are, for labels and for parts, the volumes of muscle, fat and connective tissue
-against the truth [%] and the root mean square error of these three. No test: it takes a minute.
-"""
+"""Parts of labels in voxels that several of them fill."""
 
 from __future__ import annotations
 
-import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.tables.phantoms import coarse, fine_phantom
 from myork.imaging.io import read_image, read_labels, write_image
-from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.partial import label_parts
 from myork.stations.segment import segment
@@ -45,24 +36,25 @@ SIZE = (1.4, 1.4, 7.0)
 TISSUES = 4
 
 
-def coarse(values: F64) -> F64:
-    """Means of 4 x 4 voxels in the slices."""
-    n = values.shape[0] // 4, values.shape[1] // 4
-    return np.asarray(values.reshape(n[0], 4, n[1], 4, *values.shape[2:]).mean(axis=(1, 3)))
-
-
 def noisy(clean: F64, snr: float) -> F64:
     """Magnitudes with noise; `snr` is that of muscle in the anatomy."""
     noise = np.random.default_rng(5).normal(0.0, 400.0 / snr, (2, *clean.shape))
     return np.asarray(np.hypot(clean + noise[0], noise[1]))
 
 
-def told(found: F64, truth: F64) -> str:
+def told(found: F64, truth: F64) -> list[str]:
     """Volumes against the truth and the error."""
     right = truth.sum(axis=(0, 1, 2))[:3]
     off = 100.0 * (found.sum(axis=(0, 1, 2))[:3] - right) / np.where(right > 0, right, np.nan)
     error = np.sqrt(np.mean((found - truth)[..., :3] ** 2))
-    return "  ".join(f"{one:6.1f}" for one in off) + f"  {error:.4f}"
+    return [*(f"{one:.1f}" for one in off), f"{error:.4f}"]
+
+
+def both(labels: I32, parts: F64, truth: F64) -> list[str]:
+    """What is told of labels, a part of each whole voxel, and of parts."""
+    whole = (labels[..., np.newaxis] == np.arange(1, TISSUES + 1)).astype(float)
+    pairs = zip(told(whole, truth), told(all_of(parts, labels), truth), strict=True)
+    return [f"{one}, {other}" for one, other in pairs]
 
 
 def all_of(parts: F64, labels: I32) -> F64:
@@ -72,22 +64,16 @@ def all_of(parts: F64, labels: I32) -> F64:
     return whole
 
 
-def whole_voxels(labels: I32) -> F64:
-    """Labels as parts."""
-    return (labels[..., np.newaxis] == np.arange(1, TISSUES + 1)).astype(float)
-
-
-def by_truth(fine: I32, truth: F64, snr: float) -> None:
+def by_truth(fine: I32, truth: F64, snr: float) -> list[str]:
     """Labels are right, tissues have one value each."""
     x = np.linspace(-1.0, 1.0, truth.shape[0])
     shade = (1.0 + 0.15 * x)[:, None, None, None] * (1.0 - 0.1 * x)[None, :, None, None]
     images = noisy(coarse(SIGNALS[fine]) * shade, snr)
     labels = np.where(truth.sum(axis=-1) >= 0.5, truth.argmax(axis=-1) + 1, 0).astype(np.int32)
-    parts = all_of(label_parts(labels, images, SIZE, unmixed=(0, 4)), labels)
-    print(f"  SNR {snr:g}, labels {told(whole_voxels(labels), truth)}, parts {told(parts, truth)}")
+    return both(labels, label_parts(labels, images, SIZE, unmixed=(0, 4)), truth)
 
 
-def by_tissue(images: dict[str, F64], truth: F64, snr: float) -> None:
+def by_tissue(images: dict[str, F64], truth: F64, snr: float) -> list[str]:
     """Everything as `myork segment` finds it."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -104,24 +90,24 @@ def by_tissue(images: dict[str, F64], truth: F64, snr: float) -> None:
         segment(tables, folder / "out")
         labels = read_labels(folder / "out" / "tissue.nii.gz").data
         parts = read_image(folder / "out" / "tissue_fractions.nii.gz", values=None).data
-    print(f"  [tissue], SNR {snr:g}, labels {told(whole_voxels(labels), truth)}, "
-          f"parts {told(all_of(parts, labels), truth)}")  # fmt: skip
+    return both(labels, parts, truth)
 
 
-def main(half: str) -> None:
-    """All legs of a half."""
+def partial_volume(half: str) -> Iterator[tuple[str, ...]]:
+    """Parts of labels in each voxel against a truth in finer voxels.
+
+    Legs of the phantom in voxels of 0.35 mm, averaged to 1.4 mm. First with one value for each
+    tissue, shading and noise in three channels, the labels being what fills most of each voxel;
+    then the phantom's own images (septa are darker than fat, skin) through `[tissue]`. For labels
+    and for parts: volumes against the truth [%] and the root mean square error of all three.
+    """
+    yield "leg", "SNR", "muscle: labels, parts", "fat", "connective tissue", "error: labels, parts"
     for keys in HALVES[half]:
-        leg = make_phantom((352, 352, 5), (0.35, 0.35, 7.0), snr=1e6, bias=0.0, **keys)
-        fine = leg.tissue.data
+        leg = fine_phantom(**keys)
+        fine, name = leg.tissue.data, " ".join(f"{key} {value:g}" for key, value in keys.items())
         truth = coarse(np.stack([fine == n for n in range(1, TISSUES + 1)], -1).astype(float))
-        print(keys, flush=True)
         for snr in (30.0, 15.0):
-            by_truth(fine, truth, snr)
+            yield name, f"{snr:g}", *by_truth(fine, truth, snr)
         images = {"anatomy": leg.anatomy, "fat": leg.fat, "connective": leg.connective}
-        by_tissue({kind: one.data for kind, one in images.items()}, truth, 25.0)
-
-
-if __name__ == "__main__":
-    if sys.argv[1:] not in (["tuned"], ["other"]):
-        sys.exit(__doc__)
-    main(sys.argv[1])
+        data = {kind: one.data for kind, one in images.items()}
+        yield name, "25, `[tissue]`", *by_tissue(data, truth, 25.0)

@@ -1,16 +1,7 @@
-"""How often `segment` doubts right and wrong gradient axes.
-
-    python benchmarks/gradient_axes.py [DATA]
-
-Phantoms of many sizes, pennations and noises, with and without names, by themselves and by single
-muscles, each with its right table and with four wrong ones; with DATA, a folder with the surfaces
-and tracts of inputs/images, real muscles as well, whole and cut. The first half of the phantoms
-chose the bound of the walls, the second did not.
-"""
+"""Tables of gradients with right and wrong axes."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -67,8 +58,8 @@ def real(data: Path) -> Iterator[tuple[Image, Labels]]:
             )
 
 
-def count(title: str, cases: Iterator[tuple[Image, Labels]]) -> None:
-    """Print how many tables are doubted, and by how much right ones cross walls more than best."""
+def counts(cases: Iterator[tuple[Image, Labels]]) -> list[str]:
+    """How many tables are doubted, and by how much right ones cross walls more than the best."""
     tables = {"right": [0, 0], "long axis exchanged": [0, 0], "others": [0, 0]}
     margin = 0.0
     random = np.random.default_rng(1)
@@ -77,12 +68,12 @@ def count(title: str, cases: Iterator[tuple[Image, Labels]]) -> None:
         margin = max(margin, found.evidence[0].crossing - min(e.crossing for e in found.evidence))
         tables["right"][0] += bool(found.doubt)
         tables["right"][1] += 1
-        for entry in random.choice(np.array(found.evidence[1:], object), WRONG, replace=False):
-            kind = "others" if entry.axes.replace("-", "")[-1] == "z" else "long axis exchanged"
-            tables[kind][0] += bool(spoilt(fibers, labels, entry.axes).doubt)
+        for number in 1 + random.choice(len(found.evidence) - 1, WRONG, replace=False):
+            axes = found.evidence[number].axes
+            kind = "others" if axes.replace("-", "")[-1] == "z" else "long axis exchanged"
+            tables[kind][0] += bool(spoilt(fibers, labels, axes).doubt)
             tables[kind][1] += 1
-    rates = ", ".join(f"{kind} {a} of {n}" for kind, (a, n) in tables.items())
-    print(f"{title}: doubted {rates}; right tables cross walls by {margin:.2f} more", flush=True)
+    return [*(f"{doubted} of {number}" for doubted, number in tables.values()), f"{margin:.2f}"]
 
 
 def spoilt(fibers: Image, labels: Labels, axes: str) -> Finding:
@@ -92,8 +83,15 @@ def spoilt(fibers: Image, labels: Labels, axes: str) -> Finding:
     return check_orientation(Image(fibers.data @ turn.T, fibers.affine), labels)
 
 
-def main() -> None:
-    """Phantoms with and without names of muscles, real muscles."""
+def gradient_axes(data: str = "") -> Iterator[tuple[str, ...]]:
+    """How often `segment` doubts right and wrong gradient axes.
+
+    Phantoms of many sizes, pennations and noises, with and without names, by themselves and by
+    single muscles, each with its right table and with four wrong ones; with `data`, a folder with
+    the surfaces and tracts of inputs/images, real muscles as well, whole and cut. The first half of
+    the phantoms chose the bound of the walls, the second did not.
+    """
+    yield "tables", "right", "long axis exchanged", "other wrong ones", "right ones cross walls by"
     for half, (first, last) in (("chose", (0, CALVES // 2)), ("did not", (CALVES // 2, CALVES))):
         for known in (False, True):
             cases = (
@@ -101,10 +99,6 @@ def main() -> None:
                 for fibers, labels in calves(first, last)
             )
             names = "with names" if known else "no names"
-            count(f"phantoms that {half}, {names}", cases)
-    if len(sys.argv) > 1:
-        count("real muscles", real(Path(sys.argv[1])))
-
-
-if __name__ == "__main__":
-    main()
+            yield f"phantoms that {half}, {names}", *counts(cases)
+    if data:
+        yield "real muscles", *counts(real(Path(data)))

@@ -1,24 +1,15 @@
-"""Two muscles known in slices of 1 mm and given in slices of 8 mm, cut back into slices of 1 mm.
-
-    python benchmarks/thick_slices.py tuned|other
-
-Muscles touch, lean, bend and taper; their outlines and the border between them are wavy by 2 mm
-(root mean square), alike over so many millimetres along the stack. On `tuned` settings were
-chosen. Beside the Dice coefficient and the volume of ours stand slices repeated,
-and how well outlines can be told at all: the means of all outlines that pass through those of the
-slices, of muscles whose lean, bend, taper and kind of waves are known. No test: numbers of pages.
-"""
+"""Slices of two muscles, cut into finer ones."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from myork.model.slices import finer_labels
 from myork.records import Labels
+from myork.segmentation.scores import dice
 from myork.types import F64, I32
 
 PARTS = 8
@@ -92,20 +83,27 @@ class Muscles:
 def scores(found: I32, truth: I32) -> list[tuple[float, float]]:
     """Dice coefficient and relative error of the volume of both muscles."""
     pairs = [(found == number, truth == number) for number in (1, 2)]
-    return [(2 * (a & b).sum() / (a.sum() + b.sum()), a.sum() / b.sum() - 1) for a, b in pairs]
+    return [(dice(a, b), a.sum() / b.sum() - 1) for a, b in pairs]
 
 
-def main(half: str) -> None:
-    """A line for each kind of waves."""
+def thick_slices(half: str) -> Iterator[tuple[str, ...]]:
+    """Two muscles known in slices of 1 mm, given in slices of 8 mm and cut back into such of 1 mm.
+
+    Muscles touch, lean, bend and taper; their outlines and the border between them are wavy by
+    2 mm (root mean square), alike over so many millimetres along the stack. Dice coefficient and
+    error of the volume [%]; slices repeated; and how well outlines can be told at all: the means of
+    all outlines that pass through those of the slices, of muscles whose lean, bend, taper and kind
+    of waves are known.
+    """
     affine = np.diag([1.0, 1.0, float(PARTS), 1.0])
-    print("waves                    Dice mean, least   volume at most   repeated   foretold")
-    kinds = [("none", 0.0, 20.0, smooth), ("2 mm, over 20 mm", 2.0, 20.0, smooth)]
-    kinds += [
-        ("2 mm, over 10 mm", 2.0, 10.0, smooth),
-        ("2 mm, kinks, over 10 mm", 2.0, 10.0, jagged),
-    ]
-    kinds += [("2 mm, over 5 mm", 2.0, 5.0, smooth)]
-    for title, height, length, kind in kinds:
+    yield "waves", "Dice, mean (least)", "volume, at most", "slices repeated", "predicted"
+    for title, height, length, kind in (
+        ("none", 0.0, 20.0, smooth),
+        ("alike over 20 mm", 2.0, 20.0, smooth),
+        ("alike over 10 mm", 2.0, 10.0, smooth),
+        ("the same with kinks from slice to slice", 2.0, 10.0, jagged),
+        ("alike over 5 mm", 2.0, 5.0, smooth),
+    ):
         ours, repeated, foretold = [], [], []
         for seed in SEEDS[half]:
             muscles = Muscles(seed, height, length, kind)
@@ -113,15 +111,7 @@ def main(half: str) -> None:
             ours += scores(finer_labels(Labels(thick, affine), 2, PARTS).data, truth)
             repeated += scores(np.repeat(thick, PARTS, axis=2), truth)
             foretold += scores(muscles.foretold(), truth)
-        dice, volume = np.array(ours).T
-        print(
-            f"{title:24s} {dice.mean():.3f}, {dice.min():.3f}       {np.abs(volume).max():7.2%}"
-            f"          {np.mean(repeated, axis=0)[0]:.3f}      {np.mean(foretold, axis=0)[0]:.3f}",
-            flush=True,
-        )
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2 or sys.argv[1] not in SEEDS:
-        sys.exit(__doc__)
-    main(sys.argv[1])
+        found, volume = np.array(ours).T
+        others = (f"{np.mean(each, axis=0)[0]:.3f}" for each in (repeated, foretold))
+        least = f"{found.mean():.3f} ({found.min():.3f})"
+        yield title, least, f"{100 * np.abs(volume).max():.1f} %", *others

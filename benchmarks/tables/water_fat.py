@@ -1,27 +1,15 @@
-"""Water and fat of two echoes of known truth: what is found of them.
-
-    python benchmarks/water_fat.py tuned|other [PICTURE]
-
-Calves of the phantom with water and fat of known amounts (partial volume, marrow, fat among the
-fibers), fields that are off by up to hundreds of hertz with steps' worth of bending, a phase of
-the coils, decay and noise, at 1.5 and 3 T, with six peaks of fat. Settings were chosen on `tuned`.
-Printed are, for each case, the Dice coefficients of water and fat tissue, the correlation of the
-fraction of fat in the body, the same three of a separation that is told the phases of both echoes
-(what noise and the half filled voxels leave, voxel by voxel) and the seconds; then the least of
-each noise. No test: it takes a minute.
-"""
+"""Water and fat of two echoes of known truth."""
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.tables.phantoms import coarse, fine_phantom
 from myork.imaging.dixon import echo, fat_factors, separate
-from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
@@ -59,7 +47,7 @@ def make_echoes(
     strength: float, snr: float, hertz: float, seed: int, slices: int = 5, **keys: Any
 ) -> Echoes:
     """Echoes of a calf; `snr` is that of muscle, `hertz` half of the range of the field."""
-    fine = make_phantom((352, 352, slices), (0.35, 0.35, 7.0), snr=1e6, bias=0.0, seed=seed, **keys)
+    fine = fine_phantom(slices, seed=seed, **keys)
     kind, bright = fine.tissue.data, fine.fat.data
     water, fat = np.zeros((2, *kind.shape))
     for tissue, parts in ((1, (0.97, 0.03)), (2, (0.12, 1.1)), (3, (0.35, 0.02)), (4, (0.08, 0.0))):
@@ -68,7 +56,7 @@ def make_echoes(
     water[marrow], fat[marrow] = 0.05, 0.95
     skin = (kind == 2) & (bright < 200.0)
     water[skin], fat[skin] = 0.8, 0.1
-    water, fat = (x.reshape(88, 4, 88, 4, slices).mean(axis=(1, 3)) for x in (water, fat))
+    water, fat = coarse(water), coarse(fat)
     size = np.array([1.4, 1.4, 7.0])
     random = np.random.default_rng(seed)
     x, y, z = (np.indices(water.shape) - (np.array(water.shape)[:, None, None, None] - 1) / 2) * (
@@ -112,37 +100,34 @@ def told_phases(case: Echoes, strength: float) -> F64:
     return np.divide(fat, whole, out=np.zeros_like(fat), where=whole > 0)
 
 
-def score(fraction: F64, inside: Mask, case: Echoes) -> tuple[list[float], F64]:
-    """Dice of water and of fat, correlation of the fraction; and its truth."""
+def score(fraction: F64, inside: Mask, case: Echoes) -> list[float]:
+    """Dice of water and of fat, correlation of the fraction."""
     true = np.divide(case.fat, case.water + case.fat, out=np.zeros_like(case.fat), where=case.body)
     is_fat = fraction > 0.5
-    scores = [
+    return [
         dice(~is_fat & case.body & inside, (true <= 0.5) & case.body),
         dice(is_fat & case.body, (true > 0.5) & case.body),
         float(np.corrcoef(fraction[case.body], true[case.body])[0, 1]),
     ]
-    return scores, true
 
 
-def measure(case: Echoes, strength: float) -> tuple[list[float], Any]:
-    """Scores of what is found, then those with the phases told; what was found and the truth."""
-    one, two = (echo(*image) for image in case.images)
-    sum_image = Image(case.images[0][0] + case.images[1][0], np.diag([*case.spacing, 1.0]))
-    factors = fat_factors(TIMES[strength], strength)
-    found = separate(one, two, body_mask(sum_image, rim=0.0), spacing=case.spacing, factors=factors)
-    scores, true = score(found.fraction, found.water + found.fat > 0, case)
-    limit, _ = score(told_phases(case, strength), case.body, case)
-    return scores + limit, (found, true)
+def told(scores: Sequence[float]) -> list[str]:
+    """Found, and in brackets what can be found."""
+    pairs = zip(scores[:3], scores[3:], strict=True)
+    return [f"{found:.4f} ({limit:.4f})" for found, limit in pairs]
 
 
-def _told(scores: Iterable[float]) -> str:
-    """Found, then what can be found."""
-    texts = [f"{one:.4f}" for one in scores]
-    return "  ".join(texts[:3]) + "  (phases told: " + "  ".join(texts[3:]) + ")"
+def water_fat(half: str) -> Iterator[tuple[str, ...]]:
+    """Water and fat of two echoes of known truth: what is found of them.
 
-
-def main(half: str, picture: str) -> None:
-    """All cases of a half."""
+    Calves of the phantom with water and fat of known amounts (partial volume, marrow, fat among the
+    fibers), fields that are off by up to hundreds of hertz with steps' worth of bending, a phase of
+    the coils, decay and noise, at 1.5 and 3 T, with six peaks of fat. Settings were chosen on
+    `tuned`. Dice coefficients of water and fat tissue, correlation of the fraction of fat in the
+    body; in brackets the same of a separation that is told the phases of both echoes (what noise
+    and the half filled voxels leave, voxel by voxel); then the least of each noise.
+    """
+    yield "phantom, field, SNR of muscle, off by", "water", "fat", "fraction r", "CPU [s]", "doubt"
     every: dict[float, list[list[float]]] = {}
     for number, keys in enumerate(HALVES[half]):
         for strength in TIMES:
@@ -150,28 +135,16 @@ def main(half: str, picture: str) -> None:
                 seed = keys.get("seed", 1) + (100 if strength > 2 else 200)
                 case = make_echoes(strength, snr, hertz, **(keys | {"seed": seed}))
                 start = time.process_time()
-                scores, (found, true) = measure(case, strength)
-                took = time.process_time() - start
+                one, two = (echo(*image) for image in case.images)
+                both = case.images[0][0] + case.images[1][0]
+                body = body_mask(Image(both, np.diag([*case.spacing, 1.0])), rim=0.0)
+                factors = fat_factors(TIMES[strength], strength)
+                found = separate(one, two, body, spacing=case.spacing, factors=factors)
+                took = f"{time.process_time() - start:.1f}"
+                scores = score(found.fraction, found.water + found.fat > 0, case)
+                scores += score(told_phases(case, strength), case.body, case)
                 every.setdefault(snr, []).append(scores)
-                told = _told(scores)
-                print(f"phantom {number}, {strength:g} T, SNR {snr:g}, {hertz:g} Hz: {told}  "
-                      f"{took:.1f} s {found.doubt}", flush=True)  # fmt: skip
+                name = f"{number}, {strength:g} T, {snr:g}, {hertz:g} Hz"
+                yield name, *told(scores), took, str(found.doubt)
     for snr, rows in every.items():
-        print(f"least at SNR {snr:g}: {_told(np.min(rows, axis=0))}")
-    if picture:
-        from matplotlib import pyplot
-
-        k = true.shape[2] // 2
-        images = [*case.images[0], *case.images[1], found.water, found.fat, found.fraction, true,
-                  found.phase]  # fmt: skip
-        _, axes = pyplot.subplots(3, 3, figsize=(12, 12))
-        for axis, one in zip(axes.ravel(), images, strict=True):
-            axis.imshow(one[..., k].T, origin="lower", cmap="gray")
-            axis.set_axis_off()
-        pyplot.savefig(picture, bbox_inches="tight")
-
-
-if __name__ == "__main__":
-    if sys.argv[1:2] not in (["tuned"], ["other"]):
-        sys.exit(__doc__)
-    main(sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "")
+        yield f"least at SNR {snr:g}", *told(np.min(rows, axis=0).tolist()), "", ""

@@ -1,18 +1,8 @@
-"""Real legs and arms through `segment`, `build`, `solve` and `report`, for whoever has the data.
-
-    python benchmarks/real_images.py DATA OUT
-
-DATA holds the files that the decks of inputs/images name, in any folders of it; OUT gets a folder
-a deck with its report (pictures). Printed are volumes, Dice coefficients with the manual labels of
-the calf, and these coefficients again for references that are displaced, as those of a neighbour
-slice or an earlier visit are: as they lie, moved onto edges, and bent by the image of that visit.
-No test: the data are not part of the project.
-"""
+"""Real legs and arms, for whoever has the data."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +18,7 @@ from myork.stations.segment import segment
 
 Places = NDArray[np.float64]  # where each pixel comes from, shape (2, ni, nj) [pixel]
 
-DECKS = Path(__file__).parents[1] / "inputs" / "images"
+DECKS = Path(__file__).parents[2] / "inputs" / "images"
 
 # Of each leg: shift [pixel] and turn [degrees]; then random bends of so many pixels
 RIGID = [(0, 0, 0), (3, 0, 0), (0, 4, 0), (-3, 3, 0), (0, -5, 0), (2, 2, 4), (-4, 0, -3)]
@@ -75,10 +65,21 @@ def earlier(image: Image, labels: Labels, places: Places) -> tuple[Image, Labels
     )
 
 
-def calf(data: Path, out: Path) -> None:
-    """Dice over the twelve muscles for displaced references."""
-    name = "calf_reference"
-    where = data_overrides(DECKS / f"{name}.toml", data)
+def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
+    """Real legs and arms through `segment`, `build`, `solve` and `report`.
+
+    `data` holds the files that the decks of inputs/images name, in any folders of it; `out` gets a
+    folder a deck with its report (pictures). Volumes and Dice coefficients with the manual labels
+    of the calf are told before the table. That has these coefficients, mean and least, again for
+    references that are displaced, as those of a neighbour slice or an earlier visit are: as they
+    lie, moved onto edges, and bent by the image of that visit.
+    """
+    for path in sorted(DECKS.glob("*.toml")):
+        print(f"{path.stem}:")
+        overrides = data_overrides(path, Path(data))
+        run_chain(path, Path(out) / path.stem, overrides=overrides, progress=print)
+    deck, folder = DECKS / "calf_reference.toml", Path(out) / "displaced"
+    where = data_overrides(deck, Path(data))
     files = dict(entry.removeprefix("image.").split("=", 1) for entry in where)
     truth = read_reference(Path(files["truth"]), print)
     image = read_image(Path(files["anatomy"]))
@@ -89,30 +90,17 @@ def calf(data: Path, out: Path) -> None:
     legs = np.asarray(pieces, np.int32)[tuple(nearest)]
     starts = [(str(shift), displaced(truth, legs, shift)) for shift in RIGID]
     starts += [(f"bent {amount} px", bent(truth, amount, seed)) for amount, seed in BENDS]
-    out.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    yield "displaced by", "lies", "bent"
     for title, places in starts:
         picture, reference = earlier(image, truth, places)
-        write_labels(out / "reference.nii.gz", reference)
-        write_image(out / "earlier.nii.gz", picture)
-        line = f"{title:14s}"
-        lies = [f"image.reference={out / 'reference.nii.gz'}"]
-        bends = [*lies, f"image.reference_anatomy={out / 'earlier.nii.gz'}"]
-        for way, keys in (("lies", lies), ("bent", bends)):
-            deck = DECKS / f"{name}.toml"
-            found = segment(deck, out / "moved", overrides=[*where, *keys])["segmentation"]
+        write_labels(folder / "reference.nii.gz", reference)
+        write_image(folder / "earlier.nii.gz", picture)
+        lies = [f"image.reference={folder / 'reference.nii.gz'}"]
+        bends = [*lies, f"image.reference_anatomy={folder / 'earlier.nii.gz'}"]
+        row = [title]
+        for keys in (lies, bends):
+            found = segment(deck, folder / "moved", overrides=[*where, *keys])["segmentation"]
             scores = [score["dice"] for score in found["scores"].values()]
-            line += f"  {way}: mean {np.mean(scores):.3f} least {np.min(scores):.3f}"
-        print(line, flush=True)
-
-
-def main(data: Path, out: Path) -> None:
-    """All decks, then the displaced references."""
-    for path in sorted(DECKS.glob("*.toml")):
-        print(f"== {path.stem}")
-        run_chain(path, out / path.stem, overrides=data_overrides(path, data), progress=print)
-    print("== calf_reference, displaced references")
-    calf(data, out / "displaced")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+            row.append(f"{np.mean(scores):.3f} ({np.min(scores):.3f})")
+        yield tuple(row)

@@ -1,0 +1,219 @@
+"""How settings of a form change its error, its iterations or its cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from benchmarks.runner import sized_tables
+from benchmarks.truths.deck_parts import force
+from benchmarks.truths.finite_elements import solve_half_block
+from benchmarks.truths.tubes import tube_deck, wall_stresses
+from myork import Scene
+from myork.bench import exact
+from myork.bench.runs import lattice
+from myork.core.deck import load_deck
+from myork.errors import MyorkError
+from myork.files import INPUTS
+
+__all__ = ["bulk", "mixed", "newton", "own_loads", "walls", "wave"]
+
+#: The head of a table, then its rows
+Rows = Iterator[tuple[str, ...]]
+
+
+def solved(deck: Any, *overrides: str) -> tuple[Any, dict[str, Any], float]:
+    """States, probes of the last one by name, and processor time of a scene [s]."""
+    before = time.process_time()
+    opened = Scene.from_tables if isinstance(deck, dict) else Scene
+    with opened(deck, overrides=list(overrides), threads=1) as scene:
+        states = scene.solve(error=False)
+        values = scene.probes(states.x, states.load)[-1]
+        names = [probe["name"] for probe in scene.deck["probe"]]
+    spent = time.process_time() - before
+    return states, dict(zip(names, values[:, 0], strict=True)), spent
+
+
+def walls() -> Rows:
+    """Stresses on the walls of a tube, and its force, by settings of the Galerkin form.
+
+    Errors of the radial stress inside and the hoop stress outside at the cut, the same between the
+    cuts, and of the force [%]; CPU seconds.
+    """
+    tube = (6.0, 8.0, 6.0, 1e3)
+    truth = wall_stresses(*tube)
+    truth["force"] = truth["inner"] * 12.0
+    yield "order, support, kernel, window, Gauss points, penalty", "5x26", "9x51", "17x101"
+    for order, support, kernel, window, gauss, penalty in (
+        (1, 2, "cubic", "product", 2, 100),
+        (2, 2.5, "cubic", "product", 2, 100),
+        (2, 3, "cubic", "product", 3, 100),
+        (2, 3, "quintic", "product", 2, 100),
+        (2, 3, "quintic", "product", 3, 100),
+        (2, 3, "quintic", "product", 3, 10),
+        (2, 3, "quintic", "polar", 2, 10),
+        (2, 3, "quintic", "polar", 3, 30),
+        (2, 3, "quintic", "polar", 3, 10),
+    ):
+        choice = {"order": order, "support": support, "kernel": kernel, "window": window}
+        settings = {
+            "scene": {"dimension": 2, "method": "rkpm-gauss"},
+            "approximation": choice,
+            "galerkin": {"gauss": gauss, "penalty": float(penalty)},
+        }
+        cells = []
+        for source in ((5, 26), (9, 51), (17, 101)):
+            tables = sized_tables(tube_deck(*tube), source) | settings
+            tables["probe"] = [*tables["probe"], force("force", "x", "x0")]
+            _, values, spent = solved(tables)
+            off = {
+                name: 100 * abs(value / truth[name.split()[0]] - 1)
+                for name, value in values.items()
+            }
+            at, between = (
+                ", ".join(f"{off[f'{wall} {angle}']:.2g}" for wall in ("inner", "outer"))
+                for angle in ("x", "between")
+            )
+            cells.append(f"{at}; {between}; {off['force']:.1g}; {spent:.2f}")
+        yield f"{order}, {support}, {kernel}, {window}, {gauss}, {penalty}", *cells
+
+
+def bulk() -> Rows:
+    """Inner stress of the tube and iterations for large and infinite K; by quadrature beside it."""
+    yield "K", "Gauss points", "iterations, CPU [s]", "nodal cells", "iterations, CPU [s]"
+    for k in ("1e3", "1e5", "1e8", "inf"):
+        cells = []
+        for method in ("rkpm-gauss", "rkpm-scni"):
+            words = f"scene.method={method}", f"material.K={k}", "load.steps=12"
+            free = "approximation.order=1", "approximation.support=2"
+            kernel = "approximation.kernel=cubic", "galerkin.gauss=2"
+            states, values, spent = solved(INPUTS / "tube.toml", *words, *free, *kernel)
+            cells += [f"{values['radial_stress']:.5f}", f"{iterations(states)}, {spent:.1f}"]
+        yield k, *cells
+    deck = load_deck(INPUTS / "tube.toml")
+    yield "inf, quadrature", f"{exact.inner_stress(deck, float('inf')):.5f}", "", "", ""
+
+
+def iterations(states: Any) -> int:
+    """Iterations of all steps."""
+    return int(np.sum(states.iterations))
+
+
+def newton() -> Rows:
+    """Iterations of all load steps by Gauss-Newton, Newton and what `auto` makes of them."""
+    block = (*lattice((4, 4, 7)), "approximation.order=3", "approximation.support=4")
+    yield "problem", "`gauss-newton`", "`full`", "`auto`"
+    for name, deck, words in (
+        ("uniaxial tension to 6, `rkcm`", "uniaxial_tension", ("scene.method=rkcm",)),
+        ("shear in the plane, `rkcm`", "shear_2d", ("scene.method=rkcm",)),
+        ("tube, `rkcm`", "tube", ()),
+        ("tube, `rkcm-mixed`", "tube", ("scene.method=rkcm-mixed",)),
+        ("inclined block, order 3, 4x4x7, `rkcm-mixed`", "muscle_fibers", block),
+    ):
+        row = [name]
+        for kind in ("gauss-newton", "full", "auto"):
+            try:
+                states, *_ = solved(INPUTS / f"{deck}.toml", *words, f"solver.newton={kind}")
+                row.append(str(iterations(states)))
+            except MyorkError:
+                row.append("no convergence")
+        yield tuple(row)
+
+
+def error_of(deck: str, *overrides: str) -> str:
+    """Relative error of a linear problem in L2 at its end."""
+    with Scene(INPUTS / f"{deck}.toml", overrides=list(overrides), threads=1) as scene:
+        return f"{scene.solve(error=False).errors['relative_L2']:.1e}"
+
+
+def own_loads() -> Rows:
+    """Error of inputs/poisson_own.toml by the number of points."""
+    yield "source points", "`rkpm-gauss`", "`rkcm`"
+    for n in (9, 17, 33):
+        words = "approximation.order=2", *lattice((n, n))
+        methods = ("scene.method=rkpm-gauss", "scene.method=rkcm")
+        yield f"{n} x {n}", *(error_of("poisson_own", method, *words) for method in methods)
+
+
+def wave() -> Rows:
+    """Error of inputs/wave_1d.toml at its end by the time step."""
+    yield "time step", "`rkcm`", "`rkpm-gauss`"
+    for step in (0.2, 0.1, 0.05):
+        word = f"dynamics.time_step={step}"
+        methods = ("scene.method=rkcm", "scene.method=rkpm-gauss")
+        yield f"{step:g}", *(error_of("wave_1d", method, word) for method in methods)
+
+
+#: Activations of the inclined block, and distances from the edges at which J is judged [cm]
+LEVELS, AWAY = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3), (0.25, 0.5)
+LOAD = ("load.steps=6", "load.activation=0.3")
+BLOCK = INPUTS / "muscle_fibers.toml"
+
+
+def mixed() -> Rows:
+    """Mixed form of the inclined block: differences from finite elements [%], and J off its edges.
+
+    FEBio's values are those of the deck, by the published curves; felupe solves half of the block
+    with the curves of the deck. J: range, and the share of points within 2 % of 1.
+    """
+
+    def sized(n: int) -> tuple[str, str]:
+        return lattice((n, n, 2 * n - 1))
+
+    low = ("approximation.order=2", "approximation.support=3", *sized(5))
+    third = ("approximation.order=3", "approximation.support=4", *sized(5))
+    straight = "material.muscle.fiber_angle=0"
+    cases = {
+        "displacement form, order 2": ("scene.method=rkcm", *low),
+        "order 2, no edge weights": ("mixed.edge_exponent=0", *low),
+        "order 2": low,
+        "order 3": third,
+        **{f"order 4, edge exponent {power}": (f"mixed.edge_exponent={power}", *sized(5))
+           for power in (0, 0.75, 1.5)},
+        **{f"order 4, volume weight {weight}": (f"mixed.volume_weight={weight}", *sized(5))
+           for weight in (3, 30)},
+        **{f"order 4, {n} x {n} x {2 * n - 1}": sized(n) for n in (5, 6, 7)},
+        **{f"straight fibers, {n} x {n} x {2 * n - 1}": (straight, *sized(n)) for n in (5, 6, 7)},
+    }  # fmt: skip
+
+    @cache
+    def felupe(*words: str) -> list[list[float]]:
+        loads = [level / LEVELS[-1] for level in LEVELS]
+        found = solve_half_block(load_deck(BLOCK, [*LOAD, *words]), (6, 3, 12), loads)
+        return list(found["probes"].values())
+
+    names = ("u_x", "u_z", "stress zz", "xz", "R_x", "R_z", "largest")
+    yield "form", "activation", "from", *names, *(f"J {d} off the edges" for d in AWAY)
+    for name, words in cases.items():
+        with Scene(BLOCK, [*LOAD, *words], threads=1) as scene:
+            references, places = scene.deck["reference"], scene.points()
+            try:
+                states = scene.solve(error=False)
+            except MyorkError:
+                yield name, "not converged"
+                continue
+            found = scene.probes(states.x, states.load)[:, :, 0]
+            volume = [scene.fields(x, at).named["J"][:, 0]
+                      for x, at in zip(states.x, states.load, strict=True)]  # fmt: skip
+        right = {"felupe": felupe(*[word for word in words if word == straight])}
+        if straight not in words:
+            right["FEBio"] = [
+                np.interp(LEVELS, entry["activation"], entry["value"]) for entry in references
+            ]
+        wall = np.minimum(places - places.min(axis=0), places.max(axis=0) - places)
+        rim = np.hypot(wall[:, 2], np.minimum(wall[:, 0], wall[:, 1]))
+        for number, level in enumerate(LEVELS):
+            k = int(np.argmin(abs(states.load - level / LEVELS[-1])))
+            ranges = []
+            for far in (volume[k][rim >= distance - 1e-9] for distance in AWAY):
+                share = 100 * np.mean(abs(far - 1) <= 0.02)
+                ranges.append(f"{share:.0f} % ({far.min():.4g} to {far.max():.4g})")
+            for program, values in right.items():
+                truth = np.array(values)[:, number]
+                off = 100 * (found[k] - truth) / abs(truth)
+                shown = [f"{one:+.2g}" for one in off]
+                yield name, f"{level:g}", program, *shown, f"{abs(off).max():.2g}", *ranges

@@ -1,0 +1,69 @@
+"""Tubes whose inner wall is moved: stresses on both walls at any angle, and their truth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.truths.deck_parts import deck
+from myork.bench import exact
+from myork.bench.materials import RUBBER
+
+__all__ = ["tube_deck", "wall_stresses"]
+
+#: Where walls are probed: on the planes of symmetry and between them [rad]
+_ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
+
+
+def tube_deck(inner: float, outer: float, moved: float, bulk: float) -> dict[str, Any]:
+    """Quarter of a tube of rubber; no form, order or number of points is named.
+
+    Parameters
+    ----------
+    inner, outer : float
+        Radii [length].
+    moved : float
+        Radial displacement of the inner wall [length].
+    bulk : float
+        Bulk modulus [stress].
+
+    Returns
+    -------
+    dict
+        Tables with the probes `inner x` to `outer y`, radial and hoop stress.
+    """
+    probes = []
+    for name, angle in _ANGLES.items():
+        at = np.array([np.cos(angle), np.sin(angle)])
+        for wall, radius, stress in (("inner", inner, "rr"), ("outer", outer, "tt")):
+            point = [float(x) for x in np.where(np.abs(at) < 1e-12, 0.0, radius * at)]
+            probes.append(
+                {"name": f"{wall} {name}", "quantity": f"cauchy_{stress}", "point": point}
+            )
+    return deck(
+        "tube",
+        {"kind": "annulus", "inner_radius": inner, "outer_radius": outer},
+        ({**RUBBER, "K": bulk},),
+        (
+            {"set": "x0", "u_x": 0.0},
+            {"set": "y0", "u_y": 0.0},
+            {"set": "inner", "radial": moved},
+        ),
+        probes,
+    )
+
+
+def wall_stresses(inner: float, outer: float, moved: float, bulk: float) -> dict[str, float]:
+    """Radial stress on the `inner` and hoop stress on the `outer` wall; see `tube_deck`."""
+    material = exact.Polynomial.from_deck(RUBBER, bulk)
+    found = exact.tube(material, inner, outer, moved, [inner, outer])
+    hoop = found.radius[1] / outer
+    # nothing pulls at the outer wall: its radial stretch is that of a free one
+    stretch, pressure = 1.0 / hoop, 0.0
+    for _ in range(50):
+        stress = material.isochoric(np.array([stretch, hoop, 1.0]))
+        pressure = -stress[0] / hoop
+        stretch = (1.0 + pressure / bulk) / hoop
+    stress = material.isochoric(np.array([stretch, hoop, 1.0]))
+    return {"inner": float(found.radial[0]), "outer": float(stress[1] / stretch + pressure)}
