@@ -12,10 +12,21 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
-from myork.errors import InputError
+from myork.errors import InputError, check
 
-__all__ = ["Turn", "call_in_thread"]
+__all__ = ["Turn", "call_in_thread", "called"]
+
+
+def called(function: Callable[..., Any], *arguments: Any) -> Any:
+    """What a function of the core gives before its status and message; a single value by itself.
+
+    A status that is an error is raised.
+    """
+    *found, stat, message = function(*arguments)
+    check(stat, message)
+    return found[0] if len(found) == 1 else found
 
 
 class Turn:

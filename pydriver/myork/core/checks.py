@@ -87,7 +87,7 @@ def modes_of(modes: F64, dofs: int) -> F64:
 
 
 def unknowns_of(
-    start: F64 | States | RestartState | str | Path, handle: int, points: F64, dofs: int
+    start: F64 | States | RestartState | str | Path, points: F64, approximation: str, dofs: int
 ) -> F64:
     """Unknowns of a state at which the iteration of a scene begins.
 
@@ -95,10 +95,10 @@ def unknowns_of(
     ----------
     start : F64, States, RestartState, str or Path
         Unknowns, or a state that holds them.
-    handle : int
-        Handle of the scene.
     points : F64
-        Its collocation points, shape `(np, dimension)` [length].
+        Collocation points of the scene, shape `(np, dimension)` [length].
+    approximation : str
+        Its shape functions, in words.
     dofs : int
         Its unknowns.
     """
@@ -110,14 +110,11 @@ def unknowns_of(
         return shaped("start", start.x[-1], (dofs,))
     if not isinstance(start, RestartState):
         return shaped("start", start, (dofs,))
-    text, stat, message = _core.scene_approximation(handle)
-    errors.check(stat, message)
-    own = text.decode().strip()
     if not np.array_equal(start.points[:, : points.shape[1]], points):
         raise errors.InputError("start: its points are not those of this scene")
-    if start.approximation != own:
+    if start.approximation != approximation:
         raise errors.InputError(
             f"start: its approximation is {start.approximation or 'not known'}, that of this "
-            f"scene is {own}"
+            f"scene is {approximation}"
         )
     return shaped("start", start.coefficients, (dofs,))

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from myork import _core, errors
-from myork.core.checks import modes_of, unknowns_of
+from myork import _core
+from myork.core.checks import modes_of
 from myork.core.scene import Scene
-from myork.results import RestartState
 from myork.types import F64, I32, Mask
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "modal_products",
     "place_parts",
     "probe_sets",
-    "stored_unknowns",
     "tissue_laws",
 ]
 
@@ -127,13 +125,8 @@ def galerkin_parts(scene: Scene) -> GalerkinParts:
         The scene is of another form, or has an infinite bulk modulus.
     """
     points, groups, surface, entries, _ = _sizes(scene)
-    with scene._turn.short():
-        *cells, stat, message = _core.galerkin_cells(
-            scene._handle, scene.dimension, points, groups, surface
-        )
-        errors.check(stat, message)
-        *tissues, stat, message = _core.galerkin_tissues(scene._handle, points, entries)
-        errors.check(stat, message)
+    cells = scene._ask(_core.galerkin_cells, scene.dimension, points, groups, surface)
+    tissues = scene._ask(_core.galerkin_tissues, points, entries)
     weight, group, local_bulk, bulk, count, basis, total, of, essential, penalty = cells
     first, tissue, fraction, fiber = tissues
     return GalerkinParts(
@@ -160,82 +153,51 @@ def tissue_laws(scene: Scene) -> tuple[F64, F64, F64]:
     InputError
         A law that is no polynomial with fibers.
     """
-    tissues = _sizes(scene)[4]
-    with scene._turn.short():
-        *found, stat, message = _core.galerkin_laws(scene._handle, tissues)
-    errors.check(stat, message)
-    coefficients, fibers, state = found
+    coefficients, fibers, state = scene._ask(_core.galerkin_laws, _sizes(scene)[4])
     return coefficients.T, fibers.T, state.T
 
 
 def load_parts(scene: Scene) -> LoadParts:
     """What an open scene prescribes at full load."""
     points, _, surface, _, _ = _sizes(scene)
-    with scene._turn.short():
-        value, push, given, force, stat, message = _core.galerkin_loads(
-            scene._handle, scene.dimension, scene.dofs, points, surface
-        )
-    errors.check(stat, message)
+    value, push, given, force = scene._ask(
+        _core.galerkin_loads, scene.dimension, scene.dofs, points, surface
+    )
     return LoadParts(value.T, push.T, given.T, force)
 
 
 def probe_sets(scene: Scene, probes: int) -> I32:
     """Boundary sets of the probes, from 1; 0 of those at points."""
-    with scene._turn.short():
-        sets, stat, message = _core.galerkin_probe_sets(scene._handle, max(probes, 1))
-    errors.check(stat, message)
-    return np.asarray(sets[:probes])
+    return np.asarray(scene._ask(_core.galerkin_probe_sets, max(probes, 1))[:probes])
 
 
 def place_parts(scene: Scene, probe: int, modes: F64) -> PlaceParts:
     """The place of a probe, from 0, and gradients of modes, shape `(n, r)`, there."""
     modes = modes_of(modes, scene.dofs)
     points, groups, _, _, tissues = _sizes(scene)
-    with scene._turn.short():
-        *found, stat, message = _core.galerkin_place(
-            scene._handle, probe + 1, points, scene.dimension, groups, tissues, modes
-        )
-    errors.check(stat, message)
-    gradient, weight, pressure, bulk, count, tissue, fraction, fiber = found
+    gradient, weight, pressure, bulk, count, tissue, fraction, fiber = scene._ask(
+        _core.galerkin_place, probe + 1, points, scene.dimension, groups, tissues, modes
+    )
     return PlaceParts(
         gradient, weight, pressure.T, float(bulk), tissue[:count] - 1, fraction[:count],
         fiber.T[:count],
     )  # fmt: skip
 
 
-def stored_unknowns(scene: Scene, state: RestartState) -> F64:
-    """Unknowns of a state of a result file.
-
-    Raises
-    ------
-    InputError
-        It belongs to other points or to another approximation.
-    """
-    points = scene.points()
-    with scene._turn.short():
-        return unknowns_of(state, scene._handle, points, scene.dofs)
-
-
 def modal_gradients(scene: Scene, modes: F64) -> F64:
     """Displacement gradients of modes, shape `(n, r)`, at the points: `(np, 9, r)`."""
     modes = modes_of(modes, scene.dofs)
-    with scene._turn.short():
-        gradient, stat, message = _core.galerkin_gradients(scene._handle, _sizes(scene)[0], modes)
-    errors.check(stat, message)
+    gradient = scene._ask(_core.galerkin_gradients, _sizes(scene)[0], modes)
     return np.moveaxis(gradient, (0, 1, 2), (1, 0, 2))
 
 
 def modal_products(scene: Scene, modes: F64) -> tuple[F64, F64]:
     """Products of modes, shape `(n, r)`, with penalty and stabilisation, and with the mass."""
     modes = modes_of(modes, scene.dofs)
-    with scene._turn.short():
-        stiff, mass, stat, message = _core.galerkin_products(scene._handle, modes)
-    errors.check(stat, message)
+    stiff, mass = scene._ask(_core.galerkin_products, modes)
     return stiff, mass
 
 
 def _sizes(scene: Scene) -> list[int]:
     """Integration points, groups, surface points, entries of tissues, tissues."""
-    sizes, stat, message = _core.galerkin_sizes(scene._handle)
-    errors.check(stat, message)
-    return [int(size) for size in sizes]
+    return [int(size) for size in scene._ask(_core.galerkin_sizes)]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
+from myork.core.calls import called
 
 __all__ = ["evolve_level_sets"]
 
@@ -70,7 +71,9 @@ def evolve_level_sets(
     if (part == 0).any() and not np.isfinite(values).all():
         values = np.asfortranarray(np.where(part[..., None] > 0, values, 0.0))
     depth = part.shape[2] if volume else 1
-    phi, energy, means, done, ended, stat, message = _core.evolve_level_sets(
+    names = ("phi", "energy", "means", "iterations", "ended")
+    found = called(
+        _core.evolve_level_sets,
         (mu, nu, epsilon, dt, tolerance),
         np.asarray(lambdas, float),
         np.asarray(channel_weights, float),
@@ -82,5 +85,4 @@ def evolve_level_sets(
         part,
         first,
     )
-    errors.check(stat, message)
-    return {"phi": phi, "energy": energy, "means": means, "iterations": done, "ended": ended}
+    return dict(zip(names, found, strict=True))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from myork import _core, errors
+from myork.core.calls import called
 from myork.core.deck import as_texts, table_defaults
 from myork.types import F64
 
@@ -212,10 +213,10 @@ def _at_points(
     h = np.zeros((count, 3, 3, 3)) if second is None else np.asarray(second, float)
     if h.shape != (count, 3, 3, 3):
         raise errors.InputError(f"second must have shape ({count}, 3, 3, 3), not {h.shape}")
-    *found, stat, message = _core.material_at_points(
-        *_parameters(material, volumetric), dimension, f, _last(h), n, float(activation)
-    )
-    errors.check(stat, message)
+    found = called(
+        _core.material_at_points,
+        *_parameters(material, volumetric), dimension, f, _last(h), n, float(activation),
+    )  # fmt: skip
     return [np.moveaxis(array, -1, 0) for array in found]
 
 

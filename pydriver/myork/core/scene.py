@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from myork import _core, errors
-from myork.core.calls import Turn, call_in_thread
+from myork.core.calls import Turn, call_in_thread, called
 from myork.core.checks import (
     check_changeable,
     field_sizes,
@@ -182,9 +182,12 @@ class Scene:
         self._reduced_rows = 0
         self._threads = threads or 0
 
+    def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """What a function of the core gives for this scene, as `called` has it."""
+        with self._turn.short():
+            return called(function, self._handle, *arguments)
+
     def _read_sizes(self) -> None:
-        sizes, stat, message = _core.scene_sizes(self._handle)
-        errors.check(stat, message)
         (
             self.dimension,
             self.source_points,
@@ -194,7 +197,7 @@ class Scene:
             self._probes,
             self.steps,
             self.stencils,
-        ) = (int(size) for size in sizes)
+        ) = (int(size) for size in called(_core.scene_sizes, self._handle))
 
     def __repr__(self) -> str:
         return (
@@ -311,20 +314,23 @@ class Scene:
         InputError
             The scene is being solved in another thread, or the start belongs to another scene.
         """
-        x = np.zeros(self.dofs)
-        if start is not None:
-            points = self.points()
-            with self._turn.short():
-                x = unknowns_of(start, self._handle, points, self.dofs)
+        x = np.zeros(self.dofs) if start is None else self.unknowns_of(start)
         return self._run(linear, 0, x, progress, error)
+
+    def unknowns_of(self, state: F64 | States | RestartState | str | Path) -> F64:
+        """Unknowns of a state that `solve` can begin with, shape `(dofs,)`.
+
+        Raises
+        ------
+        InputError
+            It belongs to other points or to another approximation.
+        """
+        approximation = self._ask(_core.scene_approximation).decode().strip()
+        return unknowns_of(state, self.points(), approximation, self.dofs)
 
     def points(self) -> F64:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
-        with self._turn.short():
-            x, stat, message = _core.scene_points(
-                self._handle, self.dimension, self.collocation_points
-            )
-        errors.check(stat, message)
+        x = self._ask(_core.scene_points, self.dimension, self.collocation_points)
         return np.asarray(x.T)
 
     def surface(self) -> I32:
@@ -333,11 +339,9 @@ class Scene:
         Those of a plane body fill it; there are none where the points have no lattice. Shape
         `(m, 3)`.
         """
-        with self._turn.short():
-            n, found, stat, message = _core.scene_surface(self._handle, 1)
-            if stat == 0 and n > 1:
-                n, found, stat, message = _core.scene_surface(self._handle, n)
-        errors.check(stat, message)
+        n, found = self._ask(_core.scene_surface, 1)
+        if n > 1:
+            n, found = self._ask(_core.scene_surface, n)
         return np.ascontiguousarray(found[:, :n].T)
 
     def field_points(self) -> F64:
@@ -345,12 +349,8 @@ class Scene:
 
         Collocation points; in weak forms the integration points, then those of the surface.
         """
-        with self._turn.short():
-            n, stat, message = _core.scene_count_field_points(self._handle)
-            errors.check(stat, message)
-            x, stat, message = _core.scene_field_points(self._handle, self.dimension, n)
-        errors.check(stat, message)
-        return np.asarray(x.T)
+        n = self._ask(_core.scene_count_field_points)
+        return np.asarray(self._ask(_core.scene_field_points, self.dimension, n).T)
 
     def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
@@ -369,14 +369,12 @@ class Scene:
         finite("body_force", body_force, (n, 3))
         finite("displacement", displacement, (n, 3))
         finite("stress", stress, (n, 3, 3))
-        with self._turn.short():
-            stat, message = _core.scene_set_fields(
-                self._handle,
-                np.asfortranarray(body_force.T),
-                np.asfortranarray(displacement.T),
-                np.asfortranarray(np.moveaxis(stress, 0, -1)),
-            )
-        errors.check(stat, message)
+        self._ask(
+            _core.scene_set_fields,
+            np.asfortranarray(body_force.T),
+            np.asfortranarray(displacement.T),
+            np.asfortranarray(np.moveaxis(stress, 0, -1)),
+        )
         self._has_fields = True
 
     def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
@@ -392,11 +390,7 @@ class Scene:
             Assemble the rows of nonlinear collocation in full before they are projected.
         """
         modes = modes_of(modes, self.dofs)
-        with self._turn.short():
-            rows, stat, message = _core.scene_reduce(
-                self._handle, modes, projection, int(assembled)
-            )
-        errors.check(stat, message)
+        rows = self._ask(_core.scene_reduce, modes, projection, int(assembled))
         self._unknowns = modes.shape[1]
         self._reduced_rows = int(rows)
 
@@ -439,12 +433,8 @@ class Scene:
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)
         states = [shaped("states and directions", array, shape) for array in given]
-        with self._turn.short():
-            rows = self._reduced_rows if reduced else self.rows
-            r, y, stat, message = _core.scene_linearise(
-                self._handle, int(reduced), rows, *states[:2], load, states[2]
-            )
-        errors.check(stat, message)
+        rows = self._reduced_rows if reduced else self.rows
+        r, y = self._ask(_core.scene_linearise, int(reduced), rows, *states[:2], load, states[2])
         return r, y
 
     def hessian(
@@ -475,11 +465,7 @@ class Scene:
         """
         shape = (self._unknowns if reduced else self.dofs,)
         given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
-        with self._turn.short():
-            gradient, second, stat, message = _core.scene_hessian(
-                self._handle, int(reduced), *given, load
-            )
-        errors.check(stat, message)
+        gradient, second = self._ask(_core.scene_hessian, int(reduced), *given, load)
         return gradient, np.triu(second) + np.triu(second, 1).T
 
     def fields(self, x: F64, load: float) -> Fields:
@@ -491,11 +477,9 @@ class Scene:
             Of places without a finite value: where J <= 0 there is no stress.
         """
         x = shaped("x", x, (self.dofs,))
-        with self._turn.short():
-            values, stat, message = _core.scene_fields(
-                self._handle, self.collocation_points, sum(field_sizes().values()), x, load
-            )
-        errors.check(stat, message)
+        values = self._ask(
+            _core.scene_fields, self.collocation_points, sum(field_sizes().values()), x, load
+        )
         cuts = np.cumsum(list(field_sizes().values()))[:-1]
         named = dict(zip(field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
         bad = np.flatnonzero(~np.isfinite(values).all(axis=0))
@@ -515,9 +499,7 @@ class Scene:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
         load = np.atleast_1d(np.asarray(load, float))
         x = shaped("x", x, (len(load), self.dofs))
-        with self._turn.short():
-            value, stat, message = _core.scene_probes(self._handle, self._probes, x.T, load)
-        errors.check(stat, message)
+        value = self._ask(_core.scene_probes, self._probes, x.T, load)
         return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
 
     def _run(
@@ -568,14 +550,10 @@ class Scene:
     def _converged(self, n: int, reduced: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        x, info, seconds, worst, norms, stat, message = _core.scene_states(self._handle, n, steps)
-        errors.check(stat, message)
-        places, stat, message = _core.scene_points(
-            self._handle, self.dimension, self.collocation_points
-        )
-        errors.check(stat, message)
+        x, info, *numbers = called(_core.scene_states, self._handle, n, steps)
+        places = called(_core.scene_points, self._handle, self.dimension, self.collocation_points)
         verdict = self._verdict(x, info[0], reduced)
-        return states_of(x, info, (seconds, worst, norms), places, self._warnings(), verdict)
+        return states_of(x, info, numbers, places, self._warnings(), verdict)
 
     def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
         """Verdict on the core's last solve, its reasons and the error bars of the probes."""
@@ -583,8 +561,7 @@ class Scene:
         # the wrapper takes no empty arrays
         value = np.zeros((3, max(self._probes, 1), max(steps, 1)), order="F")
         if self._probes and steps and not reduced:
-            value, stat, message = _core.scene_probes(self._handle, self._probes, x, load)
-            errors.check(stat, message)
+            value = called(_core.scene_probes, self._handle, self._probes, x, load)
         load = np.resize(load, value.shape[2])
         verdict, bar, reasons = lines_of(
             lambda room: _core.scene_verdict(self._handle, load, value, room)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
+from myork.core.calls import called
 from myork.core.deck import table_defaults
 
 
@@ -80,12 +81,10 @@ def shape_functions(
         (window or default["window"]).encode(),
     )
     points = (source.T, np.asfortranarray(support.T), place.T)
-    counts, stencils, stat, message = _core.shape_count(*args, *points)
-    errors.check(stat, message)
+    counts, stencils = called(_core.shape_count, *args, *points)
     offset = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     nq = 1 + ndim + ndim * (ndim + 1) // 2
-    neighbour, value, stat, message = _core.shape_fill(*args, nq, int(offset[-1]), *points)
-    errors.check(stat, message)
+    neighbour, value = called(_core.shape_fill, *args, nq, int(offset[-1]), *points)
     return ShapeFunctions(offset, neighbour, value.T, int(stencils))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
@@ -146,7 +147,7 @@ def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -
 def states_of(
     x: F64,
     info: F64,
-    numbers: tuple[F64, F64, F64],
+    numbers: Sequence[F64],
     places: F64,
     warnings: list[str],
     judged: tuple[str, list[str], F64],
@@ -160,7 +161,7 @@ def states_of(
     info : F64
         Load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0 for
         none, shape `(6, nstep)`.
-    numbers : tuple of F64
+    numbers : sequence of F64
         Wall times; backward error, imbalance and mismatch of work; norms of errors.
     places : F64
         Collocation points, shape `(dimension, npoint)` [length].

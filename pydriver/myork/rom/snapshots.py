@@ -12,7 +12,6 @@ import numpy as np
 import myork
 from myork.console import ProgressCallback
 from myork.core.cloud import model_path
-from myork.core.galerkin import stored_unknowns
 from myork.core.scene import Scene
 from myork.errors import InputError, MyorkError
 from myork.results import Results
@@ -150,7 +149,7 @@ def stored_states(
         # step 0 is the undeformed body; loads of references lie between the steps
         steps = [i for i, step in enumerate(summary["steps"], 1) if step.get("planned", True)]
         states = [results.restart(i) for i in steps]
-        x = np.array([stored_unknowns(scene, state) for state in states])
+        x = np.array([scene.unknowns_of(state) for state in states])
         fields = scene.fields(x[-1], states[-1].load).named
         for name in {"u", "principal_stress"} & fields.keys() & set(results.fields):
             old, new = results.field(name, steps[-1]), fields[name]
