@@ -3,25 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.imaging.geometry import canonical, frame, length_factor, to_voxels
 from myork.model import points
 from myork.model.boundary import Boundary, bone_beside, boundary_sets
 from myork.model.fibers import activation_at_points, fibers_at_points
+from myork.model.flow import flow_fibers
 from myork.model.shares import LabelParts, checked_parts, label_shares
+from myork.model.slices import extruded, finer_fibers, finer_labels, finer_values, slice_parts
 from myork.model.surface import end_offsets, surface_offsets
 from myork.records import Image, Labels, PointCloud, Voxels
 
-__all__ = ["build_cloud"]
+__all__ = ["Body", "build_cloud"]
 
 # A cut plane with fewer points can hold the model only badly.
 _FEW_AT_END = 6
 # The tip of a bent bracket moves 2 % too little with 4 source points across, 1 % with 8.
 _FEW_ACROSS = 4
+
+
+class Body(NamedTuple):
+    """What points are made of, on one grid.
+
+    Attributes
+    ----------
+    labels : Labels
+        Label map, in any orientation.
+    fibers : Image or None
+        Fiber vectors in the world frame.
+    activation : Image or None
+        Part of its muscle's activation that each voxel has.
+    fractions : Image or None
+        Part of each voxel that each label above zero fills, labels ascending, shape
+        `(ni, nj, nk, nlabel)`.
+    """
+
+    labels: Labels
+    fibers: Image | None = None
+    activation: Image | None = None
+    fractions: Image | None = None
 
 
 def build_cloud(
@@ -32,26 +57,25 @@ def build_cloud(
     source_images: str = "",
     activation: Image | None = None,
     fractions: Image | None = None,
+    progress: ProgressCallback = silent,
 ) -> tuple[PointCloud, list[str]]:
     """Make the points of a model from labels and fibers.
 
+    A single slice becomes a prism, slices are cut and fibers laid along a flow before, as the table
+    wants it.
+
     Parameters
     ----------
-    labels : Labels
-        Label map, in any orientation.
-    fibers : Image or None
-        Fiber vectors in the world frame on the same grid.
+    labels, fibers, activation, fractions
+        As of `Body`.
     table : mapping
         Table `build` of the deck.
     unit : str
         Unit of length of the model.
     source_images : str
         Names and check sums of the files behind the arguments.
-    activation : Image, optional
-        Part of its muscle's activation that each voxel has, on the same grid.
-    fractions : Image, optional
-        Part of each voxel that each label above zero fills, labels ascending, on the same grid,
-        shape `(ni, nj, nk, nlabel)`.
+    progress : callable
+        Called with a line of text at a time.
 
     Returns
     -------
@@ -64,6 +88,8 @@ def build_cloud(
             f"build.source_stride = {list(stride)} must be a multiple of build.collocation_stride "
             f"= {list(block)} in each direction"
         )
+    body_of = Body(labels, fibers, activation, fractions)
+    labels, fibers, activation, fractions = _prepared(body_of, table, progress)
     whole = canonical(labels)
     chosen = points.select(whole, table["ids"], table.get("slices"), table["bone"])
     part = points.trimmed(chosen)
@@ -129,6 +155,39 @@ def build_cloud(
         else activation_at_points(canonical(activation), whole, at, label, block),
     )
     return cloud, warnings
+
+
+def _prepared(body: Body, table: Mapping[str, Any], progress: ProgressCallback) -> Body:
+    """The body as a prism, in thinner slices and with fibers of a flow, as the deck wants it."""
+    labels, fibers, activation, fractions = body
+    if "extrude" in table:
+        length = table["extrude"]
+        labels = extruded(labels, length)
+        fibers, activation, fractions = (one and extruded(one, length) for one in body[1:])
+        progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
+    if "slice_thickness" in table:
+        if fractions is not None:
+            raise InputError(
+                f"{fractions.name}: build.slice_thickness cuts slices by the shapes of labels, and "
+                "parts of voxels have none; leave it out, or image.partial and build.fractions"
+            )
+        axis, parts = slice_parts(labels.spacing, table["slice_thickness"])
+        finer = finer_labels(labels, axis, parts)
+        fibers = fibers and finer_fibers(fibers, labels, finer, axis, parts)
+        activation = activation and finer_values(activation, labels, finer, axis, parts)
+        labels = finer
+        size = " x ".join(map(str, labels.data.shape))
+        progress(f"slices cut: {size} voxels of {labels.spacing.round(2)}")
+    if table["flow"]:
+        progress("fibers along a flow from end to end of each label")
+        labels = canonical(labels)
+        if labels.data.shape[2] == 1:
+            raise InputError(
+                f"{labels.name}: build.flow runs from the lowest slice to the highest, and there "
+                "is one slice only; set build.extrude, or leave build.flow out"
+            )
+        fibers = flow_fibers(labels)
+    return Body(labels, fibers, activation, fractions)
 
 
 def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str]:

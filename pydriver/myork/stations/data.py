@@ -1,16 +1,21 @@
-"""Files that a deck names, looked for in a folder of one's own data."""
+"""Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.dicom_choice import split_choice
+from myork.imaging.geometry import Grid, check_same_grid
+from myork.imaging.io import read_image, read_labels, read_reference
+from myork.records import Image, Labels
 
-__all__ = ["PATHS", "data_overrides"]
+__all__ = ["PATHS", "DeckFiles", "data_overrides"]
 
 #: Keys of decks that name an image, a label map, a surface or tracts
 PATHS = (
@@ -36,6 +41,94 @@ PATHS = (
     "tissue.fat",
     "tissue.connective",
 )
+
+
+class DeckFiles:
+    """Images and label maps that a table of a deck names.
+
+    This is where what a user brings comes upon the grid of a run; other grids are refused.
+
+    Parameters
+    ----------
+    deck : mapping
+        Effective deck; relative paths start in its folder.
+    name : str
+        Of the table.
+    made : mapping, optional
+        Files of an earlier station, in place of keys that the deck does not name.
+
+    Attributes
+    ----------
+    table : mapping
+        The table.
+    folder : Path
+        Where relative paths start.
+    read : list of Path
+        Files behind what was returned.
+    """
+
+    def __init__(
+        self, deck: Mapping[str, Any], name: str, made: Mapping[str, Path] | None = None
+    ) -> None:
+        self.table, self.folder = deck[name], Path(deck["folder"])
+        self.read: list[Path] = []
+        self._made = made or {}
+
+    def path(self, key: str) -> Path | None:
+        """Path of a key, which is then read; None where there is none."""
+        path = self.folder / self.table[key] if key in self.table else self._made.get(key)
+        self.read += [] if path is None else [path]
+        return path
+
+    def image(
+        self, key: str, like: Image | Labels | None = None, values: int | None = 1
+    ) -> Image | None:
+        """Image of a key, on the grid of another one; None without the key.
+
+        Parameters
+        ----------
+        key : str
+            Of the table.
+        like : Image or Labels, optional
+            Gives the grid.
+        values : int or None
+            Values per voxel, as of `read_image`.
+        """
+        path = self.path(key)
+        return None if path is None else _alike(read_image(path, values), like)
+
+    def images(self, key: str, like: Image | None = None) -> list[Image]:
+        """Images of a key that names several, on one grid: by default that of the first."""
+        found: list[Image] = []
+        for name in self.table[key]:
+            found.append(_alike(read_image(self.folder / name), like or next(iter(found), None)))
+        return found
+
+    def labels(
+        self, key: str, like: Image | None = None, progress: ProgressCallback | None = None
+    ) -> Labels | None:
+        """Label map of a key, on the grid of an image; None without the key.
+
+        Parameters
+        ----------
+        key : str
+            Of the table.
+        like : Image, optional
+            Gives the grid.
+        progress : callable, optional
+            With it a map without names takes those of its folder, see `read_reference`.
+        """
+        path = self.path(key)
+        if path is None:
+            return None
+        found = read_labels(path) if progress is None else read_reference(path, progress)
+        return _alike(found, like)
+
+
+def _alike(one: Grid, like: Image | Labels | None) -> Grid:
+    if like is not None:
+        check_same_grid(one, like)
+    return one
 
 
 def data_overrides(

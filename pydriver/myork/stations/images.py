@@ -14,41 +14,30 @@ from myork.errors import InputError
 from myork.imaging.diffusion import read_tensors
 from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import check_same_grid
-from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.records import Image, Labels
 from myork.segmentation.images import Images
 from myork.segmentation.regions import body_mask
+from myork.stations.data import DeckFiles
 from myork.types import Mask
 
 __all__ = ["read_images"]
 
 
-def read_images(
-    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
-) -> Images:
+def read_images(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> Images:
     """Images of a deck; the phantom's are also written.
 
     Parameters
     ----------
     deck : mapping
         Tables `image`, `dixon` and `phantom`.
-    folder : Path
-        Where relative paths start.
     out : Path
         Folder of the results.
     progress : callable
         Called with a line of text at a time.
     """
-    table = deck["image"]
-
-    def image(key: str) -> Image | None:
-        return read_image(folder / table[key]) if key in table else None
-
-    def labels(key: str) -> Labels | None:
-        return read_reference(folder / table[key], progress) if key in table else None
-
-    found = _echoes(deck, folder)
+    table, files = deck["image"], DeckFiles(deck, "image")
+    found = _echoes(deck, files)
     if found is None and "anatomy" not in table:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
         stray += ["channels"] if table["channels"] else []
@@ -61,32 +50,30 @@ def read_images(
         phantom = make_phantom(**deck["phantom"])
         write_phantom(out, phantom)
         found = Images(phantom.anatomy, tensor=phantom.tensor, truth=phantom.truth)
+        like = found.anatomy
     else:
         if found is None:
-            anatomy = read_image(folder / table["anatomy"])
-            found = Images(anatomy, fat=image("fat"), source=table["anatomy"])
-        size = " x ".join(map(str, found.anatomy.data.shape))
-        progress(f"{found.anatomy.name}: {size} voxels")
+            anatomy = files.image("anatomy")
+            assert anatomy is not None
+            found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
+        like, tensor = found.anatomy, read_tensors(table, files.folder)
+        progress(f"{like.name}: {' x '.join(map(str, like.data.shape))} voxels")
+        if tensor is not None:
+            check_same_grid(tensor, like)
+        truth = files.labels("truth", like, progress)
         found = replace(
-            found,
-            tensor=read_tensors(table, folder),
-            truth=labels("truth"),
-            others=tuple(read_image(folder / name) for name in table["channels"]),
+            found, tensor=tensor, truth=truth, others=tuple(files.images("channels", like))
         )
+    drawn_in = files.image("reference_anatomy")
     found = replace(
         found,
-        reference=labels("reference"),
-        drawn_in=image("reference_anatomy"),
-        seeds=labels("seeds"),
-        region=read_labels(folder / table["region"]) if "region" in table else None,
+        reference=files.labels("reference", drawn_in or like, progress),
+        drawn_in=drawn_in,
+        seeds=files.labels("seeds", like, progress),
+        region=files.labels("region", like),
     )
-    body = read_labels(folder / table["body"]) if "body" in table else None
-    for one in (found.tensor, found.truth, found.seeds, found.region, body, *found.channels):
-        if one is not None:
-            check_same_grid(one, found.anatomy)
-    if found.reference is not None:
-        check_same_grid(found.reference, found.drawn_in or found.anatomy)
     _check_labels(found)
+    body = files.labels("body", like)
     return found if body is None else replace(found, body=_checked_body(body, found.region))
 
 
@@ -116,26 +103,21 @@ def _checked_body(labels: Labels, region: Labels | None) -> Mask:
     return body
 
 
-def _echoes(deck: Mapping[str, Any], folder: Path) -> Images | None:
+def _echoes(deck: Mapping[str, Any], beside: DeckFiles) -> Images | None:
     """Water and fat of the echoes of `[dixon]`; None without them."""
-    keys, table = deck["dixon"], deck["image"]
-    if "magnitude" not in keys:
+    files = DeckFiles(deck, "dixon")
+    if "magnitude" not in files.table:
         return None
     for key in ("anatomy", "fat"):
-        if key in table:
+        if key in beside.table:
             raise InputError(
                 f"[dixon] makes water and fat of its echoes; take image.{key} out, or list it in "
                 "image.channels"
             )
-    magnitudes, phases = (
-        [read_image(folder / name) for name in keys[kind]] for kind in ("magnitude", "phase")
-    )
+    magnitudes = files.images("magnitude")
     first = magnitudes[0]
-    for one in (*magnitudes, *phases):
-        check_same_grid(one, first)
-    if "body" in table:
-        mask = read_labels(folder / table["body"])
-        check_same_grid(mask, first)
+    phases, mask = files.images("phase", first), beside.labels("body", first)
+    if mask is not None:
         body = mask.data > 0
     else:
         body = body_mask(Image(first.data + magnitudes[1].data, first.affine), rim=0.0)
@@ -143,12 +125,12 @@ def _echoes(deck: Mapping[str, Any], folder: Path) -> Images | None:
         magnitudes,
         phases,
         body,
-        times=keys.get("echo_times", ()),
-        strength=keys.get("field_strength", 0.0),
+        times=files.table.get("echo_times", ()),
+        strength=files.table.get("field_strength", 0.0),
     )
     return Images(
         Image(found.water, first.affine, f"water of {first.name}"),
         Image(found.fat, first.affine, f"fat of {first.name}"),
-        source=keys["magnitude"][0],
+        source=files.table["magnitude"][0],
         doubt=found.doubt,
     )

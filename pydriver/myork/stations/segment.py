@@ -11,30 +11,25 @@ its truth (`write_phantom`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import myork
-from myork.console import ProgressCallback, silent
-from myork.core.deck import load_deck
-from myork.core.threads import core_threads
+from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
-from myork.imaging.geometry import length_factor
 from myork.imaging.io import renew_images, write_image, write_labels
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.grouping import Muscle
 from myork.segmentation.images import Segmentation, segment_images
-from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import label_scores
 from myork.stations.images import read_images
-from myork.stations.tissue import find_tissues
-from myork.summary import renewing, update_summary
+from myork.stations.station import station
+from myork.stations.tissue import LabelRecord, find_tissues
 
 __all__ = ["segment"]
 
@@ -42,117 +37,62 @@ __all__ = ["segment"]
 _BEYOND = (0,)
 
 
-def segment(
-    deck: str | Path | Mapping[str, Any],
-    out: str | Path,
-    *,
-    overrides: Sequence[str] = (),
-    threads: int | None = None,
-    progress: ProgressCallback = silent,
-) -> dict[str, Any]:
+@station("segment", "segmentation", "tissue")
+def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dict[str, Any]:
     """Segment the image of a deck, or the phantom where the deck names no image.
 
-    Parameters
-    ----------
-    deck : str, Path or mapping
-        Deck file, or its tables as data; the tables `image`, `bias`, `muscle`, `phantom`, `tissue`
-        and `units` are read.
-    out : str or Path
-        Folder of the results.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads of the level sets; default all cores.
-    progress : callable
-        Called with a line of text at a time.
-
-    Returns
-    -------
-    dict
-        What was added to `summary.json`.
+    The tables `image`, `bias`, `muscle`, `phantom`, `tissue` and `units` are read.
     """
-    values, out = load_deck(deck, overrides, "segment"), Path(out)
-    with renewing(out, "segmentation", "tissue"), core_threads(threads):
-        return _segment(values, Path(values["folder"]), out, progress)
-
-
-def _segment(
-    deck: Mapping[str, Any], folder: Path, out: Path, progress: ProgressCallback
-) -> dict[str, Any]:
-    """All steps, on a deck whose relative paths start in a folder."""
-    table = deck["image"]
-    muscles = _muscles(deck)
+    table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
-    images = read_images(deck, folder, out, progress)
-    found = segment_images(
-        images,
-        table,
-        bias=deck["bias"]["method"],
-        muscles=muscles,
-        progress=progress,
+    images = read_images(deck, out, progress)
+    bias = deck["bias"]["method"]
+    found = segment_images(images, table, bias=bias, muscles=muscles, progress=progress)
+    labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
+    record = _record(deck, found)
+    maps: dict[str, Image | None] = dict.fromkeys(
+        ("fractions", "fibers", "fa", "md", "eigenvalues")
     )
-    labels, affine = found.labels, found.labels.affine
-    bias = None if found.field is None else Image(found.field, affine)
-    renew_images(out, bias=bias, fat_fraction=found.fraction)
-    if images.source != "phantom":  # that has a fat image of its own
-        renew_images(out, fat=found.images.fat)
-    write_image(out / "anatomy.nii.gz", found.images.anatomy)
-    write_labels(out / "regions.nii.gz", Labels(found.regions.region + 1, affine))
-    write_labels(out / "segmentation.nii.gz", labels)
-    part = _record(deck, found)
-    part["source"] = images.source
-    parts = None
     if table["partial"]:
         progress("parts of labels in the voxels along their borders")
-        kinds = -1 - found.regions.region
-        parts, filled = parts_of_labels(labels, kinds, found.values, _BEYOND)
-        part.setdefault("maps", {})["fractions"] = "fractions.nii.gz"
-        for name, n in filled.items():
-            entry = part["labels"][name]
-            entry["volume_of_parts"] = n * entry["volume"] / entry["pixels"]
-    maps: dict[str, Image | None] = dict.fromkeys(("fibers", "fa", "md", "eigenvalues"))
+        maps["fractions"] = record.parts(-1 - kinds, found.values, _BEYOND, "fractions.nii.gz")
     if images.tensor is not None:
         progress("fibers from the diffusion tensors")
-        maps |= _fibers(images.tensor, found, table, part, progress)
-    renew_images(out, fractions=parts, **maps)
-    summary: dict[str, Any] = {
-        "title": deck["title"],
-        "deck_sha256": deck["sha256"],
-        "version": myork.__version__,
-        "units": dict(deck["result_units"]),
-        "segmentation": part,
-    }
+        maps |= _fibers(images.tensor, found, table, record, progress)
+    if images.source != "phantom":  # that has a fat image of its own
+        maps["fat"] = found.images.fat
+    maps["bias"] = None if found.field is None else Image(found.field, affine)
+    renew_images(out, fat_fraction=found.fraction, **maps)
+    write_image(out / "anatomy.nii.gz", found.images.anatomy)
+    write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
+    write_labels(out / "segmentation.nii.gz", labels)
+    parts: dict[str, Any] = {"segmentation": record}
     if deck["tissue"]["find"]:
         progress("materials of the leg")
-        summary["tissue"] = find_tissues(deck, folder, out, found)
-    update_summary(out, summary)
-    for line in (*_lines(summary), *(f"warning: {text}" for text in part["warnings"])):
+        parts["tissue"] = find_tissues(deck, out, found)
+    for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)
-    return summary
+    return parts
 
 
-def _record(deck: Mapping[str, Any], found: Segmentation) -> dict[str, Any]:
-    """Entry of the summary; volumes in the deck's unit of length, cubed."""
+def _record(deck: Mapping[str, Any], found: Segmentation) -> LabelRecord:
+    """Entry of the summary."""
     table, images, labels = deck["image"], found.images, found.labels
-    voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
-    entries: dict[str, dict[str, Any]] = {}
+    record = LabelRecord(labels, deck)
     fat = {} if found.fraction is None else _fat_of_labels(labels, found.fraction, images.whole)
-    for number, name in labels.names.items():
-        pixels = int((labels.data == number).sum())
-        entries[name] = {"pixels": pixels, "volume": pixels * voxel}
-        if name in fat:
-            entries[name]["fat_fraction"] = fat[name]
+    for name, part in fat.items():
+        record["labels"][name]["fat_fraction"] = part
     warnings = list(found.warnings)
     if table["regions"] == 2 and images.reference is None and images.seeds is None:
         warnings += [] if deck.get("muscle") else _fat_doubts(fat, table["phase"])
-    record: dict[str, Any] = {
-        "labels": entries,
+    record |= {
         "scores": {} if images.truth is None else _scores(table, labels, images.truth),
         "iterations": int(found.regions.iterations.max()),
         "converged": not found.regions.unrest,
         "energy": found.regions.energy.tolist(),
         "warnings": warnings,
         "bias": found.bias,
+        "source": images.source,
     }
     if images.channels:
         record["channels"] = [
@@ -240,16 +180,15 @@ def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str
     return label_scores(labels.data, truth.data, pairs)
 
 
-def _lines(summary: Mapping[str, Any]) -> list[str]:
+def _lines(record: Mapping[str, Any], deck: Mapping[str, Any]) -> list[str]:
     """What to tell at the end."""
-    found = summary["segmentation"]
-    unit = summary["units"]["volume"]
+    unit = deck["result_units"]["volume"]
     lines = [
         f"{name}: {entry['pixels']} pixels, {entry['volume']:.4g} {unit}"
-        for name, entry in found["labels"].items()
+        for name, entry in record["labels"].items()
     ]
     lines += [
         f"{name}: Dice {score['dice']:.3f}, PCC {score['pcc']:.3f} against the truth"
-        for name, score in found["scores"].items()
+        for name, score in record["scores"].items()
     ]
     return lines

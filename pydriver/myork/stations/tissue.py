@@ -7,7 +7,7 @@ Memberships in the fuzzy clusters are `membership_fat.nii.gz` and, where there i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,31 +17,64 @@ from myork.errors import InputError
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, renew_images, write_labels
 from myork.model.fibers import fiber_field
-from myork.records import Image
+from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.images import Segmentation
 from myork.segmentation.leg import leg_tissues, outer_boundary
 from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import dice
+from myork.stations.data import DeckFiles
+from myork.types import F64, I32
 
-__all__ = ["find_tissues"]
+__all__ = ["LabelRecord", "find_tissues"]
 
 _MUSCLE = 1
 # Skin, between fat and air, is as grey as both mixed; bone is dark and bright.
 _UNMIXED = (0, 4)
 
 
-def find_tissues(
-    deck: Mapping[str, Any], folder: Path, out: Path, segmented: Segmentation
-) -> dict[str, Any]:
+class LabelRecord(dict[str, Any]):
+    """Entry of the summary about a label map.
+
+    Parameters
+    ----------
+    labels : Labels
+        The map.
+    deck : mapping
+        Table `units`: volumes are in its unit of length, cubed.
+    """
+
+    def __init__(self, labels: Labels, deck: Mapping[str, Any]) -> None:
+        self._labels = labels
+        self._voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
+        count = {name: int((labels.data == n).sum()) for n, name in labels.names.items()}
+        entries = {name: {"pixels": n, "volume": n * self._voxel} for name, n in count.items()}
+        super().__init__(labels=entries)
+
+    def parts(self, kinds: I32, values: F64, unmixed: Sequence[int], file: str) -> Image:
+        """Parts of the labels in each voxel; their volumes and file are noted.
+
+        Parameters
+        ----------
+        kinds, values, unmixed
+            As of `parts_of_labels`.
+        file : str
+            Name of the file of the parts.
+        """
+        parts, filled = parts_of_labels(self._labels, kinds, values, unmixed)
+        for name, voxels in filled.items():
+            self["labels"][name]["volume_of_parts"] = voxels * self._voxel
+        self.setdefault("maps", {})["fractions"] = file
+        return parts
+
+
+def find_tissues(deck: Mapping[str, Any], out: Path, segmented: Segmentation) -> LabelRecord:
     """Label the materials of a leg and write them and the muscle's fibers.
 
     Parameters
     ----------
     deck : mapping
         Effective deck; the tables `tissue`, `image` and `units` are read.
-    folder : Path
-        Where the deck's relative paths start.
     out : Path
         Folder of the results, in which the phantom's images lie where it is used.
     segmented : Segmentation
@@ -50,24 +83,24 @@ def find_tissues(
 
     Returns
     -------
-    dict
+    LabelRecord
         Voxels and volume of each material, and the Dice coefficients with the phantom's truth.
     """
-    table, keys, images = deck["tissue"], deck["image"], segmented.images
+    files, keys, images = DeckFiles(deck, "tissue"), deck["image"], segmented.images
     phantom = "anatomy" not in keys and segmented.fraction is None
-    special: dict[str, Image | None] = {"fat": segmented.fraction, "connective": None}
-    for name in special:
-        if phantom:
-            special[name] = read_image(out / f"{name}.nii.gz")
-        elif name in table:
-            special[name] = read_image(folder / table[name])
+    fat: Image | None
+    connective: Image | None
+    if phantom:
+        fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
+    else:
+        fat, connective = files.image("fat") or segmented.fraction, files.image("connective")
     anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
         body = outer_boundary(anatomy) | (images.region.data > 0)
-    least = table["least_diffusivity"]
     found, memberships = leg_tissues(
-        anatomy, **special, tensor=tensor, body=body, least_diffusivity=least
-    )
+        anatomy, fat=fat, connective=connective, tensor=tensor, body=body,
+        least_diffusivity=files.table["least_diffusivity"],
+    )  # fmt: skip
     muscle = found.data == _MUSCLE
     if not muscle.any():
         raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
@@ -75,24 +108,18 @@ def find_tissues(
         ("tissue_fibers", "tissue_fractions", "membership_fat", "membership_connective_tissue")
     )
     made |= {f"membership_{k}": Image(v, found.affine) for k, v in memberships.items()}
-    voxel = float(np.prod(found.spacing * length_factor(deck["units"]["length"])))
-    count = {name: int((found.data == label).sum()) for label, name in found.names.items()}
-    record: dict[str, Any] = {
-        "labels": {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()},
-        "maps": {name: f"{name}.nii.gz" for name, one in made.items() if one is not None},
-    }
+    record = LabelRecord(found, deck)
+    record["maps"] = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
     if tensor is not None:
         way = fiber_field(tensor, muscle, keys.get("fiber_smoothing"))
         made["tissue_fibers"] = way.fibers
         record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
     if keys["partial"]:
-        shown = [one for one in (anatomy, *special.values()) if one is not None]
+        shown = [one for one in (anatomy, fat, connective) if one is not None]
         values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
-        parts, filled = parts_of_labels(found, np.zeros_like(found.data), values, _UNMIXED)
-        made["tissue_fractions"] = parts
-        record["maps"]["fractions"] = "tissue_fractions.nii.gz"
-        for name, part in filled.items():
-            record["labels"][name]["volume_of_parts"] = part * voxel
+        made["tissue_fractions"] = record.parts(
+            np.zeros_like(found.data), values, _UNMIXED, "tissue_fractions.nii.gz"
+        )
     write_labels(out / "tissue.nii.gz", found)
     renew_images(out, **made)
     if phantom:

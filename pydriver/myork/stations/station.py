@@ -1,0 +1,94 @@
+"""What stations before a solve share: a deck comes in, files and parts of the summary go out."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import myork
+from myork.console import ProgressCallback, silent
+from myork.core.deck import load_deck
+from myork.core.threads import core_threads
+from myork.summary import renewing, update_summary
+
+__all__ = ["Station", "station"]
+
+#: Work of a station: effective deck, folder of the results, progress -> parts of the summary
+Work = Callable[[Mapping[str, Any], Path, ProgressCallback], dict[str, Any]]
+
+
+class Station(Protocol):
+    """A function of a deck and a folder."""
+
+    def __call__(
+        self,
+        deck: str | Path | Mapping[str, Any],
+        out: str | Path,
+        *,
+        overrides: Sequence[str] = (),
+        threads: int | None = None,
+        progress: ProgressCallback = silent,
+    ) -> dict[str, Any]:
+        """Do the work of the station.
+
+        Parameters
+        ----------
+        deck : str, Path or mapping
+            Deck file, or its tables as data.
+        out : str or Path
+            Folder of the results; made if it is missing.
+        overrides : sequence of str
+            Overrides of the deck, `"table.key=value"`.
+        threads : int, optional
+            Number of threads of the compiled core; default all cores.
+        progress : callable
+            Called with a line of text at a time.
+
+        Returns
+        -------
+        dict
+            What was added to `summary.json`.
+        """
+
+
+def station(command: str, *parts: str) -> Callable[[Work], Station]:
+    """Make a station of its work.
+
+    Parameters
+    ----------
+    command : str
+        Command that the deck is read for.
+    parts : str
+        Entries of `summary.json` that the work makes; the head of the summary is added.
+    """
+
+    def made(work: Work) -> Station:
+        def run(
+            deck: str | Path | Mapping[str, Any],
+            out: str | Path,
+            *,
+            overrides: Sequence[str] = (),
+            threads: int | None = None,
+            progress: ProgressCallback = silent,
+        ) -> dict[str, Any]:
+            values, folder = load_deck(deck, overrides, command), Path(out)
+            with renewing(folder, *parts), core_threads(threads):
+                summary = {
+                    "title": values["title"],
+                    "deck_sha256": values["sha256"],
+                    "version": myork.__version__,
+                    "units": dict(values["result_units"]),
+                    **work(values, folder, progress),
+                }
+                update_summary(folder, summary)
+            return summary
+
+        run.__name__ = run.__qualname__ = work.__name__
+        run.__module__ = work.__module__
+        _, _, common = (inspect.getdoc(Station.__call__) or "").partition("\n\n")
+        run.__doc__ = f"{inspect.getdoc(work)}\n\n{common}"
+        return run
+
+    return made
