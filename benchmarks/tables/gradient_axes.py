@@ -71,12 +71,12 @@ def counts(cases: Iterator[tuple[Image, Labels]]) -> list[str]:
         for number in 1 + random.choice(len(found.evidence) - 1, WRONG, replace=False):
             axes = found.evidence[number].axes
             kind = "others" if axes.replace("-", "")[-1] == "z" else "long axis exchanged"
-            tables[kind][0] += bool(spoilt(fibers, labels, axes).doubt)
+            tables[kind][0] += bool(checked_with(fibers, labels, axes).doubt)
             tables[kind][1] += 1
     return [*(f"{doubted} of {number}" for doubted, number in tables.values()), f"{margin:.2f}"]
 
 
-def spoilt(fibers: Image, labels: Labels, axes: str) -> Finding:
+def checked_with(fibers: Image, labels: Labels, axes: str) -> Finding:
     """The check on fibers of a table with other axes."""
     columns = frame(fibers.affine)
     turn = columns @ parse_axes(axes) @ columns.T

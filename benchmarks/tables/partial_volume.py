@@ -42,7 +42,7 @@ def noisy(clean: F64, snr: float) -> F64:
     return np.asarray(np.hypot(clean + noise[0], noise[1]))
 
 
-def told(found: F64, truth: F64) -> list[str]:
+def row_of(found: F64, truth: F64) -> list[str]:
     """Volumes against the truth and the error."""
     right = truth.sum(axis=(0, 1, 2))[:3]
     off = 100.0 * (found.sum(axis=(0, 1, 2))[:3] - right) / np.where(right > 0, right, np.nan)
@@ -51,9 +51,9 @@ def told(found: F64, truth: F64) -> list[str]:
 
 
 def both(labels: I32, parts: F64, truth: F64) -> list[str]:
-    """What is told of labels, a part of each whole voxel, and of parts."""
+    """Rows of labels, which are a part of each whole voxel, and of parts."""
     whole = (labels[..., np.newaxis] == np.arange(1, TISSUES + 1)).astype(float)
-    pairs = zip(told(whole, truth), told(all_of(parts, labels), truth), strict=True)
+    pairs = zip(row_of(whole, truth), row_of(all_of(parts, labels), truth), strict=True)
     return [f"{one}, {other}" for one, other in pairs]
 
 

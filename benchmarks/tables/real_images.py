@@ -70,7 +70,7 @@ def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
 
     `data` holds the files that the decks of inputs/images name, in any folders of it; `out` gets a
     folder a deck with its report (pictures). Volumes and Dice coefficients with the manual labels
-    of the calf are told before the table. That has these coefficients, mean and least, again for
+    of the calf are printed before the table. That has these coefficients, mean and least, again for
     references that are displaced, as those of a neighbour slice or an earlier visit are: as they
     lie, moved onto edges, and bent by the image of that visit.
     """

@@ -73,7 +73,7 @@ class Muscles:
         parts = (make_interp_spline(HEIGHTS, one)(MIDDLES) for one in (self.waves, self.border))
         return self.labels(MIDDLES, *parts)
 
-    def foretold(self) -> I32:
+    def predicted(self) -> I32:
         """Mean of all outlines through those of the thick slices."""
         seen = make_interp_spline(HEIGHTS, np.eye(len(HEIGHTS)))(MIDDLES)
         weights = self.alike @ seen.T @ np.linalg.pinv(seen @ self.alike @ seen.T, rcond=1e-8)
@@ -91,9 +91,9 @@ def thick_slices(half: str) -> Iterator[tuple[str, ...]]:
 
     Muscles touch, lean, bend and taper; their outlines and the border between them are wavy by
     2 mm (root mean square), alike over so many millimetres along the stack. Dice coefficient and
-    error of the volume [%]; slices repeated; and how well outlines can be told at all: the means of
-    all outlines that pass through those of the slices, of muscles whose lean, bend, taper and kind
-    of waves are known.
+    error of the volume [%]; slices repeated; and how well outlines can be known at all: the means
+    of all outlines that pass through those of the slices, of muscles whose lean, bend, taper and
+    kind of waves are known.
     """
     affine = np.diag([1.0, 1.0, float(PARTS), 1.0])
     yield "waves", "Dice, mean (least)", "volume, at most", "slices repeated", "predicted"
@@ -104,14 +104,14 @@ def thick_slices(half: str) -> Iterator[tuple[str, ...]]:
         ("the same with kinks from slice to slice", 2.0, 10.0, jagged),
         ("alike over 5 mm", 2.0, 5.0, smooth),
     ):
-        ours, repeated, foretold = [], [], []
+        ours, repeated, predicted = [], [], []
         for seed in SEEDS[half]:
             muscles = Muscles(seed, height, length, kind)
             truth, thick = muscles.truth(), muscles.thick()
             ours += scores(finer_labels(Labels(thick, affine), 2, PARTS).data, truth)
             repeated += scores(np.repeat(thick, PARTS, axis=2), truth)
-            foretold += scores(muscles.foretold(), truth)
+            predicted += scores(muscles.predicted(), truth)
         found, volume = np.array(ours).T
-        others = (f"{np.mean(each, axis=0)[0]:.3f}" for each in (repeated, foretold))
+        others = (f"{np.mean(each, axis=0)[0]:.3f}" for each in (repeated, predicted))
         least = f"{found.mean():.3f} ({found.min():.3f})"
         yield title, least, f"{100 * np.abs(volume).max():.1f} %", *others

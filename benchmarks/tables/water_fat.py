@@ -111,7 +111,7 @@ def score(fraction: F64, inside: Mask, case: Echoes) -> list[float]:
     ]
 
 
-def told(scores: Sequence[float]) -> list[str]:
+def row_of(scores: Sequence[float]) -> list[str]:
     """Found, and in brackets what can be found."""
     pairs = zip(scores[:3], scores[3:], strict=True)
     return [f"{found:.4f} ({limit:.4f})" for found, limit in pairs]
@@ -124,7 +124,7 @@ def water_fat(half: str) -> Iterator[tuple[str, ...]]:
     fibers), fields that are off by up to hundreds of hertz with steps' worth of bending, a phase of
     the coils, decay and noise, at 1.5 and 3 T, with six peaks of fat. Settings were chosen on
     `tuned`. Dice coefficients of water and fat tissue, correlation of the fraction of fat in the
-    body; in brackets the same of a separation that is told the phases of both echoes (what noise
+    body; in brackets the same of a separation that knows the phases of both echoes (what noise
     and the half filled voxels leave, voxel by voxel); then the least of each noise.
     """
     yield "phantom, field, SNR of muscle, off by", "water", "fat", "fraction r", "CPU [s]", "doubt"
@@ -145,6 +145,6 @@ def water_fat(half: str) -> Iterator[tuple[str, ...]]:
                 scores += score(told_phases(case, strength), case.body, case)
                 every.setdefault(snr, []).append(scores)
                 name = f"{number}, {strength:g} T, {snr:g}, {hertz:g} Hz"
-                yield name, *told(scores), took, str(found.doubt)
+                yield name, *row_of(scores), took, str(found.doubt)
     for snr, rows in every.items():
-        yield f"least at SNR {snr:g}", *told(np.min(rows, axis=0).tolist()), "", ""
+        yield f"least at SNR {snr:g}", *row_of(np.min(rows, axis=0).tolist()), "", ""
