@@ -152,7 +152,7 @@ pure subroutine leave_empty(self, volume, least)
    logical :: fullest(3, 3)
    integer :: ip, e, i, j, n, round
 
-   moved%first = self%first
+   allocate (moved%first, source=self%first)
    do round = 1, 2
       n = 0
       do ip = 1, size(self%first) - 1

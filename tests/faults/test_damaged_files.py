@@ -48,12 +48,19 @@ from tests.faults.damage import (
 )
 from tests.faults.isolated import Verdict, Worker, isolated
 from tests.imaging.test_formats import series
+from tests.scenes import box, held
+from tests.scenes import scene as tables_of
 from tests.unit.test_scene_from_tables import BLOCK, cloud
-from tests.unit.test_stations import BAR
 
 AFFINE = np.diag([2.0, 2.0, 5.0, 1.0])
 FAT = '[[material]]\nname = "fat"\nlabel = 2\nmodel = "neo-hookean"\nmu = 1.0\nK = 100.0\n'
-BAR = {**BAR, "scene": {"dimension": 2, "method": "rkpm-gauss"}}
+BAR = tables_of(
+    "rkpm-gauss", box(5, 4, size=[2, 1]),
+    material=[{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
+    boundary=[held("x0", 2), {"set": "x1", "u_x": 0.4}],
+    load={"steps": 3}, rom={"modes": [1, 2]},
+    probe=[{"name": "pull", "quantity": "force_x", "set": "x1"}],
+)  # fmt: skip
 
 
 def disc() -> np.ndarray:
