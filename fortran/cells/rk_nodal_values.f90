@@ -55,10 +55,13 @@ subroutine new_nodal_values(self, cells, inside)
 
    ns = maxval(cells%node)
    associate (place => self%row%place)
-      allocate (place%offset(ns + 1), place%index(inside%neighbour%offset(ns + 1)), cell(ns))
-      allocate (self%row%value(size(place%index)))
+      allocate (place%offset(ns + 1), cell(ns))
       cell(cells%node) = [(q, q=1, size(cells%node))]
       place%offset(1) = 0
+      do i = 1, ns
+         place%offset(i + 1) = place%offset(i) + inside%count(cell(i))
+      end do
+      allocate (place%index(place%offset(ns + 1)), self%row%value(place%offset(ns + 1)))
       own = 0.0_wp
       do i = 1, ns
          q = cell(i)
@@ -67,7 +70,6 @@ subroutine new_nodal_values(self, cells, inside)
          associate (at => place%offset(i))
             place%index(at + 1:at + n) = nodes
             self%row%value(at + 1:at + n) = values(1, :)
-            place%offset(i + 1) = at + n
          end associate
          own = own + sum(values(1, :), mask=nodes == i)/ns
       end do
