@@ -83,7 +83,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if result:
             print(result)
     except KeyboardInterrupt:
-        return _complain("stopped; what was finished is written", 1)
+        status = _complain("stopped; what was finished is written", 1)
+        if arguments is None:
+            # a library that was stopped while it loaded may crash when Python takes it down
+            sys.stderr.flush()
+            os._exit(status)
+        return status
     except Exception as error:
         if options.verbosity > 0:
             traceback.print_exc()
