@@ -1,10 +1,16 @@
 // The form that scene.method stands for, and what else defaults of the schema depend on.
 #include "deck.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace rk {
 
+// Cells across the thinnest direction of a body whose points nobody chose, and in any other one at
+// most, by space dimension: where a search for points begins, and half of them still tell something
+constexpr int first_cells[] = {8, 8, 6}, most_first_cells[] = {64, 64, 24};
+// Error that is asked for where nobody says another one
+constexpr double usual_accuracy = 0.02;
 // Points this close to a surface, of the size of the body, lie on it
 constexpr double on_surface_tolerance = 1e-9;
 
@@ -105,6 +111,115 @@ static bool compares_on_the_way(Deck &deck) {
    return false;
 }
 
+static Value integers(const std::vector<std::int64_t> &numbers, const Origin &origin) {
+   Value value;
+   value.kind = Value::Kind::array;
+   value.origin = origin;
+   value.by_default = true;
+   for (std::int64_t number : numbers) {
+      Value item;
+      item.kind = Value::Kind::integer;
+      item.integer = number;
+      item.origin = origin;
+      value.items.push_back(item);
+   }
+   return value;
+}
+
+// Lengths of a body along the directions of its lattice; none where they are not known
+static std::vector<double> lengths(const Section &geometry) {
+   if (geometry.text("kind") == "model")
+      return {};
+   if (geometry.text("kind") == "annulus") {
+      const Value *inner = geometry.find("inner_radius"), *outer = geometry.find("outer_radius");
+      if (!inner || !outer || outer->number() <= inner->number())
+         return {};
+      return {outer->number() - inner->number(),
+              std::atan(1.0) * (outer->number() + inner->number())};
+   }
+   std::vector<double> found;
+   if (const Value *size = geometry.find("size")) {
+      for (const Value &item : size->items)
+         found.push_back(item.number());
+   }
+   return found;
+}
+
+// Source points that nobody chose: cells about as long in all directions, an even number of them,
+// since pairs share their pressures
+static bool first_points(Section &geometry) {
+   const std::vector<double> size = lengths(geometry);
+   if (size.empty() || size.size() > 3 || geometry.find("source") || geometry.refused.count("source"))
+      return false;
+   const double least = *std::min_element(size.begin(), size.end());
+   std::vector<std::int64_t> source;
+   for (double length : size) {
+      const double cells = std::min(first_cells[size.size() - 1] * length / least,
+                                    double(most_first_cells[size.size() - 1]));
+      source.push_back(1 + 2 * std::llround(0.5 * cells));
+   }
+   geometry.values["source"] = integers(source, geometry.origin);
+   return true;
+}
+
+// Twice as many places of output, or of equations, as cells
+static void first_places(Section &geometry) {
+   const Value *source = geometry.find("source");
+   if (!source || geometry.find("collocation") || geometry.refused.count("collocation"))
+      return;
+   std::vector<std::int64_t> places;
+   for (const Value &item : source->items)
+      places.push_back(2 * item.integer - 1);
+   geometry.values["collocation"] = integers(places, geometry.origin);
+}
+
+// The table of the search: of decks that ask for an error, and of those whose points nobody chose
+static void ask_for_error(Deck &deck, bool chosen_here) {
+   // copied: a table more moves the others
+   const Section top = deck.single("") ? *deck.single("") : Section{};
+   const auto asked = [&](const char *key) { return top.find(key); };
+   if (deck.entries("refine").empty()) {
+      if (!chosen_here && !asked("accuracy"))
+         return;
+      const auto spec = std::find_if(schema().begin(), schema().end(),
+                                     [](const TableSpec &table) { return table.name == "refine"; });
+      Section table;
+      table.spec = &*spec;
+      table.origin = asked("accuracy") ? asked("accuracy")->origin : deck.single("geometry")->origin;
+      const auto behind = std::find_if(
+          deck.sections.begin(), deck.sections.end(),
+          [&](const Section &section) { return section.spec > table.spec; });
+      deck.sections.insert(behind, table);
+   }
+   Section &refine = *deck.entries("refine").front();
+   for (const char *key : {"accuracy", "cost"}) {
+      if (refine.find(key) || refine.refused.count(key))
+         continue;
+      if (const Value *value = asked(key))
+         refine.values[key] = *value;
+   }
+   if (refine.find("accuracy") || refine.refused.count("accuracy"))
+      return;
+   Value usual;
+   usual.kind = Value::Kind::real;
+   usual.real = usual_accuracy;
+   usual.origin = refine.origin;
+   usual.by_default = true;
+   refine.values["accuracy"] = usual;
+}
+
+// Points that nobody chose are searched for where a search is possible
+static void choose_points(Deck &deck) {
+   const std::vector<Section *> bodies = deck.entries("geometry");
+   if (bodies.empty() || bodies.front()->refused.count("kind"))
+      return;
+   const bool chosen_here = first_points(*bodies.front());
+   first_places(*bodies.front());
+   const bool searched = deck.single("scene")->text("method") == "rkpm-gauss" &&
+                         !deck.single("linear") && !deck.entries("probe").empty();
+   ask_for_error(deck, chosen_here && searched);
+}
+
 void choose_form(Deck &deck) {
    const std::vector<Section *> scenes = deck.entries("scene");
    if (scenes.empty() || scenes.front()->refused.count("method"))
@@ -119,9 +234,12 @@ void choose_form(Deck &deck) {
    if (method.text == "rkpm")
       method.text = "rkpm-scni";
    scene.values["method"] = method;
-   if (asks_order_two(deck, scene))
+   // which may add a table, and moves the others
+   choose_points(deck);
+   const Section &now = *deck.single("scene");
+   if (asks_order_two(deck, now))
       deck.facts["order_two"] = "true";
-   if (plane_quadratic(deck, scene))
+   if (plane_quadratic(deck, now))
       deck.facts["plane_quadratic"] = "true";
    if (compares_on_the_way(deck))
       deck.facts["compared_on_the_way"] = "true";

@@ -101,6 +101,8 @@ module rk_recorder
       !> Step 0 of this earlier run, and its unknowns, shape (n); not allocated without such a run
       type(step_type) :: begin
       real(wp), allocatable :: first(:)
+      !> Iterations that led there and are recorded once more; not allocated where they were
+      type(iteration_type), allocatable :: iteration(:)
    end type start_type
 
    !> Receiver of what happens

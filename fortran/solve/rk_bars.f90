@@ -89,6 +89,10 @@ module rk_bars
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
+      !> What makes most of each bar at full load: "other points", "other form", "all
+      !> displacements", "voxels", "known solution", "least share"; blank where there is none, shape
+      !> (probes)
+      character(len=17), allocatable :: source(:)
    contains
       !> Bars of a probe at a load
       procedure :: at
@@ -124,6 +128,8 @@ subroutine new_bars(self, problem, load, x, error)
    allocate (self%size(n), self%kind(n), self%peak(n), self%open(n), source=0.0_wp)
    peak = 0.0_wp
    allocate (self%factor(n), source=1.0_wp)
+   allocate (self%source(n))
+   self%source = ''
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
    self%bars = ieee_value(1.0_wp, ieee_quiet_nan)
    self%change = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -283,7 +289,7 @@ subroutine bars_by_other(self, problem, other, kind, difference)
             least_change = share_of_all*difference
          end if
          call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), least_change, &
-            & left)
+            & left, merge('other form  ', 'other points', kind == another_form))
       end associate
    end do
 end subroutine bars_by_other
@@ -321,7 +327,7 @@ subroutine bars_by_solution(self, problem, time, error)
                exact = quantity(probe%quantity, local)
             end if
             call set_bar(self, i, quantity_size(probe%quantity), reshape(exact, [3, 1]), &
-               & [0.0_wp], 0.0_wp)
+               & [0.0_wp], 0.0_wp, 'known solution')
          end associate
       end do
    end associate
@@ -341,7 +347,7 @@ contains
 end subroutine bars_by_solution
 
 !> Bars of one probe from other values of it
-subroutine set_bar(self, i, n, other, least_change, left)
+subroutine set_bar(self, i, n, other, least_change, left, from)
    !> Bars
    type(bars_type), intent(inout) :: self
    !> Probe
@@ -354,8 +360,10 @@ subroutine set_bar(self, i, n, other, least_change, left)
    real(wp), intent(in) :: least_change(:)
    !> Share of its value that the voxels leave open [-]
    real(wp), intent(in) :: left
+   !> Where the other values are from
+   character(len=*), intent(in) :: from
    real(wp) :: difference(n, size(self%load))
-   integer :: k
+   integer :: k, last
 
    self%bars(:, i, :) = ieee_value(1.0_wp, ieee_quiet_nan)
    self%bar(:, i) = self%bars(:, i, 1)
@@ -366,7 +374,15 @@ subroutine set_bar(self, i, n, other, least_change, left)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
          & + left*norm2(self%values(:n, i, k)), least(self, i, self%whole(i, k)))
    end do
-   self%bar(:n, i) = self%bars(:n, i, size(self%load))
+   last = size(self%load)
+   self%bar(:n, i) = self%bars(:n, i, last)
+   self%source(i) = from
+   if (all(abs(self%values(:n, i, last) - other(:n, last)) < least_change(last))) &
+      & self%source(i) = 'all displacements'
+   if (left*norm2(self%values(:n, i, last)) > self%factor(i)*maxval(difference(:, last))) &
+      & self%source(i) = 'voxels'
+   if (maxval(self%bar(:n, i)) <= least(self, i, self%whole(i, last))) &
+      & self%source(i) = 'least share'
    self%change(i) = maxval(difference(:, size(self%load)))/max(self%size(i), tiny(1.0_wp))
    if (self%taken_off) self%change(i) = max(self%change(i), &
       & maxval(difference)/max(self%size(i), self%peak(i), tiny(1.0_wp)))

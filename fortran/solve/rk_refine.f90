@@ -5,13 +5,14 @@
 !> from there. Errors fall like the square of the spacing, so that the cells which meet a wanted
 !> error with the fewest points make all directions err alike: the next lattice has them, with at
 !> most twice as many cells in a direction. Corners and clamped edges make errors fall more slowly;
-!> then one more lattice follows.
+!> then one more lattice follows. The last solution of the search is the answer, whose run begins
+!> where it ended.
 module rk_refine
    use rk_bars, only : bars_by_other, bars_type, fewer_points, more_points, new_bars
    use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, keeper_type, lattice_words, list, other_number, &
-      & solve_beside, solve_companion
+   use rk_companion, only : companion_type, lattice_words, list, other_number, solve_beside, &
+      & solve_companion
    use rk_deck, only : deck_type
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
@@ -19,7 +20,7 @@ module rk_refine
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
-   use rk_recorder, only : recorder_type
+   use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_run, only : solve_problem
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -49,11 +50,32 @@ module rk_refine
       logical :: met = .false.
       !> How it ended, in words
       character(len=:), allocatable :: reason
+      !> The points as overrides of the deck, a line each
+      character(len=:), allocatable :: points
       !> A line for each lattice
       character(len=:), allocatable :: levels
       !> CPU time of the search [s]
       real(wp) :: seconds = 0.0_wp
+      !> Widest bar over the size of its probe that the answer has; negative where none is known [-]
+      real(wp) :: reached = -1.0_wp
+      !> Solution on the points that were found
+      type(start_type), allocatable :: start
+   contains
+      !> What the answer has of what was wanted
+      procedure :: look_back
    end type refinement_type
+
+   !> Receiver that keeps a whole run
+   type, extends(recorder_type) :: whole_run
+      !> Receiver of the caller, asked whether to stop
+      class(recorder_type), pointer :: receiver => null()
+      !> The run
+      type(start_type) :: run
+   contains
+      procedure :: iteration
+      procedure :: step
+      procedure :: stopped
+   end type whole_run
 
 contains
 
@@ -71,7 +93,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(error_type), allocatable, intent(out) :: error
    type(scene_type), target :: scene
    class(discretisation_type), allocatable :: problem
-   real(wp), allocatable :: answer(:, :)
+   type(start_type) :: run
    type(bars_type) :: bars
    type(deck_type) :: finer
    real(wp) :: cost, start, before, now, worst, expected
@@ -80,11 +102,13 @@ subroutine refine(self, deck, model, receiver, error)
    logical, allocatable :: counts(:)
    integer :: level, unknowns
    character(len=:), allocatable :: line
+   character(len=long), allocatable :: words(:)
 
    if (.not. deck%has('refine')) return
-   call deck%get('refine.error', self%wanted)
+   call deck%get('refine.accuracy', self%wanted)
    call deck%get('refine.cost', cost)
    self%levels = ''
+   self%points = ''
    call cpu_time(start)
    before = start
    do level = 1, most_levels
@@ -95,16 +119,19 @@ subroutine refine(self, deck, model, receiver, error)
       call wanted_probes(deck, scene, counts, error)
       if (allocated(error)) return
       call cells_of(scene, cells, limit)
+      if (level == 1 .and. allocated(scene%cloud%lattice)) &
+         & self%points = 'geometry.source='//list(cells + 1)
       call new_problem(problem, scene, error)
       if (allocated(error)) return
       unknowns = problem%n
-      call solve(problem, scene, deck, model, receiver, answer, bars, error)
+      call solve(problem, scene, deck, model, receiver, run, bars, error)
       if (.not. allocated(error)) then
          worst = maxval(relative(bars), mask=counts)
          ! what voxels leave open no blocks will close
          left = relative(bars) - bars%open
-         if (any(counts .and. left > self%wanted)) call shares(problem, answer, deck, model, &
+         if (any(counts .and. left > self%wanted)) call shares(problem, run, deck, model, &
             & cells, bars, receiver, share)
+         self%start = run
       end if
       call free_discretisation(problem)
       deallocate (problem)
@@ -141,16 +168,19 @@ subroutine refine(self, deck, model, receiver, error)
       end if
       expected = (now - before)*(product(real(next, wp) + 1.0_wp) &
          & /product(real(cells, wp) + 1.0_wp))**growth_of_time(scene%cloud%nd)
-      ! it would be solved here, and again as the answer
-      if (self%seconds + 2.0_wp*expected > cost) then
+      if (self%seconds + expected > cost) then
          self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
             & //'the next points, '//list(next)//' cells, would take about ' &
-            & //to_text(self%seconds + 2.0_wp*expected, 2)//' CPU s, more than refine.cost'
+            & //to_text(self%seconds + expected, 2)//' CPU s, more than refine.cost'
          return
       end if
-      call deck%vary(words_of(deck, scene%cloud, next), finer, error)
+      if (level == most_levels) exit
+      words = words_of(deck, scene%cloud, next)
+      call deck%vary(words, finer, error)
       if (allocated(error)) return
       deck = finer
+      self%points = trim(words(1))
+      if (size(words) > 1) self%points = self%points//new_line('a')//trim(words(2))
       before = now
    end do
    self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
@@ -169,18 +199,37 @@ subroutine refined_before(self, deck, scene, bars, error)
    type(bars_type), intent(in) :: bars
    !> Error handling: no such probe
    type(error_type), allocatable, intent(out) :: error
-   logical, allocatable :: counts(:)
 
-   call wanted_probes(deck, scene, counts, error)
-   if (allocated(error)) return
-   call deck%get('refine.error', self%wanted)
+   call deck%get('refine.accuracy', self%wanted)
    self%levels = ''
-   ! where there are no bars nothing is met
-   if (allocated(bars%size)) self%met = all(.not. counts .or. (relative(bars) >= 0.0_wp &
-      & .and. relative(bars) <= self%wanted))
+   call self%look_back(deck, scene, bars, error)
+   if (allocated(error)) return
+   self%met = self%reached >= 0.0_wp .and. self%reached <= self%wanted
    self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is ' &
       & //trim(merge('met    ', 'not met', self%met))//' by the points of the run that is resumed'
 end subroutine refined_before
+
+!> Widest bar of the probes that count, over the size
+subroutine look_back(self, deck, scene, bars, error)
+   !> Search
+   class(refinement_type), intent(inout) :: self
+   !> Deck with a table refine
+   type(deck_type), intent(in) :: deck
+   !> Its scene
+   type(scene_type), intent(in) :: scene
+   !> Bars of the answer
+   type(bars_type), intent(in) :: bars
+   !> Error handling: no such probe
+   type(error_type), allocatable, intent(out) :: error
+   logical, allocatable :: counts(:)
+
+   self%reached = -1.0_wp
+   call wanted_probes(deck, scene, counts, error)
+   if (allocated(error) .or. .not. allocated(bars%size)) return
+   associate (bar => relative(bars))
+      if (all(bar >= 0.0_wp .or. .not. counts)) self%reached = maxval(bar, mask=counts)
+   end associate
+end subroutine look_back
 
 !> Refuse what has no lattice of cells and no second solution
 subroutine check(scene, deck, error)
@@ -197,8 +246,6 @@ subroutine check(scene, deck, error)
    else if (scene%method /= 'rkpm-gauss' .or. .not. (allocated(scene%cloud%lattice) &
       & .or. allocated(scene%cloud%block))) then
       complaint = 'needs scene.method = "rkpm-gauss" on a box, an annulus or a model of voxels'
-   else if (scene%programme%count() > 1) then
-      complaint = 'is not for load programmes: refine the deck of their largest load'
    else if (size(scene%probe) == 0) then
       complaint = 'needs a probe whose error is wanted'
    else
@@ -266,7 +313,7 @@ function words_of(deck, cloud, cells) result(words)
 end function words_of
 
 !> Solve a scene and its companion
-subroutine solve(problem, scene, deck, model, receiver, answer, bars, error)
+subroutine solve(problem, scene, deck, model, receiver, run, bars, error)
    !> Problem
    class(discretisation_type), intent(inout) :: problem
    !> Its scene
@@ -277,25 +324,28 @@ subroutine solve(problem, scene, deck, model, receiver, answer, bars, error)
    type(cloud_type), intent(in) :: model
    !> Receiver of the caller
    class(recorder_type), target, intent(inout) :: receiver
-   !> Unknowns at full load, shape (n, 1)
-   real(wp), allocatable, intent(out) :: answer(:, :)
+   !> All load steps
+   type(start_type), intent(out) :: run
    !> Bars
    type(bars_type), intent(out) :: bars
    !> Error handling: a solution failed
    type(error_type), allocatable, intent(out) :: error
-   type(keeper_type) :: keeper
+   type(whole_run) :: recorder
    type(companion_type) :: companion
    type(timer_type) :: timer
+   integer :: first
 
-   keeper%receiver => receiver
-   keeper%load = [1.0_wp]
-   allocate (keeper%x(problem%n, 1))
-   call solve_problem(problem, scene, '', keeper, timer, error)
+   recorder%receiver => receiver
+   allocate (recorder%run%step(0), recorder%run%iteration(0), recorder%run%x(problem%n, 0))
+   call solve_problem(problem, scene, '', recorder, timer, error)
    if (allocated(error)) return
-   call move_alloc(keeper%x, answer)
-   call new_bars(bars, problem, keeper%load, answer, error)
-   if (allocated(error)) return
-   call solve_companion(companion, problem, keeper%load, answer, deck, model, receiver)
+   run = recorder%run
+   first = first_compared(scene, run)
+   associate (load => run%step(first:)%load, answer => run%x(:, first:))
+      call new_bars(bars, problem, load, answer, error)
+      if (allocated(error)) return
+      call solve_companion(companion, problem, load, answer, deck, model, receiver)
+   end associate
    if (allocated(companion%why_not)) then
       call deck%complain('refine', companion%why_not, error)
       return
@@ -304,12 +354,24 @@ subroutine solve(problem, scene, deck, model, receiver, answer, bars, error)
       & companion%finer), companion%difference)
 end subroutine solve
 
+!> Load step from which on states are compared: all of a programme, which may end at rest, of a ramp
+!> the last one
+integer function first_compared(scene, run) result(first)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Its run
+   type(start_type), intent(in) :: run
+
+   first = size(run%step)
+   if (scene%programme%count() > 1) first = 1
+end function first_compared
+
 !> How much of each probe's bar comes from each direction
-subroutine shares(problem, answer, deck, model, cells, bars, receiver, share)
+subroutine shares(problem, run, deck, model, cells, bars, receiver, share)
    !> Problem
    class(discretisation_type), intent(in) :: problem
-   !> Its unknowns at full load, shape (n, 1)
-   real(wp), contiguous, intent(in) :: answer(:, :)
+   !> Its load steps
+   type(start_type), intent(in) :: run
    !> Its deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
@@ -323,16 +385,21 @@ subroutine shares(problem, answer, deck, model, cells, bars, receiver, share)
    !> Shares, which add up to one, shape (nd, probes) [-]
    real(wp), allocatable, intent(out) :: share(:, :)
    type(companion_type) :: companion
-   integer :: d, i, n, other(size(cells))
+   character(len=long) :: steps
+   character(len=long), allocatable :: words(:)
+   integer :: d, first, i, n, other(size(cells))
 
    associate (scene => problem%scene)
+      first = first_compared(scene, run)
+      steps = 'load.steps='//to_text(merge(scene%load%steps, 1, scene%programme%count() > 1))
       allocate (share(size(cells), size(scene%probe)))
       do d = 1, size(cells)
          other = cells
          other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
          companion = companion_type()
-         call solve_beside(companion, problem, [1.0_wp], answer, deck, [character(len=long) :: &
-            & 'load.steps=1', words_of(deck, scene%cloud, other)], model, receiver)
+         words = [character(len=long) :: words_of(deck, scene%cloud, other), steps]
+         call solve_beside(companion, problem, run%step(first:)%load, run%x(:, first:), deck, &
+            & words, model, receiver)
          if (allocated(companion%why_not)) then
             ! unknown: as much as all others
             share(d, :) = 1.0_wp
@@ -340,7 +407,7 @@ subroutine shares(problem, answer, deck, model, cells, bars, receiver, share)
          end if
          do i = 1, size(scene%probe)
             n = quantity_size(scene%probe(i)%quantity)
-            share(d, i) = maxval(abs(bars%value(:n, i) - companion%seen%value(:n, i)))
+            share(d, i) = maxval(abs(bars%values(:n, i, :) - companion%seen%values(:n, i, :)))
             ! with twice as many cells what is seen is a quarter of what half as many would show
             if (other(d) > cells(d)) share(d, i) = 4.0_wp*share(d, i)
          end do
@@ -352,7 +419,7 @@ subroutine shares(problem, answer, deck, model, cells, bars, receiver, share)
    end associate
 end subroutine shares
 
-!> Bars over the sizes of their probes [-]
+!> Bars over the sizes of their probes, of a programme over the largest on the way [-]
 pure function relative(bars) result(bar)
    !> Bars
    type(bars_type), intent(in) :: bars
@@ -360,8 +427,10 @@ pure function relative(bars) result(bar)
    integer :: i
 
    do i = 1, size(bar)
-      bar(i) = maxval(bars%bar(:, i), mask=bars%bar(:, i) >= 0.0_wp) &
-         & /max(bars%size(i), tiny(1.0_wp))
+      associate (all_bars => bars%bars(:, i, :))
+         bar(i) = maxval(all_bars, mask=all_bars >= 0.0_wp)/max(bars%size(i), bars%peak(i), &
+            & tiny(1.0_wp))
+      end associate
    end do
 end function relative
 
@@ -414,5 +483,41 @@ elemental integer function divisor_from(least, number) result(divisor)
    end do
    divisor = number
 end function divisor_from
+
+!> Keep an iteration
+subroutine iteration(self, it)
+   !> Receiver
+   class(whole_run), intent(inout) :: self
+   !> Iteration
+   type(iteration_type), intent(in) :: it
+
+   self%run%iteration = [self%run%iteration, it]
+end subroutine iteration
+
+!> Keep a load step
+subroutine step(self, st, x)
+   !> Receiver
+   class(whole_run), intent(inout) :: self
+   !> Load step
+   type(step_type), intent(in) :: st
+   !> Unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+
+   if (st%step == 0) then
+      self%run%begin = st
+      self%run%first = x
+      return
+   end if
+   self%run%step = [self%run%step, st]
+   self%run%x = reshape([self%run%x, x], [size(x), size(self%run%step)])
+end subroutine step
+
+!> Whether the caller wants to stop
+logical function stopped(self)
+   !> Receiver
+   class(whole_run), intent(inout) :: self
+
+   stopped = self%receiver%stopped()
+end function stopped
 
 end module rk_refine

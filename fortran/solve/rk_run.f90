@@ -115,6 +115,11 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       ! where the programme begins loaded its first state is found yet
       if (.not. loaded) call recorder%step(step_type(load=0.0_wp), outcome%last%x)
       if (present(start)) then
+         if (allocated(start%iteration)) then
+            do k = 1, size(start%iteration)
+               call watcher%iteration(start%iteration(k))
+            end do
+         end if
          if (loaded .and. allocated(start%first)) call watcher%step(start%begin, start%first)
          do k = 1, size(start%step)
             call watcher%step(start%step(k), start%x(:, k))

@@ -23,7 +23,7 @@ def cantilever(**refine: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("error", [0.01, 0.003])
 def test_the_wanted_error_of_a_tip_is_met(error) -> None:
-    with Scene.from_tables(cantilever(error=error, probe="tip")) as opened:
+    with Scene.from_tables(cantilever(accuracy=error, probe="tip")) as opened:
         points = opened.source_points
         found = solved(opened, error=True)
     states, tip = found.states, found.last()["tip"]
@@ -36,7 +36,7 @@ def test_the_wanted_error_of_a_tip_is_met(error) -> None:
 
 
 def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
-    states = solved(cantilever(error=0.01, cost=0.15), error=True).states
+    states = solved(cantilever(accuracy=0.01, cost=0.15), error=True).states
     assert re.fullmatch(
         r"the wanted error of 1 % is not met: the next points, \[\d+,\d+\] cells, would take "
         r"about .* CPU s, more than refine\.cost",
@@ -44,11 +44,67 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
     )
 
 
+def without_points(accuracy: float | None = None, **tables: Any) -> dict[str, Any]:
+    """The beam, of which nobody says how many points it has."""
+    deck = beam(9, 3, **tables)
+    deck["geometry"] = {"kind": "box", "size": [4, 1]}
+    return deck if accuracy is None else deck | {"accuracy": accuracy}
+
+
+def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
+    summary = run_deck(without_points(), tmp_path)
+    found = summary["refine"]
+    assert found["asked"] == 0.02 and found["met"] and 0 < found["reached"] <= 0.02
+    assert found["points"] == summary["deck"]["geometry"]["source"]
+    assert summary["steps"][-1]["probes"]["tip"] == pytest.approx(BEAM_TIP, rel=0.02)
+    assert found["sources"] == {"tip": "other points"}
+    # the search's own solution is the answer: its iterations are those of the run
+    lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
+    assert len(lines) == summary["steps"][-1]["iterations"] > 0
+
+
+def test_an_accuracy_above_all_tables_is_met_and_the_scene_has_the_points() -> None:
+    with Scene.from_tables(without_points(accuracy=0.002)) as opened:
+        again = [word.split("=")[1] for word in opened.points_found]
+        assert opened.deck["geometry"]["source"] == json.loads(again[0])
+        found = solved(opened, error=True)
+    assert found.states.reasons[-1] == "the wanted error of 0.2 % is met"
+    assert found.last()["tip"] == pytest.approx(BEAM_TIP, rel=0.002)
+    # given the points, the same deck has the same state
+    with Scene.from_tables(without_points(), overrides=opened.points_found) as other:
+        assert "refine" not in other.deck
+        np.testing.assert_array_equal(solved(other).states.x[-1], found.states.x[-1])
+
+
+def test_points_of_a_programme_are_searched_by_all_its_states() -> None:
+    """The load is taken off again: at the end there is nothing to be known."""
+    deck = without_points(accuracy=0.01) | {
+        "amplitude": [{"name": "on_off", "time": [0, 0.5, 1], "value": [0, 1, 0]}],
+        "load": {"steps": 4},
+    }
+    deck["boundary"][1]["amplitude"] = "on_off"
+    with Scene.from_tables(deck) as opened:
+        found = solved(opened, error=True)
+    tips = found.probes["tip"][:, 0]
+    middle = int(np.argmax(abs(tips)))
+    assert tips[middle] == pytest.approx(BEAM_TIP, rel=0.01) and abs(tips[-1]) < 1e-6
+    assert found.states.reasons[-1] == "the wanted error of 1 % is met"
+
+
+def test_other_forms_take_the_points_at_which_a_search_begins() -> None:
+    deck = without_points()
+    deck["scene"] = {"dimension": 2, "method": "rkcm-mixed"}
+    with Scene.from_tables(deck) as opened:
+        assert opened.deck["geometry"]["source"] == [33, 9]
+        assert opened.deck["geometry"]["collocation"] == [65, 17]
+        assert not opened.points_found and "refine" not in opened.deck
+
+
 @pytest.mark.slow
 def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
-    summary = run_deck(cantilever(error=0.02, probe="tip"), tmp_path)
+    summary = run_deck(cantilever(accuracy=0.02, probe="tip"), tmp_path)
     said = summary["refine"]
-    assert said["met"] and said["error"] == 0.02 and said["cpu_s"] > 0
+    assert said["met"] and said["asked"] == 0.02 and said["cpu_s"] > 0
     assert said["levels"][0].startswith("refine 1: [9,3] points, tip known to ")
     lattice = re.match(r"refine \d+: \[(\d+),(\d+)\]", said["levels"][-1])
     assert lattice is not None
@@ -71,7 +127,7 @@ def bar(**refine: Any) -> Scene:
 
 @pytest.mark.slow
 def test_models_are_refined_up_to_their_voxels() -> None:
-    with bar(error=0.002) as opened:
+    with bar(accuracy=0.002) as opened:
         states = opened.solve()
         assert opened.source_points > 3 * 3 * 9
     assert states.reasons[-1].endswith(
@@ -81,7 +137,7 @@ def test_models_are_refined_up_to_their_voxels() -> None:
 
 def test_what_voxels_leave_open_is_not_promised() -> None:
     """Four voxels across, whose faces a force knows to 0.08 of a voxel on each side."""
-    with bar(error=0.05) as opened:
+    with bar(accuracy=0.05) as opened:
         found = solved(opened, error=True)
     assert found.bars["force"][-1, 0] > 0.08 * abs(found.last()["force"])
     assert "is not met: the voxels leave 8 % open, however many" in found.states.reasons[-1]
@@ -90,12 +146,13 @@ def test_what_voxels_leave_open_is_not_promised() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"refine": {"error": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
-        ({"scene": {"dimension": 2, "method": "rkcm-mixed"}}, r"refine\.error.*rkpm-gauss"),
+        ({"refine": {"accuracy": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
+        ({"scene": {"dimension": 2, "method": "rkcm-mixed"}}, r"refine\.accuracy.*rkpm-gauss"),
         ({"probe": []}, "refine: needs a probe"),
-        ({"refine": {"error": 0.0001}}, r"refine\.error"),
+        ({"refine": {}, "accuracy": 0.9}, r"accuracy"),
+        ({"refine": {"accuracy": 0.0001}}, r"refine\.accuracy"),
     ],
 )
 def test_what_cannot_be_refined_is_refused(change, message) -> None:
     with pytest.raises(InputError, match=message):
-        Scene.from_tables({**cantilever(error=0.01), **change}).close()
+        Scene.from_tables({**cantilever(accuracy=0.01), **change}).close()

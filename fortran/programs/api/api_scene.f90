@@ -87,6 +87,27 @@ subroutine scene_close(handle)
    if (.not. allocated(error)) call close_slot(slot)
 end subroutine scene_close
 
+!> What the search for points has changed in the deck, an override "table.key=value" a line; blank
+!> where nothing was searched
+subroutine scene_found(handle, words, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle
+   character(len=512), intent(out) :: words
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   words = ''
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   if (allocated(slot%refinement%points)) words = slot%refinement%points
+end subroutine scene_found
+
 !> Sizes: dimension, source points, collocation points, unknowns, equations, probes, steps, stencils
 subroutine scene_sizes(handle, sizes, stat, message)
    use rk_error, only : error_type

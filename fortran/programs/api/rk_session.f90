@@ -112,6 +112,7 @@ subroutine update_session(handle, overrides, error)
    end associate
    slot%deck = deck
    if (associated(slot%reduced)) deallocate (slot%reduced)
+   if (allocated(slot%refinement%start)) deallocate (slot%refinement%start)
 
 contains
 
@@ -230,12 +231,18 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    class(problem_type), pointer :: problem
-   type(start_type) :: start
+   type(start_type), allocatable :: start
 
    call find_problem(handle, reduced, slot, problem, error)
    if (allocated(error)) return
-   allocate (start%step(0))
-   start%x = reshape(x, [size(x), 1])
+   ! the search for the points has solved it already
+   if (.not. reduced .and. linear == '' .and. .not. any(abs(x) > 0.0_wp)) &
+      & call move_alloc(slot%refinement%start, start)
+   if (.not. allocated(start)) then
+      allocate (start)
+      allocate (start%step(0))
+      start%x = reshape(x, [size(x), 1])
+   end if
    associate (states => slot%states, &
       & steps => slot%scene%steps())
       if (allocated(states%x)) deallocate (states%x, states%info)

@@ -113,6 +113,8 @@ contains
          call start_from(config%start, deck, problem, start, error)
          call leave_on(error)
       end if
+      if (allocated(refinement%start) .and. .not. allocated(start)) &
+         & call move_alloc(refinement%start, start)
       if (output%repeated == 0) call put_aside(.true., .true., not_ended())
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, version_text(), error, history, journal)
@@ -131,7 +133,11 @@ contains
       call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)
       call output%tell_verdict(deck, verdict)
-      if (resumed) call refined_before(refinement, deck, scene, verdict%bars, error)
+      if (resumed) then
+         call refined_before(refinement, deck, scene, verdict%bars, error)
+      else if (allocated(refinement%reason)) then
+         call refinement%look_back(deck, scene, verdict%bars, error)
+      end if
       call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%reason, level=0)
       message = ''

@@ -28,6 +28,7 @@ subroutine explain(deck, model, scene)
    !> Scene
    type(scene_type), intent(in) :: scene
    type(estimate_type) :: cost
+   real(wp) :: most, wanted
    integer :: k
 
    cost = estimate_cost(deck, model)
@@ -46,6 +47,13 @@ subroutine explain(deck, model, scene)
    print '(a)', '  points        '//to_text(nint(cost%ns))//' source, '//to_text(nint(cost%nc)) &
       & //' collocation, '//to_text(size(scene%cloud%boundary_point))//' boundary entries'
    if (allocated(scene%cloud%block)) call explain_blocks(deck, model, scene)
+   if (deck%has('refine')) then
+      call deck%get('refine.accuracy', wanted)
+      call deck%get('refine.cost', most)
+      print '(a)', '  search        these points are the first; more are added until the probes ' &
+         & //'are known to '//to_text(100.0_wp*wanted, 3)//' %, within '//to_text(most, 3) &
+         & //' CPU s'
+   end if
    print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
       & //to_text(nint(cost%unknowns))//' unknowns'
    do k = 1, size(scene%tissue)

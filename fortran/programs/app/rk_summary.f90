@@ -91,7 +91,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       call json%put('converged', converged)
       if (.not. converged) call json%put('message', message)
       call write_verdict(json, verdict)
-      if (allocated(refinement%reason)) call write_refinement(json, refinement)
+      if (allocated(refinement%reason)) call write_refinement(json, refinement, problem, verdict)
       call put_probe_units(json, deck)
       call write_steps(json, problem, output, verdict)
       if (converged) call write_exact(json, problem, output)
@@ -267,20 +267,42 @@ subroutine put_kept(json, earlier)
 end subroutine put_kept
 
 !> Search for the points
-subroutine write_refinement(json, refinement)
+subroutine write_refinement(json, refinement, problem, verdict)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Search
    type(refinement_type), intent(in) :: refinement
+   !> Problem on the points that were found
+   class(discretisation_type), intent(in) :: problem
+   !> Verdict with bars
+   type(verdict_type), intent(in) :: verdict
+   integer, allocatable :: points(:)
+   integer :: i
 
+   points = [size(problem%scene%cloud%source, 2)]
+   if (allocated(problem%scene%cloud%block)) points = maxval(problem%scene%cloud%block, dim=2) + 1
+   if (allocated(problem%scene%cloud%lattice)) points = problem%scene%cloud%lattice
    call json%begin_object('refine')
-   call json%put('error', refinement%wanted)
+   call json%put('asked', refinement%wanted)
+   if (refinement%reached >= 0.0_wp) call json%put('reached', refinement%reached)
+   call json%begin_array('points')
+   do i = 1, size(points)
+      call json%put(points(i))
+   end do
+   call json%end_array()
    call json%put('met', refinement%met)
    call json%put('reason', refinement%reason)
    call json%put('cpu_s', refinement%seconds)
    call json%begin_array('levels')
    call write_lines(json, refinement%levels)
    call json%end_array()
+   call json%begin_object('sources')
+   if (allocated(verdict%bars%change)) then
+      do i = 1, size(verdict%bars%change)
+         call json%put(problem%scene%probe(i)%name, trim(verdict%bars%source(i)))
+      end do
+   end if
+   call json%end_object()
    call json%end_object()
 end subroutine write_refinement
 

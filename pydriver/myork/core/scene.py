@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import warnings
 import weakref
@@ -72,6 +73,9 @@ class Scene:
         Load steps.
     stencils : int
         Number of different stencils of the shape functions.
+    points_found : tuple of str
+        Overrides that give the deck the points that its search found; none where nothing was
+        searched.
 
     Raises
     ------
@@ -163,7 +167,6 @@ class Scene:
         threads: int | None,
     ) -> None:
         """Hand deck and points to the core; the text is empty where the deck is a file."""
-        self.deck = read_only(deck)
         handle, stat, message = _core.scene_open(
             os.fsencode(deck["path"]),
             text.encode() or b" ",
@@ -172,6 +175,11 @@ class Scene:
         )
         check_deck(stat, message, text)
         self._handle = handle
+        self.points_found = tuple(called(_core.scene_found, handle).decode().split())
+        for word in self.points_found:
+            key, _, value = word.partition("=")
+            deck["geometry"][key.removeprefix("geometry.")] = json.loads(value)
+        self.deck = read_only(deck)
         self._text, self._overrides = text, list(overrides)
         self._has_fields = False
         self._turn = Turn()

@@ -155,6 +155,11 @@ def train(
     full = FullModel(deck.read_text(encoding="utf-8"), overrides, cloud, threads)
     with ExitStack() as opened:
         scene = opened.enter_context(full.open())
+        if scene.points_found:
+            # all states are on the points that the deck's own one was found to need
+            overrides = [*overrides, *scene.points_found]
+            full = FullModel(full.text, overrides, cloud, threads)
+            scene = opened.enter_context(full.open())
         setting, head = make_setting(scene, kinds, values, full, threads or thread_count(), opened)
         training = _Training(full, scene, setting, tolerance, full_solves, seed, progress)
         for folder in snapshots:
