@@ -101,9 +101,9 @@ def sheared(path):
             "a 4-D image with 6 volumes is needed",
         ),
         (
-            lambda p: read_labels(save(p, np.ones((2, 2, 2), np.float32))),
+            lambda p: read_labels(save(p, np.full((2, 2, 2), 0.5, np.float32))),
             InputError,
-            "must hold integers, not float32",
+            r"whole numbers, but 8 voxels hold others, first 0.5 in voxel \(0, 0, 0\)",
         ),
         (
             lambda p: read_labels(save(p, -np.ones((2, 2, 2), np.int16))),

@@ -71,18 +71,23 @@ def read_image(path: Path, values: int | None = 1) -> Image:
 def read_labels(path: Path) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
+    They may be stored as floating point numbers.
+
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
     `{"name": label}`, where there is one.
     """
     data, affine = _load(path, raw=True)
     if data.dtype == np.bool_:
         data = data.astype(np.uint8)
-    if not np.issubdtype(data.dtype, np.integer):
-        raise InputError(
-            f"{path}: a label map must hold integers, not {data.dtype}; save it "
-            "with an integer data type (a probability map must be thresholded first)"
-        )
     data = _grid(path, data, 1)
+    with np.errstate(invalid="ignore"):
+        broken = np.argwhere(data % 1 != 0)
+    if len(broken):
+        first = tuple(broken[0].tolist())
+        raise InputError(
+            f"{path}: a label map must hold whole numbers, but {len(broken)} voxels hold others, "
+            f"first {data[first]:g} in voxel {first}; threshold a probability map before"
+        )
     if data.min() < 0:
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
     if data.max() > _LAST_LABEL:

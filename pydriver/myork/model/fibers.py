@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import full_tensors, tensor_components
+from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.imaging.geometry import frame
 from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
 from myork.records import Image, Labels
@@ -27,7 +27,6 @@ __all__ = [
     "fiber_field",
     "fibers_at_points",
     "fill_from_own",
-    "lead_vector",
 ]
 
 
@@ -74,21 +73,6 @@ class FiberField(NamedTuple):
                 f"nearest voxel that has, up to {self.distance:.3g} mm away"
             )
         return sentences
-
-
-def lead_vector(components: F64) -> F64:
-    """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).
-
-    Parameters
-    ----------
-    components : NDArray
-        Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
-    """
-    vector = np.linalg.eigh(full_tensors(components))[1][..., -1]
-    z_y_x = vector[..., ::-1]
-    first = np.argmax(np.abs(z_y_x) > 1e-9, axis=-1)
-    sign = np.sign(np.take_along_axis(z_y_x, first[..., np.newaxis], axis=-1))
-    return vector * sign
 
 
 def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) -> FiberField:

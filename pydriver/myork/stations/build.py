@@ -15,7 +15,7 @@ from myork.model.cloud import Body, build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model_file import write_model
 from myork.records import PointCloud
-from myork.stations.data import DeckFiles
+from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
 
 __all__ = ["build"]
@@ -36,7 +36,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
             "one of them out"
         )
     own = {"labels", "surface"} & set(table)
-    files = DeckFiles(deck, "build", {} if own else _made(deck, out))
+    files = DeckFiles(deck, "build", OneGrid(progress), {} if own else _made(deck, out))
     body = _of_surface(files) if "surface" in table else _of_images(files)
     body = body._replace(activation=files.image("activation", body.labels))
     progress(f"points from {', '.join(path.name for path in files.read)}")
@@ -51,7 +51,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     )
     for text in warnings:
         progress(f"warning: {text}")
-    return {"model": model}
+    return {"model": model, "resampled": files.grid.moved}
 
 
 def _check_sum(path: Path) -> str:

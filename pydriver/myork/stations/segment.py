@@ -27,6 +27,7 @@ from myork.records import Image, Labels
 from myork.segmentation.grouping import Muscle
 from myork.segmentation.images import Segmentation, segment_images
 from myork.segmentation.scores import label_scores
+from myork.stations.data import OneGrid
 from myork.stations.images import read_images
 from myork.stations.station import station
 from myork.stations.tissue import LabelRecord, find_tissues
@@ -45,7 +46,8 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     """
     table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
-    images = read_images(deck, out, progress)
+    grid = OneGrid(progress)
+    images = read_images(deck, out, grid, progress)
     bias = deck["bias"]["method"]
     found = segment_images(images, table, bias=bias, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
@@ -66,10 +68,10 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     write_image(out / "anatomy.nii.gz", found.images.anatomy)
     write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
-    parts: dict[str, Any] = {"segmentation": record}
+    parts: dict[str, Any] = {"segmentation": record, "resampled": grid.moved}
     if deck["tissue"]["find"]:
         progress("materials of the leg")
-        parts["tissue"] = find_tissues(deck, out, found)
+        parts["tissue"] = find_tissues(deck, out, found, grid)
     for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)
     return parts

@@ -23,7 +23,7 @@ from myork.segmentation.images import Segmentation
 from myork.segmentation.leg import leg_tissues, outer_boundary
 from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import dice
-from myork.stations.data import DeckFiles
+from myork.stations.data import DeckFiles, OneGrid
 from myork.types import F64, I32
 
 __all__ = ["LabelRecord", "find_tissues"]
@@ -68,7 +68,9 @@ class LabelRecord(dict[str, Any]):
         return parts
 
 
-def find_tissues(deck: Mapping[str, Any], out: Path, segmented: Segmentation) -> LabelRecord:
+def find_tissues(
+    deck: Mapping[str, Any], out: Path, segmented: Segmentation, grid: OneGrid
+) -> LabelRecord:
     """Label the materials of a leg and write them and the muscle's fibers.
 
     Parameters
@@ -80,20 +82,23 @@ def find_tissues(deck: Mapping[str, Any], out: Path, segmented: Segmentation) ->
     segmented : Segmentation
         Images without shading; the fraction of fat stands in for `tissue.fat` where the deck names
         none.
+    grid : OneGrid
+        Brings images onto the grid of the segmented ones.
 
     Returns
     -------
     LabelRecord
         Voxels and volume of each material, and the Dice coefficients with the phantom's truth.
     """
-    files, keys, images = DeckFiles(deck, "tissue"), deck["image"], segmented.images
+    files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
     phantom = "anatomy" not in keys and segmented.fraction is None
     fat: Image | None
     connective: Image | None
     if phantom:
         fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
     else:
-        fat, connective = files.image("fat") or segmented.fraction, files.image("connective")
+        fat = files.image("fat", images.anatomy) or segmented.fraction
+        connective = files.image("connective", images.anatomy)
     anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
         body = outer_boundary(anatomy) | (images.region.data > 0)
