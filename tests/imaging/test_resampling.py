@@ -1,16 +1,18 @@
 """Images on other grids of the same world: formulas and phantoms whose values are known on both."""
 
 import json
+from dataclasses import replace
 
 import nibabel
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from myork.cli import main
 from myork.errors import InputError
 from myork.imaging.diffusion import known_tensors, lead_vector
 from myork.imaging.geometry import corner_distance
-from myork.imaging.io import read_labels, write_image, write_labels
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import make_phantom
 from myork.imaging.resampling import on_grid
 from myork.model_file import read_model
@@ -41,7 +43,7 @@ def reordered(image, axes=(2, 0, 1), flipped=(0, 2)):
         data = np.flip(data, axis)
     affine[:3, :3] = affine[:3, list(axes)]
     data = np.transpose(data, [*axes, *range(3, data.ndim)])
-    return type(image)(np.ascontiguousarray(data), affine, name="other")
+    return replace(image, data=np.ascontiguousarray(data), affine=affine, name="other")
 
 
 def plane(shape, affine):
@@ -242,3 +244,48 @@ def test_a_run_on_four_grids_is_that_on_one(calves, tmp_path):
     assert np.median(angle(others[0].fiber, [0, 0, 1])) == pytest.approx(
         np.median(angle(models[0].fiber, [0, 0, 1])), abs=0.5
     )
+
+
+def test_the_command_resamples_files(calves, tmp_path, capsys):
+    fine, coarse = calves
+    names = {"t1": fine.anatomy, "fat": coarse.fat, "dwi": reordered(coarse.clean_tensor)}
+    for name, image in names.items():
+        write_image(tmp_path / f"{name}.nii.gz", image)
+    write_labels(tmp_path / "mask.nii.gz", reordered(coarse.truth))
+    write_image(tmp_path / "dti.nii.gz", reordered(coarse.clean_tensor))
+
+    def on_t1(name, *options):
+        out = tmp_path / f"{name}_on_t1.nii.gz"
+        words = [str(tmp_path / f"{one}.nii.gz") for one in (name, "t1")]
+        status = main(["resample", *words, "-o", str(out), *options])
+        return status, out, capsys.readouterr()
+
+    status, out, said = on_t1("mask")
+    assert status == 0 and f"image: {out}" in said.out
+    mask = read_labels(out)
+    np.testing.assert_array_equal(mask.data, on_grid(coarse.truth, fine.anatomy)[0].data)
+    assert mask.names == fine.truth.names and mask.data.shape == (72, 72, 29)
+
+    fat = read_image(on_t1("fat")[1])
+    expected = on_grid(coarse.fat, fine.anatomy)[0].data
+    np.testing.assert_allclose(fat.data, expected, rtol=1e-4, atol=1e-2)
+
+    dwi = read_image(on_t1("dwi")[1], 6).data
+    expected = [
+        on_grid(Image(coarse.clean_tensor.data[..., k], coarse.fat.affine), fine.fat)[0].data
+        for k in range(6)
+    ]
+    np.testing.assert_allclose(dwi, np.stack(expected, -1), atol=1e-7)
+
+    tensors = read_image(on_t1("dti", "--how", "tensor-wise")[1], 6).data
+    expected = on_grid(coarse.clean_tensor, fine.anatomy, "tensor-wise")[0].data
+    np.testing.assert_allclose(tensors, expected, atol=1e-7)
+    assert not np.allclose(tensors, dwi, atol=1e-4)  # at the skin
+
+    status, _, said = on_t1("fat", "--how", "cubic")
+    assert status == 2 and "--how cubic: is not known; one of nearest, linear" in said.err
+    far = np.diag([1.0, 1.0, 1.0, 1.0])
+    far[:3, 3] = 5000.0
+    write_image(tmp_path / "fat.nii.gz", Image(np.ones((3, 3, 3)), far))
+    status, _, said = on_t1("fat")
+    assert status == 2 and "do not overlap" in said.err

@@ -43,7 +43,7 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     values : int or None
         Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
         of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
-        any number of them.
+        any number of them, one for a 3-D image.
 
     Returns
     -------
@@ -162,6 +162,8 @@ def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
     """Array of shape `(ni, nj, nk)`, or `(ni, nj, nk, values)`."""
     shape = data.shape
+    if values is None and data.ndim in (2, 3):
+        data = data.reshape(*shape, *[1] * (4 - data.ndim))
     if values == 1:
         while data.ndim > 3 and data.shape[-1] == 1:
             data = data[..., 0]
