@@ -15,6 +15,7 @@ __all__ = [
     "MODEL_KINDS",
     "exact_table",
     "label_table",
+    "muscle_table",
     "orientation_table",
     "probe_table",
     "reference_table",
@@ -243,6 +244,18 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
         caption += "; maps in this folder: " + ", ".join(maps.values())
     both = {name: {**labels.get(name, {}), **scores.get(name, {})} for name in {**labels, **scores}}
     return _listed(_named(both), columns, caption, 5)
+
+
+def muscle_table(muscles: Sequence[Mapping[str, Any]]) -> Markup:
+    """Numbers of each muscle of the label map; their names hold units."""
+    heads = dict.fromkeys(head for own in muscles for head in own if head != "muscle")
+    columns = {"muscle": lambda own: own["muscle"], **{head: _of(head, 3) for head in heads}}
+    caption = (
+        "Muscles of the label map (muscles.csv): largest section across the long axis; medians of "
+        "FA, MD, length of fibers and pennation; PCSA is volume times cosine of pennation over "
+        "length of fibers"
+    )
+    return _listed(muscles, columns, caption, 3)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:

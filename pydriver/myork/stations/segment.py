@@ -21,6 +21,7 @@ from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.io import renew_images, write_image, write_labels
+from myork.model.architecture import fat_of_label
 from myork.model.fibers import fiber_field
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
@@ -81,7 +82,11 @@ def _record(deck: Mapping[str, Any], found: Segmentation) -> LabelRecord:
     """Entry of the summary."""
     table, images, labels = deck["image"], found.images, found.labels
     record = LabelRecord(labels, deck)
-    fat = {} if found.fraction is None else _fat_of_labels(labels, found.fraction, images.whole)
+    parts = {} if found.fraction is None else {
+        name: fat_of_label(labels.data == number, found.fraction, images.whole)
+        for number, name in labels.names.items()
+    }  # fmt: skip
+    fat = {name: part for name, part in parts.items() if part is not None}
     for name, part in fat.items():
         record["labels"][name]["fat_fraction"] = part
     warnings = list(found.warnings)
@@ -124,17 +129,6 @@ def _fibers(
     record["orientation"] = [entry._asdict() for entry in axes.evidence]
     record["fiber_smoothing"] = way.smoothing
     return {"fibers": way.fibers, **tensor_maps(tensor)}
-
-
-def _fat_of_labels(labels: Labels, fraction: Image, whole: Image) -> dict[str, float]:
-    """Fraction of fat of each label that has signal: of all its fat in all of its signal."""
-    found = {}
-    for number, name in labels.names.items():
-        weight = np.maximum(whole.data[labels.data == number], 0.0)
-        if weight.sum() > 0:
-            inside = fraction.data[labels.data == number]
-            found[name] = float(np.average(inside, weights=weight))
-    return found
 
 
 def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
