@@ -136,7 +136,8 @@ def _muscles(
         for name, (head, fixed, power) in COLUMNS.items():
             value = getattr(own, name)
             length = unit if power == 1 else f"{unit}^{power}"
-            row[f"{head} [{fixed or length}]"] = None if value is None else value * factor**power
+            known = None if value is None else float(f"{value * factor**power:.5g}")
+            row[f"{head} [{fixed or length}]"] = known
         rows.append(row)
     return rows
 
