@@ -15,6 +15,7 @@ from myork.imaging.geometry import corner_distance
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import make_phantom
 from myork.imaging.resampling import on_grid
+from myork.model.fibers import fiber_field, fibers_of_labels
 from myork.model_file import read_model
 from myork.records import Image
 from myork.segmentation.scores import dice
@@ -82,7 +83,7 @@ def test_half_a_voxel_beyond_the_outer_centres_has_values_and_more_has_none():
     # centres at -2 -1.5 -1 -0.5 ..: the image begins at -1; its slice reaches from -4 to 4
     assert found.data[:, 0, 2].tolist() == [0, 0, *[5.0] * 8]
     assert found.data[5, 0].tolist() == [0, 5, 5, 5, 0]
-    assert "48 % of the grid lies in the image" in move.said[0]
+    assert "48 % of the grid lies in the image" in move.said
 
 
 def test_volumes_are_resampled_one_by_one_around_what_is_not_finite():
@@ -104,7 +105,7 @@ def test_labels_take_the_nearest_voxel(calves, one, other):
     assert found.affine is calves[other].truth.affine and found.data.dtype == np.int32
     for number in range(1, 7):
         assert dice(found.data == number, truth == number) > 0.88
-    assert move.how == "nearest" and len(move.said) == 1
+    assert move.how == "nearest" and not move.doubts
     assert move.shift == pytest.approx(np.hypot(*[0.5 * abs(71 * 1.7 - 47 * 2.5)] * 2))
 
 
@@ -151,10 +152,35 @@ def test_what_a_grid_does_not_hold_is_said(calves):
     truth = calves[1].truth
     affine = truth.affine.copy()
     affine[0, 3] += 40.0  # cuts the lateral side off
-    said = on_grid(truth, Image(np.zeros(truth.data.shape), affine, "t1"))[1].said
-    assert "40 mm apart" in said[0] and "one of the headers is wrong" in said[1]
-    assert said[2].endswith("no voxel of the grid lies in peroneus")
-    assert "the rest lies beyond it" in said[3]
+    move = on_grid(truth, Image(np.zeros(truth.data.shape), affine, "t1"))[1]
+    assert "40 mm apart" in move.said and "one of the headers is wrong" in move.doubts[0]
+    assert move.doubts[1].endswith("no voxel of the grid lies in peroneus")
+    assert "the rest lies beyond it" in move.doubts[2]
+
+
+def test_noise_of_tensors_is_averaged_where_it_was_measured(calves):
+    fine = make_phantom((180, 180, 9), (0.65, 0.65, 6.0))
+    coarse = make_phantom((48, 48, 9), (2.5, 2.5, 6.0), snr=15)
+    found = fibers_of_labels(reordered(coarse.tensor), fine.truth, None)
+    inside = fine.truth.data > 0
+    away = angle(found.fibers.data[inside], fine.fiber.data[inside])
+    # interpolated first, neighbours share their noise: the mean is 5 degrees and more
+    assert away.mean() < 1.5 and np.percentile(away, 95) < 3.0
+    np.testing.assert_array_equal(found.fibers.data.any(axis=-1), inside)
+    same = fibers_of_labels(coarse.tensor, coarse.truth, None)
+    np.testing.assert_array_equal(
+        same.fibers.data, fiber_field(coarse.tensor, coarse.truth.data, None).fibers.data
+    )
+
+
+def test_a_muscle_thinner_than_the_voxels_of_the_tensors_takes_the_fibers_beside_it(calves):
+    fine, coarse = calves
+    thin = np.where(fine.truth.data == 3, 3, 0)
+    thin[36, 30:34, 11] = 7  # a strip of the soleus, between two slices of the coarse grid
+    labels = replace(fine.truth, data=thin.astype(np.int32))
+    assert 7 not in on_grid(labels, coarse.truth)[0].data
+    found = fibers_of_labels(coarse.clean_tensor, labels, 2.5).fibers.data
+    assert (np.abs(np.linalg.norm(found, axis=-1) - (thin > 0)) < 1e-9).all()
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -39,14 +39,17 @@ class Move(NamedTuple):
         `reordered`, or one of `WAYS`.
     shift : float
         How far the corners of both grids are apart at most, axes in one order [mm].
-    said : tuple of str
-        Sentences for the log.
+    said : str
+        A sentence for the log.
+    doubts : tuple of str
+        Warnings.
     """
 
     file: str
     how: str
     shift: float
-    said: tuple[str, ...]
+    said: str
+    doubts: tuple[str, ...] = ()
 
 
 def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Move | None]:
@@ -78,7 +81,7 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
     shift = corner_distance(turned, like)
     if same_grid(turned, like):
         text = f"{image.name}: voxels put in the order of {like.name}"
-        return turned, Move(image.name, "reordered", shift, (text,))
+        return turned, Move(image.name, "reordered", shift, text)
     way = way or ("nearest" if isinstance(image, Labels) else "linear")
     reach = _sampled(np.ones(turned.data.shape[:3], np.int8), turned, like, 0) > 0
     if not reach.any():
@@ -88,18 +91,19 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
             "other, or mend the geometry (sform, qform) of its header"
         )
     moved = replace(turned, data=_values(turned, like, way), affine=like.affine)
-    said = [
+    said = (
         f"{image.name}: resampled onto the grid of {like.name} ({way}); corners of the grids are "
         f"up to {shift:.3g} mm apart, {100.0 * reach.mean():.3g} % of the grid lies in the image"
-    ]
+    )
+    doubts = []
     if image.data.shape[:3] == like.data.shape[:3]:
-        said.append(
-            f"warning: {image.name} and {like.name} have as many voxels, {like.data.shape[:3]}, "
+        doubts.append(
+            f"{image.name} and {like.name} have as many voxels, {like.data.shape[:3]}, "
             "but at other places: look whether one of the headers is wrong"
         )
     if isinstance(image, Labels) and isinstance(moved, Labels):
-        said += _lost(image, moved)
-    return moved, Move(image.name, way, shift, tuple(said))
+        doubts += _lost(image, moved)
+    return moved, Move(image.name, way, shift, said, tuple(doubts))
 
 
 def _values(image: Image | Labels, like: Image | Labels, way: str) -> NDArray[Any]:
@@ -168,10 +172,10 @@ def _lost(before: Labels, after: Labels) -> list[str]:
     said = []
     if gone:
         names = ", ".join(before.label_name(number) for number in gone)
-        said.append(f"warning: {before.name}: no voxel of the grid lies in {names}")
+        said.append(f"{before.name}: no voxel of the grid lies in {names}")
     if volume[1] < (1.0 - _LOST) * volume[0]:
         said.append(
-            f"warning: {before.name}: its labels fill {volume[0] / 1000:.4g} cm^3, and "
+            f"{before.name}: its labels fill {volume[0] / 1000:.4g} cm^3, and "
             f"{volume[1] / 1000:.4g} cm^3 on the grid: the rest lies beyond it, or is thinner than "
             "its voxels"
         )

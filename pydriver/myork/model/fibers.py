@@ -17,6 +17,7 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.imaging.geometry import frame
+from myork.imaging.resampling import on_grid
 from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
@@ -26,6 +27,7 @@ __all__ = [
     "FiberField",
     "fiber_field",
     "fibers_at_points",
+    "fibers_of_labels",
     "fill_from_own",
 ]
 
@@ -119,15 +121,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
             "diffusion tensor (all are zero, not finite or not positive)",
         )
     missing = inside & ~known
-    away = fill_from_own(fiber, known, label, tensor.spacing)
-    alone = missing & np.isinf(away)
-    if alone.any():
-        # nothing is known of its own muscle
-        away_any, nearest = ndimage.distance_transform_edt(
-            ~known, sampling=tensor.spacing, return_indices=True
-        )
-        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
-        away[alone] = away_any[alone]
+    away = _fill(fiber, known, label, tensor.spacing)
     return FiberField(
         Image(fiber, tensor.affine, "fibers"),
         int((inside & ~usable).sum()),
@@ -135,6 +129,45 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
         float(away[missing].max(initial=0.0)),
         width,
     )
+
+
+def fibers_of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> FiberField:
+    """Fibers of labels from tensors on any grid of the same world, on the grid of the labels.
+
+    Tensors are averaged where they were measured: interpolated ones share their noise, and the
+    width of the average would follow from that.
+
+    Parameters
+    ----------
+    tensor, smoothing
+        As of `fiber_field`.
+    labels : Labels
+        Muscles.
+    """
+    there, move = on_grid(labels, tensor)
+    found = fiber_field(tensor, there.data, smoothing)
+    if move is None:
+        return found
+    inside = labels.data > 0
+    fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
+    _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
+    return found._replace(fibers=Image(fiber, labels.affine, found.fibers.name))
+
+
+def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
+    """Give voxels without a fiber that of the nearest one, of their own label if it has any.
+
+    Returns the distance as `fill_from_own` does.
+    """
+    away = fill_from_own(fiber, known, label, spacing)
+    alone = (label != 0) & ~known & np.isinf(away)
+    if alone.any():
+        away_any, nearest = ndimage.distance_transform_edt(
+            ~known, sampling=spacing, return_indices=True
+        )
+        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
+        away[alone] = away_any[alone]
+    return away
 
 
 def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:

@@ -52,15 +52,16 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     unit = deck["units"]["length"]
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress)
     write_model(out / "model.h5", cloud)
-    model = _record(cloud, warnings)
-    model["muscles"] = _muscles(body, table["bone"], _maps(body, files, out), unit, progress)
+    maps = _maps(body, files, out)
+    model = _record(cloud, [*files.grid.doubts, *warnings])
+    model["muscles"] = _muscles(body, table["bone"], maps, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
     write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
     progress(
         f"{model['source_points']} source points, {model['collocation_points']} collocation "
         f"points, boundary: {', '.join(f'{n} {s}' for s, n in model['boundary_points'].items())}"
     )
-    for text in warnings:
+    for text in model["warnings"]:
         progress(f"warning: {text}")
     return {"model": model, "resampled": files.grid.moved}
 

@@ -56,11 +56,14 @@ class OneGrid:
     ----------
     moved : list of dict
         Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`.
+    doubts : list of str
+        Warnings.
     """
 
     def __init__(self, progress: ProgressCallback) -> None:
         self._progress = progress
         self.moved: list[dict[str, Any]] = []
+        self.doubts: list[str] = []
 
     def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
         """An image on the grid of another one; as it is where there is none."""
@@ -69,8 +72,8 @@ class OneGrid:
         one, move = on_grid(one, like, way)
         if move is not None:
             self.moved.append({"file": move.file, "how": move.how, "shift": move.shift})
-            for line in move.said:
-                self._progress(line)
+            self._progress(move.said)
+            self.doubts += move.doubts
         return one
 
 

@@ -60,13 +60,16 @@ def read_images(
             anatomy = files.image("anatomy")
             assert anatomy is not None
             found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
-        like, tensor = found.anatomy, read_tensors(table, files.folder)
+        like, measured = found.anatomy, read_tensors(table, files.folder)
         progress(f"{like.name}: {' x '.join(map(str, like.data.shape))} voxels")
-        if tensor is not None:
-            tensor = grid.of(tensor, like, "tensor-wise")
+        tensor = measured and grid.of(measured, like, "tensor-wise")
         truth = files.labels("truth", like, progress)
         found = replace(
-            found, tensor=tensor, truth=truth, others=tuple(files.images("channels", like))
+            found,
+            tensor=tensor,
+            measured=None if tensor is measured else measured,
+            truth=truth,
+            others=tuple(files.images("channels", like)),
         )
     drawn_in = files.image("reference_anatomy")
     found = replace(

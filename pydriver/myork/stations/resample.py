@@ -60,8 +60,9 @@ def resample(
         found, move = on_grid(one, grid, way)
         single = found.data.shape[3] == 1
         write_image(output, replace(found, data=found.data[..., 0]) if single else found)
-    for line in [f"{image}: is on the grid of {like}"] if move is None else move.said:
-        progress(line)
+    progress(f"{image}: is on the grid of {like}" if move is None else move.said)
+    for text in () if move is None else move.doubts:
+        progress(f"warning: {text}")
     return output
 
 

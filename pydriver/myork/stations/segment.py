@@ -22,7 +22,7 @@ from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.io import renew_images, write_image, write_labels
 from myork.model.architecture import fat_of_label
-from myork.model.fibers import fiber_field
+from myork.model.fibers import fibers_of_labels
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.grouping import Muscle
@@ -61,7 +61,9 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         maps["fractions"] = record.parts(-1 - kinds, found.values, _BEYOND, "fractions.nii.gz")
     if images.tensor is not None:
         progress("fibers from the diffusion tensors")
-        maps |= _fibers(images.tensor, found, table, record, progress)
+        maps |= tensor_maps(images.tensor)
+        measured = images.measured or images.tensor
+        maps["fibers"] = _fibers(measured, found, table, record, progress)
     if images.source != "phantom":  # that has a fat image of its own
         maps["fat"] = found.images.fat
     maps["bias"] = None if found.field is None else Image(found.field, affine)
@@ -73,6 +75,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     if deck["tissue"]["find"]:
         progress("materials of the leg")
         parts["tissue"] = find_tissues(deck, out, found, grid)
+    record["warnings"] += grid.doubts
     for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)
     return parts
@@ -117,10 +120,10 @@ def _fibers(
     table: Mapping[str, Any],
     record: dict[str, Any],
     progress: ProgressCallback,
-) -> dict[str, Image]:
-    """Fibers of the labels and maps of the tensors; the record gets what was seen of them."""
+) -> Image:
+    """Fibers of the labels; the record gets what was seen of them."""
     labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
-    way = fiber_field(tensor, labels.data, table.get("fiber_smoothing"))
+    way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"))
     axes = check_orientation(way.fibers, labels if truth is None else truth)
     warnings += [axes.doubt] if axes.doubt else []
     if axes.remark:
@@ -128,7 +131,7 @@ def _fibers(
     warnings += [f"{tensor.name}: {text}" for text in way.doubts()]
     record["orientation"] = [entry._asdict() for entry in axes.evidence]
     record["fiber_smoothing"] = way.smoothing
-    return {"fibers": way.fibers, **tensor_maps(tensor)}
+    return way.fibers
 
 
 def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:

@@ -55,7 +55,7 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
         "filled": found.filled,
         "far": found.far,
     }
-    for text in found.doubts():
+    for text in (*files.grid.doubts, *found.doubts()):
         progress(text)
     progress(
         f"medians: FA {record['fa']:.3f}, MD {record['md']:.3g} mm^2/s; fibers averaged over "

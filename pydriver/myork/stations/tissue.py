@@ -16,7 +16,7 @@ import numpy as np
 from myork.errors import InputError
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, renew_images, write_labels
-from myork.model.fibers import fiber_field
+from myork.model.fibers import fibers_of_labels
 from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.images import Segmentation
@@ -116,7 +116,8 @@ def find_tissues(
     record = LabelRecord(found, deck)
     record["maps"] = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
     if tensor is not None:
-        way = fiber_field(tensor, muscle, keys.get("fiber_smoothing"))
+        own = Labels(muscle.astype(np.int32), found.affine, {}, found.name)
+        way = fibers_of_labels(images.measured or tensor, own, keys.get("fiber_smoothing"))
         made["tissue_fibers"] = way.fibers
         record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
     if keys["partial"]:
