@@ -6,6 +6,7 @@ from dataclasses import replace
 import nibabel
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from myork.cli import main
@@ -22,7 +23,7 @@ from myork.report import make_report
 from myork.segmentation.scores import dice
 from myork.stations.build import build
 from myork.stations.segment import segment
-from tests.images import angle
+from tests.images import angle, built, segmented
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
 
@@ -273,6 +274,55 @@ def test_a_run_on_four_grids_is_that_on_one(calves, tmp_path):
     assert np.median(angle(others[0].fiber, [0, 0, 1])) == pytest.approx(
         np.median(angle(models[0].fiber, [0, 0, 1])), abs=0.5
     )
+
+
+@pytest.mark.slow
+def test_parts_and_activation_of_another_grid_are_interpolated(calves, tmp_path):
+    fine, coarse = calves
+    whole, numbers = coarse.truth.data, range(1, 7)
+    parts = np.stack([(whole == number).astype(float) for number in numbers], axis=-1)
+    height = plane(whole.shape, coarse.truth.affine)
+    active = replace(height, data=(height.data - height.data.min()) / np.ptp(height.data))
+    write_labels(tmp_path / "labels.nii.gz", fine.truth)
+    write_image(tmp_path / "parts.nii.gz", reordered(Image(parts, coarse.truth.affine)))
+    write_image(tmp_path / "active.nii.gz", reordered(active))
+    table = {"labels": "labels.nii.gz", "fractions": "parts.nii.gz", "activation": "active.nii.gz"}
+    built(tmp_path, **table, collocation_stride=[4, 4, 2], source_stride=[8, 8, 4], islands="drop")
+    moved = json.loads((tmp_path / "out" / "summary.json").read_text())["resampled"]
+    assert [entry["how"] for entry in moved] == ["linear", "linear"]
+    model = read_model(tmp_path / "out" / "model.h5")
+    volumes = model.label_volumes()
+    for number in numbers:
+        volume = (whole == number).sum() * coarse.truth.spacing.prod()
+        assert volumes[number] == pytest.approx(volume, rel=0.06)
+    at = model.points @ [0.3, -0.2, 0.5] + 7.0
+    expected = (at - height.data.min()) / np.ptp(height.data)
+    assert np.abs(model.activation - expected).max() < 0.06
+
+
+@pytest.mark.slow
+def test_seeds_and_channels_of_another_grid_are_taken(calves, tmp_path):
+    fine, coarse = calves
+    inner = np.zeros_like(coarse.truth.data)
+    for number in range(1, 7):
+        inner[ndimage.binary_erosion(coarse.truth.data == number, np.ones((3, 3, 1)))] = number
+    fat = (coarse.tissue.data == 2) & (coarse.truth.data == 0)
+    inner[ndimage.binary_erosion(fat, np.ones((2, 2, 1)))] = 7
+    inner[np.isin(coarse.tissue.data, (4,))] = 8
+    seeds = Image(inner.astype(float), coarse.truth.affine)
+    names = {**fine.truth.names, 7: "fat", 8: "bone"}
+    (tmp_path / "seeds.json").write_text(json.dumps({name: n for n, name in names.items()}))
+    for name, image in {"t1": fine.anatomy, "fat": coarse.fat, "seeds": seeds}.items():
+        write_image(tmp_path / f"{name}.nii.gz", reordered(image) if name != "t1" else image)
+    write_labels(tmp_path / "truth.nii.gz", fine.truth)
+    image = {
+        "anatomy": "t1.nii.gz", "channels": ["fat.nii.gz"], "seeds": "seeds.nii.gz",
+        "truth": "truth.nii.gz", "split": "walk", "regions": 3, "iterations": 30,
+    }  # fmt: skip
+    found = segmented(tmp_path, image=image)
+    assert [entry["how"] for entry in found["resampled"]] == ["linear", "nearest"]
+    scores = [score["dice"] for score in found["segmentation"]["scores"].values()]
+    assert len(scores) == 6 and min(scores) > 0.85
 
 
 def test_the_command_resamples_files(calves, tmp_path, capsys):
