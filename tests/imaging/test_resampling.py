@@ -169,6 +169,12 @@ def test_noise_of_tensors_is_averaged_where_it_was_measured(calves):
     # interpolated first, neighbours share their noise: the mean is 5 degrees and more
     assert away.mean() < 1.5 and np.percentile(away, 95) < 3.0
     np.testing.assert_array_equal(found.fibers.data.any(axis=-1), inside)
+    assert found.far == 0
+    cut = replace(coarse.tensor, data=coarse.tensor.data[:, :, :5])  # up to 27 mm of 51
+    found = fibers_of_labels(cut, fine.truth, 3.0)
+    beyond = fine.truth.world(np.argwhere(inside))[:, 2] > 33.0
+    assert found.far == beyond.sum() and found.distance == pytest.approx(24.0, abs=2.0)
+    assert "voxels have no usable tensor around them" in found.doubts()[-1]
     same = fibers_of_labels(coarse.tensor, coarse.truth, None)
     np.testing.assert_array_equal(
         same.fibers.data, fiber_field(coarse.tensor, coarse.truth.data, None).fibers.data

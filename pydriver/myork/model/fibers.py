@@ -47,8 +47,8 @@ class FiberField(NamedTuple):
         Voxels whose own tensor was unusable (not finite or not positive): they took the average
         around them.
     far : int
-        Those of them with nothing usable within the reach of the average: they took the average
-        at the nearest voxel that has one.
+        Voxels with nothing usable within the reach of the average, or beyond the image of the
+        tensors: they took the average at the nearest voxel that has one.
     distance : float
         Largest distance to such a voxel [mm].
     smoothing : float
@@ -71,7 +71,7 @@ class FiberField(NamedTuple):
             )
         if self.far:
             sentences.append(
-                f"{self.far} of these have no usable tensor around them and took the fiber of the "
+                f"{self.far} voxels have no usable tensor around them and took the fiber of the "
                 f"nearest voxel that has, up to {self.distance:.3g} mm away"
             )
         return sentences
@@ -150,8 +150,14 @@ def fibers_of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> 
         return found
     inside = labels.data > 0
     fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
-    _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
-    return found._replace(fibers=Image(fiber, labels.affine, found.fibers.name))
+    away = _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
+    # the rim of a label lies within a voxel of the tensors
+    far = away > np.linalg.norm(tensor.spacing)
+    return found._replace(
+        fibers=Image(fiber, labels.affine, found.fibers.name),
+        far=found.far + int(far.sum()),
+        distance=max(found.distance, float(away[far].max(initial=0.0))),
+    )
 
 
 def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
