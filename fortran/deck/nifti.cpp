@@ -46,9 +46,10 @@ std::string header_fault(const nifti_image &image) {
    if (image.nvox != image.nx * image.ny * image.nz)
       return "is not a label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
              " values a voxel; extract one of them";
-   if (!nifti_is_inttype(image.datatype))
+   if (!nifti_is_inttype(image.datatype) && image.datatype != DT_FLOAT32 &&
+       image.datatype != DT_FLOAT64)
       return std::string("holds values of type ") + nifti_datatype_string(image.datatype) +
-             ", which are not integers; save the label map with an integer data type";
+             "; save the label map with an integer data type";
    if ((image.scl_slope != 0.0 && image.scl_slope != 1.0) || image.scl_inter != 0.0)
       return "scales its values (scl_slope, scl_inter); save the label map without scaling";
    return "";
@@ -59,10 +60,13 @@ template <typename T> std::string take(const nifti_image &image, LabelMap &map) 
    const T *value = static_cast<const T *>(image.data);
    map.label.resize(static_cast<std::size_t>(image.nvox));
    for (std::int32_t &label : map.label) {
-      const T here = *value++;
-      if (here < T{0} || static_cast<std::uint64_t>(here) > std::numeric_limits<std::int32_t>::max())
-         return "has the label " + std::to_string(here) + "; labels are from 0 to 2147483647";
+      const T stored = *value++;
+      const double here = static_cast<double>(stored);
+      if (!(here >= 0.0 && here <= std::numeric_limits<std::int32_t>::max()))
+         return "has the label " + std::to_string(stored) + "; labels are from 0 to 2147483647";
       label = static_cast<std::int32_t>(here);
+      if (here != static_cast<double>(label))
+         return "has the value " + std::to_string(stored) + "; labels are whole numbers";
    }
    return "";
 }
@@ -83,6 +87,10 @@ std::string labels(const nifti_image &image, LabelMap &map) {
       return take<std::uint32_t>(image, map);
    case DT_INT64:
       return take<std::int64_t>(image, map);
+   case DT_FLOAT32:
+      return take<float>(image, map);
+   case DT_FLOAT64:
+      return take<double>(image, map);
    default:
       return take<std::uint64_t>(image, map);
    }

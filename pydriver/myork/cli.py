@@ -194,6 +194,13 @@ def _new(options: argparse.Namespace, console: Console) -> str:
     return f"deck: {_load('stations.new:new_deck')(options.kind, options.output)}"
 
 
+def _resample(options: argparse.Namespace, console: Console) -> str:
+    found = _load("stations.resample:resample")(
+        options.image, options.like, options.output, way=options.how, progress=console
+    )
+    return f"image: {found}"
+
+
 def _bench(options: argparse.Namespace, console: Console) -> None:
     out = options.out or Path("out", "bench")
     record = _load("bench:run_benches")(options.names, out, quick=options.quick, progress=console)
@@ -494,6 +501,24 @@ _COMMANDS = {
         "  myork tensors leg.toml\n"
         "  myork tensors leg.toml --set image.dwi=dwi.nii.gz --set image.region=muscles.nii.gz",
         (*_DECK, _DATA),
+    ),
+    "resample": _Command(
+        _resample,
+        "an image, label map, tensors or fibers on the grid of another image of the same world",
+        "  myork resample mask.nii.gz t1.nii.gz -o mask_on_t1.nii.gz\n"
+        "  myork resample fibers.nii.gz t1.nii.gz -o fibers_on_t1.nii.gz --how tensor-wise",
+        (
+            _option("image", "IMAGE", "image of one or several volumes, or label map", Path),
+            _option("like", "LIKE", "image that gives the grid", Path),
+            _option("-o --output", "FILE", "file that is written", Path, required=True),
+            _option(
+                "--how", "WAY",
+                "nearest, linear (volume by volume) or tensor-wise (tensors, fibers); default "
+                "nearest for labels (whole numbers of at most 128 kinds, none below zero), linear "
+                "for all else",
+            ),
+        ),
+        "",
     ),
     "build": _Command(
         _station("stations.build:build", "model in {out}"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ __all__ = [
     "read_summary",
     "renewing",
     "update_summary",
+    "with_others",
 ]
 
 #: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
-_BEFORE = ("segmentation", "tissue", "model", "tensors")
+_BEFORE = ("segmentation", "tissue", "model", "tensors", "resampled")
 #: Files of a solution beside its summary (`system.c` has the same)
 SOLUTION = ("results.vtkhdf", "history.csv", "run.log", "report.html", "compare.html",
             "reduced_fields.npz")  # fmt: skip
@@ -145,6 +146,24 @@ def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
         Entries: text, numbers, lists and mappings of them; what is not finite becomes null.
     """
     write_json(folder / "summary.json", {**_read(folder), **part})
+
+
+def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -> list[Any]:
+    """A list of the summary to which several stations add: those of others stay.
+
+    Parameters
+    ----------
+    folder : Path
+        Output folder.
+    name : str
+        Of the list.
+    station : str
+        Station whose entries these are; it is noted in each.
+    entries : iterable of mapping
+        New entries.
+    """
+    kept = [own for own in _read(folder).get(name, ()) if own.get("station") != station]
+    return [*kept, *({**own, "station": station} for own in entries)]
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

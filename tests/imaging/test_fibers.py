@@ -7,10 +7,10 @@ import pytest
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import fit_tensors, tensor_components, turn_tensors
+from myork.imaging.diffusion import fit_tensors, lead_vector, tensor_components, turn_tensors
 from myork.imaging.geometry import canonical
 from myork.imaging.phantom import make_phantom
-from myork.model.fibers import fiber_field, fibers_at_points, lead_vector
+from myork.model.fibers import fiber_field, fibers_at_points
 from myork.records import Image, Labels
 from tests.images import angle, phantom_dwi
 

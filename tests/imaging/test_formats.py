@@ -64,8 +64,8 @@ def test_broken_and_floating_files(tmp_path):
     (tmp_path / "a.nrrd").write_text("no image")
     with pytest.raises(FileError, match=r"a.nrrd: cannot be read"):
         read_image(tmp_path / "a.nrrd")
-    write_image(tmp_path / "b.mha", Image(np.ones((2, 2, 2)), AFFINE))
-    with pytest.raises(InputError, match=r"b.mha: a label map must hold integers, not float32"):
+    write_image(tmp_path / "b.mha", Image(np.full((2, 2, 2), 1.5), AFFINE))
+    with pytest.raises(InputError, match=r"b.mha: a label map must hold whole numbers"):
         read_labels(tmp_path / "b.mha")
 
 

@@ -47,6 +47,18 @@ def test_scale_of_the_header_does_not_change_labels(tmp_path):
     assert set(np.unique(read_labels(tmp_path / "a.nii").data)) <= {0, 1}
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint16])
+@pytest.mark.parametrize("labels", [[0, 1], [0, 1, 2, 5, 12]])
+def test_masks_written_under_the_header_of_an_image_are_whole_numbers(tmp_path, kind, labels):
+    header = nibabel.Nifti1Header()
+    header.set_data_dtype(kind)
+    data = np.resize(np.array(labels, float), (5, 4, 3))
+    nibabel.save(nibabel.Nifti1Image(data, AFFINE, header), tmp_path / "a.nii.gz")
+    stored = nibabel.load(tmp_path / "a.nii.gz").dataobj.get_unscaled()
+    assert (stored.min(), stored.max()) == (np.iinfo(kind).min, np.iinfo(kind).max)
+    np.testing.assert_array_equal(read_labels(tmp_path / "a.nii.gz").data, data)
+
+
 def test_one_slice_and_trailing_axes(tmp_path):
     assert read_image(save(tmp_path / "a.nii", np.ones((3, 4)))).data.shape == (3, 4, 1)
     assert read_image(save(tmp_path / "b.nii", np.ones((3, 4, 2, 1)))).data.shape == (3, 4, 2)
@@ -101,9 +113,9 @@ def sheared(path):
             "a 4-D image with 6 volumes is needed",
         ),
         (
-            lambda p: read_labels(save(p, np.ones((2, 2, 2), np.float32))),
+            lambda p: read_labels(save(p, np.full((2, 2, 2), 0.5, np.float32))),
             InputError,
-            "must hold integers, not float32",
+            r"whole numbers, but 8 voxels hold others, first 0.5 in voxel \(0, 0, 0\)",
         ),
         (
             lambda p: read_labels(save(p, -np.ones((2, 2, 2), np.int16))),

@@ -313,12 +313,14 @@ SEED = bone(39, 34, 0)
             )
         ),
         ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
-        ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz have different affines"),
+        ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
     ],
 )
 def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rules, keys, message):
     image, truth, _ = two_muscles()
-    save(tmp_path, np.diag([2, 1, 1, 1.0]), leg=image, old=truth)
+    far = np.eye(4)
+    far[0, 3] = 500.0
+    save(tmp_path, far, leg=image, old=truth)
 
     def computed(*args, **kwargs):
         pytest.fail("the level sets ran")

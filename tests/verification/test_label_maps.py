@@ -94,6 +94,8 @@ def test_halves_by_a_map_are_halves_by_an_expression(method: str, tmp_path: Path
         (np.uint8, ">", "nii"),
         (np.int8, "<", "nii.gz"),
         (np.int16, ">", "nii.gz"),
+        (np.float32, ">", "nii.gz"),
+        (np.float64, "<", "nii"),
         (np.uint16, "<", "nii"),
         (np.int32, ">", "nii"),
         (np.uint32, "<", "nii.gz"),
@@ -246,7 +248,9 @@ def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "what"),
     [
-        (np.zeros((4, 4, 4), np.float32), "holds values of type FLOAT32, which are not integers"),
+        (np.zeros((4, 4, 4), np.complex64), "holds values of type COMPLEX64; save the label map"),
+        (np.full((4, 4, 4), 0.5, np.float32), "has the value 0.500000; labels are whole numbers"),
+        (np.full((4, 4, 4), 3e9, np.float64), "has the label 3000000000.000000; labels are from"),
         (np.full((4, 4, 4), -3, np.int16), "has the label -3; labels are from 0"),
         (np.zeros((4, 4, 4, 2), np.int16), "is not a label map: it has 2 values a voxel"),
         (b"no image", "is not a readable NIfTI file"),

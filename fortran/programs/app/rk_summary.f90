@@ -28,7 +28,7 @@ module rk_summary
    !> Entries of the stations before a solve, which hold whatever is solved; all others tell of a
    !> solution, `rom` as well, and end with it
    character(len=*), parameter :: kept(*) = [character(len=12) :: 'segmentation', 'tissue', &
-      & 'model', 'tensors']
+      & 'model', 'tensors', 'resampled']
 
 contains
 

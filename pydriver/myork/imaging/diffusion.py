@@ -28,6 +28,7 @@ __all__ = [
     "fractional_anisotropy",
     "full_tensors",
     "known_tensors",
+    "lead_vector",
     "mean_diffusivity",
     "parse_axes",
     "read_tensors",
@@ -56,6 +57,21 @@ def full_tensors(components: F64) -> F64:
     for place, (i, j) in enumerate(_PAIRS):
         full[..., i, j] = full[..., j, i] = components[..., place]
     return full
+
+
+def lead_vector(components: F64) -> F64:
+    """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).
+
+    Parameters
+    ----------
+    components : NDArray
+        Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
+    """
+    vector = np.linalg.eigh(full_tensors(components))[1][..., -1]
+    z_y_x = vector[..., ::-1]
+    first = np.argmax(np.abs(z_y_x) > 1e-9, axis=-1)
+    sign = np.sign(np.take_along_axis(z_y_x, first[..., np.newaxis], axis=-1))
+    return vector * sign
 
 
 def mean_diffusivity(components: F64) -> F64:

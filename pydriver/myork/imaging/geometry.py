@@ -17,8 +17,12 @@ __all__ = [
     "canonical",
     "check_affine",
     "check_same_grid",
+    "corner_distance",
+    "corners",
     "frame",
     "length_factor",
+    "reordered",
+    "same_grid",
     "seed_voxel",
     "slice_axis",
     "to_voxels",
@@ -71,21 +75,36 @@ def check_affine(affine: F64, name: str) -> None:
         )
 
 
+def corners(image: Image | Labels) -> F64:
+    """World coordinates of the centres of the voxels in the corners, shape `(8, 3)` [mm]."""
+    ends = [(0, n - 1) for n in image.data.shape[:3]]
+    return image.world(np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(8, 3))
+
+
+def corner_distance(image: Image | Labels, reference: Image | Labels) -> float:
+    """How far corners of two grids of one order of voxels are apart at most [mm]."""
+    return float(np.linalg.norm(corners(image) - corners(reference), axis=1).max())
+
+
+def same_grid(image: Image | Labels, reference: Image | Labels) -> bool:
+    """Whether voxels of two images have the same places, to a tenth of a voxel."""
+    alike = image.data.shape[:3] == reference.data.shape[:3]
+    return alike and corner_distance(image, reference) <= 0.1 * reference.spacing.min()
+
+
 def check_same_grid(image: Image | Labels, reference: Image | Labels) -> None:
     """Refuse two images that do not lie on one grid (shape and affine)."""
     shape, wanted = image.data.shape[:3], reference.data.shape[:3]
     if shape != wanted:
         raise InputError(
             f"{image.name} has {shape} voxels, {reference.name} has {wanted}; "
-            "resample one to the grid of the other"
+            "bring one onto the grid of the other with `myork resample`"
         )
-    corners = np.array([[i, j, k, 1] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    corners[:, :3] *= np.array(wanted) - 1
-    shift = np.abs(corners @ (image.affine - reference.affine).T).max()
-    if shift > 0.1 * reference.spacing.min():
+    if not same_grid(image, reference):
         raise InputError(
             f"{image.name} and {reference.name} have different affines: their corners are up to "
-            f"{shift:.3g} mm apart; resample one to the grid of the other"
+            f"{corner_distance(image, reference):.3g} mm apart; bring one onto the grid of the "
+            "other with `myork resample`"
         )
 
 
@@ -95,9 +114,15 @@ def canonical(image: Grid) -> Grid:
     Only the order and the direction of the axes change, never a value: vectors and tensors in
     the world frame stay as they are.
     """
-    orientation = nibabel.orientations.io_orientation(image.affine)
-    data = nibabel.orientations.apply_orientation(image.data, orientation)
-    turn = nibabel.orientations.inv_ornt_aff(orientation, image.data.shape[:3])
+    return reordered(image, np.eye(4))
+
+
+def reordered(image: Grid, affine: F64) -> Grid:
+    """Put the voxel axes in the order and direction of those of an affine that lie nearest."""
+    own, wanted = (nibabel.orientations.io_orientation(one) for one in (image.affine, affine))
+    order = nibabel.orientations.ornt_transform(own, wanted)
+    data = nibabel.orientations.apply_orientation(image.data, order)
+    turn = nibabel.orientations.inv_ornt_aff(order, image.data.shape[:3])
     return replace(image, data=np.ascontiguousarray(data), affine=image.affine @ turn)
 
 

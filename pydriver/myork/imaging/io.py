@@ -43,7 +43,7 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     values : int or None
         Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
         of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
-        any number of them.
+        any number of them, one for a 3-D image.
 
     Returns
     -------
@@ -71,18 +71,23 @@ def read_image(path: Path, values: int | None = 1) -> Image:
 def read_labels(path: Path) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
+    They may be stored as floating point numbers.
+
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
     `{"name": label}`, where there is one.
     """
     data, affine = _load(path, raw=True)
     if data.dtype == np.bool_:
         data = data.astype(np.uint8)
-    if not np.issubdtype(data.dtype, np.integer):
-        raise InputError(
-            f"{path}: a label map must hold integers, not {data.dtype}; save it "
-            "with an integer data type (a probability map must be thresholded first)"
-        )
     data = _grid(path, data, 1)
+    with np.errstate(invalid="ignore"):
+        broken = np.argwhere(data % 1 != 0)
+    if len(broken):
+        first = tuple(broken[0].tolist())
+        raise InputError(
+            f"{path}: a label map must hold whole numbers, but {len(broken)} voxels hold others, "
+            f"first {data[first]:g} in voxel {first}; threshold a probability map before"
+        )
     if data.min() < 0:
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
     if data.max() > _LAST_LABEL:
@@ -157,6 +162,8 @@ def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
     """Array of shape `(ni, nj, nk)`, or `(ni, nj, nk, values)`."""
     shape = data.shape
+    if values is None and data.ndim in (2, 3):
+        data = data.reshape(*shape, *[1] * (4 - data.ndim))
     if values == 1:
         while data.ndim > 3 and data.shape[-1] == 1:
             data = data[..., 0]

@@ -17,11 +17,17 @@ from myork.imaging.plain import check_kind
 
 __all__ = ["load_nifti", "save_nifti"]
 
+# Scales (scl_slope) below are of values that were spread; larger ones of images
+_SPREAD = 0.25
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
 def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Values as they are stored, or scaled as the header says, and the affine [mm]."""
+    """Values as they are stored, or scaled as the header says, and the affine [mm].
+
+    Stored ones that a small scale makes whole numbers come scaled as well: so floating point masks
+    are written under the header of an image, spread over all values of its type.
+    """
     try:
         with LoggingOutputSuppressor():  # what it mends in a header is refused below
             file: Any = nibabel.load(path)
@@ -50,8 +56,7 @@ def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     try:
         more = _length(path, promised) - promised
         with np.errstate(all="ignore"):
-            values = proxy.get_unscaled() if raw else file.get_fdata(dtype=np.float64)
-            values = np.asarray(values)
+            values = np.asarray(_whole_numbers(proxy) if raw else file.get_fdata(dtype=np.float64))
     except Exception as reason:
         raise FileError(f"{path}: cannot be read: {_said(reason)}") from None
     if more >= max(kind.itemsize * plane, 1):
@@ -60,6 +65,17 @@ def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
             "the header is damaged or not the file's own: write it again"
         )
     return values, affine
+
+
+def _whole_numbers(proxy: Any) -> np.ndarray:
+    """Values as they are stored, or the whole numbers of which they are multiples."""
+    stored: np.ndarray = proxy.get_unscaled()
+    if stored.dtype.kind not in "iu" or not 0 < proxy.slope < _SPREAD:
+        return stored
+    scaled = stored * proxy.slope + proxy.inter
+    whole = np.rint(scaled)
+    near = np.abs(scaled - whole).max(initial=0.0) <= 0.51 * proxy.slope
+    return whole if near else stored
 
 
 def save_nifti(path: Path, data: np.ndarray, affine: np.ndarray) -> None:

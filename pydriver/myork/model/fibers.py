@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import full_tensors, tensor_components
+from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.imaging.geometry import frame
+from myork.imaging.resampling import on_grid
 from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
@@ -26,8 +27,8 @@ __all__ = [
     "FiberField",
     "fiber_field",
     "fibers_at_points",
+    "fibers_of_labels",
     "fill_from_own",
-    "lead_vector",
 ]
 
 
@@ -46,8 +47,8 @@ class FiberField(NamedTuple):
         Voxels whose own tensor was unusable (not finite or not positive): they took the average
         around them.
     far : int
-        Those of them with nothing usable within the reach of the average: they took the average
-        at the nearest voxel that has one.
+        Voxels with nothing usable within the reach of the average, or beyond the image of the
+        tensors: they took the average at the nearest voxel that has one.
     distance : float
         Largest distance to such a voxel [mm].
     smoothing : float
@@ -70,25 +71,10 @@ class FiberField(NamedTuple):
             )
         if self.far:
             sentences.append(
-                f"{self.far} of these have no usable tensor around them and took the fiber of the "
+                f"{self.far} voxels have no usable tensor around them and took the fiber of the "
                 f"nearest voxel that has, up to {self.distance:.3g} mm away"
             )
         return sentences
-
-
-def lead_vector(components: F64) -> F64:
-    """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).
-
-    Parameters
-    ----------
-    components : NDArray
-        Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
-    """
-    vector = np.linalg.eigh(full_tensors(components))[1][..., -1]
-    z_y_x = vector[..., ::-1]
-    first = np.argmax(np.abs(z_y_x) > 1e-9, axis=-1)
-    sign = np.sign(np.take_along_axis(z_y_x, first[..., np.newaxis], axis=-1))
-    return vector * sign
 
 
 def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) -> FiberField:
@@ -135,15 +121,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
             "diffusion tensor (all are zero, not finite or not positive)",
         )
     missing = inside & ~known
-    away = fill_from_own(fiber, known, label, tensor.spacing)
-    alone = missing & np.isinf(away)
-    if alone.any():
-        # nothing is known of its own muscle
-        away_any, nearest = ndimage.distance_transform_edt(
-            ~known, sampling=tensor.spacing, return_indices=True
-        )
-        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
-        away[alone] = away_any[alone]
+    away = _fill(fiber, known, label, tensor.spacing)
     return FiberField(
         Image(fiber, tensor.affine, "fibers"),
         int((inside & ~usable).sum()),
@@ -151,6 +129,51 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
         float(away[missing].max(initial=0.0)),
         width,
     )
+
+
+def fibers_of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> FiberField:
+    """Fibers of labels from tensors on any grid of the same world, on the grid of the labels.
+
+    Tensors are averaged where they were measured: interpolated ones share their noise, and the
+    width of the average would follow from that.
+
+    Parameters
+    ----------
+    tensor, smoothing
+        As of `fiber_field`.
+    labels : Labels
+        Muscles.
+    """
+    there, move = on_grid(labels, tensor)
+    found = fiber_field(tensor, there.data, smoothing)
+    if move is None:
+        return found
+    inside = labels.data > 0
+    fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
+    away = _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
+    # the rim of a label lies within a voxel of the tensors
+    far = away > np.linalg.norm(tensor.spacing)
+    return found._replace(
+        fibers=Image(fiber, labels.affine, found.fibers.name),
+        far=found.far + int(far.sum()),
+        distance=max(found.distance, float(away[far].max(initial=0.0))),
+    )
+
+
+def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
+    """Give voxels without a fiber that of the nearest one, of their own label if it has any.
+
+    Returns the distance as `fill_from_own` does.
+    """
+    away = fill_from_own(fiber, known, label, spacing)
+    alone = (label != 0) & ~known & np.isinf(away)
+    if alone.any():
+        away_any, nearest = ndimage.distance_transform_edt(
+            ~known, sampling=spacing, return_indices=True
+        )
+        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
+        away[alone] = away_any[alone]
+    return away
 
 
 def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:

@@ -13,9 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from myork.errors import InputError
-from myork.imaging.diffusion import tensor_components
+from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.imaging.plain import read_arrays
-from myork.model.fibers import lead_vector
 from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels
 from myork.types import F64

@@ -22,9 +22,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.csgraph import connected_components
 
 from myork.errors import InputError
-from myork.imaging.diffusion import tensor_components
+from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.imaging.geometry import canonical, slice_axis
-from myork.model.fibers import fill_from_own, lead_vector
+from myork.model.fibers import fill_from_own
 from myork.records import Image, Labels
 from myork.segmentation.outlines import signed_distances
 from myork.types import F64, I32, I64, Mask

@@ -190,6 +190,10 @@ def _images(folder: RunFolder) -> Iterator[Markup]:
             "Materials of the leg: contour of each on the image.",
         )
         yield tables.label_table(folder.summary.get("tissue", {}), units)
+    if moved := folder.summary.get("resampled"):
+        yield tables.resampled_table(moved)
+    if muscles := folder.summary.get("model", {}).get("muscles"):
+        yield tables.muscle_table(muscles)
 
 
 def _same_grid(image: Image | None, labels: Labels) -> bool:

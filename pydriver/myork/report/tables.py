@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
@@ -15,9 +16,11 @@ __all__ = [
     "MODEL_KINDS",
     "exact_table",
     "label_table",
+    "muscle_table",
     "orientation_table",
     "probe_table",
     "reference_table",
+    "resampled_table",
     "rom_table",
     "run_table",
     "timing_table",
@@ -243,6 +246,29 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
         caption += "; maps in this folder: " + ", ".join(maps.values())
     both = {name: {**labels.get(name, {}), **scores.get(name, {})} for name in {**labels, **scores}}
     return _listed(_named(both), columns, caption, 5)
+
+
+def muscle_table(muscles: Sequence[Mapping[str, Any]]) -> Markup:
+    """Numbers of each muscle of the label map; their names hold units."""
+    heads = dict.fromkeys(head for own in muscles for head in own if head != "muscle")
+    columns = {"muscle": lambda own: own["muscle"], **{head: _of(head, 3) for head in heads}}
+    caption = (
+        "Muscles of the label map (muscles.csv): largest section across the long axis; medians of "
+        "FA, MD, length of fibers and pennation; PCSA is volume times cosine of pennation over "
+        "length of fibers"
+    )
+    return _listed(muscles, columns, caption, 3)
+
+
+def resampled_table(moved: Sequence[Mapping[str, Any]]) -> Markup:
+    """Images that were brought onto the grid of a run, and how."""
+    columns = {
+        "station": lambda own: str(own.get("station", DASH)),
+        "file": lambda own: Path(own["file"]).name,
+        "how": lambda own: str(own["how"]),
+        "corners of the grids apart [mm]": _of("shift", 3),
+    }
+    return _listed(moved, columns, "Images that had another grid", 4)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:

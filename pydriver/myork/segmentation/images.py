@@ -58,8 +58,8 @@ class Images:
         Fat of a Dixon sequence.
     others : tuple of Image
         Further channels.
-    tensor : Image or None
-        Diffusion tensors.
+    tensor, measured : Image or None
+        Diffusion tensors, and as they were measured where that is another grid.
     truth, seeds : Labels or None
         To score against; known labels from which walks start.
     reference, drawn_in : Labels, Image or None
@@ -78,6 +78,7 @@ class Images:
     fat: Image | None = None
     others: tuple[Image, ...] = ()
     tensor: Image | None = None
+    measured: Image | None = None
     truth: Labels | None = None
     seeds: Labels | None = None
     reference: Labels | None = None

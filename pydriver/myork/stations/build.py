@@ -1,21 +1,29 @@
-"""Station two: a label map and fibers to the points of a model, `model.h5`."""
+"""Station two: a label map and fibers to the points of a model, `model.h5`.
+
+Beside it `muscles.csv` is written: sizes, fat, diffusion and fibers of each muscle of the map.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
+from myork.files import write_csv
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.geometry import length_factor
+from myork.imaging.io import read_image
+from myork.model.architecture import COLUMNS, Maps, muscle_numbers
 from myork.model.cloud import Body, build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model_file import write_model
-from myork.records import PointCloud
-from myork.stations.data import DeckFiles
+from myork.records import Image, PointCloud
+from myork.segmentation.images import Images
+from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
 
 __all__ = ["build"]
@@ -36,7 +44,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
             "one of them out"
         )
     own = {"labels", "surface"} & set(table)
-    files = DeckFiles(deck, "build", {} if own else _made(deck, out))
+    files = DeckFiles(deck, "build", OneGrid(progress), {} if own else _made(deck, out))
     body = _of_surface(files) if "surface" in table else _of_images(files)
     body = body._replace(activation=files.image("activation", body.labels))
     progress(f"points from {', '.join(path.name for path in files.read)}")
@@ -44,14 +52,18 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     unit = deck["units"]["length"]
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress)
     write_model(out / "model.h5", cloud)
-    model = _record(cloud, warnings)
+    maps = _maps(body, files, out)
+    model = _record(cloud, [*files.grid.doubts, *warnings])
+    model["muscles"] = _muscles(body, table["bone"], maps, unit, progress)
+    heads = dict.fromkeys(head for row in model["muscles"] for head in row)
+    write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
     progress(
         f"{model['source_points']} source points, {model['collocation_points']} collocation "
         f"points, boundary: {', '.join(f'{n} {s}' for s, n in model['boundary_points'].items())}"
     )
-    for text in warnings:
+    for text in model["warnings"]:
         progress(f"warning: {text}")
-    return {"model": model}
+    return {"model": model, "resampled": files.grid.moved}
 
 
 def _check_sum(path: Path) -> str:
@@ -97,6 +109,38 @@ def _of_images(files: DeckFiles) -> Body:
     assert labels is not None
     fibers = None if files.table["flow"] else files.image("fibers", labels, 3)
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))
+
+
+def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
+    """Fibers that were measured, and maps that `segment` or `tensors` left in the folder."""
+    found: dict[str, Image] = {}
+    for name in ("fat_fraction", "anatomy", "fat", "fa", "md"):
+        path = out / f"{name}.nii.gz"
+        if path.is_file():
+            with suppress(InputError):  # those of another body
+                found[name] = files.grid.of(read_image(path), body.labels)
+    fraction, signal = found.get("fat_fraction"), None
+    if fraction is not None and "anatomy" in found:
+        signal = Images(found["anatomy"], found.get("fat")).whole
+    return Maps(body.fibers, fraction, signal, found.get("fa"), found.get("md"))
+
+
+def _muscles(
+    body: Body, bone: Sequence[int], maps: Maps, unit: str, progress: ProgressCallback
+) -> list[dict[str, Any]]:
+    """Rows of `muscles.csv`: name and numbers with their units, None where there is none."""
+    factor, rows = length_factor(unit), []
+    for own in muscle_numbers(body.labels, maps, bone):
+        if own.cut and own.fiber_length is not None:
+            progress(f"{own.muscle}: the image cuts it, so that its PCSA is left out")
+        row: dict[str, Any] = {"muscle": own.muscle}
+        for name, (head, fixed, power) in COLUMNS.items():
+            value = getattr(own, name)
+            length = unit if power == 1 else f"{unit}^{power}"
+            known = None if value is None else float(f"{value * factor**power:.5g}")
+            row[f"{head} [{fixed or length}]"] = known
+        rows.append(row)
+    return rows
 
 
 def _record(cloud: PointCloud, warnings: list[str]) -> dict[str, Any]:

@@ -11,11 +11,12 @@ from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.dicom_choice import split_choice
-from myork.imaging.geometry import Grid, check_same_grid
+from myork.imaging.geometry import Grid
 from myork.imaging.io import read_image, read_labels, read_reference
+from myork.imaging.resampling import on_grid
 from myork.records import Image, Labels
 
-__all__ = ["PATHS", "DeckFiles", "data_overrides"]
+__all__ = ["PATHS", "DeckFiles", "OneGrid", "data_overrides"]
 
 #: Keys of decks that name an image, a label map, a surface or tracts
 PATHS = (
@@ -43,10 +44,41 @@ PATHS = (
 )
 
 
-class DeckFiles:
-    """Images and label maps that a table of a deck names.
+class OneGrid:
+    """Brings images and label maps onto the grid of a run; the log says what was moved.
 
-    This is where what a user brings comes upon the grid of a run; other grids are refused.
+    Parameters
+    ----------
+    progress : callable
+        Called with a line of text at a time.
+
+    Attributes
+    ----------
+    moved : list of dict
+        Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`.
+    doubts : list of str
+        Warnings.
+    """
+
+    def __init__(self, progress: ProgressCallback) -> None:
+        self._progress = progress
+        self.moved: list[dict[str, Any]] = []
+        self.doubts: list[str] = []
+
+    def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
+        """An image on the grid of another one; as it is where there is none."""
+        if like is None:
+            return one
+        one, move = on_grid(one, like, way)
+        if move is not None:
+            self.moved.append({"file": move.file, "how": move.how, "shift": move.shift})
+            self._progress(move.said)
+            self.doubts += move.doubts
+        return one
+
+
+class DeckFiles:
+    """Images and label maps that a table of a deck names, on the grid of a run.
 
     Parameters
     ----------
@@ -54,6 +86,8 @@ class DeckFiles:
         Effective deck; relative paths start in its folder.
     name : str
         Of the table.
+    grid : OneGrid
+        Brings them onto one grid.
     made : mapping, optional
         Files of an earlier station, in place of keys that the deck does not name.
 
@@ -68,9 +102,14 @@ class DeckFiles:
     """
 
     def __init__(
-        self, deck: Mapping[str, Any], name: str, made: Mapping[str, Path] | None = None
+        self,
+        deck: Mapping[str, Any],
+        name: str,
+        grid: OneGrid,
+        made: Mapping[str, Path] | None = None,
     ) -> None:
         self.table, self.folder = deck[name], Path(deck["folder"])
+        self.grid = grid
         self.read: list[Path] = []
         self._made = made or {}
 
@@ -95,13 +134,17 @@ class DeckFiles:
             Values per voxel, as of `read_image`.
         """
         path = self.path(key)
-        return None if path is None else _alike(read_image(path, values), like)
+        if path is None:
+            return None
+        way = "tensor-wise" if values in (3, 6) else "linear"
+        return self.grid.of(read_image(path, values), like, way)
 
-    def images(self, key: str, like: Image | None = None) -> list[Image]:
+    def images(self, key: str, like: Image | None = None, way: str = "linear") -> list[Image]:
         """Images of a key that names several, on one grid: by default that of the first."""
         found: list[Image] = []
         for name in self.table[key]:
-            found.append(_alike(read_image(self.folder / name), like or next(iter(found), None)))
+            image = read_image(self.folder / name)
+            found.append(self.grid.of(image, like or next(iter(found), None), way))
         return found
 
     def labels(
@@ -122,13 +165,7 @@ class DeckFiles:
         if path is None:
             return None
         found = read_labels(path) if progress is None else read_reference(path, progress)
-        return _alike(found, like)
-
-
-def _alike(one: Grid, like: Image | Labels | None) -> Grid:
-    if like is not None:
-        check_same_grid(one, like)
-    return one
+        return self.grid.of(found, like)
 
 
 def data_overrides(

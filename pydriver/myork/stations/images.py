@@ -8,23 +8,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import read_tensors
 from myork.imaging.dixon import water_and_fat
-from myork.imaging.geometry import check_same_grid
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.records import Image, Labels
 from myork.segmentation.images import Images
 from myork.segmentation.regions import body_mask
-from myork.stations.data import DeckFiles
+from myork.stations.data import DeckFiles, OneGrid
 from myork.types import Mask
 
 __all__ = ["read_images"]
 
 
-def read_images(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> Images:
+def read_images(
+    deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback
+) -> Images:
     """Images of a deck; the phantom's are also written.
 
     Parameters
@@ -33,10 +35,12 @@ def read_images(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) 
         Tables `image`, `dixon` and `phantom`.
     out : Path
         Folder of the results.
+    grid : OneGrid
+        Brings images onto the grid of the anatomy.
     progress : callable
         Called with a line of text at a time.
     """
-    table, files = deck["image"], DeckFiles(deck, "image")
+    table, files = deck["image"], DeckFiles(deck, "image", grid)
     found = _echoes(deck, files)
     if found is None and "anatomy" not in table:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
@@ -56,13 +60,16 @@ def read_images(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) 
             anatomy = files.image("anatomy")
             assert anatomy is not None
             found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
-        like, tensor = found.anatomy, read_tensors(table, files.folder)
+        like, measured = found.anatomy, read_tensors(table, files.folder)
         progress(f"{like.name}: {' x '.join(map(str, like.data.shape))} voxels")
-        if tensor is not None:
-            check_same_grid(tensor, like)
+        tensor = measured and grid.of(measured, like, "tensor-wise")
         truth = files.labels("truth", like, progress)
         found = replace(
-            found, tensor=tensor, truth=truth, others=tuple(files.images("channels", like))
+            found,
+            tensor=tensor,
+            measured=None if tensor is measured else measured,
+            truth=truth,
+            others=tuple(files.images("channels", like)),
         )
     drawn_in = files.image("reference_anatomy")
     found = replace(
@@ -90,22 +97,25 @@ def _check_labels(images: Images) -> None:
 
 
 def _checked_body(labels: Labels, region: Labels | None) -> Mask:
-    """The body that the user names, which contains the region."""
+    """The body that the user names, which contains the region; a voxel at its rim is taken in."""
     body = labels.data > 0
     if not body.any():
         raise InputError(f"{labels.name}: image.body is empty, no label is above zero")
-    if region is not None and ((region.data > 0) & ~body).any():
-        beyond = np.argwhere((region.data > 0) & ~body)
+    if region is None:
+        return body
+    near = ndimage.binary_dilation(body, ndimage.generate_binary_structure(3, 3))
+    beyond = np.argwhere((region.data > 0) & ~near)
+    if len(beyond):
         raise InputError(
             f"{region.name}: {len(beyond)} voxels of image.region lie outside of image.body, the "
             f"first is {tuple(beyond[0].tolist())}; enlarge the body, or leave it out"
         )
-    return body
+    return body | (region.data > 0)
 
 
 def _echoes(deck: Mapping[str, Any], beside: DeckFiles) -> Images | None:
     """Water and fat of the echoes of `[dixon]`; None without them."""
-    files = DeckFiles(deck, "dixon")
+    files = DeckFiles(deck, "dixon", beside.grid)
     if "magnitude" not in files.table:
         return None
     for key in ("anatomy", "fat"):
@@ -116,7 +126,8 @@ def _echoes(deck: Mapping[str, Any], beside: DeckFiles) -> Images | None:
             )
     magnitudes = files.images("magnitude")
     first = magnitudes[0]
-    phases, mask = files.images("phase", first), beside.labels("body", first)
+    # a phase goes round: means of it are none
+    phases, mask = files.images("phase", first, "nearest"), beside.labels("body", first)
     if mask is not None:
         body = mask.data > 0
     else:

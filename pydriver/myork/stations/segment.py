@@ -21,12 +21,14 @@ from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.io import renew_images, write_image, write_labels
-from myork.model.fibers import fiber_field
+from myork.model.architecture import fat_of_label
+from myork.model.fibers import fibers_of_labels
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.grouping import Muscle
 from myork.segmentation.images import Segmentation, segment_images
 from myork.segmentation.scores import label_scores
+from myork.stations.data import OneGrid
 from myork.stations.images import read_images
 from myork.stations.station import station
 from myork.stations.tissue import LabelRecord, find_tissues
@@ -45,7 +47,8 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     """
     table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
-    images = read_images(deck, out, progress)
+    grid = OneGrid(progress)
+    images = read_images(deck, out, grid, progress)
     bias = deck["bias"]["method"]
     found = segment_images(images, table, bias=bias, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
@@ -58,7 +61,9 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         maps["fractions"] = record.parts(-1 - kinds, found.values, _BEYOND, "fractions.nii.gz")
     if images.tensor is not None:
         progress("fibers from the diffusion tensors")
-        maps |= _fibers(images.tensor, found, table, record, progress)
+        maps |= tensor_maps(images.tensor)
+        measured = images.measured or images.tensor
+        maps["fibers"] = _fibers(measured, found, table, record, progress)
     if images.source != "phantom":  # that has a fat image of its own
         maps["fat"] = found.images.fat
     maps["bias"] = None if found.field is None else Image(found.field, affine)
@@ -66,10 +71,11 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     write_image(out / "anatomy.nii.gz", found.images.anatomy)
     write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
-    parts: dict[str, Any] = {"segmentation": record}
+    parts: dict[str, Any] = {"segmentation": record, "resampled": grid.moved}
     if deck["tissue"]["find"]:
         progress("materials of the leg")
-        parts["tissue"] = find_tissues(deck, out, found)
+        parts["tissue"] = find_tissues(deck, out, found, grid)
+    record["warnings"] += grid.doubts
     for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)
     return parts
@@ -79,7 +85,11 @@ def _record(deck: Mapping[str, Any], found: Segmentation) -> LabelRecord:
     """Entry of the summary."""
     table, images, labels = deck["image"], found.images, found.labels
     record = LabelRecord(labels, deck)
-    fat = {} if found.fraction is None else _fat_of_labels(labels, found.fraction, images.whole)
+    parts = {} if found.fraction is None else {
+        name: fat_of_label(labels.data == number, found.fraction, images.whole)
+        for number, name in labels.names.items()
+    }  # fmt: skip
+    fat = {name: part for name, part in parts.items() if part is not None}
     for name, part in fat.items():
         record["labels"][name]["fat_fraction"] = part
     warnings = list(found.warnings)
@@ -110,10 +120,10 @@ def _fibers(
     table: Mapping[str, Any],
     record: dict[str, Any],
     progress: ProgressCallback,
-) -> dict[str, Image]:
-    """Fibers of the labels and maps of the tensors; the record gets what was seen of them."""
+) -> Image:
+    """Fibers of the labels; the record gets what was seen of them."""
     labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
-    way = fiber_field(tensor, labels.data, table.get("fiber_smoothing"))
+    way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"))
     axes = check_orientation(way.fibers, labels if truth is None else truth)
     warnings += [axes.doubt] if axes.doubt else []
     if axes.remark:
@@ -121,18 +131,7 @@ def _fibers(
     warnings += [f"{tensor.name}: {text}" for text in way.doubts()]
     record["orientation"] = [entry._asdict() for entry in axes.evidence]
     record["fiber_smoothing"] = way.smoothing
-    return {"fibers": way.fibers, **tensor_maps(tensor)}
-
-
-def _fat_of_labels(labels: Labels, fraction: Image, whole: Image) -> dict[str, float]:
-    """Fraction of fat of each label that has signal: of all its fat in all of its signal."""
-    found = {}
-    for number, name in labels.names.items():
-        weight = np.maximum(whole.data[labels.data == number], 0.0)
-        if weight.sum() > 0:
-            inside = fraction.data[labels.data == number]
-            found[name] = float(np.average(inside, weights=weight))
-    return found
+    return way.fibers
 
 
 def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:

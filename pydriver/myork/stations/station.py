@@ -11,7 +11,7 @@ import myork
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.core.threads import core_threads
-from myork.summary import renewing, update_summary
+from myork.summary import renewing, update_summary, with_others
 
 __all__ = ["Station", "station"]
 
@@ -75,12 +75,15 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
         ) -> dict[str, Any]:
             values, folder = load_deck(deck, overrides, command), Path(out)
             with renewing(folder, *parts), core_threads(threads):
+                found = work(values, folder, progress)
+                moved = with_others(folder, "resampled", command, found.pop("resampled"))
                 summary = {
                     "title": values["title"],
                     "deck_sha256": values["sha256"],
                     "version": myork.__version__,
                     "units": dict(values["result_units"]),
-                    **work(values, folder, progress),
+                    **found,
+                    "resampled": moved,
                 }
                 update_summary(folder, summary)
             return summary

@@ -21,7 +21,7 @@ from myork.imaging.io import renew_images
 from myork.model.fibers import fiber_field
 from myork.records import Image
 from myork.segmentation.regions import body_mask
-from myork.stations.data import DeckFiles
+from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
 from myork.types import I32
 
@@ -35,7 +35,7 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
     Of the table `image`, `dwi` or `tensor` is read, and `region` or `body` as the mask of the
     fibers.
     """
-    files = DeckFiles(deck, "image")
+    files = DeckFiles(deck, "image", OneGrid(progress))
     tensor = read_tensors(files.table, files.folder)
     if tensor is None:
         raise InputError("myork tensors needs image.dwi or image.tensor")
@@ -55,13 +55,13 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
         "filled": found.filled,
         "far": found.far,
     }
-    for text in found.doubts():
+    for text in (*files.grid.doubts, *found.doubts()):
         progress(text)
     progress(
         f"medians: FA {record['fa']:.3f}, MD {record['md']:.3g} mm^2/s; fibers averaged over "
         f"{found.smoothing:.2f} mm"
     )
-    return {"tensors": record}
+    return {"tensors": record, "resampled": files.grid.moved}
 
 
 def _mask(tensor: Image, files: DeckFiles) -> I32:

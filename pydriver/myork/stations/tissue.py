@@ -16,14 +16,14 @@ import numpy as np
 from myork.errors import InputError
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, read_labels, renew_images, write_labels
-from myork.model.fibers import fiber_field
+from myork.model.fibers import fibers_of_labels
 from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.images import Segmentation
 from myork.segmentation.leg import leg_tissues, outer_boundary
 from myork.segmentation.partial import parts_of_labels
 from myork.segmentation.scores import dice
-from myork.stations.data import DeckFiles
+from myork.stations.data import DeckFiles, OneGrid
 from myork.types import F64, I32
 
 __all__ = ["LabelRecord", "find_tissues"]
@@ -68,7 +68,9 @@ class LabelRecord(dict[str, Any]):
         return parts
 
 
-def find_tissues(deck: Mapping[str, Any], out: Path, segmented: Segmentation) -> LabelRecord:
+def find_tissues(
+    deck: Mapping[str, Any], out: Path, segmented: Segmentation, grid: OneGrid
+) -> LabelRecord:
     """Label the materials of a leg and write them and the muscle's fibers.
 
     Parameters
@@ -80,20 +82,23 @@ def find_tissues(deck: Mapping[str, Any], out: Path, segmented: Segmentation) ->
     segmented : Segmentation
         Images without shading; the fraction of fat stands in for `tissue.fat` where the deck names
         none.
+    grid : OneGrid
+        Brings images onto the grid of the segmented ones.
 
     Returns
     -------
     LabelRecord
         Voxels and volume of each material, and the Dice coefficients with the phantom's truth.
     """
-    files, keys, images = DeckFiles(deck, "tissue"), deck["image"], segmented.images
+    files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
     phantom = "anatomy" not in keys and segmented.fraction is None
     fat: Image | None
     connective: Image | None
     if phantom:
         fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
     else:
-        fat, connective = files.image("fat") or segmented.fraction, files.image("connective")
+        fat = files.image("fat", images.anatomy) or segmented.fraction
+        connective = files.image("connective", images.anatomy)
     anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
         body = outer_boundary(anatomy) | (images.region.data > 0)
@@ -111,7 +116,8 @@ def find_tissues(deck: Mapping[str, Any], out: Path, segmented: Segmentation) ->
     record = LabelRecord(found, deck)
     record["maps"] = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
     if tensor is not None:
-        way = fiber_field(tensor, muscle, keys.get("fiber_smoothing"))
+        own = Labels(muscle.astype(np.int32), found.affine, {}, found.name)
+        way = fibers_of_labels(images.measured or tensor, own, keys.get("fiber_smoothing"))
         made["tissue_fibers"] = way.fibers
         record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
     if keys["partial"]:

@@ -1,0 +1,182 @@
+"""Images brought onto the grid of another image of the same world.
+
+Where both grids have the same voxels in another order, values are reordered only. Elsewhere labels
+take the nearest voxel, scalars are interpolated linearly, tensors likewise by their components in
+the world frame, and fibers, which have no sign, by their dyads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from myork.errors import InputError
+from myork.imaging.diffusion import known_tensors, lead_vector, tensor_components
+from myork.imaging.geometry import Grid, corner_distance, corners, reordered, same_grid
+from myork.records import Image, Labels
+from myork.types import F64, Mask
+
+__all__ = ["WAYS", "Move", "on_grid"]
+
+#: How values come upon another grid
+WAYS = ("nearest", "linear", "tensor-wise")
+# Labels that lose more of their volume than this are said.
+_LOST = 0.05
+
+
+class Move(NamedTuple):
+    """How an image came upon a grid.
+
+    Attributes
+    ----------
+    file : str
+        Name of the image.
+    how : str
+        `reordered`, or one of `WAYS`.
+    shift : float
+        How far the corners of both grids are apart at most, axes in one order [mm].
+    said : str
+        A sentence for the log.
+    doubts : tuple of str
+        Warnings.
+    """
+
+    file: str
+    how: str
+    shift: float
+    said: str
+    doubts: tuple[str, ...] = ()
+
+
+def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Move | None]:
+    """Bring an image onto the grid of another one.
+
+    Parameters
+    ----------
+    image : Image or Labels
+        Values, shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)`.
+    like : Image or Labels
+        Gives the grid.
+    way : str
+        One of `WAYS`; by default `nearest` for labels and `linear` for images. With `tensor-wise`
+        six values are a tensor and three a fiber, both in the world frame.
+
+    Returns
+    -------
+    tuple
+        The image, 0 where it does not reach, and how it came there; None where both grids are one.
+
+    Raises
+    ------
+    InputError
+        The images do not overlap.
+    """
+    if same_grid(image, like):
+        return image, None
+    turned = reordered(image, like.affine)
+    shift = corner_distance(turned, like)
+    if same_grid(turned, like):
+        text = f"{image.name}: voxels put in the order of {like.name}"
+        return turned, Move(image.name, "reordered", shift, text)
+    way = way or ("nearest" if isinstance(image, Labels) else "linear")
+    reach = _sampled(np.ones(turned.data.shape[:3], np.int8), turned, like, 0) > 0
+    if not reach.any():
+        raise InputError(
+            f"{image.name} and {like.name} do not overlap: the first reaches {_extent(image)}, the "
+            f"other {_extent(like)} mm; take images of one session, register the first to the "
+            "other, or mend the geometry (sform, qform) of its header"
+        )
+    moved = replace(turned, data=_values(turned, like, way), affine=like.affine)
+    said = (
+        f"{image.name}: resampled onto the grid of {like.name} ({way}); corners of the grids are "
+        f"up to {shift:.3g} mm apart, {100.0 * reach.mean():.3g} % of the grid lies in the image"
+    )
+    doubts = []
+    if image.data.shape[:3] == like.data.shape[:3]:
+        doubts.append(
+            f"{image.name} and {like.name} have as many voxels, {like.data.shape[:3]}, "
+            "but at other places: look whether one of the headers is wrong"
+        )
+    if isinstance(image, Labels) and isinstance(moved, Labels):
+        doubts += _lost(image, moved)
+    return moved, Move(image.name, way, shift, said, tuple(doubts))
+
+
+def _values(image: Image | Labels, like: Image | Labels, way: str) -> NDArray[Any]:
+    """Values of an image in the voxels of another one."""
+    data = image.data
+    if way == "tensor-wise":
+        return _tensors(image, like)
+    volumes = np.moveaxis(data.reshape(*data.shape[:3], -1), -1, 0)
+    if way == "nearest":
+        found = [_sampled(one, image, like, 0) for one in volumes]
+    else:
+        found = [_mean(one[..., np.newaxis], np.isfinite(one), image, like) for one in volumes]
+    return np.stack(found, axis=-1).reshape(*like.data.shape[:3], *data.shape[3:])
+
+
+def _tensors(image: Image | Labels, like: Image | Labels) -> F64:
+    """Tensors in the voxels of another image, or fibers by their dyads."""
+    data = np.asarray(image.data, float)
+    if data.shape[3:] == (6,):
+        return _mean(data, known_tensors(data), image, like)
+    if data.shape[3:] != (3,):
+        raise InputError(
+            f"{image.name}: tensors have six values a voxel and fibers three, this image has "
+            f"shape {data.shape}"
+        )
+    length = np.linalg.norm(data, axis=-1, keepdims=True)
+    known = (np.isfinite(length) & (length > 0))[..., 0]
+    unit = np.divide(data, length, out=np.zeros(data.shape), where=known[..., np.newaxis])
+    dyad = tensor_components(unit[..., :, np.newaxis] * unit[..., np.newaxis, :])
+    mean = _mean(dyad, known, image, like)
+    some = mean.any(axis=-1)
+    fibers = np.zeros((*some.shape, 3))
+    fibers[some] = lead_vector(mean[some])
+    return fibers
+
+
+def _mean(data: F64, known: Mask, image: Image | Labels, like: Image | Labels) -> F64:
+    """Linear means of what is known, shape `(ni, nj, nk, nvalue)`; 0 where the nearest is not."""
+    some = _sampled(known.astype(np.int8), image, like, 0) > 0
+    weight = _sampled(known.astype(float), image, like, 1)
+    found = np.zeros((*weight.shape, data.shape[3]))
+    for k in range(data.shape[3]):
+        sums = _sampled(np.where(known, data[..., k], 0.0), image, like, 1)
+        found[some, k] = sums[some] / weight[some]
+    return found
+
+
+def _sampled(data: NDArray[Any], image: Image | Labels, like: Image | Labels, order: int) -> Any:
+    """A volume of an image at the voxels of another one, 0 beyond the image."""
+    to_own = np.linalg.inv(image.affine) @ like.affine
+    return ndimage.affine_transform(
+        data, to_own[:3, :3], to_own[:3, 3], like.data.shape[:3], order=order, mode="grid-constant"
+    )
+
+
+def _extent(image: Image | Labels) -> str:
+    """Box of the world in which the corners of an image lie [mm]."""
+    ends = zip("xyz", corners(image).min(axis=0), corners(image).max(axis=0), strict=True)
+    return ", ".join(f"{axis} {low:.4g} to {high:.4g}" for axis, low, high in ends)
+
+
+def _lost(before: Labels, after: Labels) -> list[str]:
+    """Sentences on labels that the grid does not hold, or only a part of."""
+    volume = [float((one.data > 0).sum() * one.spacing.prod()) for one in (before, after)]
+    gone = np.setdiff1d(before.data[before.data > 0], after.data).tolist()
+    said = []
+    if gone:
+        names = ", ".join(before.label_name(number) for number in gone)
+        said.append(f"{before.name}: no voxel of the grid lies in {names}")
+    if volume[1] < (1.0 - _LOST) * volume[0]:
+        said.append(
+            f"{before.name}: its labels fill {volume[0] / 1000:.4g} cm^3, and "
+            f"{volume[1] / 1000:.4g} cm^3 on the grid: the rest lies beyond it, or is thinner than "
+            "its voxels"
+        )
+    return said

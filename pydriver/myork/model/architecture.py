@@ -1,0 +1,222 @@
+"""Numbers that studies of muscles by MR print: size, fat, diffusion, fibers, PCSA.
+
+The long axis of a muscle is the first principal axis of its voxels, where it is half as long again
+as the second one. Fibers are followed through the voxels of a muscle, from a thousand of them, both
+ways until they leave it; the median counts. PCSA is volume times the cosine of the pennation over
+the length of the fibers [1].
+
+References
+----------
+1. Lieber, Fridén, Muscle Nerve 23 (2000) 1647-1666
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from myork.imaging.geometry import slice_axis
+from myork.records import Image, Labels
+from myork.types import F64, Mask
+
+__all__ = ["COLUMNS", "Maps", "Numbers", "fat_of_label", "muscle_numbers"]
+
+# A muscle has a long axis where the variance along it is so many times that along the second one.
+_LONG = 1.5**2
+# It is cut where an end of the image holds so much of its largest section.
+_CUT = 0.1
+# Fibers that are followed; part of them that must end in the image for their median to count
+_FIBERS, _WHOLE = 1000, 0.75
+# Steps of fibers in the smallest size of a voxel
+_STEP = 0.5
+
+
+class Maps(NamedTuple):
+    """What is known of each voxel of a label map, on its grid; None where nothing is.
+
+    Attributes
+    ----------
+    fibers : Image or None
+        Vectors in the world frame, shape `(ni, nj, nk, 3)`.
+    fat : Image or None
+        Fraction of fat [-].
+    signal : Image or None
+        Signal by which the fraction of fat is weighted.
+    fa, md : Image or None
+        Fractional anisotropy [-] and mean diffusivity [mm^2/s], 0 where there is no tensor.
+    """
+
+    fibers: Image | None = None
+    fat: Image | None = None
+    signal: Image | None = None
+    fa: Image | None = None
+    md: Image | None = None
+
+
+class Numbers(NamedTuple):
+    """Numbers of a muscle; None where the data at hand do not allow one.
+
+    Attributes
+    ----------
+    muscle : str
+        Name.
+    volume : float
+        Of its voxels [mm^3].
+    area : float
+        Largest section across the voxel axis nearest to its long axis [mm^2].
+    fat_fraction : float or None
+        All its fat in all its signal [-].
+    fa, md : float or None
+        Medians of fractional anisotropy [-] and mean diffusivity [mm^2/s].
+    fiber_length : float or None
+        Median; None where a quarter of the fibers leave the image at an end of the muscle [mm].
+    pennation : float or None
+        Median angle of the fibers to its long axis, None without one [degree].
+    pcsa : float or None
+        None also for a muscle that the image cuts [mm^2].
+    cut : bool
+        Whether the image cuts it.
+    """
+
+    muscle: str
+    volume: float
+    area: float
+    fat_fraction: float | None
+    fa: float | None
+    md: float | None
+    fiber_length: float | None
+    pennation: float | None
+    pcsa: float | None
+    cut: bool
+
+
+#: Head and unit of each column of a table, and the power of the length in it
+COLUMNS: Mapping[str, tuple[str, str, int]] = {
+    "volume": ("volume", "", 3),
+    "area": ("area", "", 2),
+    "fat_fraction": ("fat_fraction", "-", 0),
+    "fa": ("FA", "-", 0),
+    "md": ("MD", "mm^2/s", 0),
+    "fiber_length": ("fiber_length", "", 1),
+    "pennation": ("pennation", "deg", 0),
+    "pcsa": ("PCSA", "", 2),
+}
+
+
+def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -> list[Numbers]:
+    """Numbers of all muscles of a label map.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map.
+    maps : Maps
+        What is known of its voxels.
+    left_out : collection of int
+        Labels that are no muscles.
+    """
+    if maps.fibers is not None:
+        maps = maps._replace(fibers=replace(maps.fibers, data=_unit(maps.fibers.data)))
+    numbers = np.unique(labels.data[labels.data > 0]).tolist()
+    return [_of(labels, number, maps) for number in numbers if number not in left_out]
+
+
+def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
+    """All fat of some voxels in all of their signal [-]; None where they have no signal.
+
+    Parameters
+    ----------
+    own : NDArray
+        The voxels, shape `(ni, nj, nk)`.
+    fraction, signal : Image
+        Fraction of fat [-] and signal of water and fat.
+    """
+    weight = np.maximum(signal.data[own], 0.0)
+    return float(np.average(fraction.data[own], weights=weight)) if weight.sum() > 0 else None
+
+
+def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
+    """Numbers of a muscle."""
+    own, size = labels.data == number, labels.spacing
+    long, axis = _long_axis(labels, own)
+    layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
+    cut = bool(max(layers[0], layers[-1]) > _CUT * layers.max())
+    volume = float(layers.sum() * size.prod())
+    length, pennation = None, None
+    if maps.fibers is not None:
+        known = own & maps.fibers.data.any(axis=-1)
+        if known.any():
+            length = _median_length(maps.fibers, own, np.argwhere(known), axis)
+            pennation = None if long is None else _median(_angles(maps.fibers.data[known] @ long))
+    pcsa = None
+    if length is not None and pennation is not None and not cut:
+        pcsa = volume * float(np.cos(np.radians(pennation))) / length
+    fat = None
+    if maps.fat is not None and maps.signal is not None:
+        fat = fat_of_label(own, maps.fat, maps.signal)
+    fa, md = (None if one is None else _median(one.data[own]) for one in (maps.fa, maps.md))
+    area = float(layers.max() * size.prod() / size[axis])
+    return Numbers(
+        labels.label_name(number), volume, area, fat, fa, md, length, pennation, pcsa, cut
+    )
+
+
+def _median(values: F64) -> float | None:
+    """Median of what is above zero."""
+    known = values[np.isfinite(values) & (values > 0)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _angles(cosine: F64) -> F64:
+    """Angles of directions without a sign [degree]."""
+    return np.degrees(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)))
+
+
+def _unit(vector: F64) -> F64:
+    """Vectors of length 1, zero where there is none."""
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    known = np.isfinite(length) & (length > 0)
+    return np.divide(vector, length, out=np.zeros(vector.shape), where=known)
+
+
+def _long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
+    """Long axis of a muscle in the world, None without one, and the voxel axis nearest to it."""
+    place = labels.world(np.argwhere(own))
+    place = place - place.mean(axis=0)
+    variance, axes = np.linalg.eigh(place.T @ place)
+    if variance[2] < _LONG * variance[1] or variance[2] <= 0:
+        return None, slice_axis(labels.spacing, own.shape)
+    columns = labels.affine[:3, :3] / labels.spacing
+    return axes[:, 2], int(np.argmax(np.abs(axes[:, 2] @ columns)))
+
+
+def _median_length(fibers: Image, own: Mask, seeds: NDArray, axis: int) -> float | None:
+    """Median length of the fibers of a muscle; None where too many of them are cut [mm]."""
+    seeds = seeds[:: -(-len(seeds) // _FIBERS)]
+    step = _STEP * float(fibers.spacing.min())
+    most = int(np.linalg.norm(fibers.spacing * own.shape) / step) + 1
+    to_voxels = np.linalg.inv(fibers.affine[:3, :3]).T * step
+    unit, shape = fibers.data, np.array(own.shape)
+    length, whole = np.zeros(len(seeds)), np.ones(len(seeds), bool)
+    for sense in (1.0, -1.0):
+        going, place = np.arange(len(seeds)), seeds.astype(float)
+        heading = sense * unit[tuple(seeds.T)]
+        for _ in range(most):
+            place = place + heading @ to_voxels
+            voxel = np.rint(place).astype(int)
+            near = tuple(voxel.clip(0, shape - 1).T)
+            inside = own[near] & ((voxel >= 0) & (voxel < shape)).all(axis=1)
+            whole[going[(voxel[:, axis] < 0) | (voxel[:, axis] >= shape[axis])]] = False
+            length[going] += np.where(inside, step, 0.5 * step)
+            going, place, heading = going[inside], place[inside], heading[inside]
+            if not len(going):
+                break
+            found = unit[near][inside]
+            sign = np.where((found * heading).sum(axis=1) < 0, -1.0, 1.0)[:, np.newaxis]
+            heading = np.where(found.any(axis=1, keepdims=True), sign * found, heading)
+        whole[going] = False  # goes round
+    return float(np.median(length[whole])) if whole.mean() >= _WHOLE else None

@@ -1,0 +1,72 @@
+"""An image file on the grid of another one, by what brings images of decks onto one grid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from myork.console import ProgressCallback, silent
+from myork.errors import InputError
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.imaging.resampling import WAYS, on_grid
+from myork.types import F64
+
+__all__ = ["resample"]
+
+# Whole numbers of more kinds are grey values.
+_MOST_LABELS = 128
+
+
+def resample(
+    image: Path,
+    like: Path,
+    output: Path,
+    *,
+    way: str | None = None,
+    progress: ProgressCallback = silent,
+) -> Path:
+    """Write an image on the grid of another one of the same world.
+
+    Parameters
+    ----------
+    image : Path
+        Image of one or several volumes, or label map.
+    like : Path
+        Image that gives the grid.
+    output : Path
+        File that is written; the suffix tells the format.
+    way : str, optional
+        `nearest`, `linear` or `tensor-wise` (tensors, fibers), see `on_grid`; by default `nearest`
+        for labels, which are whole numbers of at most 128 kinds and none below zero, and `linear`
+        for all else, volume by volume.
+    progress : callable
+        Called with a line of text at a time.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    if way not in (None, *WAYS):
+        raise InputError(f"--how {way}: is not known; one of {', '.join(WAYS)}")
+    grid, one = read_image(like, None), read_image(image, None)
+    way = way or ("nearest" if _are_labels(one.data) else "linear")
+    if way == "nearest" and one.data.shape[3] == 1:
+        labels, move = on_grid(read_labels(image), grid)
+        write_labels(output, labels)
+    else:
+        found, move = on_grid(one, grid, way)
+        single = found.data.shape[3] == 1
+        write_image(output, replace(found, data=found.data[..., 0]) if single else found)
+    progress(f"{image}: is on the grid of {like}" if move is None else move.said)
+    for text in () if move is None else move.doubts:
+        progress(f"warning: {text}")
+    return output
+
+
+def _are_labels(values: F64) -> bool:
+    """Whether values are whole numbers of few kinds, none below zero."""
+    kinds = np.unique(values)
+    return len(kinds) <= _MOST_LABELS and not (kinds % 1 != 0).any() and kinds.min() >= 0
