@@ -221,7 +221,12 @@ def _report(options: argparse.Namespace, console: Console) -> str:
     return f"report: {page}"
 
 
-def _view(options: argparse.Namespace, console: Console) -> None:
+def _view(options: argparse.Namespace, console: Console) -> str | None:
+    if options.still is not None:
+        page = _load("view:still_page")(
+            options.file, options.still, threads=options.threads or 1, progress=console
+        )
+        return f"page: {page}"
     # a closed terminal ends the page as Ctrl-C does; under nohup it stays
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
@@ -229,6 +234,7 @@ def _view(options: argparse.Namespace, console: Console) -> None:
         options.file, port=options.port, browser=not options.no_browser,
         threads=options.threads or 1, progress=lambda line: print(line, flush=True),
     )  # fmt: skip
+    return None
 
 
 def _numbers(options: argparse.Namespace) -> dict[str, float]:
@@ -687,9 +693,10 @@ _COMMANDS = {
     ),
     "view": _Command(
         _view,
-        "a page with sliders for a reduced model, on this machine, until Ctrl-C",
+        "a page with sliders for a reduced model: served on this machine until Ctrl-C, or one file",
         "  myork view out/muscle/muscle.rom.h5\n"
-        "  myork view muscle.rom.h5 --no-browser --port 8080",
+        "  myork view muscle.rom.h5 --no-browser --port 8080\n"
+        "  myork view muscle.rom.h5 --still muscle.html",
         (
             _FILE,
             _option(
@@ -697,6 +704,11 @@ _COMMANDS = {
                 default=0,
             ),
             _flag("--no-browser", "print the address, open no browser"),
+            _option(
+                "--still", "PAGE.html",
+                "start no server: write a page of sampled states that opens anywhere, interpolated "
+                "in between; at most 4 MB of states", Path,
+            ),
         ),
         "",
     ),

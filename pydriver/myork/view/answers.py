@@ -14,11 +14,12 @@ import numpy as np
 from myork.core.changing import scene_at
 from myork.core.states import Fields
 from myork.errors import InputError
+from myork.rom.check import LEAST_FORCE
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
 from myork.types import F64
 
-__all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
+__all__ = ["FIELDS", "Answers", "Shown", "range_of", "verdict_of"]
 
 
 #: Fields by name, with a title and the kind of their unit
@@ -83,7 +84,7 @@ class Answers:
         self._rest = np.zeros((len(self._corners), 3))
         self._rest[:, : points.shape[1]] = points[self._corners]
         self.probes = self._probes()
-        self.ranges = self._ranges()
+        self.ranges, self._largest = self._ranges()
 
     def __enter__(self) -> Answers:
         return self
@@ -137,6 +138,7 @@ class Answers:
             "doubtful": DOUBTFUL,
             "refused": REFUSED,
             "describe": rom.describe(),
+            "bar": self._bar(),
         }
 
     def start(self) -> list[float]:
@@ -156,15 +158,27 @@ class Answers:
         """
         if field not in FIELDS:
             raise InputError(f"{field}: no field; there are {', '.join(FIELDS)}")
+        facts, positions, found = self.fields(values, [field])
+        return Shown({**facts, "range": range_of(found[0])}, positions, found[0])
+
+    def fields(
+        self, values: Sequence[float], names: Sequence[str] = tuple(FIELDS)
+    ) -> tuple[dict[str, Any], F64, F64]:
+        """A state with several fields on the surface.
+
+        Returns
+        -------
+        tuple
+            Facts without a range, positions `(n, 3)` [length], fields `(names, n)`.
+        """
         row = np.array([values], float)
         start = time.perf_counter()
         batch = self.rom.batch(row, indicator=True)
         took = time.perf_counter() - start
         fields = self._fields(row[0], batch.amplitudes[0])
-        value = _field(fields, field)[self._corners]
+        found = np.stack([_field(fields, name)[self._corners] for name in names])
         j = fields.named["J"][:, 0]
         verdict, reasons = self._verdict(row[0], batch, float(j.min()))
-        positions = self._rest + fields.u[self._corners]
         facts = {
             "probes": [_number(v) for v in self._values(batch)[0]],
             "indicator": _number(batch.indicator[0]),
@@ -173,11 +187,10 @@ class Answers:
             "iterations": int(batch.iterations[0]),
             "verdict": verdict,
             "reasons": reasons,
-            "range": _range(value),
             "J": [_number(j.min()), _number(j.max())],
             "ms": 1e3 * took,
         }
-        return Shown(facts, positions, value)
+        return facts, self._rest + fields.u[self._corners], found
 
     def curves(
         self, values: Sequence[float], probe: int, of: Sequence[int], *, family: bool = False
@@ -278,8 +291,27 @@ class Answers:
         ]
         return verdict_of(bool(batch.converged[0]), float(batch.indicator[0]), j, outside)
 
-    def _ranges(self) -> dict[str, list[float]]:
-        """Ranges of the colours: values at the ends of each parameter and in the middle."""
+    def _bar(self) -> dict[str, Any] | None:
+        """Error of the first force by the check on unseen full solves; none without a check.
+
+        It is relative to the force, or to a share of the largest where the force is smaller.
+        """
+        found = self.rom.certificate
+        if not found or not any(p["rows"] for p in self.rom.head["probes"]):
+            return None
+        return {
+            "of": self.probes[0]["of"],
+            "points": found["points"],
+            "relative": found["force"]["max"],
+            "least": LEAST_FORCE * self._largest,
+            "between": 0.0,
+        }
+
+    def _ranges(self) -> tuple[dict[str, list[float]], float]:
+        """Ranges of the colours: values at the ends of each parameter and in the middle.
+
+        With the largest value of the first probe there.
+        """
         middle = np.array([0.5 * (p.low + p.high) for p in self.rom.parameters])
         rows = [middle]
         for k, p in enumerate(self.rom.parameters):
@@ -300,7 +332,7 @@ class Answers:
             # stresses of places that are inside out are no numbers
             every = every[np.isfinite(every)]
             ranges[name] = np.percentile(every, [_TAIL, 100.0 - _TAIL]).tolist()
-        return ranges
+        return ranges, float(np.abs(self._values(batch)[batch.converged, 0]).max())
 
 
 def verdict_of(
@@ -343,14 +375,18 @@ def _field(fields: Fields, name: str) -> F64:
     if name == "principal":
         return np.asarray(fields.named["principal_stress"].max(axis=1))
     if name == "strain":
-        stretch = np.linalg.eigvalsh(np.einsum("pia,pib->pab", fields.f, fields.f))
-        return np.asarray(np.sqrt(np.maximum(stretch[:, -1], 0.0)) - 1.0)
+        found = np.full(len(fields.f), np.nan)
+        real = np.isfinite(fields.f).all(axis=(1, 2))
+        f = fields.f[real]
+        stretch = np.linalg.eigvalsh(np.einsum("pia,pib->pab", f, f))
+        found[real] = np.sqrt(np.maximum(stretch[:, -1], 0.0)) - 1.0
+        return found
     first, second, third = fields.named["principal_stress"].T
     squares = (first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2
     return np.asarray(np.sqrt(0.5 * squares))
 
 
-def _range(values: F64) -> list[float | None]:
+def range_of(values: F64) -> list[float | None]:
     """Smallest and largest of the values that are numbers."""
     real = values[np.isfinite(values)]
     return [float(real.min()), float(real.max())] if len(real) else [None, None]
