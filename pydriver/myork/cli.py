@@ -476,7 +476,7 @@ class _Command(NamedTuple):
 _COMMANDS = {
     "demo": _Command(
         _demo,
-        "phantom images, segmentation, model, full solution, reduced model and report",
+        "phantom images to a muscle force, a trained reduced model, a report, a page with sliders",
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         out="folder of the results; default out/demo",
     ),
