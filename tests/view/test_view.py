@@ -245,6 +245,37 @@ def test_positions_and_fields(answers: Answers) -> None:
     assert answers.state([0.5, 0.2, 20.0], "von_mises").values.max() == low
 
 
+def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
+    """As probes are by their kind: an error of a displacement next to nothing is no reason."""
+    rom = answers.rom
+    for values, small in (([0.0, 1e-4, 30.0], True), ([0.8, 0.3, 30.0], False)):
+        batch = rom.batch(np.array([values]), indicator=True)
+        size = np.linalg.norm(batch.amplitudes[0])
+        assert (size < 0.1 * rom.largest) == small
+        expected = batch.indicator[0] * min(1.0, size / (0.1 * rom.largest))
+        facts = answers.state(values, "J").facts
+        assert facts["indicator"] == pytest.approx(expected, rel=1e-6)
+        assert facts["verdict"] == "accepted"
+
+
+def test_rounding_is_zero(answers: Answers) -> None:
+    for field in ("von_mises", "principal", "displacement"):
+        low, high = answers.ranges[field]
+        assert low == 0.0 or abs(low) > 1e-9 * high
+        assert answers.state([0.0, 0.0, 30.0], field).facts["range"] == [0.0, 0.0]
+
+
+def test_edges_of_a_block_stay(open_page: Any, address: str) -> None:
+    """Normals at the corners of its triangles are those of its faces."""
+    page = open_page(address)
+    page.wait_for_function("shown.answers > 0")
+    found = page.evaluate("source.surface().then(([rest]) => Array.from(body.normals(rest)))")
+    normals = np.abs(np.reshape(found, (-1, 3)))
+    assert len(normals) == 3 * 80
+    assert normals.max(axis=1) == pytest.approx(np.linalg.norm(normals, axis=1), rel=1e-6)
+    assert normals.max(axis=1).min() > 0.0
+
+
 def test_angles_of_fibers_move(tmp_path: Path) -> None:
     """A scene whose fibers turn is another one; its fields are those of the state."""
     deck = tmp_path / "turning.toml"

@@ -19,7 +19,7 @@ from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
 from myork.types import F64
 
-__all__ = ["FIELDS", "Answers", "Shown", "range_of", "verdict_of"]
+__all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
 
 
 #: Fields by name, with a title and the kind of their unit
@@ -34,6 +34,11 @@ FIELDS = {
 #: against more points; in the trained range no estimate was less than half of its error, up to
 #: twice beyond it, on the same solution, less than a third (docs/reduced.md)
 DOUBTFUL, REFUSED = 0.05 / 3.0, 0.125 / 3.0
+#: An error is relative to the displacement, but at least to this share of the largest of the
+#: training, as a probe is judged by its kind
+_LEAST = 0.1
+#: Share of a range below which its ends are rounding
+_ROUNDING = 1e-9
 #: Part of a range by which sliders go beyond it
 _BEYOND = 0.15
 #: Points of a curve, and curves of a family
@@ -159,7 +164,14 @@ class Answers:
         if field not in FIELDS:
             raise InputError(f"{field}: no field; there are {', '.join(FIELDS)}")
         facts, positions, found = self.fields(values, [field])
-        return Shown({**facts, "range": range_of(found[0])}, positions, found[0])
+        return Shown({**facts, "range": self.range_of(found[0], field)}, positions, found[0])
+
+    def range_of(self, values: F64, field: str) -> Sequence[float | None]:
+        """Smallest and largest of the values of a field that are numbers."""
+        real = values[np.isfinite(values)]
+        if not len(real):
+            return [None, None]
+        return _rounded(np.array([real.min(), real.max()]), np.abs(self.ranges[field]).max())
 
     def fields(
         self, values: Sequence[float], names: Sequence[str] = tuple(FIELDS)
@@ -178,10 +190,12 @@ class Answers:
         fields = self._fields(row[0], batch.amplitudes[0])
         found = np.stack([_field(fields, name)[self._corners] for name in names])
         j = fields.named["J"][:, 0]
-        verdict, reasons = self._verdict(row[0], batch, float(j.min()))
+        size = float(np.linalg.norm(batch.amplitudes[0])) / (_LEAST * self.rom.largest)
+        error = float(batch.indicator[0]) * min(1.0, size)
+        verdict, reasons = self._verdict(row[0], batch, error, float(j.min()))
         facts = {
             "probes": [_number(v) for v in self._values(batch)[0]],
-            "indicator": _number(batch.indicator[0]),
+            "indicator": _number(error),
             "inside": bool(batch.inside[0]),
             "converged": bool(batch.converged[0]),
             "iterations": int(batch.iterations[0]),
@@ -283,13 +297,13 @@ class Answers:
         scalars = batch.scalars()
         return np.stack([scalars[probe["name"]] for probe in self.probes], axis=1)
 
-    def _verdict(self, row: F64, batch: Batch, j: float) -> tuple[str, list[str]]:
+    def _verdict(self, row: F64, batch: Batch, error: float, j: float) -> tuple[str, list[str]]:
         outside = [
             f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
             for p, v in zip(self.rom.parameters, row, strict=True)
             if not p.low - 1e-9 * (p.high - p.low) <= v <= p.high + 1e-9 * (p.high - p.low)
         ]
-        return verdict_of(bool(batch.converged[0]), float(batch.indicator[0]), j, outside)
+        return verdict_of(bool(batch.converged[0]), error, j, outside)
 
     def _bar(self) -> dict[str, Any] | None:
         """Error of the first force by the check on unseen full solves; none without a check.
@@ -331,7 +345,8 @@ class Answers:
             every = np.concatenate(values)
             # stresses of places that are inside out are no numbers
             every = every[np.isfinite(every)]
-            ranges[name] = np.percentile(every, [_TAIL, 100.0 - _TAIL]).tolist()
+            ends = np.percentile(every, [_TAIL, 100.0 - _TAIL])
+            ranges[name] = _rounded(ends, float(np.abs(ends).max()))
         return ranges, float(np.abs(self._values(batch)[batch.converged, 0]).max())
 
 
@@ -347,7 +362,7 @@ def verdict_of(
     converged : bool
         Whether the equations are solved.
     indicator : float
-        Estimated relative error of the displacement.
+        Estimated error of the displacement, relative to it or to a share of the largest.
     smallest_j : float
         Smallest volume ratio.
     outside : sequence of str
@@ -386,10 +401,9 @@ def _field(fields: Fields, name: str) -> F64:
     return np.asarray(np.sqrt(0.5 * squares))
 
 
-def range_of(values: F64) -> list[float | None]:
-    """Smallest and largest of the values that are numbers."""
-    real = values[np.isfinite(values)]
-    return [float(real.min()), float(real.max())] if len(real) else [None, None]
+def _rounded(ends: F64, size: float) -> list[float]:
+    """Ends of a range, zero where they are rounding of values of a size."""
+    return [0.0 if abs(end) < _ROUNDING * size else float(end) for end in ends]
 
 
 def _number(value: Any) -> float | None:

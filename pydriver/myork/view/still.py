@@ -16,7 +16,7 @@ from myork.files import write_json, write_text
 from myork.report.frame import render
 from myork.rom.parameters import spread_points
 from myork.types import F64
-from myork.view.answers import FIELDS, Answers, range_of
+from myork.view.answers import FIELDS, Answers
 
 __all__ = ["keep_states", "page_of", "sample", "still_page"]
 
@@ -100,7 +100,8 @@ def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent)
         for number, values in enumerate(product(*levels), start=1):
             row[axes] = values
             facts, where, found = answers.fields(row.tolist())
-            states.append({**facts, "ranges": [range_of(field) for field in found]})
+            ranges = [answers.range_of(*one) for one in zip(found, FIELDS, strict=True)]
+            states.append({**facts, "ranges": ranges})
             places.append(where)
             fields.append(found)
             if number % 25 == 0 or number == total:
