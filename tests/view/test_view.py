@@ -258,6 +258,26 @@ def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
         assert facts["verdict"] == "accepted"
 
 
+def test_the_error_of_the_full_model_is_in_that_of_the_force(
+    answers: Answers, trained: Path, tmp_path: Path
+) -> None:
+    """Where it was solved beside the model, from the same deck at any values of the parameters."""
+    assert answers.about()["bar"]["full"] is None
+    found = {}
+    for name, overrides in (
+        ("same", ["load.activation=0.5"]),
+        ("other", ["material.muscle.K=400"]),
+    ):
+        run_deck(trained.with_name("block.toml"), tmp_path / name, overrides=overrides, threads=1)
+        with Answers(Path(shutil.copy(trained, tmp_path / name))) as beside:
+            found[name] = beside.about()["bar"]
+    assert found["other"] == answers.about()["bar"]
+    last = json.loads((tmp_path / "same" / "summary.json").read_text())["steps"][-1]
+    expected = last["probe_errors"]["reaction"] / abs(last["probes"]["reaction"])
+    assert found["same"]["full"] == pytest.approx(expected, rel=1e-9) and expected > 0.0
+    assert found["same"]["reduced"] == answers.rom.certificate["force"]["max"]
+
+
 def test_rounding_is_zero(answers: Answers) -> None:
     for field in ("von_mises", "principal", "displacement"):
         low, high = answers.ranges[field]

@@ -13,10 +13,11 @@ import numpy as np
 
 from myork.core.changing import scene_at
 from myork.core.states import Fields
-from myork.errors import InputError
+from myork.errors import InputError, MyorkError
 from myork.rom.check import LEAST_FORCE
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
+from myork.summary import read_summary
 from myork.types import F64
 
 __all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
@@ -90,6 +91,7 @@ class Answers:
         self._rest[:, : points.shape[1]] = points[self._corners]
         self.probes = self._probes()
         self.ranges, self._largest = self._ranges()
+        self._bar = self._bar_of_force(path.parent)
 
     def __enter__(self) -> Answers:
         return self
@@ -143,7 +145,7 @@ class Answers:
             "doubtful": DOUBTFUL,
             "refused": REFUSED,
             "describe": rom.describe(),
-            "bar": self._bar(),
+            "bar": self._bar,
         }
 
     def start(self) -> list[float]:
@@ -305,21 +307,37 @@ class Answers:
         ]
         return verdict_of(bool(batch.converged[0]), error, j, outside)
 
-    def _bar(self) -> dict[str, Any] | None:
+    def _bar_of_force(self, folder: Path) -> dict[str, Any] | None:
         """Error of the first force by the check on unseen full solves; none without a check.
 
-        It is relative to the force, or to a share of the largest where the force is smaller.
+        It is relative to the force, or to a share of the largest where the force is smaller; with
+        `full`, the error bar of the full model at its full load, where its solve lies beside.
         """
-        found = self.rom.certificate
+        found, name = self.rom.certificate, self.probes[0]["of"]
         if not found or not any(p["rows"] for p in self.rom.head["probes"]):
             return None
         return {
-            "of": self.probes[0]["of"],
+            "of": name,
             "points": found["points"],
-            "relative": found["force"]["max"],
+            "reduced": found["force"]["max"],
+            "full": self._full_error(folder, name),
             "least": LEAST_FORCE * self._largest,
             "between": 0.0,
         }
+
+    def _full_error(self, folder: Path, name: str) -> float | None:
+        """Relative error bar of a force in the folder of the model; none where none is of it."""
+        try:
+            # refuses what is of another deck but for the parameters
+            self.rom.full_model().read(self.rom.parameters, folder)
+            summary = read_summary(folder)
+            last = summary["steps"][-1]
+            size, error = (np.linalg.norm(last[k][name]) for k in ("probes", "probe_errors"))
+        except (MyorkError, OSError, LookupError, ValueError, TypeError):
+            return None
+        if summary["verdict"]["state"] == "refused" or not size > 0.0:
+            return None
+        return float(error / size)
 
     def _ranges(self) -> tuple[dict[str, list[float]], float]:
         """Ranges of the colours: values at the ends of each parameter and in the middle.

@@ -118,7 +118,7 @@ def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent)
             state["bytes"] = base64.b64encode(packed).decode() if state["converged"] else ""
         tests = _tests(answers, row, axes, levels, states, all_places)
         if about["bar"] is not None:
-            about["bar"]["between"] = tests["force"] or 0.0
+            about["bar"] = {**about["bar"], "between": tests["force"] or 0.0}
         about["parameters"] = [
             {**about["parameters"][k], "least": p.low, "most": p.high}
             for k, p in zip(axes, chosen, strict=True)

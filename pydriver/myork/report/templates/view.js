@@ -142,10 +142,12 @@ function show(asked, facts, places, colours) {
   Object.assign(window.shown, {values: asked, probes: facts.probes});
 }
 
-// Error of the force by the check on full solves; outside the trained range nothing was checked
+// Error of the force by the check on full solves and, in proportion, that of the full model;
+// outside the trained range nothing was checked
 function bar(facts, of, value) {
   if (!facts.converged || !facts.inside || !about.bar || of !== about.bar.of) return "";
-  const off = about.bar.relative * Math.max(Math.abs(value), about.bar.least) + about.bar.between;
+  const size = Math.max(Math.abs(value), about.bar.least);
+  const off = (about.bar.full + about.bar.reduced) * size + about.bar.between;
   return `± ${text(off, 2)}`;
 }
 
