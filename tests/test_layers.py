@@ -41,7 +41,8 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report"},
-    {"bench", "chain", "demo", "selftest", "sweeps", "studies", "view"},
+    {"bench", "chain", "selftest", "sweeps", "studies", "view"},
+    {"demo"},
     {"cli"},
     {"__main__"},
 ]

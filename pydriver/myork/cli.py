@@ -228,7 +228,12 @@ def _report(options: argparse.Namespace, console: Console) -> str:
     return f"report: {page}"
 
 
-def _view(options: argparse.Namespace, console: Console) -> None:
+def _view(options: argparse.Namespace, console: Console) -> str | None:
+    if options.still is not None:
+        page = _load("view:still_page")(
+            options.file, options.still, threads=options.threads or 1, progress=console
+        )
+        return f"page: {page}"
     # a closed terminal ends the page as Ctrl-C does; under nohup it stays
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
@@ -236,6 +241,7 @@ def _view(options: argparse.Namespace, console: Console) -> None:
         options.file, port=options.port, browser=not options.no_browser,
         threads=options.threads or 1, progress=lambda line: print(line, flush=True),
     )  # fmt: skip
+    return None
 
 
 def _numbers(options: argparse.Namespace) -> dict[str, float]:
@@ -477,7 +483,7 @@ class _Command(NamedTuple):
 _COMMANDS = {
     "demo": _Command(
         _demo,
-        "phantom images, segmentation, model, full solution, reduced model and report",
+        "phantom images to a muscle force, a trained reduced model, a report, a page with sliders",
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         out="folder of the results; default out/demo",
     ),
@@ -712,9 +718,10 @@ _COMMANDS = {
     ),
     "view": _Command(
         _view,
-        "a page with sliders for a reduced model, on this machine, until Ctrl-C",
+        "a page with sliders for a reduced model: served on this machine until Ctrl-C, or one file",
         "  myork view out/muscle/muscle.rom.h5\n"
-        "  myork view muscle.rom.h5 --no-browser --port 8080",
+        "  myork view muscle.rom.h5 --no-browser --port 8080\n"
+        "  myork view muscle.rom.h5 --still muscle.html",
         (
             _FILE,
             _option(
@@ -722,6 +729,11 @@ _COMMANDS = {
                 default=0,
             ),
             _flag("--no-browser", "print the address, open no browser"),
+            _option(
+                "--still", "PAGE.html",
+                "start no server: write a page of sampled states that opens anywhere, interpolated "
+                "in between; at most 4 MB of states", Path,
+            ),
         ),
         "",
     ),

@@ -27,10 +27,11 @@ from PIL import Image
 from myork import ReducedModel
 from myork.cli import main
 from myork.core.deck import text_of_tables
-from myork.errors import FileError
+from myork.errors import FileError, InputError
 from myork.report import make_report
 from myork.stations.solve import run_deck
 from myork.view import server as server_module
+from myork.view import still
 from myork.view.answers import FIELDS, Answers, verdict_of
 from myork.view.server import _Server
 from tests.scenes import contracting
@@ -242,6 +243,57 @@ def test_positions_and_fields(answers: Answers) -> None:
     low, high = (answers.state([0.5, 0.2, s], "von_mises").values.max() for s in (20.0, 40.0))
     assert high > 1.2 * low
     assert answers.state([0.5, 0.2, 20.0], "von_mises").values.max() == low
+
+
+def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
+    """As probes are by their kind: an error of a displacement next to nothing is no reason."""
+    rom = answers.rom
+    for values, small in (([0.0, 1e-4, 30.0], True), ([0.8, 0.3, 30.0], False)):
+        batch = rom.batch(np.array([values]), indicator=True)
+        size = np.linalg.norm(batch.amplitudes[0])
+        assert (size < 0.1 * rom.largest) == small
+        expected = batch.indicator[0] * min(1.0, size / (0.1 * rom.largest))
+        facts = answers.state(values, "J").facts
+        assert facts["indicator"] == pytest.approx(expected, rel=1e-6)
+        assert facts["verdict"] == "accepted"
+
+
+def test_the_error_of_the_full_model_is_in_that_of_the_force(
+    answers: Answers, trained: Path, tmp_path: Path
+) -> None:
+    """Where it was solved beside the model, from the same deck at any values of the parameters."""
+    assert answers.about()["bar"]["full"] is None
+    found = {}
+    for name, overrides in (
+        ("same", ["load.activation=0.5"]),
+        ("other", ["material.muscle.K=400"]),
+    ):
+        run_deck(trained.with_name("block.toml"), tmp_path / name, overrides=overrides, threads=1)
+        with Answers(Path(shutil.copy(trained, tmp_path / name))) as beside:
+            found[name] = beside.about()["bar"]
+    assert found["other"] == answers.about()["bar"]
+    last = json.loads((tmp_path / "same" / "summary.json").read_text())["steps"][-1]
+    expected = last["probe_errors"]["reaction"] / abs(last["probes"]["reaction"])
+    assert found["same"]["full"] == pytest.approx(expected, rel=1e-9) and expected > 0.0
+    assert found["same"]["reduced"] == answers.rom.certificate["force"]["max"]
+
+
+def test_rounding_is_zero(answers: Answers) -> None:
+    for field in ("von_mises", "principal", "displacement"):
+        low, high = answers.ranges[field]
+        assert low == 0.0 or abs(low) > 1e-9 * high
+        assert answers.state([0.0, 0.0, 30.0], field).facts["range"] == [0.0, 0.0]
+
+
+def test_edges_of_a_block_stay(open_page: Any, address: str) -> None:
+    """Normals at the corners of its triangles are those of its faces."""
+    page = open_page(address)
+    page.wait_for_function("shown.answers > 0")
+    found = page.evaluate("source.surface().then(([rest]) => Array.from(body.normals(rest)))")
+    normals = np.abs(np.reshape(found, (-1, 3)))
+    assert len(normals) == 3 * 80
+    assert normals.max(axis=1) == pytest.approx(np.linalg.norm(normals, axis=1), rel=1e-6)
+    assert normals.max(axis=1).min() > 0.0
 
 
 def test_angles_of_fibers_move(tmp_path: Path) -> None:
@@ -460,6 +512,97 @@ def test_verdicts(
     assert found == verdict and bool(reasons) == (verdict != "accepted")
 
 
+def test_a_page_without_a_server(
+    open_page: Any,
+    answers: Answers,
+    trained: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Sampled states are the model's, values between them are linear, and both is said."""
+    file = tmp_path / "block.html"
+    assert main(["view", str(trained), "--still", str(file), "-q"]) == 0
+    assert capsys.readouterr().out == f"page: {file}\n"
+    assert [path.name for path in tmp_path.iterdir()] == [file.name]
+    assert file.stat().st_size < still.MOST_BYTES
+    page = open_page(file.as_uri())
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.wait_for_function("shown.answers > 0")
+    footer = page.inner_text("footer")
+    assert "343 states were sampled (7 × 7 × 7)" in footer
+    assert "between them values are interpolated, linearly in each parameter" in footer
+    # no slider leaves the range that was sampled
+    assert page.get_attribute("#p1", "min") == "-0.2" and page.get_attribute("#p1", "max") == "0.3"
+    # activation, length, stress: the states at 3, 4 and 5 of 0 to 6, and half of the way on
+    step = np.array([0.8, 0.5, 20.0]) / 6
+    ends = [
+        np.array([0.0, -0.2, 20.0]) + step * (np.array([3, 4, 5]) + more)
+        for more in ((0, 0, 0), (1, 0, 0))
+    ]
+    shown = [answers.fields(end.tolist()) for end in ends]
+    for values, expected in ((ends[0], shown[:1]), (0.5 * (ends[0] + ends[1]), shown)):
+        for number, value in enumerate(values):
+            slide(page, number, float(value))
+        force = np.mean([facts["probes"][0] for facts, *_ in expected])
+        assert page.evaluate("shown.probes[0]") == pytest.approx(force, rel=1e-6)
+        assert page.inner_text("#probe0") == f"{force:.4g}"
+        assert page.inner_text("#verdict") == "✓ accepted"
+        found = page.evaluate(
+            "async (v) => (await source.state(v, 'J')).slice(1).map((x) => Array.from(x))",
+            values.tolist(),
+        )
+        places = np.mean([where for _, where, _ in expected], axis=0)
+        assert np.reshape(found[0], (-1, 3)) == pytest.approx(places, abs=2e-4)
+        low, high = answers.ranges["J"]
+        j = np.mean(
+            [np.clip(fields[list(FIELDS).index("J")], low, high) for *_, fields in expected], axis=0
+        )
+        assert found[1] == pytest.approx(j, abs=(high - low) / 254)
+    # the error is that of the check and of the interpolation
+    bar = float(page.inner_text("#bar0").removeprefix("± "))
+    truth = answers.state([float(v) for v in values], "J").facts["probes"][0]
+    assert abs(truth - force) < bar < 0.05 * abs(force)
+    assert page.locator("#curves svg circle").count() == 3
+    # a state that was not found makes none beside it
+    page.evaluate("held.states.forEach((state) => { state.converged = false; })")
+    slide(page, 0, 0.1)
+    assert page.inner_text("#verdict") == "✗ refused" and page.inner_text("#probe0") == "–"
+    assert asked == []
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("block.rom.h5", "--still TMP/block.rom.h5: the name of a page ends in .html"),
+        ("none/block.html", "TMP/none/block.html: cannot be written: No such file or directory"),
+    ],
+)
+def test_where_no_page_is_written(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, message: str
+) -> None:
+    assert main(["view", str(trained), "--still", str(tmp_path / name), "-q"]) == 2
+    assert message.replace("TMP", str(tmp_path)) in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_body_too_large_for_a_page(trained: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parameters lose their sliders first, activation last."""
+    monkeypatch.setattr(still, "MOST_BYTES", 20_000)
+    found = still.sample(trained)
+    assert found["held"]["stops"] == 5 and len(found["held"]["states"]) == 25
+    assert [p["key"] for p in found["about"]["parameters"]] == [
+        "load.activation",
+        "boundary.z1.u_z",
+    ]
+    assert found["held"]["fixed"] == {"material.muscle.sigma_max": 30.0}
+    monkeypatch.setattr(still, "MOST_BYTES", 1_500)
+    with pytest.raises(
+        InputError, match="has 42 corners: three states are larger than the 0.0015 MB"
+    ):
+        still.sample(trained)
+
+
 def test_report_with_states(
     open_page: Any, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -469,22 +612,18 @@ def test_report_with_states(
     shutil.copy(trained, folder)
     assert main(["report", str(folder)]) == 0
     page = open_page((folder / "report.html").as_uri())
+    page.wait_for_function("shown.answers > 0")
     rom = ReducedModel.load(trained, threads=1)
-    shown = []
-    for stops in ((0, 4), (4, 0), (2, 2)):
-        for number, stop in enumerate(stops):
-            page.evaluate(
-                "([k, x]) => { const s = document.getElementById(`stop${k}`); s.value = x;"
-                " s.dispatchEvent(new Event('input')); }",
-                [number, stop],
-            )
-        values = 0.2 * stops[0], -0.2 + 0.125 * stops[1], 30.0
+    seen = []
+    for values in ((0.0, 0.3, 30.0), (0.8, -0.2, 30.0), (0.4, 0.05, 30.0)):
+        for number, value in enumerate(values):
+            slide(page, number, value)
         force = rom.batch(np.array([values])).force[0]
-        assert float(page.inner_text("#force")) == pytest.approx(force, rel=6e-4, abs=1e-3)
+        assert float(page.inner_text("#probe0")) == pytest.approx(force, rel=6e-4, abs=1e-3)
         assert page.inner_text("#verdict") == "✓ accepted"
-        shown.append(picture(page))
-    assert (shown[0] != shown[1]).any() and (shown[0] < 200).any()
-    assert page.locator("#curve circle").count() == 1
+        seen.append(picture(page))
+    assert (seen[0] != seen[1]).any() and (seen[0] < 200).any()
+    assert page.locator("#curves circle").count() == 3
     (folder / trained.name).write_bytes(b"no model")
     assert main(["report", str(folder)]) == 0
     assert "the report holds no states of it" in capsys.readouterr().err

@@ -320,7 +320,7 @@ def _touch(folder: RunFolder) -> Iterator[Markup]:
     """States of a reduced model beside the run, with sliders."""
     path = folder.path / "states.json"
     if path.is_file():
-        yield render("touch.html", about=read_json(path))
+        yield render("sliders.html", **read_json(path))
 
 
 def _convergence(folder: RunFolder) -> Iterator[Markup]:

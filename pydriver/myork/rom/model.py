@@ -159,6 +159,8 @@ class ReducedModel:
         What was measured on states that the training did not see.
     units, probe_units : dict
         Units of force, length, stress and volume; of each probe by its name, empty for ratios.
+    largest : float
+        Largest displacement of the training, in L2 over the body [length^(5/2)].
 
     Examples
     --------
@@ -189,7 +191,8 @@ class ReducedModel:
         wanted = np.asarray(arrays["wanted"], np.int64)
         # a ten-thousandth of the largest state: at rest no step is small beside the state
         sizes = np.linalg.norm(np.asarray(arrays["training/amplitudes"]), axis=1)
-        self._least = least = 1e-4 * float(sizes.max())
+        self.largest = float(sizes.max())
+        self._least = least = 1e-4 * self.largest
         few = np.concatenate([np.arange(r), np.arange(m, whole.h.shape[2])])
         self._solver = Solver(model, whole.modes(few), wanted + r, threads, least)
         self._places = None

@@ -1,5 +1,6 @@
-"""A reduced model to touch: a local page with sliders, and a small one that needs no server."""
+"""A reduced model with sliders: a local page, and one of sampled states that needs no server."""
 
 from myork.view.server import serve
+from myork.view.still import still_page
 
-__all__ = ["serve"]
+__all__ = ["serve", "still_page"]

@@ -13,9 +13,11 @@ import numpy as np
 
 from myork.core.changing import scene_at
 from myork.core.states import Fields
-from myork.errors import InputError
+from myork.errors import InputError, MyorkError
+from myork.rom.check import LEAST_FORCE
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
+from myork.summary import read_summary
 from myork.types import F64
 
 __all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
@@ -33,6 +35,11 @@ FIELDS = {
 #: against more points; in the trained range no estimate was less than half of its error, up to
 #: twice beyond it, on the same solution, less than a third (docs/reduced.md)
 DOUBTFUL, REFUSED = 0.05 / 3.0, 0.125 / 3.0
+#: An error is relative to the displacement, but at least to this share of the largest of the
+#: training, as a probe is judged by its kind
+_LEAST = 0.1
+#: Share of a range below which its ends are rounding
+_ROUNDING = 1e-9
 #: Part of a range by which sliders go beyond it
 _BEYOND = 0.15
 #: Points of a curve, and curves of a family
@@ -83,7 +90,8 @@ class Answers:
         self._rest = np.zeros((len(self._corners), 3))
         self._rest[:, : points.shape[1]] = points[self._corners]
         self.probes = self._probes()
-        self.ranges = self._ranges()
+        self.ranges, self._largest = self._ranges()
+        self._bar = self._bar_of_force(path.parent)
 
     def __enter__(self) -> Answers:
         return self
@@ -137,6 +145,7 @@ class Answers:
             "doubtful": DOUBTFUL,
             "refused": REFUSED,
             "describe": rom.describe(),
+            "bar": self._bar,
         }
 
     def start(self) -> list[float]:
@@ -156,28 +165,48 @@ class Answers:
         """
         if field not in FIELDS:
             raise InputError(f"{field}: no field; there are {', '.join(FIELDS)}")
+        facts, positions, found = self.fields(values, [field])
+        return Shown({**facts, "range": self.range_of(found[0], field)}, positions, found[0])
+
+    def range_of(self, values: F64, field: str) -> Sequence[float | None]:
+        """Smallest and largest of the values of a field that are numbers."""
+        real = values[np.isfinite(values)]
+        if not len(real):
+            return [None, None]
+        return _rounded(np.array([real.min(), real.max()]), np.abs(self.ranges[field]).max())
+
+    def fields(
+        self, values: Sequence[float], names: Sequence[str] = tuple(FIELDS)
+    ) -> tuple[dict[str, Any], F64, F64]:
+        """A state with several fields on the surface.
+
+        Returns
+        -------
+        tuple
+            Facts without a range, positions `(n, 3)` [length], fields `(names, n)`.
+        """
         row = np.array([values], float)
         start = time.perf_counter()
         batch = self.rom.batch(row, indicator=True)
         took = time.perf_counter() - start
         fields = self._fields(row[0], batch.amplitudes[0])
-        value = _field(fields, field)[self._corners]
+        found = np.stack([_field(fields, name)[self._corners] for name in names])
         j = fields.named["J"][:, 0]
-        verdict, reasons = self._verdict(row[0], batch, float(j.min()))
-        positions = self._rest + fields.u[self._corners]
+        size = float(np.linalg.norm(batch.amplitudes[0])) / (_LEAST * self.rom.largest)
+        error = float(batch.indicator[0]) * min(1.0, size)
+        verdict, reasons = self._verdict(row[0], batch, error, float(j.min()))
         facts = {
             "probes": [_number(v) for v in self._values(batch)[0]],
-            "indicator": _number(batch.indicator[0]),
+            "indicator": _number(error),
             "inside": bool(batch.inside[0]),
             "converged": bool(batch.converged[0]),
             "iterations": int(batch.iterations[0]),
             "verdict": verdict,
             "reasons": reasons,
-            "range": _range(value),
             "J": [_number(j.min()), _number(j.max())],
             "ms": 1e3 * took,
         }
-        return Shown(facts, positions, value)
+        return facts, self._rest + fields.u[self._corners], found
 
     def curves(
         self, values: Sequence[float], probe: int, of: Sequence[int], *, family: bool = False
@@ -270,16 +299,51 @@ class Answers:
         scalars = batch.scalars()
         return np.stack([scalars[probe["name"]] for probe in self.probes], axis=1)
 
-    def _verdict(self, row: F64, batch: Batch, j: float) -> tuple[str, list[str]]:
+    def _verdict(self, row: F64, batch: Batch, error: float, j: float) -> tuple[str, list[str]]:
         outside = [
             f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
             for p, v in zip(self.rom.parameters, row, strict=True)
             if not p.low - 1e-9 * (p.high - p.low) <= v <= p.high + 1e-9 * (p.high - p.low)
         ]
-        return verdict_of(bool(batch.converged[0]), float(batch.indicator[0]), j, outside)
+        return verdict_of(bool(batch.converged[0]), error, j, outside)
 
-    def _ranges(self) -> dict[str, list[float]]:
-        """Ranges of the colours: values at the ends of each parameter and in the middle."""
+    def _bar_of_force(self, folder: Path) -> dict[str, Any] | None:
+        """Error of the first force by the check on unseen full solves; none without a check.
+
+        It is relative to the force, or to a share of the largest where the force is smaller; with
+        `full`, the error bar of the full model at its full load, where its solve lies beside.
+        """
+        found, name = self.rom.certificate, self.probes[0]["of"]
+        if not found or not any(p["rows"] for p in self.rom.head["probes"]):
+            return None
+        return {
+            "of": name,
+            "points": found["points"],
+            "reduced": found["force"]["max"],
+            "full": self._full_error(folder, name),
+            "least": LEAST_FORCE * self._largest,
+            "between": 0.0,
+        }
+
+    def _full_error(self, folder: Path, name: str) -> float | None:
+        """Relative error bar of a force in the folder of the model; none where none is of it."""
+        try:
+            # refuses what is of another deck but for the parameters
+            self.rom.full_model().read(self.rom.parameters, folder)
+            summary = read_summary(folder)
+            last = summary["steps"][-1]
+            size, error = (np.linalg.norm(last[k][name]) for k in ("probes", "probe_errors"))
+        except (MyorkError, OSError, LookupError, ValueError, TypeError):
+            return None
+        if summary["verdict"]["state"] == "refused" or not size > 0.0:
+            return None
+        return float(error / size)
+
+    def _ranges(self) -> tuple[dict[str, list[float]], float]:
+        """Ranges of the colours: values at the ends of each parameter and in the middle.
+
+        With the largest value of the first probe there.
+        """
         middle = np.array([0.5 * (p.low + p.high) for p in self.rom.parameters])
         rows = [middle]
         for k, p in enumerate(self.rom.parameters):
@@ -299,8 +363,9 @@ class Answers:
             every = np.concatenate(values)
             # stresses of places that are inside out are no numbers
             every = every[np.isfinite(every)]
-            ranges[name] = np.percentile(every, [_TAIL, 100.0 - _TAIL]).tolist()
-        return ranges
+            ends = np.percentile(every, [_TAIL, 100.0 - _TAIL])
+            ranges[name] = _rounded(ends, float(np.abs(ends).max()))
+        return ranges, float(np.abs(self._values(batch)[batch.converged, 0]).max())
 
 
 def verdict_of(
@@ -315,7 +380,7 @@ def verdict_of(
     converged : bool
         Whether the equations are solved.
     indicator : float
-        Estimated relative error of the displacement.
+        Estimated error of the displacement, relative to it or to a share of the largest.
     smallest_j : float
         Smallest volume ratio.
     outside : sequence of str
@@ -343,17 +408,20 @@ def _field(fields: Fields, name: str) -> F64:
     if name == "principal":
         return np.asarray(fields.named["principal_stress"].max(axis=1))
     if name == "strain":
-        stretch = np.linalg.eigvalsh(np.einsum("pia,pib->pab", fields.f, fields.f))
-        return np.asarray(np.sqrt(np.maximum(stretch[:, -1], 0.0)) - 1.0)
+        found = np.full(len(fields.f), np.nan)
+        real = np.isfinite(fields.f).all(axis=(1, 2))
+        f = fields.f[real]
+        stretch = np.linalg.eigvalsh(np.einsum("pia,pib->pab", f, f))
+        found[real] = np.sqrt(np.maximum(stretch[:, -1], 0.0)) - 1.0
+        return found
     first, second, third = fields.named["principal_stress"].T
     squares = (first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2
     return np.asarray(np.sqrt(0.5 * squares))
 
 
-def _range(values: F64) -> list[float | None]:
-    """Smallest and largest of the values that are numbers."""
-    real = values[np.isfinite(values)]
-    return [float(real.min()), float(real.max())] if len(real) else [None, None]
+def _rounded(ends: F64, size: float) -> list[float]:
+    """Ends of a range, zero where they are rounding of values of a size."""
+    return [0.0 if abs(end) < _ROUNDING * size else float(end) for end in ends]
 
 
 def _number(value: Any) -> float | None:

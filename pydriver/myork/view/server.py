@@ -266,7 +266,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 def _page(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     about = handler.server.answers.about()
-    text = render("view.html", title=about["title"], about=about)
+    text = render("view.html", title=about["title"], about=about, held=None)
     return "text/html; charset=utf-8", text.encode()
 
 

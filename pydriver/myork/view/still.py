@@ -1,81 +1,201 @@
-"""A handful of states of a reduced model beside a run, for a report that needs no server."""
+"""States of a reduced model in a page that needs no server, and beside a run for its report."""
 
 from __future__ import annotations
 
 import base64
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
-from myork.files import write_json
-from myork.view.answers import Answers
+from myork.console import ProgressCallback, silent
+from myork.errors import InputError
+from myork.files import write_json, write_text
+from myork.report.frame import render
+from myork.rom.parameters import spread_points
+from myork.types import F64
+from myork.view.answers import FIELDS, Answers
 
-__all__ = ["keep_states"]
+__all__ = ["keep_states", "page_of", "sample", "still_page"]
 
-#: Values of each of the first two parameters at which the body is kept, and points of their curves
-_STOPS, _POINTS = 5, 31
-#: Fields that are kept with the places of a state
-_KEPT = ("von_mises", "J")
-#: Bytes of states above which fewer are kept
-_MOST = 1_500_000
+#: Bytes of all states of a page at most, and their number
+MOST_BYTES, _MOST_STATES = 4_000_000, 400
+#: States along a parameter, the least with which a further parameter gets its slider, and the most
+_LEAST, _MOST = 5, 17
+#: Other states at which the interpolation is compared with the model
+_TESTS = 16
 
 
-def keep_states(path: Path, folder: Path) -> Path:
-    """Write `states.json`: states over two parameters, curves between them, errors of all.
-
-    Activation and a load come first; other parameters stay in the middle of their range, loads at
-    none.
+def still_page(
+    path: Path, page: Path, *, threads: int = 1, progress: ProgressCallback = silent
+) -> Path:
+    """Write a page of a reduced model that opens from the file system, without a server.
 
     Parameters
     ----------
     path : Path
-        Reduced model.
-    folder : Path
-        Output folder of the run.
+        Reduced model (.rom.h5).
+    page : Path
+        The page (.html); it takes its name when it is whole.
+    threads : int
+        Threads of a state.
+    progress : callable
+        Called with a line of progress.
+
+    Raises
+    ------
+    InputError
+        The page has no name of one, or the states of the body do not fit into it.
     """
-    order = {"activation": 0, "load": 1}
-    with Answers(path) as answers:
-        parameters = answers.rom.parameters
-        at = np.array(answers.start())
-        axes = sorted(range(len(parameters)), key=lambda k: order.get(parameters[k].kind, 2))[:2]
-        size = 4 * (3 + len(_KEPT)) * len(answers.rest)
-        stops = _STOPS if size * _STOPS ** len(axes) <= _MOST else 3
-        about = answers.about()
-        levels = [np.linspace(parameters[k].low, parameters[k].high, stops) for k in axes]
-        states, curves = [], []
-        for values in product(*levels):
-            row = at.copy()
-            row[axes] = values
-            shown = [answers.state(row.tolist(), field) for field in _KEPT]
-            arrays = [shown[0].positions, *(np.nan_to_num(s.values, nan=1e38) for s in shown)]
-            packed = b"".join(a.astype("<f4").tobytes() for a in arrays)
-            facts = shown[0].facts
-            kept = base64.b64encode(packed).decode() if facts["converged"] else ""
-            states.append({"facts": facts, "values": list(values), "places": kept})
-        x = np.linspace(parameters[axes[0]].low, parameters[axes[0]].high, _POINTS)
-        for level in levels[1] if len(axes) > 1 else [None]:
-            rows = np.tile(at, (_POINTS, 1))
-            rows[:, axes[0]] = x
-            if level is not None:
-                rows[:, axes[1]] = level
-            curves.append(answers.along(rows, 0))
-        content = {
-            "title": about["title"],
-            "model": path.name,
-            "axes": [about["parameters"][k] for k in axes],
-            "stops": [level.tolist() for level in levels],
-            "others": {
-                p.key: at[k] for k, p in enumerate(parameters) if k not in axes
-            },
-            "probes": about["probes"],
-            "fields": [field for field in about["fields"] if field["name"] in _KEPT],
-            "corners": len(answers.rest),
-            "rest": base64.b64encode(answers.rest.astype("<f4").tobytes()).decode(),
-            "triangles": base64.b64encode(answers.triangles.astype("<u4").tobytes()).decode(),
-            "x": x.tolist(),
-            "curves": curves,
-            "states": states,
-        }  # fmt: skip
-    write_json(folder / "states.json", content)
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--still {page}: the name of a page ends in .html")
+    write_text(page, page_of(sample(path, threads=threads, progress=progress)))
+    return page
+
+
+def keep_states(path: Path, folder: Path) -> Path:
+    """Write `states.json` into the folder of a run, from which its report takes states."""
+    write_json(folder / "states.json", sample(path))
     return folder / "states.json"
+
+
+def page_of(content: dict[str, Any]) -> str:
+    """The page of states that `sample` has found."""
+    return render("view.html", **content)
+
+
+def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent) -> dict[str, Any]:
+    """Sample states of a reduced model on a grid of its parameters.
+
+    Activations come first, then loads. As many parameters get a slider as `MOST_BYTES` and 400
+    states allow with five along each; the others have one value: loads none, else the middle.
+
+    Returns
+    -------
+    dict
+        `about`, what the page is built from, and `held`: `stops`, the number of states along each
+        parameter; `states`, of which the last parameter varies fastest; how bytes become positions
+        and values; how far values between the states are off.
+
+    Raises
+    ------
+    InputError
+        Three states of the body are larger than `MOST_BYTES`.
+    """
+    with Answers(path, threads) as answers:
+        about, start = answers.about(), answers.start()
+        order = {"activation": 0, "load": 1}
+        every = range(len(start))
+        sorted_ = sorted(every, key=lambda k: order.get(answers.rom.parameters[k].kind, 2))
+        stops, axes = _grid(path, sorted_, len(answers.rest))
+        chosen = [answers.rom.parameters[k] for k in axes]
+        levels = [np.linspace(p.low, p.high, stops) for p in chosen]
+        states: list[dict[str, Any]] = []
+        places: list[F64] = []
+        fields: list[F64] = []
+        total = stops ** len(axes)
+        row = np.array(start)
+        for number, values in enumerate(product(*levels), start=1):
+            row[axes] = values
+            facts, where, found = answers.fields(row.tolist())
+            ranges = [answers.range_of(*one) for one in zip(found, FIELDS, strict=True)]
+            states.append({**facts, "ranges": ranges})
+            places.append(where)
+            fields.append(found)
+            if number % 25 == 0 or number == total:
+                progress(f"state {number}/{total} of the page")
+        found_at = np.array([state["converged"] for state in states])
+        if not found_at.any():
+            raise InputError(f"{path}: the reduced model has no state in its range: train it again")
+        all_places, all_fields = np.array(places), np.array(fields)
+        seen = all_places[found_at]
+        ends = np.array([seen.min(axis=(0, 1)), seen.max(axis=(0, 1))])
+        limits = np.array([answers.ranges[name] for name in FIELDS]).T[:, :, None]
+        for state, where, found in zip(states, all_places, all_fields, strict=True):
+            packed = _whole(where, ends, "<u2") + _whole(found, limits, "u1")
+            state["bytes"] = base64.b64encode(packed).decode() if state["converged"] else ""
+        tests = _tests(answers, row, axes, levels, states, all_places)
+        if about["bar"] is not None:
+            about["bar"] = {**about["bar"], "between": tests["force"] or 0.0}
+        about["parameters"] = [
+            {**about["parameters"][k], "least": p.low, "most": p.high}
+            for k, p in zip(axes, chosen, strict=True)
+        ]
+        about["start"] = [start[k] for k in axes]
+        return {
+            "title": about["title"],
+            "about": about,
+            "held": {
+                "model": path.name,
+                "stops": stops,
+                "fixed": {answers.rom.parameters[k].key: start[k] for k in every if k not in axes},
+                "corners": len(answers.rest),
+                "ends": ends.tolist(),
+                "rest": base64.b64encode(answers.rest.astype("<f4").tobytes()).decode(),
+                "triangles": base64.b64encode(answers.triangles.astype("<u4").tobytes()).decode(),
+                "tests": tests,
+                "states": states,
+            },
+        }
+
+
+def _grid(path: Path, order: list[int], corners: int) -> tuple[int, list[int]]:
+    """Number of states along each parameter, and the parameters that vary."""
+    # base64 has four letters for three bytes
+    size = (3 * 2 + len(FIELDS)) * corners * 4 / 3
+    most = min(_MOST_STATES, int(MOST_BYTES / size))
+    for count in range(len(order), 0, -1):
+        stops = min(_MOST, int((most + 0.5) ** (1.0 / count)))
+        if stops >= (_LEAST if count > 1 else 3):
+            return stops, order[:count]
+    raise InputError(
+        f"{path}: its surface has {corners} corners: three states are larger than the "
+        f"{MOST_BYTES / 1e6:g} MB of a still page; `myork view {path}` shows them"
+    )
+
+
+def _whole(values: F64, ends: F64, kind: str) -> bytes:
+    """Values as whole numbers between ends, the largest for what is not a number."""
+    none, (low, high) = np.iinfo(kind).max, ends
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.nan_to_num((values - low) / (high - low), nan=0.0, posinf=1.0, neginf=0.0)
+    whole = np.rint(np.clip(share, 0.0, 1.0) * (none - 1))
+    return np.where(np.isfinite(values), whole, none).astype(kind).tobytes()
+
+
+def _tests(
+    answers: Answers,
+    row: F64,
+    axes: list[int],
+    levels: list[F64],
+    states: list[dict[str, Any]],
+    places: F64,
+) -> dict[str, Any]:
+    """How far values between the states are off, at some that no state is at.
+
+    Returns
+    -------
+    dict
+        `points`; the largest errors of the first probe, `force`, and of a position, `place`
+        [length].
+    """
+    shape = [len(level) for level in levels]
+    force = np.array([np.nan if not s["converged"] else s["probes"][0] for s in states])
+    of_force = RegularGridInterpolator(levels, force.reshape(shape))
+    of_place = RegularGridInterpolator(levels, places.reshape(*shape, -1))
+    wrong: dict[str, list[float]] = {"force": [], "place": []}
+    at = spread_points([answers.rom.parameters[k] for k in axes], _TESTS, 0)
+    for values in at:
+        row[axes] = values
+        facts, where, _ = answers.fields(row.tolist(), ["J"])
+        between = float(of_force(values)[0])
+        if facts["converged"] and np.isfinite(between):
+            wrong["force"].append(abs(facts["probes"][0] - between))
+            off = of_place(values)[0].reshape(-1, 3) - where
+            wrong["place"].append(float(np.linalg.norm(off, axis=1).max()))
+    return {
+        "points": len(wrong["force"]),
+        **{name: max(found, default=None) for name, found in wrong.items()},
+    }

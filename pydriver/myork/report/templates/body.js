@@ -29,12 +29,7 @@ class Body {
       out vec4 colour;
       void main() {
         if (plain.a > 0.0) { colour = plain; return; }
-        vec3 flatly = normalize(cross(dFdx(at), dFdy(at)));
-        vec3 smoothly = normalize(n);
-        if (dot(flatly, smoothly) < 0.0) flatly = -flatly;
-        // edges stay edges
-        vec3 m = dot(flatly, smoothly) < 0.8 ? flatly : smoothly;
-        float light = 0.45 + 0.55 * abs(dot(m, normalize(eye - at)));
+        float light = 0.45 + 0.55 * abs(dot(normalize(n), normalize(eye - at)));
         vec3 own = share < -1e-3 ? vec3(0.6)
           : texture(colours, vec2((share * 255.0 + 0.5) / 256.0, 0.5)).rgb;
         colour = vec4(own * light, 1.0);
@@ -100,9 +95,12 @@ class Body {
     }
     this.triangles = triangles;
     this.lines = lines.length;
-    this.rest = this.vertices(triangles, gl.STATIC_DRAW);
-    this.ghost = this.vertices(lines, gl.STATIC_DRAW);
-    this.fill(this.ghost, rest, this.normals(rest), new Float32Array(rest.length / 3));
+    // triangles around each corner
+    this.around = Array.from({length: rest.length / 3}, () => []);
+    triangles.forEach((corner, k) => this.around[corner].push(Math.floor(k / 3)));
+    this.rest = this.vertices();
+    this.ghost = this.vertices(lines);
+    this.fill(this.ghost, rest, new Float32Array(rest.length), new Float32Array(rest.length / 3));
     const low = [1 / 0, 1 / 0, 1 / 0], high = [-1 / 0, -1 / 0, -1 / 0];
     rest.forEach((x, k) => {
       low[k % 3] = Math.min(low[k % 3], x);
@@ -112,7 +110,7 @@ class Body {
     this.size = Math.hypot(...low.map((x, k) => high[k] - x));
   }
 
-  vertices(indices, use) {
+  vertices(indices) {
     const gl = this.gl, array = gl.createVertexArray(), buffers = {};
     gl.bindVertexArray(array);
     for (const [name, size] of [["place", 3], ["normal", 3], ["value", 1]]) {
@@ -122,8 +120,10 @@ class Body {
       gl.enableVertexAttribArray(where);
       gl.vertexAttribPointer(where, size, gl.FLOAT, false, 0, 0);
     }
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, use);
+    if (indices) {
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
+    }
     return {array, buffers};
   }
 
@@ -135,24 +135,34 @@ class Body {
     }
   }
 
-  // Sums of the triangles' normals at their corners
+  // Normals at the corners of each triangle: sums over the triangles around that are turned by less
+  // than 50 degrees against it, so that edges stay edges
   normals(x) {
-    const n = new Float32Array(x.length), t = this.triangles;
+    const t = this.triangles, flat = new Float32Array(t.length), n = new Float32Array(3 * t.length);
     for (let k = 0; k < t.length; k += 3) {
       const a = 3 * t[k], b = 3 * t[k + 1], c = 3 * t[k + 2];
       const ux = x[b] - x[a], uy = x[b + 1] - x[a + 1], uz = x[b + 2] - x[a + 2];
       const vx = x[c] - x[a], vy = x[c + 1] - x[a + 1], vz = x[c + 2] - x[a + 2];
-      const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-      for (const p of [a, b, c]) {
-        n[p] += nx; n[p + 1] += ny; n[p + 2] += nz;
-      }
+      flat[k] = uy * vz - uz * vy; flat[k + 1] = uz * vx - ux * vz; flat[k + 2] = ux * vy - uy * vx;
     }
+    const size = (k) => Math.hypot(flat[k], flat[k + 1], flat[k + 2]);
+    t.forEach((corner, k) => {
+      const own = k - k % 3;
+      for (const one of this.around[corner]) {
+        const o = 3 * one;
+        const along = flat[own] * flat[o] + flat[own + 1] * flat[o + 1] + flat[own + 2] * flat[o + 2];
+        if (along < 0.64 * size(own) * size(o)) continue;
+        for (let i = 0; i < 3; i++) n[3 * k + i] += flat[o + i];
+      }
+    });
     return n;
   }
 
   // A state: places (3 n), values (n), range of the colours
   show(places, values, range) {
-    this.fill(this.rest, places, this.normals(places), values);
+    const t = this.triangles;
+    const apart = Float32Array.from({length: 3 * t.length}, (_, k) => places[3 * t[Math.floor(k / 3)] + k % 3]);
+    this.fill(this.rest, apart, this.normals(places), Float32Array.from(t, (corner) => values[corner]));
     this.range = range;
     this.draw();
   }
@@ -170,7 +180,7 @@ class Body {
     gl.uniform2fv(this.at.range, this.range);
     gl.uniform4f(this.at.plain, 0, 0, 0, 0);
     gl.bindVertexArray(this.rest.array);
-    gl.drawElements(gl.TRIANGLES, this.triangles.length, gl.UNSIGNED_INT, 0);
+    gl.drawArrays(gl.TRIANGLES, 0, this.triangles.length);
     gl.uniform4f(this.at.plain, 0.35, 0.4, 0.45, 0.16);
     gl.bindVertexArray(this.ghost.array);
     gl.drawElements(gl.LINES, this.lines, gl.UNSIGNED_INT, 0);

@@ -1,4 +1,4 @@
-// Sliders ask, the server answers, the body and the curves follow. One question at a time: the
+// Sliders ask, the source answers, the body and the curves follow. One question at a time: the
 // next one takes the latest values.
 const $ = (id) => document.getElementById(id);
 const WORDS = {accepted: ["good", "✓ accepted"], doubtful: ["unsure", "? doubtful"],
@@ -59,19 +59,6 @@ function makeSliders() {
   });
 }
 
-async function fetched(question) {
-  // the page's address holds the token
-  const answer = await fetch(location.pathname.replace(/\/?$/, "/") + question, {cache: "no-store"});
-  if (!answer.ok) throw new Error(await answer.text());
-  return answer;
-}
-
-function unpacked(buffer) {
-  const size = new DataView(buffer).getUint32(0, true);
-  const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  return [facts, 4 + size];
-}
-
 async function ask() {
   wanted = true;
   if (busy) return;
@@ -80,11 +67,9 @@ async function ask() {
     while (wanted) {
       wanted = false;
       const asked = [...values];
-      const query = `p=${asked.join(",")}`;
-      const state = await fetched(`state?${query}&field=${$("field").value}`);
-      const buffer = await state.arrayBuffer();
+      const state = await source.state(asked, $("field").value);
       await new Promise(requestAnimationFrame);
-      tell(buffer, asked);
+      show(asked, ...state);
       // states come first: curves follow some times a second, and at the end
       if (!wanted || performance.now() > due) await askCurves(asked);
       draw();
@@ -101,10 +86,9 @@ async function askCurves(asked) {
   const probe = $("probe").value, start = performance.now();
   const marks = asked.map((_, k) => [probe, ...asked.map((x, i) => i === k ? 0 : x)].join());
   const of = asked.map((_, k) => k).filter((k) => !own[k] || own[k].mark !== marks[k]);
-  if (of.length) {
-    const found = await fetched(`curves?p=${asked.join(",")}&probe=${probe}&of=${of.join(",")}`);
-    for (const one of await found.json()) own[one.parameter] = {...one, mark: marks[one.parameter]};
-  }
+  if (of.length)
+    for (const one of await source.curves(asked, probe, of, false))
+      own[one.parameter] = {...one, mark: marks[one.parameter]};
   // a fifth of the time at most
   const now = performance.now();
   due = now + Math.max(200, 4 * (now - start));
@@ -114,11 +98,10 @@ async function askFamilies() {
   if (busy) return;
   busy = true;
   try {
-    const query = `p=${values.join(",")}&probe=${$("probe").value}&family=1`;
     // one by one: a slider that moves comes first
     for (let k = 0; k < about.parameters.length && !wanted; k++) {
-      const found = await (await fetched(`curves?${query}&of=${k}`)).json();
-      for (const one of found) families[one.parameter] = one;
+      for (const one of await source.curves([...values], $("probe").value, [k], true))
+        families[one.parameter] = one;
       draw();
     }
   } catch (reason) {
@@ -128,8 +111,7 @@ async function askFamilies() {
   if (wanted) ask();
 }
 
-function tell(buffer, asked) {
-  const [facts, start] = unpacked(buffer), n = body.rest_corners;
+function show(asked, facts, places, colours) {
   const [mark, word] = WORDS[facts.verdict];
   $("verdict").className = `state ${mark}`;
   $("verdict").textContent = word;
@@ -139,10 +121,11 @@ function tell(buffer, asked) {
     return line;
   }));
   $("indicator").textContent = facts.indicator === null ? "–" : `${text(100 * facts.indicator, 2)} %`;
-  $("ms").textContent = `${facts.ms.toFixed(1)} ms`;
+  if ($("ms")) $("ms").textContent = `${facts.ms.toFixed(1)} ms`;
   // no number without a state
   facts.probes.forEach((value, k) => {
     $(`probe${k}`).textContent = facts.converged ? text(value) : "–";
+    $(`bar${k}`).textContent = bar(facts, about.probes[k].of, value);
   });
   document.querySelector("section.body").classList.toggle("old", !facts.converged);
   last = {facts, asked};
@@ -153,11 +136,19 @@ function tell(buffer, asked) {
     $("low").textContent = text(field.range[0], 3);
     $("high").textContent = text(field.range[1], 3) + unit;
     $("here").textContent = `here ${text(facts.range[0], 3)} to ${text(facts.range[1], 3)}${unit}`;
-    body.show(new Float32Array(buffer, start, 3 * n), new Float32Array(buffer, start + 12 * n, n),
-      field.range);
+    body.show(places, colours, field.range);
   }
   window.shown.answers += 1;
   Object.assign(window.shown, {values: asked, probes: facts.probes});
+}
+
+// Error of the force by the check on full solves and, in proportion, that of the full model;
+// outside the trained range nothing was checked
+function bar(facts, of, value) {
+  if (!facts.converged || !facts.inside || !about.bar || of !== about.bar.of) return "";
+  const size = Math.max(Math.abs(value), about.bar.least);
+  const off = (about.bar.full + about.bar.reduced) * size + about.bar.between;
+  return `± ${text(off, 2)}`;
 }
 
 function draw() {
@@ -181,7 +172,7 @@ function fail(reason) {
   $("verdict").className = "state bad";
   $("verdict").textContent = "✗ no answer";
   const line = document.createElement("li");
-  line.textContent = `${reason.message || reason}: does myork view still run?`;
+  line.textContent = `${reason.message || reason}${source.missing}`;
   $("reasons").replaceChildren(line);
 }
 
@@ -193,11 +184,7 @@ async function begin() {
     ask();
   });
   try {
-    const buffer = await (await fetched("surface")).arrayBuffer();
-    const [facts, start] = unpacked(buffer);
-    body.rest_corners = facts.corners;
-    body.surface(new Float32Array(buffer, start, 3 * facts.corners),
-      new Uint32Array(buffer, start + 12 * facts.corners, 3 * facts.triangles));
+    body.surface(...await source.surface());
   } catch (reason) {
     fail(reason);
     return;
