@@ -173,6 +173,31 @@ def test_byte_order_mark_and_windows_lines(write: Write, text: str | bytes) -> N
     assert load_deck(write(text))["load"]["steps"] == 4
 
 
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [
+        ("pulled strip.v2.toml", "pulled strip.v2"),
+        ("Müller's.toml", "Müller's"),
+        ("without_suffix", "without_suffix"),
+        (".toml", ".toml"),
+        # names that no text of a deck can be
+        (" .toml", "scene"),
+        ("a\udce9.toml", "scene"),
+        ("'''.toml", "scene"),
+    ],
+)
+def test_a_deck_without_title_has_the_name_of_its_file(
+    tmp_path: Path, name: str, title: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(BLOCK.replace('title = "block"\n', ""))
+    assert load_deck(path)["title"] == title
+    assert load_deck(path, ["title=other"])["title"] == "other"
+    path.write_text(BLOCK.replace('"block"', '""'))
+    with pytest.raises(InputError, match="title: must not be empty"):
+        load_deck(path)
+
+
 def test_texts_survive(write: Write) -> None:
     title = 'Müller "2" \\ tab\t, newline\n, 筋肉'
     deck = load_deck(write(BLOCK.replace('"block"', json.dumps(title))))
@@ -389,7 +414,6 @@ def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "place", "message"),
     [
-        ('title = "block"\n', "", "[units]", "title: missing, a text is needed"),
         ('length = "cm"\n', "", "[units]", "units.length: missing, a text is needed"),
         ("size = [1, 1, 2]\n", "", "[geometry]", "geometry.size: missing, an array of numbers is "),
         ("label = 1\n", "", "[[material]]", "material.muscle.label: missing, an integer is neede"),
@@ -555,8 +579,8 @@ def test_arrays_have_limits(write: Write) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"", "case.toml:1: title: the deck is empty"),
-        (b"\n  \n", "case.toml:1: title: the deck is empty"),
+        (b"", "case.toml:1: the deck is empty"),
+        (b"\n  \n", "case.toml:1: the deck is empty"),
         (b'title = "a"\ntitle = "b"\n', "case.toml:2:9: not TOML: "),
         (b"[load]\n[load]\n", "case.toml:2:1: not TOML: "),
         (b'title = "a\n', "case.toml:1:11: not TOML: "),

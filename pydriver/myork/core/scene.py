@@ -114,7 +114,7 @@ class Scene:
         ----------
         tables : mapping
             Tables with the keys of a deck, arrays of tables as lists of mappings. Without `title`
-            the title is "untitled"; without `units` forces are in N and lengths in cm, the units
+            the title is "scene"; without `units` forces are in N and lengths in cm, the units
             of the defaults of a muscle, or in those of the cloud.
         cloud : PointCloud, optional
             Points of the body, in place of a model file; the table `geometry` is left out then.
