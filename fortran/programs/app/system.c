@@ -16,14 +16,15 @@
 #include <unistd.h>
 
 static const char usage[] =
-   "usage: myork-solve DECK [-o DIR] [-t N] [--set table.key=value]... [-q | -v] "
-   "[--no-error]\n"
-   "                   [--resume] [--start-from FILE[:STEP]] [--explain]\n"
+   "usage: myork-solve DECK [-o DIR | --out DIR] [-t N | --threads N] [--set table.key=value]...\n"
+   "                   [-q | -v] [--resume] [--start-from FILE[:STEP]] [--no-error] [--explain]\n"
    "\n"
    "Solve the full model of a deck and write summary.json, results.vtkhdf, history.csv and run.log.\n"
    "\n"
-   "  -o DIR        folder of the results; default out/<deck>\n"
-   "  -t N          threads; default all cores\n"
+   "  -o, --out DIR\n"
+   "                folder of the results; default out/<deck>\n"
+   "  -t, --threads N\n"
+   "                threads; default all cores\n"
    "  --set K=V     override a key of the deck; may be repeated\n"
    "  -q, -v        no progress, or a line for every iteration\n"
    "  --no-error    no second solution, which gives the probes their error bars\n"
