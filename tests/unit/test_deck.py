@@ -11,11 +11,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jsonschema
 import pytest
 
 from myork.core import deck as core_deck
 from myork.core.deck import deck_key, load_deck
 from myork.errors import FileError, InputError
+from myork.stations.new import schema_file
 from tests.scenes import tomllib
 
 ROOT = Path(__file__).parents[2]
@@ -665,6 +667,71 @@ def test_deck_reference_is_current(make_schema: ModuleType) -> None:
     assert (ROOT / "docs" / "decks.md").read_text(encoding="utf-8") == text, (
         "run python fortran/deck/make_schema.py --reference"
     )
+
+
+@pytest.fixture(scope="module")
+def editor_schema() -> jsonschema.Draft4Validator:
+    schema = json.loads(schema_file().read_text(encoding="utf-8"))
+    jsonschema.Draft4Validator.check_schema(schema)
+    return jsonschema.Draft4Validator(schema)
+
+
+TEMPLATES = sorted((ROOT / "pydriver" / "myork" / "templates").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", [*DECKS, *TEMPLATES], ids=lambda path: path.stem)
+def test_editors_find_no_fault_in_good_decks(
+    path: Path, editor_schema: jsonschema.Draft4Validator
+) -> None:
+    editor_schema.validate(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        # unknown keys and tables
+        ("steps = 4", "stepz = 4", "load"),
+        ("[load]", "[loads]", ""),
+        # kinds of values
+        ("steps = 4", 'steps = "four"', "load.steps"),
+        ("steps = 4", "steps = 4.5", "load.steps"),
+        ("label = 1", "label = true", "material.0.label"),
+        ("traction = [0, 0, 2.5]", "traction = 2020-01-01", "boundary.1.traction"),
+        # ranges, open and closed
+        ("steps = 4", "steps = 0", "load.steps"),
+        ("activation = 0.5", "activation = 1.5", "load.activation"),
+        ("size = [1, 1, 2]", "size = [1, 0, 2]", "geometry.size.1"),
+        # lengths and words
+        ("size = [1, 1, 2]", "size = []", "geometry.size"),
+        ("size = [1, 1, 2]", "size = [1, 1, 2, 3]", "geometry.size"),
+        ("fiber = [0, 0, 1]", "fiber = [0, 1]", "material.0.fiber"),
+        ("dimension = 3", "dimension = 4", "scene.dimension"),
+        ('kind = "box"', 'kind = "cube"', "geometry.kind"),
+        ('name = "fat"', 'name = ""', "material.1.name"),
+        # what is missing
+        ('length = "cm"', "", "units"),
+        ('model = "polynomial"', "", "material.1"),
+        ("size = [1, 1, 2]", "", "geometry"),
+        ('[units]\nforce = "N"\nlength = "cm"', "", ""),
+        # keys that need or exclude each other
+        ("u_x = 0", "", "boundary.0"),
+        ("A10 = 6.43", "mu = 6.43", "material.0"),
+        ("u_x = 0", "u_x = 0\nradial = 0", "boundary.0"),
+        ("u_x = 0", "pull = 1", "boundary.0"),
+    ],
+)
+def test_editors_find_what_the_reader_refuses(
+    write: Write, editor_schema: jsonschema.Draft4Validator, old: str, new: str, where: str
+) -> None:
+    assert BLOCK.count(f"{old}\n") == 1
+    editor_schema.validate(tomllib.loads(BLOCK))
+    text = BLOCK.replace(f"{old}\n", f"{new}\n")
+    assert complaints(write(text))
+    places = {
+        ".".join(map(str, error.absolute_path))
+        for error in editor_schema.iter_errors(tomllib.loads(text))
+    }
+    assert where in places and all(where.startswith(place) for place in places), places
 
 
 def test_every_table_has_an_example_with_known_keys(make_schema: ModuleType) -> None:
