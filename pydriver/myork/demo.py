@@ -92,7 +92,7 @@ def _bar(error: float | list[float] | None) -> str:
 
 
 def _checks(summary: dict[str, Any]) -> str:
-    """What a state tells of itself: volume ratios and balance of forces."""
+    """Volume ratios and balance of forces of a state."""
     last = summary["steps"][-1]
     return (
         f"J {last['min_J']:.3g} to {last['max_J']:.3g}, force imbalance "

@@ -163,7 +163,7 @@ def test_a_damaged_summary_is_dropped_with_a_word(
     (tmp_path / "summary.json").write_text(damage, encoding="utf-8")
     done = solve_into(tmp_path, inputs / "shear_3d.toml")
     assert done.returncode == 0, done.stderr
-    assert "summary.json that was there is damaged" in done.stdout
+    assert "the earlier summary.json is damaged" in done.stdout
     summary = summary_of(tmp_path)
     assert "model" not in summary and len(summary["steps"]) == 1
 

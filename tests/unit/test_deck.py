@@ -338,7 +338,7 @@ def test_wrong_override(write: Write, override: str, message: str) -> None:
 def test_infinite_bulk_modulus_needs_a_pressure(write: Write) -> None:
     lines = complaints(write(BLOCK), "material.fat.K=inf", "scene.method=rkcm")
     assert lines == [
-        "--set material.fat.K=inf: material.fat.K: inf needs a pressure that is an unknown: take "
+        "--set material.fat.K=inf: material.fat.K: inf needs the pressure as an unknown: take "
         "scene.method = rkpm-gauss, rkpm-scni or rkcm-mixed instead of rkcm"
     ]
 

@@ -326,7 +326,7 @@ def test_states_of_other_materials_or_points_are_refused(study_of):
 
 
 def test_no_modes_without_states() -> None:
-    with pytest.raises(InputError, match="not all zero"):
+    with pytest.raises(InputError, match="at least one state that is not zero"):
         proper_orthogonal_modes(np.zeros((3, 6)))
 
 
