@@ -133,7 +133,7 @@ subroutine solve_qr(a, b, rcond, error)
    rcond = 0.0_wp
    if (info /= 0) then
       call fatal_error(error, err_linalg, 'least squares matrix of shape ' &
-         & //to_text(m)//' x '//to_text(n)//' has not full rank, column '//to_text(info))
+         & //to_text(m)//' x '//to_text(n)//' is rank deficient, column '//to_text(info))
       return
    end if
    call reciprocal_condition(a, rcond)

@@ -507,7 +507,7 @@ subroutine check_columns(op, scale, error)
       if (scale(j) > 0.0_wp) cycle
       if (scale(j) < 1.0_wp) then
          call fatal_error(error, err_input, op%unknown(j)//' appears in no equation: its support ' &
-            & //'holds no collocation point; use more collocation points')
+            & //'contains no collocation point; use more collocation points')
       else
          call fatal_error(error, err_linalg, 'equations contain numbers that are not finite')
       end if

@@ -42,7 +42,7 @@ module rk_operator
       procedure :: unknown
    end type row_operator
 
-   !> What a solve with a square matrix tells
+   !> What a solve with a square matrix reports
    type :: square_report
       !> Method used, and why
       character(len=:), allocatable :: used, why
@@ -204,7 +204,7 @@ end function unknown
 
 !> Direction that the column-scaled matrix makes shortest, by inverse iteration, and what is left of
 !> its length. The length is taken with A itself: where the factor is singular to rounding it still
-!> tells whether A is.
+!> shows whether A is.
 subroutine shortest(op, factor, v, length)
    !> Matrix
    class(row_operator), intent(in) :: op

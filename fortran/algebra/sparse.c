@@ -131,7 +131,7 @@ int rk_sparse_cholesky(int64_t n, int64_t *start, int64_t *row, double *value, s
 }
 
 /* Least squares solution with the R of a QR factorisation of an m x n matrix in compressed rows;
- * columns that add less than tol count as dependent, rank tells of the others */
+ * columns that add less than tol count as dependent, rank counts the others */
 int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
                  double tol, double *x, int64_t *rank, struct factor **out)
 {

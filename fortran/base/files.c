@@ -1,4 +1,4 @@
-/* Text files whose failures are told. Fortran's run-time library does not report what a full disk
+/* Text files whose failures are reported. Fortran's run-time library does not report what a full disk
  * says when it empties its buffer, so texts that must not be lost are written here.
  *
  * Every function returns 0, or -1 with the reason in `why`, a C string cut to `nwhy` characters.

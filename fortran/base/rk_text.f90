@@ -35,7 +35,7 @@ pure function long_text(value) result(text)
    text = trim(buffer)
 end function long_text
 
-!> Text of a real number, six significant digits unless told otherwise
+!> Text of a real number, six significant digits unless given otherwise
 pure function real_text(value, digits) result(text)
    !> Number
    real(wp), intent(in) :: value

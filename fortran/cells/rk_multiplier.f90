@@ -1,5 +1,5 @@
-!> Pressures of incompressible groups of points, which no change of volume tells: unknowns of their
-!> own.
+!> Pressures of incompressible groups of points, which no change of volume determines: unknowns of
+!> their own.
 !>
 !> With K finite the pressure of a group follows from its projected volume and never appears as an
 !> unknown. Where all points of a group have K = infinity, the coefficients of its pressure stand

@@ -125,7 +125,7 @@ void Deck::load() {
       hashed += "\n--set " + item;
    sha256 = sha256_hex(hashed);
    if (is_blank(text)) {
-      complain({}, "title", "the deck is empty");
+      complain({}, "", "the deck is empty");
       return;
    }
    if (!read_toml(*this))

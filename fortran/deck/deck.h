@@ -176,6 +176,8 @@ void check_schema(Deck &deck);
 void fill_defaults(const Deck &deck, Section &section);
 // deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
 void choose_form(Deck &deck);
+// deck_form.cpp: the title of a deck without one, from the name of its file
+void choose_title(Deck &deck);
 // deck_rules.cpp: a quantity of a body or a material, at no place
 bool of_whole_body(const std::string &quantity);
 // deck_linear.cpp: a linear problem stands alone, and what it holds must fit together

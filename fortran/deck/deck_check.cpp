@@ -420,6 +420,7 @@ void check_schema(Deck &deck) {
    for (Section &section : deck.sections)
       check_values(deck, section);
    choose_form(deck);
+   choose_title(deck);
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {
          if (key.only_if.empty())

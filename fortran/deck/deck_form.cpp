@@ -1,8 +1,9 @@
-// The form that scene.method stands for, and what else defaults of the schema depend on.
+// The form that scene.method stands for, the title, and what else defaults of the schema depend on.
 #include "deck.h"
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 
 namespace rk {
 
@@ -243,6 +244,20 @@ void choose_form(Deck &deck) {
       deck.facts["plane_quadratic"] = "true";
    if (compares_on_the_way(deck))
       deck.facts["compared_on_the_way"] = "true";
+}
+
+void choose_title(Deck &deck) {
+   Section &top = deck.sections.front();
+   if (top.find("title") || top.refused.count("title"))
+      return;
+   // a file may be called what no text of a deck can be
+   const std::string stem = std::filesystem::path(deck.name).stem().string();
+   std::optional<Value> title = parse_value("'''" + stem + "'''");
+   if (!title || is_blank(title->text))
+      title = parse_value("'scene'");
+   title->origin = top.origin;
+   title->by_default = true;
+   top.values["title"] = *title;
 }
 
 } // namespace rk

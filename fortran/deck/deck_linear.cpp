@@ -103,7 +103,7 @@ void check_linear(Deck &deck, const std::string &geometry, int dimension) {
    for (const char *table : {"material", "amplitude", "exact", "reference"}) {
       for (Section *section : deck.entries(table))
          deck.complain(section->origin, deck.address(*section),
-                       "has no place in a linear problem, where [linear] says it all");
+                       "is not used by a linear problem, which [linear] defines");
    }
    if (!geometry.empty() && geometry != "box")
       deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
@@ -111,7 +111,7 @@ void check_linear(Deck &deck, const std::string &geometry, int dimension) {
    const Section *body = deck.single("geometry");
    if (const Value *labels = body ? body->find("labels") : nullptr)
       deck.complain(labels->origin, "geometry.labels",
-                    "has no place in a linear problem, whose coefficients are expressions or tables");
+                    "is not used by a linear problem, whose coefficients are expressions or tables");
    const Value *method = scene ? scene->find("method") : nullptr;
    if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
       deck.complain(method->origin, "scene.method",

@@ -1,4 +1,4 @@
-// What depends on more than the schema can say and can be told without points. What follows from
+// What depends on more than the schema can say and can be checked without points. What follows from
 // the values, and all that needs points, is Fortran's (solve/).
 #include "deck.h"
 
@@ -28,7 +28,7 @@ static void check_materials(Deck &deck) {
       if (regions && label && (where || !map))
          deck.complain(label->origin, deck.address(*material, "label"),
                        map ? "cannot be given beside `where`"
-                           : "cannot be given where materials are told apart by `where`: in a box labels "
+                           : "cannot be given where materials are placed by `where`: in a box labels "
                              "are those of a label map, geometry.labels");
       if (regions && material != materials.front() && !where && !(map && label) &&
           !material->refused.count("label"))
@@ -38,7 +38,7 @@ static void check_materials(Deck &deck) {
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.complain(bulk->origin, deck.address(*material, "K"),
-                       "inf needs a pressure that is an unknown: take scene.method = rkpm-gauss, "
+                       "inf needs the pressure as an unknown: take scene.method = rkpm-gauss, "
                        "rkpm-scni or rkcm-mixed instead of rkcm");
       const Value *activation = material->find("activation");
       if (activation && activation->kind == Value::Kind::text && method.compare(0, 4, "rkpm") != 0)
@@ -60,7 +60,7 @@ static void check_tendon(Deck &deck, Section &section) {
       const Value *held = section.find(component[i]);
       if (held && direction->items[i].number() != 0.0)
          deck.complain(held->origin, deck.address(section, component[i]),
-                       "cannot be given beside a tendon whose direction has a part in it");
+                       "cannot be given beside a tendon whose direction has a component along it");
    }
 }
 
@@ -76,8 +76,8 @@ static void check_boundary(Deck &deck) {
          });
       if (amplitude && stiff && !driven)
          deck.complain(amplitude->origin, deck.address(*section, "amplitude"),
-                       "nothing here follows it: a spring or a tendon is as stiff at all times; its "
-                       "other end moves by a traction beside the spring, or by the pull of the tendon");
+                       "nothing here varies with it: the stiffness of a spring or tendon is constant; move "
+                       "its other end by a traction beside the spring, or by the pull of the tendon");
       check_tendon(deck, *section);
    }
 }
@@ -113,11 +113,11 @@ static void check_probes(Deck &deck, int dimension) {
       for (const char *key : {"point", "set"}) {
          if (const Value *value = whole ? probe->find(key) : nullptr)
             deck.complain(value->origin, deck.address(*probe, key),
-                          "has no place beside " + quantity + ", which is of a whole body");
+                          "cannot be given for " + quantity + ", a quantity of the whole body");
       }
       if (material && !whole && !weak)
          deck.complain(material->origin, deck.address(*probe, "material"),
-                       "parts of forces need a Galerkin form, such as scene.method = rkpm-gauss");
+                       "the force of one material needs a Galerkin form, such as scene.method = rkpm-gauss");
       if (dimension == 2 && (quantity == "u_z" || quantity == "force_z" || quantity == "torque_x" ||
                              quantity == "torque_y" || quantity == "section_force_z"))
          deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),

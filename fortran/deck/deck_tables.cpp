@@ -72,7 +72,7 @@ static std::string read_file(const std::string &text, const std::string &path,
       if (fields.empty() || line.find_first_not_of(" \t\r") == std::string::npos || fields.front().rfind('#', 0) == 0)
          continue;
       if (number > most_lines)
-         return place + "more than " + std::to_string(most_lines) + " lines are no table of a deck";
+         return place + "a table may have at most " + std::to_string(most_lines) + " lines";
       if (fields.size() < 2)
          return place + "has 1 column, 2 are needed";
       const std::optional<double> one = as_number(fields[0]), other = as_number(fields[1]);

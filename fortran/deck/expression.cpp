@@ -204,12 +204,12 @@ std::string table_name_fault(const std::string &name) {
    const bool word = !name.empty() && !std::isdigit(static_cast<unsigned char>(name.front())) &&
                      std::all_of(name.begin(), name.end(), of_name);
    if (!word)
-      return "must have letters, digits and _ only, and begin with no digit: expressions call it";
+      return "must consist of letters, digits and _, and not begin with a digit: expressions use it";
    const Compiled empty("0", expression_names());
    const std::vector<std::string> &names = expression_names();
    const bool taken = std::find(names.begin(), names.end(), name) != names.end() || name == "pi" ||
                       name == "and" || name == "or" || empty.parser.GetFunDef().count(name) > 0;
-   return taken ? "has a meaning in expressions already: take another name" : "";
+   return taken ? "is already used in expressions: take another name" : "";
 }
 
 bool expression_uses(const std::string &text, const std::string &name) {

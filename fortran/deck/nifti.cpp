@@ -34,7 +34,7 @@ void place(const nifti_image &image, LabelMap &map) {
    }
 }
 
-// What no label map has, told by the header alone; or ""
+// What no label map has, by the header alone; or ""
 std::string header_fault(const nifti_image &image) {
    const std::int64_t size[] = {image.nx, image.ny, image.nz};
    for (const std::int64_t n : size) {

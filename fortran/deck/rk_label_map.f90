@@ -1,4 +1,4 @@
-!> Label maps laid over a box: which label a place has, told by an expression.
+!> Label maps laid over a box: which label a place has, by an expression.
 !>
 !> The files are read in C++ (nifti.cpp), which keeps the maps.
 module rk_label_map

@@ -107,7 +107,7 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
       call find_neighbours(self%neighbour, polar(source), angular(source, support), polar(place), &
          & window_product, error)
       if (allocated(error)) return
-      ! supports along circles tell the radius as well
+      ! supports along circles determine the radius as well
       call find_stencils(self, polar(source), support, polar(place), example)
    else
       call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
@@ -447,8 +447,8 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    integer :: i, trial, across
 
    factor = 1.0_wp
-   cure = 'no larger support cures it: do the source points lie in a line or plane, or are' &
-      & //' some of them equal?'
+   cure = 'a larger support does not help: do the source points lie on a line or plane, or ' &
+      & //'do some of them coincide?'
    do i = 1, size(x)
       across = planes(source(i, :))
       if (across == 1 .or. across > approximation%order) cycle
@@ -472,7 +472,7 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
       call shape_at_place(approximation, powers, source, wide, near, x, value, singular)
       deallocate (value)
       if (singular) cycle
-      cure = 'a support '//to_text(factor, 3)//' times as large cures it'
+      cure = 'a support '//to_text(factor, 3)//' times as large is enough'
       exit
    end do
    call fatal_error(error, err_input, 'point '//to_text(ip)//' at '//to_text(x) &

@@ -73,7 +73,7 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
    !> entries after the last iteration repeat the last one [-]
    real(wp), intent(out) :: energy(:, :)
    !> Mean values, shape (channels, regions, blocks); bit k of a region's number, both counted
-   !> from zero, tells whether it lies inside of level set k + 1 [-]
+   !> from zero, is set where it lies inside of level set k + 1 [-]
    real(wp), intent(out) :: means(:, :, :)
    !> Iterations done, shape (blocks); 0 for a block without voxels
    integer, intent(out) :: iterations(:)

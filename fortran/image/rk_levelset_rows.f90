@@ -268,7 +268,7 @@ end subroutine sum_row
 
 !> Region of a combination of signs: its number, less the highest bit where there is no such region
 pure integer function region_of(combination, regions)
-   !> Number of the combination: bit k - 1 tells whether it lies inside of level set k
+   !> Number of the combination: bit k - 1 is set where it lies inside of level set k
    integer, intent(in) :: combination
    !> Number of regions, more than half of the combinations
    integer, intent(in) :: regions

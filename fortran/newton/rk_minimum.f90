@@ -9,7 +9,7 @@
 !>
 !> The matrix is indefinite where mu > 1. Lanczos' method finds mu with the factor of N from the
 !> last iteration, from below, so that a value above 1 is certain; and a curvature that the
-!> rounding of an ill-conditioned factor made up is told by the lengths of A v and S v themselves.
+!> rounding of an ill-conditioned factor made up is seen from the lengths of A v and S v themselves.
 !>
 !> Reference: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996), chapter 9,
 !>            doi:10.1137/1.9781611971484 (when Gauss-Newton converges, and to what)
@@ -76,7 +76,7 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
       call factor%matrix%equilibrate(factor%scale)
       if (.not. all(factor%scale > 0.0_wp)) return
       call factor%matrix%factorise(error)
-      ! as good as singular: no minimum can be told from a saddle
+      ! as good as singular: a minimum cannot be distinguished from a saddle
       if (allocated(error)) return
    end if
    call problem%hessian(x, load, r)

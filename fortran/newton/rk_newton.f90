@@ -510,15 +510,15 @@ function saddle_text(now, load, residual) result(text)
    real(wp), intent(in) :: residual
    character(len=:), allocatable :: text
 
-   text = 'load '//to_text(load, 4)//': the residuals balance at a state that is no minimum of ' &
-      & //'|r| but a saddle of '//to_text(now%saddle%residual, 4)
+   text = 'load '//to_text(load, 4)//': the iteration stopped at a saddle point of |r|, not ' &
+      & //'at a minimum: |r| = '//to_text(now%saddle%residual, 4)
    if (residual < now%saddle%residual) then
-      text = text//'; the iteration went on to a minimum of '//to_text(residual, 4)
+      text = text//'; it was continued to a minimum of '//to_text(residual, 4)
    else
       text = text//', from which no minimum was reached'
    end if
-   text = text//'. The equations are met too badly to tell one answer from others: use more ' &
-      & //'points, a higher order or another method'
+   text = text//'. The residual is too large to single out one solution: use more points, ' &
+      & //'a higher order or another method'
 end function saddle_text
 
 !> Start of a load step: the last converged state, or where the way through the last ones leads to

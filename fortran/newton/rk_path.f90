@@ -44,7 +44,7 @@ module rk_path
 
 contains
 
-!> Forget all: the way goes on at another rate, or has led astray
+!> Forget all: the way goes on at another rate, or has failed to predict
 pure subroutine forget(self)
    !> Way
    class(path_type), intent(inout) :: self

@@ -64,7 +64,7 @@ module rk_problem
       logical :: square = .false.
       !> The residuals have second derivatives, which hessian finds and apply_curvature applies
       logical :: curved = .false.
-      !> A linearisation costs several evaluations and is not made where residuals tell enough
+      !> A linearisation costs several evaluations and is not made where residuals are enough
       logical :: costly = .false.
       !> Steps are solved to few digits: the size of an evaluation says what they leave
       logical :: inexact = .false.
@@ -86,7 +86,7 @@ module rk_problem
       procedure :: hessian
       !> Product of the second derivatives of the residuals, weighted with these, with a vector
       procedure :: apply_curvature
-      !> What speaks against a converged state
+      !> Checks that can reject a converged state
       procedure :: rejection
       !> The linearisation
       procedure, non_overridable :: operator
@@ -189,7 +189,7 @@ pure function scaled_norms(self, x) result(norms)
 end function scaled_norms
 
 !> Why a converged state is no answer of the equations that stand behind the rows, empty where
-!> nothing speaks against it: a least squares functional may have several stationary points
+!> no check rejects it: a least squares functional may have several stationary points
 function rejection(self, x) result(reason)
    !> Problem
    class(problem_type), intent(in) :: self
@@ -248,11 +248,11 @@ function advice(self) result(text)
    if (self%scene%has_kinks()) then
       text = 'the published fiber curves have kinks, use curve = "smooth"'
    else if (self%scene%method == 'rkcm') then
-      text = 'rounding outweighs the rest, of a K of '//text//' shear moduli, use method ' &
-         & //'"rkcm-mixed"'
+      text = 'rounding errors dominate because K is '//text//' times the shear modulus, use ' &
+         & //'method "rkcm-mixed"'
    else
-      text = 'rounding outweighs what is left (the largest K is '//text//' of its shear ' &
-         & //'moduli), or no step leads on; take a smaller K, more points or less load'
+      text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
+         & //'no step reduces the residual; take a smaller K, more points or less load'
    end if
 end function advice
 

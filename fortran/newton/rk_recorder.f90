@@ -1,4 +1,4 @@
-!> What a solver tells while it runs: a consumer interface without a file format.
+!> What a solver reports while it runs: a consumer interface without a file format.
 module rk_recorder
    use rk_precision, only : wp
    implicit none

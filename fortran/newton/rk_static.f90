@@ -151,7 +151,7 @@ contains
       record%iterations = record%iterations + newton%iterations
       if (allocated(error) .or. halvings >= max_halvings) return
       if (.not. turns_over(problem, before, x)) return
-      call fatal_error(error, err_convergence, 'the step turns material by a right angle or more')
+      call fatal_error(error, err_convergence, 'the step rotates material by 90 degrees or more')
       x = before
    end subroutine try_step
 
@@ -204,12 +204,12 @@ contains
       record%iterations = newton%iterations
       if (.not. allocated(error)) then
          if (turns_over(problem, before, x)) call fatal_error(error, err_convergence, 'the start ' &
-            & //'is turned by a right angle or more')
+            & //'is rotated by 90 degrees or more')
       end if
       if (allocated(error)) then
          if (.not. any(error%code == [err_convergence, err_linalg])) return
-         call recorder%note('no equilibrium at the beginning of the programme from the start: ' &
-            & //error%message//'; the way there begins at rest', warning=.false.)
+         call recorder%note('no equilibrium at the beginning of the programme from the given ' &
+            & //'start: '//error%message//'; it is approached from rest instead', warning=.false.)
          deallocate (error)
          return
       end if

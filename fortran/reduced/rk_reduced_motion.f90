@@ -102,7 +102,7 @@ subroutine prepare(self, solver, error)
    type(moving_problem), intent(inout) :: self
    !> normal for Cholesky's factor of the projected equations, else QR where they are least squares
    character(len=*), intent(in) :: solver
-   !> Error handling: modes that the equations do not tell apart
+   !> Error handling: modes that the equations do not distinguish
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: zero(:), side(:)
    integer :: j

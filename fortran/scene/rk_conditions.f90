@@ -256,7 +256,7 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
                call fatal_error(error, err_input, 'boundary sets ' &
                   & //trim(cloud%set_names(condition(other)%set))//' and ' &
                   & //trim(cloud%set_names(condition(c)%set))//' overlap at '//to_text(x) &
-                  & //', where a tendon moves one of them as a plate: keep them apart by `where`')
+                  & //', where a tendon moves one of them as a plate: separate them by `where`')
                return
             else if (a > 0) then
                call fatal_error(error, err_input, 'boundary sets ' &
@@ -264,7 +264,7 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
                   & //trim(cloud%set_names(condition(c)%set))//' overlap and prescribe two ' &
                   & //'displacements, '//to_text(value(a, i))//' and '//to_text(g(a, i)) &
                   & //', for component '//to_text(i)//' at '//to_text(x)//': give one of them, ' &
-                  & //'or keep them apart by `where`')
+                  & //'or separate them by `where`')
                return
             end if
          end if
@@ -306,9 +306,9 @@ function overlaps(cloud, condition) result(lines)
          lines = lines//'sets '//trim(cloud%set_names(condition(b)%set))//' and ' &
             & //trim(cloud%set_names(condition(c)%set))//' share '//to_text(shared(b)) &
             & //' boundary points (of '//to_text(count(inside(b, :)))//' and ' &
-            & //to_text(shared(c))//'), where the conditions of both hold: loads add, and a ' &
-            & //'component that one of them prescribes takes none; keep them apart by `where` if ' &
-            & //'that is not meant'//new_line('a')
+            & //to_text(shared(c))//'), where the conditions of both apply: loads add, but ' &
+            & //'not in a component that one of them prescribes; separate them by `where` if ' &
+            & //'that is not intended'//new_line('a')
       end do
    end do
    if (found > most_overlaps) lines = lines//to_text(found - most_overlaps)//' more pairs of ' &

@@ -96,7 +96,7 @@ subroutine sets_of(cloud, place, outward, side, near, within, error)
 end subroutine sets_of
 
 !> Area of a set and its middle: from fine samples of the sides of a lattice, whose boundary entries
-!> are too few to tell the extent of a part, from the entries elsewhere
+!> are too few to determine the extent of a part, from the entries elsewhere
 subroutine extent_of(cloud, set, area, middle, error)
    !> Cloud
    type(cloud_type), intent(in) :: cloud

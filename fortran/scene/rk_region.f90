@@ -15,8 +15,8 @@ module rk_region
       integer :: side = 0
       !> Label of the tissue behind the surface; not allocated for all
       integer, allocatable :: label
-      !> Where the tissue lies told by expressions: its own, not given for everywhere, and those of
-      !> tissues that take their place from it; not allocated where labels tell it
+      !> Where the tissue lies, by expressions: its own, not given for everywhere, and those of
+      !> tissues that take their place from it; not allocated where labels give it
       type(expression_type), allocatable :: tissue(:)
       !> Where it is not zero; not given for everywhere
       type(expression_type) :: where

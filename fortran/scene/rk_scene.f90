@@ -27,7 +27,7 @@ module rk_scene
       character(len=:), allocatable :: name
       !> Label of the points; 0 fills all points
       integer :: label = 0
-      !> Part of a box or an annulus that it may fill; not given where labels of the points tell it,
+      !> Part of a box or an annulus that it may fill; not given where labels of the points do,
       !> or where it fills what others leave
       type(expression_type) :: part
       !> Activation of its fibers where its amplitude is 1 [-]

@@ -1,4 +1,4 @@
-!> The label map of a box, geometry.labels, and which materials its labels tell.
+!> The label map of a box, geometry.labels, and the materials of its labels.
 module rk_deck_labels
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_deck, only : deck_type

@@ -67,7 +67,7 @@ subroutine read_materials(scene, deck, error)
          if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
             if (regions) then
                call deck%complain(at//merge('.label', '.where', deck%has(at//'.label')), &
-                  & 'no point lies there, or later materials hold all of them', error)
+                  & 'no point lies there, or later materials fill it', error)
             else
                call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
                   & error)
@@ -85,8 +85,8 @@ subroutine read_materials(scene, deck, error)
       end associate
    end do
    if (allocated(scene%cloud%activation) .and. index(scene%method, 'rkcm') == 1) &
-      & call deck%complain('geometry.file', 'its points have activations of their own, whose ' &
-      & //'slopes collocation does not know: take scene.method = rkpm-gauss or rkpm-scni', error)
+      & call deck%complain('geometry.file', 'its activations vary from point to point, and ' &
+      & //'collocation needs their gradients: take scene.method = rkpm-gauss or rkpm-scni', error)
    if (allocated(error)) return
    k = findloc(scene%tissue_of, 0, dim=1)
    if (k > 0) then

@@ -55,7 +55,7 @@ subroutine read_activation(scene, deck, at, k, error)
       if (deck%has(at//'.amplitude')) key = at//'.amplitude'
       if (tissue%amplitude == 0) return
       if (.not. tissue%activation > 0.0_wp) then
-         call deck%complain(key, 'there is no activation that could follow it: give ' &
+         call deck%complain(key, 'there is no activation to scale by it: give ' &
             & //'load.activation or material.'//tissue%name//'.activation', error)
          return
       end if

@@ -1,4 +1,4 @@
-!> Materials in parts of a box or an annulus, told by expressions in coordinates or by a label map:
+!> Materials in parts of a box or an annulus, given by expressions in coordinates or by a label map:
 !> labels of the points, and fractions of the materials where a border cuts through the volume of a
 !> point.
 module rk_deck_regions
@@ -20,7 +20,7 @@ module rk_deck_regions
 
 contains
 
-!> Whether the deck tells parts of the body by expressions or a label map
+!> Whether the deck gives parts of the body by expressions or a label map
 logical function has_regions(deck)
    !> Deck
    type(deck_type), intent(in) :: deck
@@ -158,8 +158,8 @@ contains
       end do
       found = max(found, 0)
       if (found == 0 .and. .not. allocated(error)) call deck%complain('material.1.where', &
-         & 'no material holds the place '//to_text(x)//': leave `where` out of the first ' &
-         & //'[[material]], which then fills what no other one holds', error)
+         & 'no material is given at '//to_text(x)//': leave `where` out of the first ' &
+         & //'[[material]], which then fills the rest', error)
       found = max(found, 1)
    end function material_at
 

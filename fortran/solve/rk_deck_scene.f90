@@ -1,6 +1,6 @@
 !> From a checked deck to a scene.
 !>
-!> What the deck alone can tell was checked while it was read; here come the complaints that need
+!> What the deck alone determines was checked while it was read; here come the complaints that need
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type

@@ -58,15 +58,15 @@ subroutine check_islands(shape, link, place, point, essential, error)
       if (any(essential(:, mine))) then
          where_ = 'the body'
          if (members < size(place, 2)) where_ = 'the '//to_text(members)//' collocation points ' &
-            & //'around '//to_text(place(:, ip))//', which nothing joins to the others,'
+            & //'around '//to_text(place(:, ip))//', which are not connected to the others,'
          call fatal_error(error, err_input, 'the prescribed displacements leave '//where_ &
-            & //' free to '//motions//'; prescribe components that hold it, as those of a ' &
+            & //' free to '//motions//'; prescribe components that prevent it, as on a ' &
             & //'symmetry plane')
       else
          call fatal_error(error, err_input, 'no displacement is prescribed on ' &
             & //trim(merge('the body:  ', 'an island: ', members == size(place, 2)))//' ' &
             & //to_text(members)//' collocation points around '//to_text(place(:, ip)) &
-            & //' can move freely; hold them by a boundary set or leave them out of the model')
+            & //' can move freely; fix them by a boundary set or leave them out of the model')
       end if
       return
    end do

@@ -298,10 +298,10 @@ subroutine check_response(problem, state, error)
    end associate
    call problem%largest_stress(state, stress, modulus)
    if (.not. stress > 0.0_wp .or. stress > rounding*modulus) return
-   call fatal_error(error, err_convergence, 'the load moves the body by less than the rounding ' &
-      & //'of its size, and its stresses, up to '//to_text(stress, 2)//', are roundings of a ' &
-      & //'stiffness of '//to_text(modulus, 2)//': nothing can be said of the answer; compare ' &
-      & //'the constants of the materials and their unit with the load')
+   call fatal_error(error, err_convergence, 'the load displaces the body by less than rounding ' &
+      & //'error relative to its size, and its stresses, up to '//to_text(stress, 2)//', are ' &
+      & //'rounding errors of a stiffness of '//to_text(modulus, 2)//': the answer is ' &
+      & //'meaningless; check material constants, loads and their units')
 end subroutine check_response
 
 !> An iteration was done

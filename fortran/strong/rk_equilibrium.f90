@@ -303,8 +303,8 @@ function rejection(self, x) result(reason)
       given = 1.0_wp + u(nd + 1, 1)/self%mixture%bulk(ip)
       if (abs(volume - given) <= stray) cycle
       stray = abs(volume - given)
-      reason = 'the iteration ended at a stationary point that is no solution: off the rims, at ' &
-         & //'collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
+      reason = 'the iteration stopped at a stationary point that is not a solution: off the ' &
+         & //'rims, at collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
          & //', by its pressure '//to_text(given, 4)//'; take smaller load steps or more points'
    end do
 end function rejection

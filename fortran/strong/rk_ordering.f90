@@ -71,7 +71,7 @@ subroutine envelope_order(neighbour, centre, position, reach)
    extent = max(maxval(centre, dim=2) - minval(centre, dim=2), tiny(1.0_wp))
    size_best = huge(1_i8)
    do d = 1, nd
-      ! points of a layer are told apart by their other coordinates
+      ! points of a layer are distinguished by their other coordinates
       weight = [(merge(1.0_wp, 1.0e-5_wp**modulo(e - d, nd), e == d), e=1, nd)]/extent
       call sort(matmul(weight, centre), order)
       call find_reach(neighbour, order, first)

@@ -253,8 +253,9 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       end do
       left = rows%times(x) - wanted
       if (.not. norm2(left) <= sqrt(tolerance)*size_) then
-         call fatal_error(error, err_linalg, 'what is prescribed at source points is missed by ' &
-            & //to_text(norm2(left)/size_, 2)//' of it: take galerkin.essential = "penalty"')
+         call fatal_error(error, err_linalg, 'displacements prescribed at source points are ' &
+            & //'missed by '//to_text(norm2(left)/size_, 2)//' of their size: take ' &
+            & //'galerkin.essential = "penalty"')
          return
       end if
       ! rounding of the last search

@@ -102,7 +102,7 @@ end subroutine add_pressure
 pure logical function has_free_rim(scene)
    !> Scene
    type(scene_type), intent(in) :: scene
-   ! cosine of an angle that is none [-]
+   ! cosine of a zero angle [-]
    real(wp), parameter :: along = 1.0_wp - 1.0e-6_wp
    logical :: mine(size(scene%cloud%points, 2)), inside(scene%cloud%sides()), fixed(3)
    integer :: c, d, e

@@ -185,7 +185,7 @@ subroutine new_galerkin(self, scene, error)
    if (self%inexact .and. has_free_rim(scene)) self%caveat = 'the rim of a surface with ' &
       & //'boundary.pressure moves freely, which makes the tangent unsymmetric, and above ' &
       & //'galerkin.direct_limit its skew part is left out: take galerkin.direct_limit = ' &
-      & //to_text(self%n)//' where memory allows, hold the rim, or load it by less'
+      & //to_text(self%n)//' where memory allows, constrain the rim, or reduce the load'
    if (self%linear) call new_pins(self%pins, scene, scene%galerkin%penalty*maxval(shear), error)
    if (.not. allocated(error)) call set_constants(self, shear, error)
 end subroutine new_galerkin
@@ -572,7 +572,7 @@ end subroutine extrapolate
 !> Whether pressures are written with their curvature: where the strains are as exact. On walls of
 !> annuli those of boxes are not, and errors of both cancelled before; in space two groups across a
 !> twisted bar put its stress three tenths off. Pressures of different tissues have no common
-!> curvature. Slopes of fewer groups across a box than four tell none: it put the outermost fiber of
+!> curvature. Fewer groups than four across a box do not determine it: it put the outermost fiber of
 !> a clamped beam of 17x5 points 3.4 % off where it is 2.2 %; walls of tubes gain from two on.
 logical function curved(self)
    !> Problem with cells

@@ -278,8 +278,8 @@ subroutine set(self, scene, shear, bulk, n, error)
       end do
    end associate
    call new_constraint(self%rows, n, unknown, weight, resistance, error)
-   if (allocated(error)) error%message = 'galerkin.essential = "transformation": the held points ' &
-      & //'depend on each other: '//error%message
+   if (allocated(error)) error%message = 'galerkin.essential = "transformation": the constrained ' &
+      & //'points depend on each other: '//error%message
 end subroutine set
 
 !> Add the resistance of the rows to the stiffness, which the stiffness under them then knows

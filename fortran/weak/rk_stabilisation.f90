@@ -25,7 +25,7 @@ module rk_stabilisation
    real(wp), parameter :: local_share = 3.0_wp
    !> Bulk moduli of a group that differ by less, of their mean, are one
    real(wp), parameter :: equal = 1.0e-12_wp
-   !> Softness of points beside much softer ones: polynomials that only they tell apart keep a norm
+   !> Softness of points beside much softer ones: polynomials that only they distinguish keep a norm
    real(wp), parameter :: least = 1.0e-6_wp
 
 contains

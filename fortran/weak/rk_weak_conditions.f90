@@ -481,7 +481,7 @@ subroutine add_point_force(self, cells, s, state, held, traction, force, displac
       & self%bearing(s)*self%spring(:, s)*u(:, 1), self%essential(:, s))
    if (allocated(self%pressure)) force = force + self%pressure_force(cells, s, &
       & dot_product(self%pressure(:, s), state%factor), state%x)
-   ! a support moves as it is told, the body a little less
+   ! a support moves as prescribed, the body a little less
    displacement = 0.0_wp
    displacement(:size(u, 1)) = merge(held, u(:, 1), self%essential(:, s))
 end subroutine add_point_force

@@ -128,7 +128,7 @@ def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
         raise InputError(f"'{name}' has its numbers in another file")
     # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
     if found.nbytes > 1100 * found.id.get_storage_size():
-        raise InputError(f"the shape of '{name}' claims far more numbers than the file holds")
+        raise InputError(f"the shape of '{name}' declares far more numbers than the file contains")
     return found
 
 

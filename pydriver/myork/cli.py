@@ -355,7 +355,7 @@ def _uncertainty(options: argparse.Namespace, console: Console) -> str:
     low, high = (found["percentiles"][end] for end in ("2.5", "97.5"))
     return (
         f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
-        f"maps from {low:.4g} to {high:.4g}; the map as it is: {found['as_it_is']:.4g}\n"
+        f"maps from {low:.4g} to {high:.4g}; the original map: {found['as_it_is']:.4g}\n"
         f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
         f"study: {out / 'uncertainty.csv'}, {out / 'uncertainty.png'}"
     )
@@ -439,7 +439,7 @@ _DATA = _option(
     "--data", "DIR", "where the files that the deck names lie, in any folders of it", _folder
 )
 _NO_ERROR = _flag(
-    "--no-error", "no second solution, which gives the probes their error bars",
+    "--no-error", "no second solution, so no error bars of the probes",
     dest="error", action="store_false",
 )  # fmt: skip
 _FILE = _option("file", "FILE", "reduced model (.rom.h5)", Path)
@@ -535,7 +535,7 @@ _COMMANDS = {
     ),
     "run": _Command(
         _station("chain:run_chain", "report: {found}", verbosity="verbosity", error="error"),
-        "all that a deck asks for: segment, build, solve and report",
+        "all stations of a deck: segment, build, solve and report",
         "  myork run inputs/images/biceps.toml --data ~/images\n"
         "  myork run inputs/mg_muscle.toml --set load.activation=0.2",
         (*_DECK, _DATA, _NO_ERROR),
@@ -558,11 +558,12 @@ _COMMANDS = {
                 "override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
             ),
             _flag(
-                "--resume", "go on from the last whole load step of an earlier run in the folder"
+                "--resume",
+                "continue from the last complete load step of an earlier run in the folder",
             ),
             _option(
                 "--start-from", "FILE[:STEP]",
-                "begin at a state of a result file instead of at rest",
+                "start from a state in a result file instead of at rest",
             ),
             _NO_ERROR,
         ),
@@ -637,7 +638,7 @@ _COMMANDS = {
     ),
     "sweep": _Command(
         _sweep,
-        "solve a deck at many values of its keys: one table, resumed where it ended",
+        "solve a deck at many values of its keys: one table, resumed where it stopped",
         "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
         "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
         "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
@@ -654,7 +655,7 @@ _COMMANDS = {
             _option("--workers", "N", "processes; default all cores", _THREADS),
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
             _option("--model", "FILE", "reduced model that answers (.rom.h5)", Path),
-            _flag("--dry-run", "say what would be solved and what it costs, and end"),
+            _flag("--dry-run", "print what would be solved and what it costs, and exit"),
             _option(
                 "--part", "K/N",
                 "only every N-th point from the K-th, as a job of an array; the same line without "
@@ -665,7 +666,7 @@ _COMMANDS = {
     ),
     "study sensitivity": _Command(
         _sensitivity,
-        "what a force depends on: Sobol's indices over ranges of parameters",
+        "sensitivity of a force: Sobol indices over ranges of parameters",
         "  myork study sensitivity block.rom.h5 --samples 256\n"
         "  myork study sensitivity deck.toml --vary material.muscle.A10=5:8 \\\n"
         "      --vary load.activation=0.2:0.4 --samples 32",
@@ -698,7 +699,7 @@ _COMMANDS = {
     ),
     "study uncertainty": _Command(
         _uncertainty,
-        "what the segmentation's uncertainty does to a force: label maps moved, rebuilt, solved",
+        "uncertainty of a force from that of the segmentation: label maps moved, rebuilt, solved",
         "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
         (
             *_source("DECK of a model from a label map"),
@@ -728,7 +729,7 @@ _COMMANDS = {
                 "--port", "N", "port of this machine; default a free one", _whole(0, 65535),
                 default=0,
             ),
-            _flag("--no-browser", "print the address, open no browser"),
+            _flag("--no-browser", "print the address without opening a browser"),
             _option(
                 "--still", "PAGE.html",
                 "start no server: write a page of sampled states that opens anywhere, interpolated "
@@ -763,7 +764,7 @@ _COMMANDS = {
     ),
     "explain": _Command(
         _explain,
-        "say what a deck will model: sizes, memory and cost; refuse what does not fit",
+        "print what a deck models: sizes, memory and cost; refuse what does not fit",
         "  myork explain inputs/muscle_block.toml",
         _DECK,
     ),
@@ -803,7 +804,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=f"examples:\n  myork demo\n  myork solve --help\n\n{_EXIT_STATUS}",
         formatter_class=raw,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and end")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--threads", type=_THREADS, metavar="N", help="number of threads; default all cores"

@@ -436,7 +436,7 @@ class Results:
             found = self._file[name]
             # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
             if found.nbytes > 1100 * max(found.id.get_storage_size(), 1):
-                raise ValueError("its shape claims far more numbers than the file holds")
+                raise ValueError("its shape declares far more numbers than the file contains")
             values = np.asarray(found[part])
             if values.dtype.kind not in "iuf":
                 raise TypeError("it does not hold numbers")

@@ -75,6 +75,18 @@ def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> No
         assert mine["probes"] == pytest.approx(theirs["probes"], rel=1e-10)
 
 
+@pytest.mark.parametrize(("out", "threads"), [("-o", "-t"), ("--out", "--threads")])
+def test_short_and_long_options_of_the_executable(out: str, threads: str, tmp_path: Path) -> None:
+    """The deck has no title, so that the summary has the name of its file."""
+    deck, folder = tmp_path / "pulled cube.toml", tmp_path / "results"
+    lines = text_of_tables(DECK).split("\n")
+    deck.write_text("\n".join(line for line in lines if not line.startswith("title")), "utf-8")
+    done = run("myork-solve", deck, out, folder, threads, "2", "-q", "--no-error")
+    assert done.returncode == 0 and done.stdout == "", done.stderr
+    assert summary_of(folder)["threads"] == 2
+    assert summary_of(folder)["title"] == "pulled cube"
+
+
 @pytest.mark.parametrize("program", OUT)
 def test_numbers_that_are_not_finite_are_no_answer(
     program: str, inputs: Path, tmp_path: Path
@@ -152,7 +164,7 @@ def test_a_damaged_summary_is_dropped_with_a_word(
     (tmp_path / "summary.json").write_text(damage, encoding="utf-8")
     done = solve_into(tmp_path, inputs / "shear_3d.toml")
     assert done.returncode == 0, done.stderr
-    assert "summary.json that was there is damaged" in done.stdout
+    assert "the earlier summary.json is damaged" in done.stdout
     summary = summary_of(tmp_path)
     assert "model" not in summary and len(summary["steps"]) == 1
 

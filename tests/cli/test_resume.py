@@ -102,7 +102,7 @@ def test_killed_at_random_moments_and_resumed_it_is_the_same_run(tmp_path, write
         interrupt(deck, out, signal.SIGKILL, draw.uniform(0.1, 0.9) * seconds)
         # and once more on the way
         interrupt(deck, out, signal.SIGKILL, draw.uniform(0.1, 0.9) * seconds, "--resume")
-        resumed += "resumed behind load step" in run(deck, out, "--resume")
+        resumed += "resumed after load step" in run(deck, out, "--resume")
         assert_equal(out, tmp_path / "whole")
     assert resumed > 0, f"seed {seed}"
 
@@ -138,7 +138,7 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, changes):
         out = tmp_path / number.name
         stop_behind(start(deck, out), 3, number)
         said = run(deck, out, "--resume")
-        assert "resumed behind load step" in said
+        assert "resumed after load step" in said
         assert_equal(out, tmp_path / "whole")
 
 
@@ -177,11 +177,11 @@ def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
         assert "damaged" in said, place
         if child.returncode == 2:
             refused += 1
-            assert "without --resume the run begins anew" in said
+            assert "run again without --resume" in said
             continue
         cut += 1
         assert child.returncode == 0, said
-        assert "goes on behind load step" in said
+        assert "continued after load step" in said
         found = datasets(out / "results.vtkhdf")
         del found["MyoRK/step"]
         assert found == expected, place
@@ -210,7 +210,7 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
     deck = write_deck(RUBBER)
     run(deck, tmp_path)
     before = datasets(tmp_path / "results.vtkhdf")
-    assert "resumed behind load step 6" in run(deck, tmp_path, "--resume")
+    assert "resumed after load step 6" in run(deck, tmp_path, "--resume")
     assert datasets(tmp_path / "results.vtkhdf") == before
 
 
@@ -325,7 +325,7 @@ def test_a_run_that_began_loaded_is_resumed(tmp_path, write_deck, number):
     run(deck, tmp_path / "whole", *begin)
     out = tmp_path / "out"
     stop_behind(start(deck, out, *begin), 3, number)
-    assert "resumed behind load step" in run(deck, out, "--resume")
+    assert "resumed after load step" in run(deck, out, "--resume")
     assert_equal(out, tmp_path / "whole")
 
 
@@ -379,7 +379,7 @@ def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     child.kill()
     child.wait()
     said = run(deck, out, "--resume")
-    assert "refine 1:" not in said and "resumed behind load step" in said
+    assert "refine 1:" not in said and "resumed after load step" in said
     assert "the points of the run that is resumed" in said
     assert_equal(out, tmp_path / "whole")
     found, before = (

@@ -111,7 +111,10 @@ def test_little_memory_answers_questions(word: str) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-t", "100000"], "from 1 to 1024"),
+        (["-t", "100000"], "-t 100000: a number of threads is needed, from 1 to 1024"),
+        (["--threads", "0"], "--threads 0: a number of threads is needed, from 1 to 1024"),
+        (["--threads"], "--threads needs a value"),
+        (["--out"], "--out needs a value"),
         (["--set", "load.steps=2\nload.activation=1"], "an override is a single line"),
     ],
 )

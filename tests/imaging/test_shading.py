@@ -115,7 +115,7 @@ def test_nothing_to_look_at():
         shading(nothing + 1.0, nothing > 0, spacing=(1, 1, 1))
     few = np.zeros((8, 8, 1), bool)
     few[:2] = True
-    with pytest.raises(InputError, match="16 voxels do not tell a field"):
+    with pytest.raises(InputError, match="16 voxels are too few to estimate a field"):
         shading(nothing + 1.0, few, spacing=(1, 1, 1))
     with pytest.raises(InputError, match="not finite"):
         shading(nothing + np.nan, nothing == 0, spacing=(1, 1, 1))

@@ -368,7 +368,7 @@ def test_the_first_screen_answers_what_a_reader_asks(folder: Path) -> None:
     change_summary(folder, change)
     text = Page(make_report(folder)).text
     for wanted in (
-        "A block of 1 × 1 × 2 cm of muscle", "held at z0; z1: u_z = 0.25; activation up to 0.3",
+        "A block of 1 × 1 × 2 cm of muscle", "fixed at z0; z1: u_z = 0.25; activation up to 0.3",
         "Quantities: reaction (force_z at bottom)", "At load 1: reaction −3.000 ± 0.015 N",
         "Doubtful: ellipticity (in 3 % of the volume)",
         "Error bars: 0.50 % of the value at most (reaction)",

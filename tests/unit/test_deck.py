@@ -11,11 +11,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jsonschema
 import pytest
 
 from myork.core import deck as core_deck
 from myork.core.deck import deck_key, load_deck
 from myork.errors import FileError, InputError
+from myork.stations.new import schema_file
 from tests.scenes import tomllib
 
 ROOT = Path(__file__).parents[2]
@@ -173,6 +175,31 @@ def test_byte_order_mark_and_windows_lines(write: Write, text: str | bytes) -> N
     assert load_deck(write(text))["load"]["steps"] == 4
 
 
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [
+        ("pulled strip.v2.toml", "pulled strip.v2"),
+        ("Müller's.toml", "Müller's"),
+        ("without_suffix", "without_suffix"),
+        (".toml", ".toml"),
+        # names that no text of a deck can be
+        (" .toml", "scene"),
+        ("a\udce9.toml", "scene"),
+        ("'''.toml", "scene"),
+    ],
+)
+def test_a_deck_without_title_has_the_name_of_its_file(
+    tmp_path: Path, name: str, title: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(BLOCK.replace('title = "block"\n', ""))
+    assert load_deck(path)["title"] == title
+    assert load_deck(path, ["title=other"])["title"] == "other"
+    path.write_text(BLOCK.replace('"block"', '""'))
+    with pytest.raises(InputError, match="title: must not be empty"):
+        load_deck(path)
+
+
 def test_texts_survive(write: Write) -> None:
     title = 'Müller "2" \\ tab\t, newline\n, 筋肉'
     deck = load_deck(write(BLOCK.replace('"block"', json.dumps(title))))
@@ -311,7 +338,7 @@ def test_wrong_override(write: Write, override: str, message: str) -> None:
 def test_infinite_bulk_modulus_needs_a_pressure(write: Write) -> None:
     lines = complaints(write(BLOCK), "material.fat.K=inf", "scene.method=rkcm")
     assert lines == [
-        "--set material.fat.K=inf: material.fat.K: inf needs a pressure that is an unknown: take "
+        "--set material.fat.K=inf: material.fat.K: inf needs the pressure as an unknown: take "
         "scene.method = rkpm-gauss, rkpm-scni or rkcm-mixed instead of rkcm"
     ]
 
@@ -389,7 +416,6 @@ def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "place", "message"),
     [
-        ('title = "block"\n', "", "[units]", "title: missing, a text is needed"),
         ('length = "cm"\n', "", "[units]", "units.length: missing, a text is needed"),
         ("size = [1, 1, 2]\n", "", "[geometry]", "geometry.size: missing, an array of numbers is "),
         ("label = 1\n", "", "[[material]]", "material.muscle.label: missing, an integer is neede"),
@@ -555,8 +581,8 @@ def test_arrays_have_limits(write: Write) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"", "case.toml:1: title: the deck is empty"),
-        (b"\n  \n", "case.toml:1: title: the deck is empty"),
+        (b"", "case.toml:1: the deck is empty"),
+        (b"\n  \n", "case.toml:1: the deck is empty"),
         (b'title = "a"\ntitle = "b"\n', "case.toml:2:9: not TOML: "),
         (b"[load]\n[load]\n", "case.toml:2:1: not TOML: "),
         (b'title = "a\n', "case.toml:1:11: not TOML: "),
@@ -641,6 +667,71 @@ def test_deck_reference_is_current(make_schema: ModuleType) -> None:
     assert (ROOT / "docs" / "decks.md").read_text(encoding="utf-8") == text, (
         "run python fortran/deck/make_schema.py --reference"
     )
+
+
+@pytest.fixture(scope="module")
+def editor_schema() -> jsonschema.Draft4Validator:
+    schema = json.loads(schema_file().read_text(encoding="utf-8"))
+    jsonschema.Draft4Validator.check_schema(schema)
+    return jsonschema.Draft4Validator(schema)
+
+
+TEMPLATES = sorted((ROOT / "pydriver" / "myork" / "templates").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", [*DECKS, *TEMPLATES], ids=lambda path: path.stem)
+def test_editors_find_no_fault_in_good_decks(
+    path: Path, editor_schema: jsonschema.Draft4Validator
+) -> None:
+    editor_schema.validate(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        # unknown keys and tables
+        ("steps = 4", "stepz = 4", "load"),
+        ("[load]", "[loads]", ""),
+        # kinds of values
+        ("steps = 4", 'steps = "four"', "load.steps"),
+        ("steps = 4", "steps = 4.5", "load.steps"),
+        ("label = 1", "label = true", "material.0.label"),
+        ("traction = [0, 0, 2.5]", "traction = 2020-01-01", "boundary.1.traction"),
+        # ranges, open and closed
+        ("steps = 4", "steps = 0", "load.steps"),
+        ("activation = 0.5", "activation = 1.5", "load.activation"),
+        ("size = [1, 1, 2]", "size = [1, 0, 2]", "geometry.size.1"),
+        # lengths and words
+        ("size = [1, 1, 2]", "size = []", "geometry.size"),
+        ("size = [1, 1, 2]", "size = [1, 1, 2, 3]", "geometry.size"),
+        ("fiber = [0, 0, 1]", "fiber = [0, 1]", "material.0.fiber"),
+        ("dimension = 3", "dimension = 4", "scene.dimension"),
+        ('kind = "box"', 'kind = "cube"', "geometry.kind"),
+        ('name = "fat"', 'name = ""', "material.1.name"),
+        # what is missing
+        ('length = "cm"', "", "units"),
+        ('model = "polynomial"', "", "material.1"),
+        ("size = [1, 1, 2]", "", "geometry"),
+        ('[units]\nforce = "N"\nlength = "cm"', "", ""),
+        # keys that need or exclude each other
+        ("u_x = 0", "", "boundary.0"),
+        ("A10 = 6.43", "mu = 6.43", "material.0"),
+        ("u_x = 0", "u_x = 0\nradial = 0", "boundary.0"),
+        ("u_x = 0", "pull = 1", "boundary.0"),
+    ],
+)
+def test_editors_find_what_the_reader_refuses(
+    write: Write, editor_schema: jsonschema.Draft4Validator, old: str, new: str, where: str
+) -> None:
+    assert BLOCK.count(f"{old}\n") == 1
+    editor_schema.validate(tomllib.loads(BLOCK))
+    text = BLOCK.replace(f"{old}\n", f"{new}\n")
+    assert complaints(write(text))
+    places = {
+        ".".join(map(str, error.absolute_path))
+        for error in editor_schema.iter_errors(tomllib.loads(text))
+    }
+    assert where in places and all(where.startswith(place) for place in places), places
 
 
 def test_every_table_has_an_example_with_known_keys(make_schema: ModuleType) -> None:

@@ -215,7 +215,7 @@ def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
         (with_amplitude(time=[0, 0.5, 1, 2]), "pull.time: item 4 must be at least 0 and at most 1"),
         (with_amplitude(curve="round"), "amplitude.pull.curve: must be one of linear, smooth"),
         (with_amplitude(name="push"), "no [[amplitude]] is called 'pull'; there are: push"),
-        (with_amplitude({"amplitude": "pull"}), "there is no activation that could follow it"),
+        (with_amplitude({"amplitude": "pull"}), "there is no activation to scale by it"),
         (
             with_amplitude({"amplitude": "pull", "activation": 0.7}, value=[0, 2, 1, 0]),
             "leads to an activation of 1.4 of muscle",
@@ -229,12 +229,12 @@ def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
             "rotation: cannot be given beside traction",
         ),
         (with_probe(quantity="pennation", normal=[0, 0, 1]), "material: missing, a text is needed"),
-        (with_probe(quantity="energy", set="z1"), "set: has no place beside energy, which is of a"),
+        (with_probe(quantity="energy", set="z1"), "set: cannot be given for energy, a quantity of"),
         (with_probe(quantity="J"), "probe.p: needs one of the keys point, set"),
         (with_probe(quantity="J", point=[0, 0, 0], material="muscle"), "material: only for quanti"),
         (
             with_probe("rkcm", quantity="force", set="z1", material="muscle"),
-            "parts of forces need a Galerkin form",
+            "the force of one material needs a Galerkin form",
         ),
     ],
 )

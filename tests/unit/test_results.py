@@ -383,4 +383,4 @@ def test_shapes_that_the_file_cannot_fill_are_refused(model: Path, shape: tuple[
     with h5py.File(model, "a") as file:
         del file["points"]
         file.create_dataset("points", shape, chunks=(1000, 3), dtype=float)
-    assert "its shape claims far more numbers than the file holds" in refused(model)
+    assert "its shape declares far more numbers than the file contains" in refused(model)

@@ -84,7 +84,7 @@ def test_a_dict_is_the_deck_that_it_spells(tmp_path: Path) -> None:
 
 def test_title_and_units_have_defaults() -> None:
     deck = load_deck(CUBE)
-    assert (deck["title"], deck["units"]) == ("untitled", {"force": "N", "length": "cm"})
+    assert (deck["title"], deck["units"]) == ("scene", {"force": "N", "length": "cm"})
     named = load_deck({**CUBE, "title": "cube", "units": {"force": "kN", "length": "m"}})
     assert (named["title"], named["units"]) == ("cube", {"force": "kN", "length": "m"})
 

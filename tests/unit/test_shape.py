@@ -252,7 +252,7 @@ def test_flat_and_repeated_points_have_no_cure():
     with pytest.raises(InputError, match="line or plane"):
         shape_functions(flat, 3.2 * spacing, [[0.5, 0.5, 0.5]], order=2)
     copies = np.repeat(grid(2, 3)[0][::2], 10, axis=0)
-    with pytest.raises(InputError, match="equal"):
+    with pytest.raises(InputError, match="coincide"):
         shape_functions(copies, 4.0, [[0.2, 0.5]], order=2)
 
 

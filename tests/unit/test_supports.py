@@ -126,7 +126,7 @@ DROWNED = (
 def test_a_load_that_drowns_in_rounding_has_no_answer(inputs: Path, method: str) -> None:
     with (
         Scene(inputs / "muscle_block.toml", [*DROWNED, f"scene.method={method}"]) as scene,
-        pytest.raises(ConvergenceError, match=r"roundings of a stiffness of 1\.8E\+19"),
+        pytest.raises(ConvergenceError, match=r"rounding errors of a stiffness of 1\.8E\+19"),
     ):
         scene.solve()
 

@@ -159,7 +159,7 @@ def test_activations_of_points_that_cannot_be() -> None:
             Scene.from_tables(model_tables(), replace(plain, activation=values))
     active = replace(plain, activation=np.full(len(plain.points), 0.5))
     for method in ("rkcm", "rkcm-mixed"):
-        with pytest.raises(InputError, match="whose slopes collocation does not know"):
+        with pytest.raises(InputError, match="collocation needs their gradients"):
             Scene.from_tables(model_tables(method, activation=1.0), active)
     with pytest.raises(InputError, match=r"activation must lie between 0 and 1, but is 2"):
         bar(half(2.0))

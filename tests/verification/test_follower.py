@@ -110,7 +110,7 @@ def test_a_free_rim_above_the_limit_is_named_where_nothing_converges():
         boundary=[held("x0"), {"set": "z0", "pressure": 6}], load={"max_halvings": 0},
         solver={"max_iterations": 4},
     )  # fmt: skip
-    with pytest.raises(ConvergenceError, match=r"rim .*direct_limit = 225 .*hold the rim"):
+    with pytest.raises(ConvergenceError, match=r"rim .*direct_limit = 225 .*constrain the rim"):
         solved(tables, "galerkin.direct_limit=0")
     with pytest.raises(ConvergenceError, match="no convergence") as caught:
         solved(tables, "galerkin.direct_limit=225")
@@ -329,7 +329,7 @@ def test_a_spring_is_as_stiff_whatever_its_amplitude():
         (
             pressed({"amplitude": "a", "spring": [1, 1, 1]},
                     amplitude=[{"name": "a", "time": [0, 1], "value": [0, 1]}]),
-            "nothing here follows it: a spring or a tendon",
+            "nothing here varies with it: the stiffness of a spring or tendon",
         ),
     ],
 )  # fmt: skip

@@ -298,7 +298,7 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
         (
             scene("auto", box(5, places=(5,), labels="half.nii"), linear={"problem": "poisson"},
                   boundary=[{"set": "x0", "u": 0}]),
-            "geometry.labels: has no place in a linear problem",
+            "geometry.labels: is not used by a linear problem",
         ),
     ],
 )  # fmt: skip

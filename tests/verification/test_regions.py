@@ -64,7 +64,7 @@ def test_annulus() -> None:
 @pytest.mark.parametrize(
     ("material", "what"),
     [
-        ([SOFT | {"where": "x < 0.5"}], "material.soft.where: no material holds the place"),
+        ([SOFT | {"where": "x < 0.5"}], "material.soft.where: no material is given at"),
         ([SOFT, STIFF], "material.soft.label: missing"),
         ([SOFT, STIFF | {"where": "x > 2"}], "material.stiff.where: no point lies there"),
         ([SOFT, STIFF | {"where": "x > q"}], "material.stiff.where: 'x > q' is not an expression"),

@@ -293,7 +293,7 @@ def take_summary_away(out):
             {"overrides": ["load.activation=0.25", "load.steps=4"]},
             r"differs in load\.activation \(0\.3, not 0\.25\), load\.steps \(3, not 4\)$",
         ),
-        ({"tables": {**STUDY, "title": "other"}}, r"differs in title \(untitled, not other\)$"),
+        ({"tables": {**STUDY, "title": "other"}}, r"differs in title \(scene, not other\)$"),
         ({"threads": 2}, "has threads 1, not 2"),
         ({"change": change_summary(converged=False)}, "the solve in it did not converge"),
         ({"change": change_summary(version="0.0")}, r"has version 0\.0, not"),
@@ -326,7 +326,7 @@ def test_states_of_other_materials_or_points_are_refused(study_of):
 
 
 def test_no_modes_without_states() -> None:
-    with pytest.raises(InputError, match="not all zero"):
+    with pytest.raises(InputError, match="at least one state that is not zero"):
         proper_orthogonal_modes(np.zeros((3, 6)))
 
 

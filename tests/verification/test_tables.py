@@ -167,11 +167,11 @@ def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
         ({"name": "k", "x": [0, 1], "value": [1]}, "must have as many items as x, 2, not 1"),
         ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
         ({"name": "k", "x": [0], "file": "k.csv"}, "cannot be given beside x"),
-        ({"name": "sin", "x": [0], "value": [1]}, "has a meaning in expressions already"),
-        ({"name": "pi", "x": [0], "value": [1]}, "has a meaning in expressions already"),
-        ({"name": "2k", "x": [0], "value": [1]}, "must have letters, digits and _ only"),
+        ({"name": "sin", "x": [0], "value": [1]}, "is already used in expressions"),
+        ({"name": "pi", "x": [0], "value": [1]}, "is already used in expressions"),
+        ({"name": "2k", "x": [0], "value": [1]}, "must consist of letters, digits and _"),
         ({"name": "other", "x": [0], "value": [1]}, "unknown name 'k'"),
-        ({"name": "rk_table", "x": [0], "value": [1]}, "has a meaning in expressions already"),
+        ({"name": "rk_table", "x": [0], "value": [1]}, "is already used in expressions"),
     ],
 )
 def test_tables_that_cannot_be(table: dict[str, Any], what: str) -> None:

@@ -130,7 +130,7 @@ subroutine scene_sizes(handle, sizes, stat, message)
 end subroutine scene_sizes
 
 !> Project the full problem on modes, by a projection (auto, galerkin, least-squares) and with rows
-!> that are assembled in full (assembled = 1) or not; tells the number of equations that are left
+!> that are assembled in full (assembled = 1) or not; gives the number of equations that are left
 subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, message)
    use rk_error, only : error_type
    use rk_pack, only : pack_error

@@ -123,12 +123,12 @@ contains
          & level=huge(1))
       call output%say(scene%title//': '//to_text(problem%n)//' unknowns, '//to_text(problem%m) &
          & //' equations', level=0)
-      if (damaged) call output%note('the summary.json that was there is damaged: what earlier ' &
-         & //'stations wrote into it is lost', warning=.true.)
+      if (damaged) call output%note('the earlier summary.json is damaged: what other stations ' &
+         & //'wrote into it is lost', warning=.true.)
       if (damage /= '') call output%note(damage, warning=.true.)
-      if (output%repeated > 0) call output%say('resumed behind load step ' &
+      if (output%repeated > 0) call output%say('resumed after load step ' &
          & //to_text(output%repeated), level=0)
-      if (config%start /= '' .and. output%repeated == 0) call output%say('begins at ' &
+      if (config%start /= '' .and. output%repeated == 0) call output%say('starts from ' &
          & //config%start, level=0)
       call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)

@@ -72,18 +72,19 @@ subroutine read_arguments(config, error)
          config%verbosity = -1
       case ('-v')
          config%verbosity = 1
-      case ('-o', '-t', '--set', '--start-from')
+      case ('-o', '--out', '-t', '--threads', '--set', '--start-from')
          i = i + 1
          value = argument(i)
          if (i > command_argument_count() .or. len(value) == 0) then
             call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage_text())
             return
          end if
-         if (word == '-o') then
+         select case (word)
+         case ('-o', '--out')
             config%out = value
-         else if (word == '--start-from') then
+         case ('--start-from')
             config%start = value
-         else if (word == '--set') then
+         case ('--set')
             if (len(value) > len(config%overrides)) then
                call fatal_error(error, err_input, '--set '//value(:40)//'...: too long')
                return
@@ -94,15 +95,15 @@ subroutine read_arguments(config, error)
                return
             end if
             config%overrides = [character(len=len(config%overrides)) :: config%overrides, value]
-         else
+         case default
             read (value, *, iostat=stat) config%threads
             if (stat /= 0 .or. config%threads < 1 .or. config%threads > most_threads &
                & .or. verify(value, '0123456789') > 0) then
-               call fatal_error(error, err_input, '-t '//value//': a number of threads is ' &
-                  & //'needed, from 1 to 1024')
+               call fatal_error(error, err_input, word//' '//value//': a number of threads ' &
+                  & //'is needed, from 1 to 1024')
                return
             end if
-         end if
+         end select
       case default
          if (index(word, '-') == 1 .or. len(config%deck) > 0 .or. len(word) == 0) then
             call fatal_error(error, err_input, "unknown argument '"//word//"'"//new_line('a') &

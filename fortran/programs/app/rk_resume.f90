@@ -161,11 +161,11 @@ subroutine read_run(folder, found, path, history, journal, damage, error)
       damage = path//': its record at byte '//to_text(changed)//' is damaged, or another ' &
          & //'version wrote it'
       if (size(found%load) < 2) then
-         call fatal_error(error, err_file, damage//', and no load step stands before it; ' &
-            & //'without --resume the run begins anew')
+         call fatal_error(error, err_file, damage//', and no load step precedes it; ' &
+            & //'run again without --resume')
       else
-         damage = damage//': goes on behind load step '//to_text(size(found%load) - 1) &
-            & //', what follows is computed again'
+         damage = damage//': continued after load step '//to_text(size(found%load) - 1) &
+            & //', later steps are computed again'
       end if
       return
    end if
@@ -174,7 +174,7 @@ subroutine read_run(folder, found, path, history, journal, damage, error)
    if (.not. exists) return
    call read_restart(found, path, error)
    if (allocated(error)) then
-      error%message = error%message//'; without --resume the run begins anew'
+      error%message = error%message//'; run again without --resume'
       return
    end if
    call load_text(folder//'/history.csv', text)
@@ -253,7 +253,7 @@ subroutine compare_decks(found, deck, path, error)
       what = 'it was solved without --set'
    end if
    call fatal_error(error, err_input, path//': holds a run of another deck: '//what &
-      & //'; resume with the deck as it was, or without --resume begin anew')
+      & //'; resume with the deck as it was, or run again without --resume')
 end subroutine compare_decks
 
 !> Refuse states of other points or another approximation

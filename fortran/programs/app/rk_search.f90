@@ -1,4 +1,4 @@
-!> Receiver of a search for points, before a run has files: tells of it on the terminal.
+!> Receiver of a search for points, before a run has files: reports it on the terminal.
 module rk_search
    use rk_recorder, only : recorder_type
    use rk_system, only : interrupted, tell
@@ -9,7 +9,7 @@ module rk_search
 
    !> Receiver
    type, extends(recorder_type) :: search_type
-      !> Below 0 nothing is told
+      !> Below 0 nothing is printed
       integer :: verbosity = 0
    contains
       procedure :: stopped

@@ -25,7 +25,7 @@ module rk_summary
 
    public :: write_summary, set_aside, earlier_entries, is_finished, is_solved
 
-   !> Entries of the stations before a solve, which hold whatever is solved; all others tell of a
+   !> Entries of the stations before a solve, which hold whatever is solved; all others describe a
    !> solution, `rom` as well, and end with it
    character(len=*), parameter :: kept(*) = [character(len=12) :: 'segmentation', 'tissue', &
       & 'model', 'tensors', 'resampled']

@@ -250,7 +250,7 @@ static int is_backed(hid_t set, hid_t space, struct reason *reason)
    H5Tclose(type);
    for (int i = 0; i < rank; i++) claimed *= (double)shape[i];
    if (claimed <= 1100.0 * stored) return 1;
-   complain(reason, "its shape claims far more numbers than the file holds");
+   complain(reason, "its shape declares far more numbers than the file contains");
    return 0;
 }
 

@@ -2,7 +2,7 @@
 !>
 !> /VTKHDF is an unstructured grid of one vertex cell per point, which ParaView (5.12 and later)
 !> and PyVista show as a cloud. Geometry, label and fiber are stored once, every step appends its
-!> fields; the offsets in /VTKHDF/Steps tell the readers where. The time of a step is its load.
+!> fields; the offsets in /VTKHDF/Steps are the places. The time of a step is its load.
 !> /MyoRK is ours: triangles of the surface and places of the points in a lattice, where there are
 !> any; source points and, for every step, load, activation, coefficients, numbers of the step and
 !> what it hands on to the next one (rk_restart); the deck with its overrides, the approximation,

@@ -69,7 +69,7 @@ def plot(
     x, y : Shown
         What is shown.
     by : str
-        Key that tells the curves apart and names them.
+        Key that distinguishes the curves and names them.
     """
     series = []
     for name in dict.fromkeys(case[by] for case in cases):

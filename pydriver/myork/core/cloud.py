@@ -14,7 +14,7 @@ from myork.records import PointCloud, Voxels
 
 __all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "packed", "with_cloud"]
 
-# One unused point: the wrapper cannot tell the shape of nothing.
+# One unused point: the wrapper cannot infer the shape of nothing.
 NO_CLOUD = PointCloud(
     source=np.zeros((1, 3)),
     spacing=np.ones((1, 3)),

@@ -44,7 +44,8 @@ def load_deck(
     ----------
     deck : str, Path or mapping
         Deck file (TOML), or its tables as data: mappings with the keys of a deck, lists of them for
-        arrays of tables. Data without `title` are "untitled", those without `units` in N and cm.
+        arrays of tables. Without `title` a deck has the name of its file, data are called "scene";
+        data without `units` are in N and cm.
     overrides : sequence of str
         `table.key=value` each, as in `--set`; checked like the deck.
     command : str
@@ -80,7 +81,7 @@ def text_of_tables(tables: Mapping[str, Any]) -> str:
     The units are those in which the schema's defaults of a muscle are given, newtons and
     centimetres.
     """
-    return deck_text({"title": "untitled", "units": {"force": "N", "length": "cm"}, **tables})
+    return deck_text({"title": "scene", "units": {"force": "N", "length": "cm"}, **tables})
 
 
 @cache

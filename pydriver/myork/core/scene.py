@@ -118,7 +118,7 @@ class Scene:
         ----------
         tables : mapping
             Tables with the keys of a deck, arrays of tables as lists of mappings. Without `title`
-            the title is "untitled"; without `units` forces are in N and lengths in cm, the units
+            the title is "scene"; without `units` forces are in N and lengths in cm, the units
             of the defaults of a muscle, or in those of the cloud.
         cloud : PointCloud, optional
             Points of the body, in place of a model file; the table `geometry` is left out then.
@@ -495,8 +495,8 @@ class Scene:
             warnings.warn(
                 f"{len(bad)} of {self.collocation_points} points have fields that are not finite, "
                 f"the first at {self.points()[bad[0]].tolist()}: J falls to "
-                f"{named['J'].min():.3g}, and where it is not positive the material is turned "
-                "inside out and has no stress; take more points there or less load",
+                f"{named['J'].min():.3g}, and where it is not positive the material is "
+                "inverted and has no stress; take more points there or less load",
                 RuntimeWarning,
                 stacklevel=2,
             )

@@ -56,7 +56,7 @@ class States(NamedTuple):
     verdict : str
         "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged.
     reasons : list of str
-        What speaks against the answer, and what was not checked.
+        Reasons for doubt in the answer, and checks that were not made.
     probe_errors : F64
         Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
         number where there is no estimate.

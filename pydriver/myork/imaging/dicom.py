@@ -66,8 +66,8 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
         same = [slices[order[int(np.argmin(gaps)) + step]].path.name for step in (0, 1)]
         raise InputError(
             f"{folder}: {same[0]} and {same[1]} lie at the same position, so there are "
-            "several times, diffusion weights or the like, which nothing in their headers that is "
-            "known here tells apart; keep the files of one image in a folder"
+            "several times, diffusion weightings or the like, which their headers do not "
+            "distinguish; keep the files of one image in a folder"
         )
     if len(gaps) and np.ptp(gaps) > 0.05 * gaps.mean():
         raise InputError(

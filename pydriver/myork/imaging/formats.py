@@ -128,7 +128,7 @@ def _data_file(path: Path, header: Mapping[str, str]) -> Path | None:
     if not os.path.exists(place):
         return None
     if not place.is_file() or (place.samefile(path) and not own):
-        raise FileError(f"{path}: cannot be read: {name[:80]!r} is no file of data")
+        raise FileError(f"{path}: cannot be read: {name[:80]!r} is not a data file")
     return place
 
 

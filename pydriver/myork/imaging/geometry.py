@@ -35,7 +35,7 @@ SLACK = 1e-4
 
 # Voxels of a microscope to those of a whale [mm]; a header in another unit lies outside.
 _VOXEL = (1e-4, 1e3)
-# Farther from the scanner's middle single precision does not tell two voxels apart [mm].
+# Farther from the scanner's middle single precision does not resolve two voxels [mm].
 _FARTHEST = 1e6
 
 

@@ -120,7 +120,7 @@ def read_reference(path: Path, progress: ProgressCallback) -> Labels:
 
 
 def write_image(path: Path, image: Image) -> None:
-    """Write an image in single precision, lengths in mm; the suffix tells the format."""
+    """Write an image in single precision, lengths in mm; the suffix selects the format."""
     _write(path, image.data.astype(np.float32), image.affine)
 
 
@@ -216,7 +216,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
-    """Write a file of the format that its suffix tells."""
+    """Write a file of the format that its suffix selects."""
     with whole_file(path, by_suffix=True) as unfinished:
         if path.suffix in ITK_SUFFIXES:
             save_itk(unfinished, data, affine)

@@ -45,7 +45,7 @@ def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     except KeyError:
         raise InputError(
             f"{path}: the unit of length {int(file.header['xyzt_units']) & 7} of its header is "
-            "none that NIfTI knows; set xyzt_units to 2 (mm)"
+            "not one that NIfTI defines; set xyzt_units to 2 (mm)"
         ) from None
     affine[:3] *= _TO_MM.get(unit, 1.0)
     check_affine(affine, str(path))

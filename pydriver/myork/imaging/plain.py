@@ -36,7 +36,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:
         raise FileError(f"{path}: there is no such file")
     try:
         if not zipfile.is_zipfile(path):
-            raise ValueError("it is no NumPy archive")
+            raise ValueError("it is not a NumPy archive")
         with np.load(path) as archive:
             found = [np.asarray(archive[name]) for name in names]
     except Exception as reason:  # zip, zlib and NumPy each have errors of their own

@@ -39,7 +39,7 @@ _TRUNCATE = 3.0  # standard deviations at which Gaussians end
 # Traces this many times the scatter away from the median have a fourth of the trust; the scatter
 # is at least that of a change of the diffusivity by so much.
 _STRANGE, _LEAST_SCATTER = 2.5, 0.02
-# Widths that are tried, in voxels of the smallest size; the usual one where they tell nothing
+# Widths that are tried, in voxels of the smallest size; the usual one where they do not differ
 _WIDTHS = (0.6, 0.8, 1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 4.8)
 _USUAL = 1.6
 # Noise of two voxels is alike above this correlation [-]; more voxels are never left out; pairs of

@@ -81,7 +81,8 @@ def read_mesh(path: Path) -> Mesh:
             status = getattr(ended, "returncode", "no answer in time")
             reason = said.split("\n")[-1] if status == 2 else f"the reader ended with {status}"
             raise FileError(
-                f"{path}: cannot be read: {reason}; the file is damaged or no mesh: write it again"
+                f"{path}: cannot be read: {reason}; the file is damaged or not a mesh: "
+                "write it again"
             ) from None
         with np.load(arrays) as found:
             mesh = Mesh(**found)

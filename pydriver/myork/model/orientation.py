@@ -10,7 +10,7 @@ none; two flips are the third, since a fiber has no sign) is tried on the same f
 - by anatomy where muscles have names: going up, the fibers of the gastrocnemius lean backwards
   and those of the soleus forwards, and the two heads of the gastrocnemius lean apart.
 
-The length of tracts tells nothing: fibers of a pennate muscle are short, and wrong axes that lay
+The length of tracts is not evidence: fibers of a pennate muscle are short, and wrong axes that lay
 them along it make them three times as long.
 """
 
@@ -168,7 +168,7 @@ def _agreement(fibers: Image, rules: list[tuple[Mask, F64]]) -> float | None:
 
 
 def _doubt(found: list[Orientation]) -> str:
-    """Sentence for the user where the evidence speaks against the files."""
+    """Warning where the evidence contradicts the files."""
     given = found[0]
     look = "look at the fibers on the anatomy in the report before you use it"
     if given.agreement is not None:
@@ -189,8 +189,8 @@ def _doubt(found: list[Orientation]) -> str:
     return (
         "the axes of the diffusion gradients are exchanged: fibers cross the walls of muscles, "
         f"mean square cosine with their normals {given.crossing:.2f} as the files say, "
-        f'{best.crossing:.2f} with image.gradient_axes = "{best.axes}"; flips, and the two axes '
-        f"across the muscles, this does not tell: {look}"
+        f'{best.crossing:.2f} with image.gradient_axes = "{best.axes}"; flips, and the order '
+        f"of the two axes across the muscles, cannot be determined from this: {look}"
     )
 
 

@@ -35,7 +35,7 @@ def source_spacing(source: F64, aspect: F64 | None = None) -> F64:
     directions = int((np.ptp(source, axis=0) > 0).sum())
     if len(source) <= 2 * directions:
         raise InputError(
-            f"{len(source)} source points are too few to tell their spacing: "
+            f"{len(source)} source points are too few to determine their spacing: "
             f"{2 * directions + 1} are needed"
         )
     distance, _ = cKDTree(source / unit).query(source / unit, k=2 * directions + 1)

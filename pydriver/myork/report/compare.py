@@ -51,7 +51,7 @@ def compare_page(runs: Sequence[RunFolder]) -> Page:
 
 
 def _names(runs: Sequence[RunFolder]) -> list[str]:
-    """Folders by the last part of their paths that tells them apart."""
+    """Folders by the last part of their paths that distinguishes them."""
     parts = [run.path.resolve().parts for run in runs]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(own[-count:]) for own in parts]

@@ -207,7 +207,7 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
         return
     units = folder.summary.get("units", {})
     caption = Markup(
-        "Load {}, activation {}: the body as it is deformed, to scale, largest displacement {} {}; "
+        "Load {}, activation {}: the deformed body, to scale; largest displacement {} {}; "
         "undeformed edges in grey. All steps open in ParaView: <code>results.vtkhdf</code>."
     ).format(
         fraction(float(deformation.loads[-1])),
@@ -218,7 +218,7 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
     missing = int(np.count_nonzero(np.isnan(deformation.stress)))
     if missing:
         caption = Markup(
-            "{} <b>{} of {} points have no stress</b>, for the material is turned inside out there "
+            "{} <b>{} of {} points have no stress</b>, where the material is inverted "
             '(J ≤ 0): <span style="color:{}">this colour, or crosses in it</span>.'
         ).format(caption, missing, len(deformation.stress), NO_VALUE)
     if deformation.is_plane:
@@ -243,7 +243,7 @@ def _planes(folder: RunFolder) -> Iterator[Markup]:
         shown = bodies.slices_figure(deformation, folder.summary.get("units", {}))
         yield figure(shown, f"Planes through the middle, undeformed. {_STROKES}")
     else:
-        yield Markup("<p>No planes: the file does not say how its points hang together.</p>")
+        yield Markup("<p>No planes: the file does not say how its points are connected.</p>")
 
 
 def _probes(folder: RunFolder) -> Iterator[Markup]:

@@ -62,7 +62,7 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
             values = ", ".join(f"{key} = {plain(value)}" for key, value in given.items())
             moved.append(f"{where}: {values}")
     activation = deck.get("load", {}).get("activation")
-    loads = [f"held at {', '.join(held)}"] if held else []
+    loads = [f"fixed at {', '.join(held)}"] if held else []
     loads += moved
     if isinstance(activation, int | float) and activation > 0:
         loads.append(f"activation up to {fraction(activation)}")

@@ -33,7 +33,7 @@ def proper_orthogonal_modes(snapshots: F64, image: F64 | None = None) -> tuple[F
         Proper orthogonal values, shape `(n,)`, falling.
     """
     if not snapshots.any():
-        raise InputError("modes come from states that are not all zero; there is none")
+        raise InputError("modes need at least one state that is not zero")
     if image is None:
         modes, singular, _ = np.linalg.svd(snapshots.T, full_matrices=False)
         return modes, singular**2 / len(snapshots)

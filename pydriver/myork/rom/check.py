@@ -81,7 +81,7 @@ def compare(
     other = {rom.key_of(name): ends for name, ends in (ranges or {}).items()}
     for key, (low, high) in other.items():
         if not (np.isfinite([low, high]).all() and low <= high):
-            raise InputError(f"{key}: a range from {low} to {high} is none")
+            raise InputError(f"{key}: a range needs LOW <= HIGH, not {low} and {high}")
     own = {p.key: (p.low, p.high) for p in rom.parameters} | other
     parameters = [p._replace(low=own[p.key][0], high=own[p.key][1]) for p in rom.parameters]
 

@@ -100,7 +100,7 @@ def finish(
 
 
 def _by_others(setting: Setting, at: F64, lifts: F64, order: I64) -> F64:
-    """Lifts as a regression through half of the others tells them."""
+    """Lifts predicted by a regression through half of the others."""
     scale = np.array([p.high - p.low for p in setting.parameters])
     found = lifts.copy()
     for part, others in ((order[::2], order[1::2]), (order[1::2], order[::2])):

@@ -391,7 +391,7 @@ class ReducedModel:
         error = np.full(len(values), np.nan)
         if indicator:
             error = self._indicate(conditions, answer)
-            # where none was found there is no state to tell an error of
+            # where none was found there is no state whose error could be given
             error[~answer.converged & (most == MOST_STEPS)] = np.nan
         probes = self._probes(values, answer)
         names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]

@@ -1,4 +1,4 @@
-"""States of a reduced model: start by regression, correct by Newton, fall back, tell the error."""
+"""States of a reduced model: start by regression, correct by Newton, fall back, give the error."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class Solver:
     ) -> tuple[Answer, F64]:
         """Newton's iteration from amplitudes, or on the way from known states in parts.
 
-        `lift` tells how the modes follow the amplitudes whose forces are wanted, shape
+        `lift` describes how the modes follow the amplitudes whose forces are wanted, shape
         `(n, r, nf)`; without it forces are not stationary.
 
         Returns

@@ -115,14 +115,14 @@ def as_parameters(
     Raises
     ------
     InputError
-        A key that no reduced model can vary, or a range that is none.
+        A key that no reduced model can vary, or an empty range.
     """
     if not ranges:
         raise InputError("a reduced model needs parameters: name a key and its range")
     found = []
     for name, (low, high) in ranges.items():
         if not (np.isfinite([low, high]).all() and low < high):
-            raise InputError(f"{name}: a range from {low} to {high} is none")
+            raise InputError(f"{name}: a range needs LOW < HIGH, not {low} and {high}")
         key = key_of(name) if "." in name else name
         found.append(_resolved(key, float(low), float(high), deck))
     keys = [parameter.key for parameter in found]

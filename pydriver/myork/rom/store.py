@@ -105,7 +105,7 @@ def read_arrays(path: Path) -> dict[str, Any]:
             found = {name: dataset(file, name) for name in names}
             # nothing is compressed
             if sum(item.nbytes for item in found.values()) > path.stat().st_size:
-                raise InputError("the shapes of its arrays claim more numbers than it holds")
+                raise InputError("the shapes of its arrays declare more numbers than it contains")
             values = {name: np.asarray(item[()]) for name, item in found.items()}
             if attribute(file, "sha256") != _checksum(values):
                 raise FileError("its content is damaged")

@@ -116,33 +116,35 @@ def train(
     kinds = as_parameters(ranges, values, lambda key: deck_key(deck, key, overrides))
     for key in ("pressure", "spring", "tendon"):
         if any(key in entry for entry in values.get("boundary", [])):
-            raise InputError(f"{deck}: boundary.{key}: a reduced model does not know it")
+            raise InputError(f"{deck}: boundary.{key}: reduced models do not support it")
     varied = {p.key for p in kinds}
     for entry in values.get("boundary", []):
         key = f"boundary.{entry['set']}.rotation"
         if "rotation" in entry and key not in varied:
-            raise InputError(f"{deck}: {key}: a reduced model knows it as a parameter: vary it")
+            raise InputError(
+                f"{deck}: {key}: reduced models support it as a parameter only: vary it"
+            )
     for entry in values.get("material", []):
         if isinstance(entry.get("activation"), str):
             raise InputError(
-                f"{deck}: material.{entry['name']}.activation: a reduced model does not know "
-                "it: its cells have the activation of their muscle"
+                f"{deck}: material.{entry['name']}.activation: reduced models do not support "
+                "expressions: all cells of a muscle have one activation"
             )
     named = {entry["name"] for entry in values.get("set", [])}
     for probe in values.get("probe", []):
         if probe.get("set") in named:
             raise InputError(
-                f"{deck}: probe.{probe['name']}.set: a reduced model knows forces of sides, not of "
+                f"{deck}: probe.{probe['name']}.set: reduced models have forces of sides, not of "
                 f"the [[set]] {probe['set']}: leave the probe out"
             )
     if values.get("amplitude"):
         raise InputError(
-            f"{deck}: amplitude: a reduced model is trained on loads that grow together"
+            f"{deck}: amplitude: reduced models are trained on loads that grow in proportion"
         )
     if values.get("galerkin", {}).get("essential") == "transformation":
         raise InputError(
-            f'{deck}: galerkin.essential = "transformation": a reduced model is trained on what '
-            f'the penalty holds; take "penalty"'
+            f'{deck}: galerkin.essential = "transformation": reduced models need '
+            f'displacements prescribed by the penalty; take "penalty"'
         )
     if not 0.0 < tolerance < 0.5:
         raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
@@ -151,7 +153,7 @@ def train(
     path = model_path(values, deck.parent, None if out is None else Path(out))
     cloud = None if path is None else read_model(path)
     if cloud is not None and cloud.activation is not None:
-        raise InputError(f"{path}: activation: a reduced model does not know activations of points")
+        raise InputError(f"{path}: activation: reduced models do not support activations of points")
     full = FullModel(deck.read_text(encoding="utf-8"), overrides, cloud, threads)
     with ExitStack() as opened:
         scene = opened.enter_context(full.open())

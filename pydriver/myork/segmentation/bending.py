@@ -36,7 +36,7 @@ _RIM = 5.0
 # Voxels that are compared in each evaluation, about
 _SAMPLES = 20_000
 _BINS = 32
-# Slices of a stack; of fewer nobody can tell what moved along it
+# Slices of a stack; fewer do not show motion along it
 _FEWEST = 4
 
 

@@ -135,7 +135,7 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
 def rule_seeds(
     region: I32, image: Image, muscles: Sequence[Muscle], radius: float
 ) -> tuple[Mask, I32]:
-    """Voxels that the rules part among muscles, and those of which they tell the label.
+    """Voxels that the rules part among muscles, and those whose label they determine.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Regions of an image by active contours without edges: any number of regions and channels.
 
-n level sets make up to 2**n regions; bit k of a region's number tells whether it lies inside of
+n level sets make up to 2**n regions; bit k of a region's number is set where it lies inside of
 level set k. Regions from clusters or a threshold are in ascending order of the first channel at
 the start. The evolution itself is the compiled core's.
 

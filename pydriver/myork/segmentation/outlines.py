@@ -53,7 +53,7 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
         between = np.setdiff1d(np.arange(drawn[0], drawn[-1]), drawn)
         if len(between):
             distance = signed_distances(here[..., drawn], size)
-            # Outlines do not move with their middles: strokes in two places tell of no third one.
+            # Outlines do not move with their middles: strokes in two places predict no third one.
             above = np.searchsorted(drawn, between)
             share = (between - drawn[above - 1]) / (drawn[above] - drawn[above - 1])
             depth[number][..., between] = (

@@ -1,4 +1,4 @@
-"""Parts of labels in each voxel, as grey values between the means of two labels tell them.
+"""Parts of labels in each voxel, from grey values between the means of two labels.
 
 A voxel at the border of two labels holds some of both, and its values lie on the line between
 theirs. Means are those of voxels around that touch no other label, so that what is left of shading
@@ -33,7 +33,7 @@ _FAR = 1e-2  # weight of all voxels of a label in the mean at a place
 _FEW = 20  # whole voxels that a label needs for a mean
 _PEAK = 90.0  # percentile that counts for a label without whole voxels, away from what is around
 _LEVEL = 0.01  # least noise over the range of the values
-_LEAST = 3.0  # distance of two means over the noise, below which a voxel tells nothing
+_LEAST = 3.0  # distance of two means over the noise, below which a voxel is not divided
 _WHOLE, _WHOLE_INSIDE = 0.5, 0.9  # part of the voxels along borders and elsewhere that are whole
 _STRAY = 0.1  # how likely a voxel holds two labels beside it and not its own
 _ROUNDS = 4  # of leaving out voxels that are unlike the mean of their label

@@ -44,7 +44,7 @@ _SLOPES = (0.64, 1.1)  # shortest waves of the fields that are fitted to slopes
 _STEP = 0.04  # over which slopes are taken
 _BEYOND = 0.15  # of the body's extent, by which the waves reach over it at each end
 _MOST = 250  # coefficients; waves grow longer where a body would need more
-_SAMPLE = 40_000  # voxels that tell a field
+_SAMPLE = 40_000  # voxels that a field is fitted to
 _FEWEST = 64  # voxels, of which less would be fitted than measured
 _STIFF = 1e-3  # weight of the field's bending against the data
 _DARKEST = 1e-3  # of the bright values: what logarithms are taken of at least
@@ -52,7 +52,7 @@ _DARKEST = 1e-3  # of the bright values: what logarithms are taken of at least
 _ROUNDS_SLOPES, _ROUNDS_CONVEX = 30, 12
 _ROUNDS_PEAKS = 60
 _WIDE, _NARROW = 0.12, 0.05
-# Fields that are not this alike and entropies that are this close: the image does not tell.
+# Fields that are not this alike and entropies that are this close: the image does not decide.
 _ALIKE = 0.95
 _CLOSE = 0.03
 _FLAT = 0.02  # standard deviation of a field's logarithm below which likeness means nothing
@@ -103,8 +103,8 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
         raise InputError("bias: no voxel to estimate the field from; check the mask")
     if mask.sum() < _FEWEST:
         raise InputError(
-            f"bias: {mask.sum()} voxels do not tell a field; check the mask, or set bias.method = "
-            "'none'"
+            f"bias: {mask.sum()} voxels are too few to estimate a field; check the mask, "
+            "or set bias.method = 'none'"
         )
     if not np.isfinite(values[mask]).all():
         raise InputError("bias: values of the body are not finite; replace them")
@@ -234,7 +234,7 @@ def _fit_slopes(
 def _aligned(smooth: F64, mask: Mask, slow: F64) -> F64:
     """Logarithm of a field with the histograms of all pieces of the body laid upon the largest's.
 
-    Slopes do not tell how bright a piece is against another that it does not touch.
+    Slopes do not show how bright a piece is against another that it does not touch.
     """
     pieces, n = ndimage.label(mask)
     if n < 2:

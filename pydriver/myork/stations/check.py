@@ -137,7 +137,7 @@ def _curves(table: dict[str, Any]) -> tuple[bool | None, str]:
     ):
         amounts = _STRETCHES if name == "stretch" else _SHEARS
         stored = energy(material, np.array(states), volumetric=False)
-        # of isochoric states the energy alone tells: its slope is the stress that is needed
+        # in isochoric states the energy decides: its slope is the stress that is needed
         slope = np.diff(stored) / np.diff(amounts)
         bad = np.flatnonzero(np.diff(slope) < -1e-9 * np.abs(slope).max())
         if len(bad):

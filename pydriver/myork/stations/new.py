@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 
 from myork.errors import InputError
 from myork.files import write_text
 
-__all__ = ["KINDS", "new_deck"]
+__all__ = ["KINDS", "new_deck", "schema_file"]
 
 _FOLDER = Path(__file__).parents[1] / "templates"
 
@@ -23,8 +24,14 @@ KINDS = {
 }
 
 
+def schema_file() -> Path:
+    """JSON Schema of decks, by which editors complete and check keys."""
+    # an editable installation has what the build made in another folder than the package
+    return Path(str(files("myork") / "deck.schema.json"))
+
+
 def new_deck(kind: str, path: Path | None = None) -> Path:
-    """Write a deck to start from.
+    """Write a deck to start from; its first line names the JSON Schema for editors.
 
     Parameters
     ----------
@@ -49,5 +56,6 @@ def new_deck(kind: str, path: Path | None = None) -> Path:
     if path.exists():
         raise InputError(f"{path}: is there already; name another file with -o")
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, (_FOLDER / f"{kind}.toml").read_text(encoding="utf-8"))
+    text = (_FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
+    write_text(path, f"#:schema {schema_file().as_uri()}\n{text}")
     return path

@@ -180,7 +180,7 @@ def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str
 
 
 def _lines(record: Mapping[str, Any], deck: Mapping[str, Any]) -> list[str]:
-    """What to tell at the end."""
+    """Lines printed at the end."""
     unit = deck["result_units"]["volume"]
     lines = [
         f"{name}: {entry['pixels']} pixels, {entry['volume']:.4g} {unit}"

@@ -103,7 +103,7 @@ def run_deck(
     error : bool
         Compute a second solution, which gives the probes their error bars.
     resume : bool
-        Go on from the last whole load step that an earlier run of this deck left in the folder; on
+        Continue from the last complete load step of an earlier run of this deck in the folder; on
         one thread the result has the same bits as that of a run that was never ended. Without such
         a run it begins at rest.
     start : str or Path, optional

@@ -257,7 +257,7 @@ def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.hist(value[1:][np.isfinite(value[1:])], bins="auto", color="#0b5c96")
-    left.axvline(value[0], color="#d55e00", label="the map as it is")
+    left.axvline(value[0], color="#d55e00", label="the original map")
     label = labelled(summary["probe"], summary["unit"])
     left.set_xlabel(label)
     left.set_ylabel("maps")

@@ -42,7 +42,7 @@ __all__ = ["sweep"]
 
 #: Threads of the libraries in a worker: one point a core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: How `myork explain` tells the time of one solution of the equations
+#: How `myork explain` prints the time of one solution of the equations
 _ONCE = r"about ([\d.eE+-]+) s here"
 #: Solutions of a load step at least: a step of Newton and those that confirm it
 _LEAST_ITERATIONS = 3

@@ -390,7 +390,7 @@ def verdict_of(
         return "refused", ["no state was found for these values", *outside]
     reasons = list(outside)
     if smallest_j <= 0.0:
-        reasons.insert(0, f"a place of the body is inside out: J = {smallest_j:.3g}")
+        reasons.insert(0, f"the material is inverted at a point: J = {smallest_j:.3g}")
     if not indicator <= DOUBTFUL:
         error = f"the estimated error of the displacement is {100 * indicator:.2g} %"
         reasons.insert(0, error)
