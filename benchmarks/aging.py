@@ -16,7 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from myork.bench.phantoms import AGED, OLD, PIXEL, YOUNG, Muscle, aged_cloud, labelled
+from myork.bench.phantoms import (
+    AGED,
+    CONNECTIVE,
+    MUSCLE_TISSUE,
+    OLD,
+    PIXEL,
+    YOUNG,
+    Muscle,
+    aged_cloud,
+    labelled,
+)
 from myork.bench.runs import outcome_text, solve_case
 from myork.bench.tables import table
 from myork.console import ProgressCallback
@@ -34,7 +44,6 @@ _PUBLISHED = {
     "force": (68.76, 37.74),
     "per_volume": (0.430, 0.294),
 }
-_MUSCLE, _CONNECTIVE = 1, 3
 _SOFT = tuple(
     f"material.connective_tissue.{key}={value}"
     for key, value in (("A10", 3), ("A20", 8), ("A30", 80), ("K", 5000))
@@ -133,7 +142,7 @@ def solve_muscle(
     words = (f"load.steps={steps}", *overrides)
     case = solve_case(AGED, words, cloud=cloud)
     history = case.get("history", [])
-    names = {number: name for number, name in labels.names.items() if number <= _CONNECTIVE}
+    names = {number: name for number, name in labels.names.items() if number <= CONNECTIVE}
     voxel = labels.spacing.prod() / 1000.0
     return {
         "name": muscle.name,
@@ -173,7 +182,7 @@ def _interface_area(cloud: PointCloud) -> float:
     area = 0.0
     for axis in range(3):
         one, other = (np.delete(label, end, axis=axis) for end in (0, -1))
-        between = (one > 0) & (other > 0) & ((one == _MUSCLE) != (other == _MUSCLE))
+        between = (one > 0) & (other > 0) & ((one == MUSCLE_TISSUE) != (other == MUSCLE_TISSUE))
         area += float(between.sum() * size.prod() / size[axis])
     return area
 
@@ -240,7 +249,7 @@ def _volumes(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         rows.append({"name": f"{name}, published", "volume": volume, "outer": outer})
         # the layer alone: what the phantom without it has less
         bare = labelled(replace((YOUNG, OLD)[i], layer=0.0))[0]
-        within = float((bare.data == _CONNECTIVE).sum() * bare.spacing.prod() / 1000.0)
+        within = float((bare.data == CONNECTIVE).sum() * bare.spacing.prod() / 1000.0)
         volume = pairs[0]["cases"][i]["images"]
         outer = volume["connective_tissue"] - within
         rows.append({"name": f"{name}, label map", "volume": volume, "outer": outer})

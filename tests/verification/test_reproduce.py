@@ -96,7 +96,7 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["reproduce", "5.2", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "table 5.2: CPU time of two iterations, 170 unknowns" in shown
-    assert "inputs/shear_2d.toml --set geometry.source=[17,5]" in shown
+    assert "inputs/shear_2d.toml --set 'geometry.source=[17,5]'" in shown
     rows = json.loads((tmp_path / "reproduce.json").read_text("utf-8"))["rows"]
     assert {row["table"] for row in rows} == {"4.1", "figure-5.2", "5.2"}
     for row in rows:

@@ -8,7 +8,6 @@ from myork.bench.runs import lattice
 
 __all__ = [
     "GALERKIN",
-    "GASTROCNEMIUS",
     "MODES",
     "MOTIONS",
     "PATHS",
@@ -149,7 +148,7 @@ _BLOCK = LoadPath(
     (93.600, 93.568, 93.445),
     ("figure 6.16", (1,)),
 )
-GASTROCNEMIUS = LoadPath(
+_GASTROCNEMIUS = LoadPath(
     "medial gastrocnemius (tables 6.9, 6.10)",
     "mg_muscle",
     RKCM,
@@ -163,7 +162,7 @@ GASTROCNEMIUS = LoadPath(
     ("figure 6.19", (5, 10)),
 )
 #: Tables 6.3 to 6.10
-PATHS = (_SHEAR, _TUBE, _BLOCK, GASTROCNEMIUS)
+PATHS = (_SHEAR, _TUBE, _BLOCK, _GASTROCNEMIUS)
 #: The same in the Galerkin form, with points that it can afford
 GALERKIN = (
     LoadPath(

@@ -24,7 +24,10 @@ from myork.records import Image, Labels, PointCloud
 
 __all__ = [
     "AGED",
+    "CONNECTIVE",
+    "FAT",
     "GASTROCNEMIUS",
+    "MUSCLE_TISSUE",
     "OLD",
     "PIXEL",
     "YOUNG",
@@ -69,7 +72,8 @@ OLD = Muscle("old", 0.9705, 0.0633, 0.2999)
 #: Edge of a pixel [mm]
 PIXEL = 1.25
 _SLICES, _SLICE = 26, 6.0  # number, [mm]
-_MUSCLE, _FAT, _CONNECTIVE = 1, 2, 3
+#: Labels of the materials
+MUSCLE_TISSUE, FAT, CONNECTIVE = 1, 2, 3
 #: Reach of the smoothing of random arrangements [mm]: sheets and streaks some 9 mm apart across
 #: the muscle, as the phantom's, and long along it
 _GRAIN = (2.0, 2.0, 12.0)
@@ -92,10 +96,10 @@ AGED = {
         "interface_fibers": "own",
     },
     "material": [
-        {**MUSCLE, "label": _MUSCLE, "sigma_max": 30, "curve": "smooth"},
-        {"name": "fat", "label": _FAT, "model": "polynomial"}
+        {**MUSCLE, "label": MUSCLE_TISSUE, "sigma_max": 30, "curve": "smooth"},
+        {"name": "fat", "label": FAT, "model": "polynomial"}
         | {"A10": 3, "A20": 8, "A30": 80, "K": 5000},
-        {"name": "connective_tissue", "label": _CONNECTIVE, "model": "polynomial"}
+        {"name": "connective_tissue", "label": CONNECTIVE, "model": "polynomial"}
         | {"A10": 30, "A20": 80, "A30": 800, "K": 50000},
     ],
     "load": {"steps": 4, "activation": 1},
@@ -159,11 +163,11 @@ def labelled(muscle: Muscle) -> tuple[Labels, Image]:
         imct=muscle.imct,
     )
     inside, tissue = phantom.truth.data == 1, phantom.tissue.data
-    layer = (phantom.truth.data == 0) & (tissue == _CONNECTIVE)
+    layer = (phantom.truth.data == 0) & (tissue == CONNECTIVE)
     label = np.where(inside | layer, tissue, 0).astype(np.int32)
     if muscle.seed:
         label[inside] = _scattered(inside, label[inside], muscle.seed)
-    fiber = phantom.fiber.data * (label == _MUSCLE)[..., np.newaxis]
+    fiber = phantom.fiber.data * (label == MUSCLE_TISSUE)[..., np.newaxis]
     affine = phantom.tissue.affine
     return Labels(label, affine, phantom.tissue.names, muscle.name), Image(fiber, affine)
 
@@ -205,10 +209,10 @@ def _scattered(inside: NDArray[np.bool_], label: NDArray[np.int32], seed: int) -
         ndimage.gaussian_filter(random.standard_normal(inside.shape), smooth)[inside]
         for _ in range(2)
     )
-    connective, fat = (int((label == number).sum()) for number in (_CONNECTIVE, _FAT))
+    connective, fat = (int((label == number).sum()) for number in (CONNECTIVE, FAT))
     order = np.argsort(np.abs(sheet))
     rest = order[connective:]
-    found = np.full_like(label, _MUSCLE)
-    found[order[:connective]] = _CONNECTIVE
-    found[rest[np.argsort(-streak[rest])[:fat]]] = _FAT
+    found = np.full_like(label, MUSCLE_TISSUE)
+    found[order[:connective]] = CONNECTIVE
+    found[rest[np.argsort(-streak[rest])[:fat]]] = FAT
     return found

@@ -6,11 +6,14 @@ and puts ours beside the published number.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import resource
+import shlex
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -24,6 +27,7 @@ from myork.bench.machine import machine
 from myork.bench.page import write_page
 from myork.bench.phantoms import (
     AGED,
+    CONNECTIVE,
     GASTROCNEMIUS,
     OLD,
     YOUNG,
@@ -98,6 +102,7 @@ def _aged(run: Run, progress: ProgressCallback) -> Record:
     """Young or old muscle at full activation: force at its top [N], volumes of images [cm^3]."""
     muscle = {"young": YOUNG, "old": OLD}[str(run.more)]
     labels, _ = labelled(muscle)
+    bare, _ = labelled(replace(muscle, layer=0.0))
     case = _converged(solve_case(AGED, run.overrides, cloud=aged_cloud(muscle, 4), limit=_LIMIT))
     voxel = labels.spacing.prod() / 1000.0
     images = {
@@ -106,8 +111,10 @@ def _aged(run: Run, progress: ProgressCallback) -> Record:
         if (labels.data == number).any()
     }
     force = case["probes"]["top"]
+    # connective tissue inside the muscle, without the aponeurosis around it
+    imct = float((bare.data == CONNECTIVE).sum() * voxel)
     return case | {
-        "images": images,
+        "images": images | {"imct": imct},
         "force": force,
         "force_per_volume": force / sum(images.values()),
     }
@@ -310,27 +317,43 @@ def reproduce(
 
 
 def _earlier(file: Path) -> list[dict[str, Any]]:
-    """Rows that this version wrote there before."""
+    """Rows that this version wrote there before, with the notes of today."""
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return []
-    same = found.get("version") == machine()["version"]
-    return [row for row in found.get("rows", []) if same and row.get("table") in TABLES]
+    notes = {
+        (entry.name, row.name): row.note or entry.note
+        for entry in TABLES.values()
+        for row in entry.rows
+    }
+    return [
+        row | {"note": notes[row["table"], row["row"]]}
+        for row in found.get("rows", [])
+        if found.get("version") == machine()["version"] and (row["table"], row["row"]) in notes
+    ]
 
 
 def _record(run: Run, progress: ProgressCallback) -> Record:
-    """What a run computes, its processor time and the memory of this process and its children."""
+    """What a run computes, its processor time and its memory, that of the command included."""
     before = _spent()
+    with contextlib.suppress(OSError):
+        # the peak of this process begins anew, and with it that of a child, which inherits it
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     try:
         record = dict(RUNS[run.kind](run, progress))
     except MyorkError as reason:
         record = {"ended": f"{type(reason).__name__}: {reason}"}
-    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return record | {
-        "cpu_s": _spent() - before,
-        "memory_bytes": record.get("memory_peak_bytes", own),
-    }
+    memory = max(record.get("memory_peak_bytes", 0), _peak_bytes())
+    return record | {"cpu_s": _spent() - before, "memory_bytes": memory}
+
+
+def _peak_bytes() -> float:
+    """Largest memory of this process since its peak began anew."""
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        return 1024.0 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM")))
+    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _spent() -> float:
@@ -374,7 +397,9 @@ def _runs_text(entry: Table) -> list[str]:
     for run in entry.runs.values():
         place = f"inputs/{run.deck}.toml" if run.deck.islower() else f"phantoms.{run.deck}"
         more = f", {run.more}" if isinstance(run.more, str) else ""
-        lines.append(" ".join([place + more, *(f"--set {word}" for word in run.overrides)]))
+        lines.append(
+            " ".join([place + more, *(f"--set {shlex.quote(word)}" for word in run.overrides)])
+        )
     return list(dict.fromkeys(lines))
 
 
@@ -455,8 +480,8 @@ def _markdown(content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record
         f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
         f"thread): {len(content['rows'])} numbers of {len(by_table)} tables and figures, {far} of "
         f"them more than {100 * FAR:.0f} % off (*), with the reason below the table. CPU seconds "
-        "and memory are of the runs that a row reads. `myork reproduce --list` names decks and "
-        "costs of all; those without numbers are at its end.",
+        "and memory, that of the command itself included, are of the runs that a row reads. `myork "
+        "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
         "",
     ]
     for name, rows in by_table.items():
