@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from myork.bench.dissertation import TABLES
 from myork.bench.phantoms import (
     AGED,
     CONNECTIVE,
@@ -36,13 +37,21 @@ from myork.records import PointCloud
 __all__ = ["run", "solve_muscle"]
 
 
-#: Table 4.3 and section 4.2.6, young and old
+#: Table 4.3 and figure 4.22, young and old
 _PUBLISHED = {
-    "muscle": (98.93, 61.89),
-    "fat": (2.83, 6.15),
-    "connective": (20.86, 29.15),
-    "force": (68.76, 37.74),
-    "per_volume": (0.430, 0.294),
+    key: tuple(
+        row.published
+        for row in (*TABLES["4.3"].rows, *TABLES["figure-4.22"].rows)
+        if row.name.startswith((f"{name}, young [", f"{name}, old ["))
+        and isinstance(row.published, float)
+    )
+    for key, name in (
+        ("muscle", "muscle"),
+        ("fat", "IMAT"),
+        ("connective", "IMCT"),
+        ("force", "F_max"),
+        ("per_volume", "force per total volume"),
+    )
 }
 _SOFT = tuple(
     f"material.connective_tissue.{key}={value}"

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.bench.dissertation import TABLES
 from myork.bench.phantoms import GASTROCNEMIUS, gastrocnemius, inclined, strided_cloud
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
@@ -27,7 +28,7 @@ from myork.records import Image
 __all__ = ["run"]
 
 #: Force of an assumed direction over that of the measured ones at half activation
-_PUBLISHED_RATIO = 1.69
+_PUBLISHED_RATIO = TABLES["figure-5.36"].rows[0].published
 #: Angles of an assumed direction from the long axis of the leg, in the plane of the measured mean
 _ANGLES = (0.0, 10.0, 17.0)
 #: Pixels of 1.25 mm along the edge of a block, which is a source point

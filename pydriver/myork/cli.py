@@ -209,10 +209,11 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
     if not options.names:
         raise InputError("name tables or figures, as 6.8, or all; --list names them")
     out = options.out or Path("out", "reproduce")
+    names = {table.name for table in _load("bench.reproduce:find_tables")(options.names)}
     content = _load("bench.reproduce:reproduce")(
         options.names, out, progress=console, show=silent if options.verbosity < 0 else print
     )
-    ended = {row["table"] for row in content["rows"] if "ended" in row}
+    ended = {row["table"] for row in content["rows"] if "ended" in row} & names
     if ended:
         raise ConvergenceError(f"without a number: {', '.join(sorted(ended))}")
     return f"published and ours: {out / 'reproduce.html'}"

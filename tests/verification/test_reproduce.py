@@ -3,7 +3,9 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from myork.bench import phantoms
@@ -15,6 +17,7 @@ from myork.cli import main
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError, InputError
 from myork.files import INPUTS
+from myork.rom.study import gradient_error
 
 ROOT = Path(__file__).parents[2]
 #: Last numbers of the tables and figures of each chapter, by the lists at the dissertation's front
@@ -121,6 +124,18 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     page = (tmp_path / "reproduce.html").read_text("utf-8")
     assert page.count("<table") == 3 and "myork reproduce" in page and "reproduce.json" in page
     assert (tmp_path / "reproduce.md").read_text("utf-8").count("\n## ") == 3
+
+
+def test_e2_is_the_norm_of_all_components() -> None:
+    """Not of their sums, as (6.72) is printed: components that cancel are an error all the same."""
+    full = np.tile(np.eye(3), (4, 1, 1))
+    full[:, 0, 0] += 0.3
+    full[:, 1, 1] += 0.4
+    reduced = full.copy()
+    reduced[:, 0, 0] += 0.03
+    reduced[:, 1, 1] -= 0.04
+    one, other = (SimpleNamespace(f=f) for f in (full, reduced))
+    assert gradient_error([one], [other]) == pytest.approx(0.1)
 
 
 def test_a_run_that_ends_leaves_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
