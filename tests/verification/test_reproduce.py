@@ -126,6 +126,27 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert (tmp_path / "reproduce.md").read_text("utf-8").count("\n## ") == 3
 
 
+def test_the_page_has_all_numbers_and_reasons() -> None:
+    """`docs/reproduced.md` is a run of all: each row with its published number; what is far off has
+    a reason below its table.
+    """
+    parts = (ROOT / "docs/reproduced.md").read_text("utf-8").split("\n## ")[1:]
+    pages = {part.split(":")[0].lower(): part for part in parts}
+    for table in TABLES.values():
+        name = table.name.replace("-", " ") if "-" in table.name else f"table {table.name}"
+        page = pages.pop(name)
+        for row in table.rows:
+            published = row.published() if callable(row.published) else row.published
+            (line,) = re.findall(rf"^\| {re.escape(row.name)} \| (.*) \|$", page, re.M)
+            cells = line.split(" | ")
+            assert float(cells[0]) == pytest.approx(published, rel=1e-3), (name, row.name)
+            ratio, far = cells[2].removesuffix(" \\*"), cells[2].endswith("*")
+            assert far == (ratio == "-" or abs(float(ratio) - 1) > FAR), (name, row.name)
+            reason = row.note or table.note
+            assert not far or (reason and reason[1:] in page), (name, row.name)
+    assert not pages
+
+
 def test_e2_is_the_norm_of_all_components() -> None:
     """Not of their sums, as (6.72) is printed: components that cancel are an error all the same."""
     full = np.tile(np.eye(3), (4, 1, 1))
