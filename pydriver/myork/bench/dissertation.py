@@ -547,7 +547,7 @@ _MOTION_TABLES = (
         "the exact motion is one sine, so that e1 at r = 1 is what else the full solution by "
         "collocation holds, and depends on the basis. The dissertation names the support, 3h, but "
         "no order or kernel for this problem; order 3 needs 3.5h at the ends and gives the "
-        "published e1. At r = 25 either number is rounding",
+        "published e1. At r = 25 of 30 states e1 is what the last modes hold",
     ),
     _motions(
         "6.2",

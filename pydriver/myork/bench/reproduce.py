@@ -472,14 +472,16 @@ _COLUMNS: Columns = (
 
 def _markdown(content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record]]) -> str:
     """The page `docs/reproduced.md`."""
-    far = sum(row["far"] for row in content["rows"])
+    far = [row["row"] for row in content["rows"] if row["far"]]
+    times = sum(name.endswith(("[s]", "[min]")) for name in far)
     lines = [
         "# The dissertation's tables and figures",
         "",
         f"Written by `myork reproduce {' '.join(by_table) if len(by_table) < 8 else 'all'}` "
         f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
-        f"thread): {len(content['rows'])} numbers of {len(by_table)} tables and figures, {far} of "
-        f"them more than {100 * FAR:.0f} % off (*), with the reason below the table. CPU seconds "
+        f"thread): {len(content['rows'])} numbers of {len(by_table)} tables and figures. "
+        f"{len(far)} of them are more than {100 * FAR:.0f} % off (*), with the reason below the "
+        f"table; {times} of these are times of another machine. CPU seconds "
         "and memory, that of the command itself included, are of the runs that a row reads. `myork "
         "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
         "",
