@@ -1,8 +1,6 @@
 """Force of a young and an old medial gastrocnemius of three materials, as in section 4.2.6.
 
-The muscles are phantoms with the volumes of table 4.3. Labels and fibers are the phantom's truth,
-so that nothing but the muscles differs. The outer layer of connective tissue is as thick as the
-published forces per total volume ask for: 159.9 and 128.4 cm^3 with it. Both ends are fixed.
+The muscles are the phantoms of `myork.bench.phantoms`, with both ends fixed.
 Properties pass smoothly from tissue to tissue over two spacings; as in the reference every point
 has the fiber measured there, so that fat and connective tissue do not contract (`own`). Beside it
 stands the other reading, in which the muscle's share of such a point takes the fiber of the
@@ -12,91 +10,48 @@ nearest muscle (`nearest`): as much contracts as there is muscle.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
-from benchmarks.voxel_bodies import strided_cloud
-from myork.bench.materials import MUSCLE
+from myork.bench.dissertation import TABLES
+from myork.bench.phantoms import (
+    AGED,
+    CONNECTIVE,
+    MUSCLE_TISSUE,
+    OLD,
+    PIXEL,
+    YOUNG,
+    Muscle,
+    aged_cloud,
+    labelled,
+)
 from myork.bench.runs import outcome_text, solve_case
 from myork.bench.tables import table
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
-from myork.imaging.phantom import make_phantom
-from myork.records import Image, Labels, PointCloud
+from myork.records import PointCloud
 
-__all__ = ["OLD", "YOUNG", "Muscle", "labelled", "run", "solve_muscle"]
-
-
-@dataclass(frozen=True)
-class Muscle:
-    """A medial gastrocnemius.
-
-    Attributes
-    ----------
-    name : str
-        Whose it is.
-    scale : float
-        Size of the calf across [-].
-    imat, imct : float
-        Part of the muscle that is fat, or connective tissue [-].
-    layer : float
-        Thickness of the connective tissue around it in a calf of scale 1 [mm].
-    seed : int
-        Start of a random arrangement of fat and connective tissue; 0 for the phantom's.
-    """
-
-    name: str
-    scale: float
-    imat: float
-    imct: float
-    layer: float = 1.9
-    seed: int = 0
+__all__ = ["run", "solve_muscle"]
 
 
-YOUNG = Muscle("young", 1.0901, 0.0231, 0.1701)
-OLD = Muscle("old", 0.9705, 0.0633, 0.2999)
-
-#: Table 4.3 and section 4.2.6, young and old
+#: Table 4.3 and figure 4.22, young and old
 _PUBLISHED = {
-    "muscle": (98.93, 61.89),
-    "fat": (2.83, 6.15),
-    "connective": (20.86, 29.15),
-    "force": (68.76, 37.74),
-    "per_volume": (0.430, 0.294),
-}
-_PIXEL = 1.25  # [mm]
-_SLICES, _SLICE = 26, 6.0  # number, [mm]
-_MUSCLE, _FAT, _CONNECTIVE = 1, 2, 3
-#: Reach of the smoothing of random arrangements [mm]: sheets and streaks some 9 mm apart across
-#: the muscle, as the phantom's, and long along it
-_GRAIN = (2.0, 2.0, 12.0)
-
-_FIXED = {"u_x": 0, "u_y": 0, "u_z": 0}
-_TABLES = {
-    "title": "Isometric contraction of a medial gastrocnemius of three materials",
-    "scene": {"dimension": 3, "method": "rkpm-scni"},
-    "approximation": {
-        "order": 1,
-        "support": 2,
-        "kernel": "cubic",
-        "interface": 2,
-        "interface_fibers": "own",
-    },
-    "material": [
-        {**MUSCLE, "label": _MUSCLE, "sigma_max": 30, "curve": "smooth"},
-        {"name": "fat", "label": _FAT, "model": "polynomial"}
-        | {"A10": 3, "A20": 8, "A30": 80, "K": 5000},
-        {"name": "connective_tissue", "label": _CONNECTIVE, "model": "polynomial"}
-        | {"A10": 30, "A20": 80, "A30": 800, "K": 50000},
-    ],
-    "boundary": [{"set": end, **_FIXED} for end in ("bottom", "top")],
-    "load": {"steps": 4, "activation": 1},
-    "probe": [{"name": end, "quantity": "force_z", "set": end} for end in ("bottom", "top")],
+    key: tuple(
+        row.published
+        for row in (*TABLES["4.3"].rows, *TABLES["figure-4.22"].rows)
+        if row.name.startswith((f"{name}, young [", f"{name}, old ["))
+        and isinstance(row.published, float)
+    )
+    for key, name in (
+        ("muscle", "muscle"),
+        ("fat", "IMAT"),
+        ("connective", "IMCT"),
+        ("force", "F_max"),
+        ("per_volume", "force per total volume"),
+    )
 }
 _SOFT = tuple(
     f"material.connective_tissue.{key}={value}"
@@ -167,27 +122,6 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     }
 
 
-def labelled(muscle: Muscle) -> tuple[Labels, Image]:
-    """Materials of a muscle with its outer layer, and fibers of its muscle tissue."""
-    pixels = int(np.ceil((108.0 * muscle.scale + 6.0) / _PIXEL))
-    phantom = make_phantom(
-        (pixels, pixels, _SLICES),
-        (_PIXEL, _PIXEL, _SLICE),
-        scale=muscle.scale,
-        aponeurosis=muscle.layer,
-        imat=muscle.imat,
-        imct=muscle.imct,
-    )
-    inside, tissue = phantom.truth.data == 1, phantom.tissue.data
-    layer = (phantom.truth.data == 0) & (tissue == _CONNECTIVE)
-    label = np.where(inside | layer, tissue, 0).astype(np.int32)
-    if muscle.seed:
-        label[inside] = _scattered(inside, label[inside], muscle.seed)
-    fiber = phantom.fiber.data * (label == _MUSCLE)[..., np.newaxis]
-    affine = phantom.tissue.affine
-    return Labels(label, affine, phantom.tissue.names, muscle.name), Image(fiber, affine)
-
-
 def solve_muscle(
     muscle: Muscle, block: int, steps: int, overrides: Sequence[str] = ()
 ) -> dict[str, Any]:
@@ -212,12 +146,12 @@ def solve_muscle(
         muscle and passive tissue) [cm^2], `activation` and `force` (at both ends, shape
         `(2, nstep)`) [N].
     """
-    labels, fiber = labelled(muscle)
-    cloud = strided_cloud(labels, fiber, (block, block, 1), ids=[1, 2, 3], merge="sample")
+    labels, _ = labelled(muscle)
+    cloud = aged_cloud(muscle, block)
     words = (f"load.steps={steps}", *overrides)
-    case = solve_case(_TABLES, words, cloud=cloud)
+    case = solve_case(AGED, words, cloud=cloud)
     history = case.get("history", [])
-    names = {number: name for number, name in labels.names.items() if number <= _CONNECTIVE}
+    names = {number: name for number, name in labels.names.items() if number <= CONNECTIVE}
     voxel = labels.spacing.prod() / 1000.0
     return {
         "name": muscle.name,
@@ -231,27 +165,6 @@ def solve_muscle(
     }
 
 
-def _scattered(inside: NDArray[np.bool_], label: NDArray[np.int32], seed: int) -> NDArray[np.int32]:
-    """As much fat and connective tissue in a muscle as before, in random places.
-
-    Connective tissue lies in curved sheets, where a smooth random field is near zero, and fat in
-    streaks, where another one is highest.
-    """
-    random = np.random.default_rng(seed)
-    smooth = np.array(_GRAIN) / (_PIXEL, _PIXEL, _SLICE)
-    sheet, streak = (
-        ndimage.gaussian_filter(random.standard_normal(inside.shape), smooth)[inside]
-        for _ in range(2)
-    )
-    connective, fat = (int((label == number).sum()) for number in (_CONNECTIVE, _FAT))
-    order = np.argsort(np.abs(sheet))
-    rest = order[connective:]
-    found = np.full_like(label, _MUSCLE)
-    found[order[:connective]] = _CONNECTIVE
-    found[rest[np.argsort(-streak[rest])[:fat]]] = _FAT
-    return found
-
-
 def _contracting(overrides: Sequence[str], cloud: PointCloud) -> float:
     """Volume that contracts, by the share of sigma_max in the stress of each cell [cm^3].
 
@@ -261,7 +174,7 @@ def _contracting(overrides: Sequence[str], cloud: PointCloud) -> float:
     """
     assert cloud.voxels is not None
     cells = replace(cloud, points=cloud.voxels.centre)
-    with Scene.from_tables(_TABLES, cells, overrides=overrides, threads=1) as scene:
+    with Scene.from_tables(AGED, cells, overrides=overrides, threads=1) as scene:
         sigma_max = scene.deck["material"][0]["sigma_max"]
         stress = scene.fields(np.zeros(scene.dofs), 1.0).cauchy
     norm = np.sqrt((stress**2).sum(axis=1) + (stress[:, 3:] ** 2).sum(axis=1))
@@ -278,7 +191,7 @@ def _interface_area(cloud: PointCloud) -> float:
     area = 0.0
     for axis in range(3):
         one, other = (np.delete(label, end, axis=axis) for end in (0, -1))
-        between = (one > 0) & (other > 0) & ((one == _MUSCLE) != (other == _MUSCLE))
+        between = (one > 0) & (other > 0) & ((one == MUSCLE_TISSUE) != (other == MUSCLE_TISSUE))
         area += float(between.sum() * size.prod() / size[axis])
     return area
 
@@ -294,11 +207,11 @@ def _pair(
 ) -> dict[str, Any]:
     """Both muscles, and what the second has less than the first at the end of the ramp."""
     cases = []
-    name = f"{name}, {block * _PIXEL:g} mm"
+    name = f"{name}, {block * PIXEL:g} mm"
     for muscle in (young, old):
         progress(f"{name}: {muscle.name}")
         cases.append(solve_muscle(muscle, block, steps, overrides))
-    pair: dict[str, Any] = {"name": name, "block_mm": block * _PIXEL, "cases": cases}
+    pair: dict[str, Any] = {"name": name, "block_mm": block * PIXEL, "cases": cases}
     if all(case["outcome"] == "converged" for case in cases):
         pair["force_drop"] = _drop([case["force"][1][-1] for case in cases])
         pair["contracting_drop"] = _drop([case["contracting"] for case in cases])
@@ -345,7 +258,7 @@ def _volumes(pairs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         rows.append({"name": f"{name}, published", "volume": volume, "outer": outer})
         # the layer alone: what the phantom without it has less
         bare = labelled(replace((YOUNG, OLD)[i], layer=0.0))[0]
-        within = float((bare.data == _CONNECTIVE).sum() * bare.spacing.prod() / 1000.0)
+        within = float((bare.data == CONNECTIVE).sum() * bare.spacing.prod() / 1000.0)
         volume = pairs[0]["cases"][i]["images"]
         outer = volume["connective_tissue"] - within
         rows.append({"name": f"{name}, label map", "volume": volume, "outer": outer})

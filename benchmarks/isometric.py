@@ -15,34 +15,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from benchmarks.truths.deck_parts import deck, force, held
-from benchmarks.voxel_bodies import strided_cloud
-from myork.bench.materials import MUSCLE
+from myork.bench.dissertation import TABLES
+from myork.bench.phantoms import GASTROCNEMIUS, gastrocnemius, inclined, strided_cloud
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
 from myork.imaging.phantom import make_phantom
-from myork.records import Image, PointCloud
+from myork.records import Image
 
-__all__ = ["gastrocnemius", "run"]
+__all__ = ["run"]
 
 #: Force of an assumed direction over that of the measured ones at half activation
-_PUBLISHED_RATIO = 1.69
+_PUBLISHED_RATIO = TABLES["figure-5.36"].rows[0].published
 #: Angles of an assumed direction from the long axis of the leg, in the plane of the measured mean
 _ANGLES = (0.0, 10.0, 17.0)
 #: Pixels of 1.25 mm along the edge of a block, which is a source point
 _BLOCKS, _QUICK_BLOCKS = (4, 3, 2), (6,)
 _CALF_BLOCKS, _QUICK_CALF_BLOCKS = (8, 4, 3), (12, 8)
-_MUSCLE = deck(
-    "Isometric contraction of a medial gastrocnemius",
-    {"kind": "model"},
-    ({**MUSCLE, "label": 1, "sigma_max": 30.0},),
-    (held("bottom"), held("top")),
-    (force("bottom", "z", "bottom"), force("top", "z", "top")),
-    activation=0.5,
-)
 _DIRECTIONS: Columns = (
     ("fibers", "fibers"),
     ("from the axis [degree]", "angle"),
@@ -96,24 +87,6 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     }
 
 
-def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
-    """Points of the phantom's medial gastrocnemius.
-
-    Parameters
-    ----------
-    block : int
-        Pixels along the edge of a block.
-    fiber : ArrayLike, optional
-        One direction for all fibers, shape `(3,)`; the phantom's without it.
-    """
-    phantom = make_phantom()
-    fibers = phantom.fiber
-    if fiber is not None:
-        one = np.where(phantom.truth.data[..., np.newaxis] == 1, np.asarray(fiber), 0.0)
-        fibers = Image(one, fibers.affine)
-    return strided_cloud(phantom.truth, fibers, (block, block, 1), ids=[1])
-
-
 def _direction_cases(block: int, progress: ProgressCallback) -> list[dict[str, Any]]:
     """The measured fibers, then one direction for all."""
     cloud = gastrocnemius(block)
@@ -122,13 +95,13 @@ def _direction_cases(block: int, progress: ProgressCallback) -> list[dict[str, A
     ways: list[tuple[str, NDArray[Any] | None]] = [
         ("measured", None),
         ("their mean", mean),
-        *((f"assumed, {angle:g} degrees", _inclined(mean, angle)) for angle in _ANGLES),
+        *((f"assumed, {angle:g} degrees", inclined(mean, angle)) for angle in _ANGLES),
     ]
     cases: list[dict[str, Any]] = []
     for name, fiber in ways:
         progress(f"gastrocnemius, blocks of {1.25 * block:g} mm, fibers: {name}")
         points = cloud if fiber is None else gastrocnemius(block, fiber)
-        case = solve_case(_MUSCLE, ("load.steps=5",), cloud=points, error=False)
+        case = solve_case(GASTROCNEMIUS, ("load.steps=5",), cloud=points, error=False)
         case |= {"fibers": name, "block_mm": 1.25 * block}
         case["angle"] = _angle(mean if fiber is None else fiber)
         _note_force(case)
@@ -138,13 +111,6 @@ def _direction_cases(block: int, progress: ProgressCallback) -> list[dict[str, A
             case["published"] = _PUBLISHED_RATIO
         cases.append(case)
     return cases
-
-
-def _inclined(mean: NDArray[Any], angle: float) -> NDArray[Any]:
-    """A direction so many degrees from the axis, leaning as the mean does."""
-    side = mean[:2] / np.linalg.norm(mean[:2])
-    turn = np.radians(angle)
-    return np.array([*(np.sin(turn) * side), np.cos(turn)])
 
 
 def _angle(fiber: NDArray[Any]) -> float:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from myork.bench.materials import MUSCLE, RUBBER
-from myork.core.deck import table_defaults
-from myork.model.cloud import build_cloud
-from myork.records import Image, Labels, PointCloud
+from myork.bench.phantoms import strided_cloud
+from myork.records import Labels, PointCloud
 from myork.types import F64
 
-__all__ = ["BODIES", "TWO_TISSUES", "Body", "body_cloud", "box_tables", "strided_cloud"]
+__all__ = ["BODIES", "TWO_TISSUES", "Body", "body_cloud", "box_tables"]
 
 
 class Body(NamedTuple):
@@ -79,26 +78,6 @@ def body_cloud(body: Body, voxel: float) -> PointCloud:
     affine[:3, 3] = [10 * axis[0] for axis in axes]
     labels = Labels(filled.astype(np.int32), affine)
     return strided_cloud(labels, None)
-
-
-def strided_cloud(
-    labels: Labels, fiber: Image | None, stride: Sequence[int] = (), **keys: Any
-) -> PointCloud:
-    """Points of a label map as `build` makes them.
-
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    fiber : Image or None
-        Fibers on the same grid.
-    stride : sequence of int
-        Voxels along the edges of a block, which is a source and a collocation point.
-    **keys
-        Of `[build]`.
-    """
-    strides = dict.fromkeys(("collocation_stride", "source_stride"), list(stride)) if stride else {}
-    return build_cloud(labels, fiber, {**table_defaults("build"), **strides, **keys}, "cm")[0]
 
 
 def box_tables(body: Body) -> dict[str, Any]:

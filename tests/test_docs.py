@@ -100,7 +100,7 @@ def is_alike(shown: str, printed: str) -> bool:
     those of a library. Residuals, steps of the iteration and times say nothing and may be any.
     """
     lines = [
-        re.sub(r"(\|(?:r|A'r|da)\| +)\S+|\S+ s(?=,|$)", r"\1...", line.rstrip())
+        re.sub(r"(\|(?:r|A'r|da)\| +)\S+|\S+ (?:CPU )?s(?=,|$)", r"\1...", line.rstrip())
         for line in (shown, printed)
     ]
     if len({NUMBER_SHOWN.sub("0", line) for line in lines}) > 1:

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import myork
 from myork.bench import BENCHES
 from myork.console import Console, Unheard, silent
-from myork.errors import ConvergenceError, MyorkError
+from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import write_json, write_text
 from myork.libraries import cure_of
 from myork.summary import asked
@@ -208,6 +208,22 @@ def _bench(options: argparse.Namespace, console: Console) -> None:
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
     if ended:
         raise MyorkError(f"without a result: {', '.join(ended)}")
+
+
+def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
+    if options.list:
+        return str(_load("bench.reproduce:list_tables")())
+    if not options.names:
+        raise InputError("name tables or figures, as 6.8, or all; --list names them")
+    out = options.out or Path("out", "reproduce")
+    names = {table.name for table in _load("bench.reproduce:find_tables")(options.names)}
+    content = _load("bench.reproduce:reproduce")(
+        options.names, out, progress=console, show=silent if options.verbosity < 0 else print
+    )
+    ended = {row["table"] for row in content["rows"] if "ended" in row} & names
+    if ended:
+        raise ConvergenceError(f"without a number: {', '.join(sorted(ended))}")
+    return f"published and ours: {out / 'reproduce.html'}"
 
 
 def _report(options: argparse.Namespace, console: Console) -> str:
@@ -752,6 +768,21 @@ _COMMANDS = {
             _flag("--quick", "small cases only"),
         ),
         "folder of bench.json and bench.html; default out/bench",
+    ),
+    "reproduce": _Command(
+        _reproduce,
+        "tables and figures of the dissertation computed again: published, ours, ratio, CPU time",
+        "  myork reproduce --list\n  myork reproduce 6.8 5.2 figure-5.2\n  myork reproduce all",
+        (
+            _option(
+                "names", "NUMBER",
+                "6.8, figure-5.2 or all; a bare number is the table, or the figure where there is "
+                "no such table", nargs="*",
+            ),
+            _flag("--list", "name all, with their decks and costs, and end"),
+        ),
+        "folder of reproduce.json, reproduce.md and reproduce.html; tables that are there stay; "
+        "default out/reproduce",
     ),
     "report": _Command(
         _report,

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.aging import OLD, YOUNG, labelled
 from myork.bench import run_benches
+from myork.bench.phantoms import OLD, YOUNG, labelled
 
 pytestmark = pytest.mark.nightly
 

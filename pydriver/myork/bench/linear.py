@@ -21,7 +21,7 @@ from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError
 
-__all__ = ["run"]
+__all__ = ["PUBLISHED_STUDIES", "Study", "run", "study_rates"]
 
 #: A displacement of sines in both directions, and its stress and body force with E = 1, nu = 1/4
 _U = ("sin(pi*x)*sin(pi*y)", "sin(pi*(x + 1/4))*sin(pi*(y + 1/4))")
@@ -54,7 +54,7 @@ _ELASTICITY = {
 Sizes = tuple[tuple[int, ...], ...]
 
 
-class _Study(NamedTuple):
+class Study(NamedTuple):
     """A problem on several grids.
 
     Attributes
@@ -101,18 +101,23 @@ def _denser(sizes: Sizes, factor: int) -> Sizes:
     return tuple(tuple(factor * n for n in size) for size in sizes)
 
 
-def _studies(quick: bool) -> list[_Study]:
+#: The published problems with their grids, which have twice as many collocation points an edge;
+#: the cube has 21 for 11 source points
+PUBLISHED_STUDIES = {
+    study.problem: study
+    for study in (
+        Study("Poisson 1-D", "poisson_1d", _LINE, _denser(_LINE, 2), published=(3.07, 2.49)),
+        Study("Poisson 2-D", "poisson_2d", _SQUARE, _denser(_SQUARE, 2), published=(3.03, 2.43)),
+        Study("Poisson 3-D", "poisson_3d", _CUBE, tuple((2 * n - 1,) * 3 for (n, _, _) in _CUBE)),
+        Study("cantilever", "cantilever", _BEAM, _BEAM_COLLOCATION),
+    )
+}
+
+
+def _studies(quick: bool) -> list[Study]:
     """All studies, or those that take a second or two."""
-    line = _Study("Poisson 1-D", "poisson_1d", _LINE, _denser(_LINE, 2), published=(3.07, 2.49))
-    square = _Study(
-        "Poisson 2-D", "poisson_2d", _SQUARE, _denser(_SQUARE, 2), published=(3.03, 2.43)
-    )
-    # 21 collocation points for 11 source points, as published
-    cube = _Study(
-        "Poisson 3-D", "poisson_3d", _CUBE, tuple((2 * n - 1,) * 3 for (n, _, _) in _CUBE)
-    )
-    beam = _Study("cantilever", "cantilever", _BEAM, _BEAM_COLLOCATION)
-    plane = _Study("plane strain", _ELASTICITY, _SQUARE, _denser(_SQUARE, 2))
+    line, square, cube, beam = PUBLISHED_STUDIES.values()
+    plane = Study("plane strain", _ELASTICITY, _SQUARE, _denser(_SQUARE, 2))
     studies = [line, square, cube, beam, beam._replace(support=4.0)]
     studies += [beam._replace(traction=10.0), plane, plane._replace(traction=10.0)]
     for order in (3, 4):
@@ -148,9 +153,9 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     for number, study in enumerate(studies):
         label = _label(study)
         progress(f"study {number + 1}/{len(studies)}  {label}")
-        own = [_case(study, *sizes) for sizes in zip(study.source, study.collocation, strict=True)]
+        own, found = study_rates(study)
         cases += own
-        rates.append({"study": label, **_rates(study, own)})
+        rates.append({"study": label, **found})
     return {
         "name": "linear",
         "title": "Convergence of linear problems",
@@ -162,7 +167,14 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     }
 
 
-def _label(study: _Study) -> str:
+def study_rates(study: Study) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Cases of all grids of a study, and its fitted rates, `L2` and `H1`."""
+    sizes = zip(study.source, study.collocation, strict=True)
+    cases = [_case(study, *size) for size in sizes]
+    return cases, _rates(study, cases)
+
+
+def _label(study: Study) -> str:
     label = (
         f"{study.problem}, order {study.order}, support {study.support:g}h, "
         f"{study.density:g} collocation points a source point"
@@ -170,7 +182,7 @@ def _label(study: _Study) -> str:
     return label if study.traction == 1.0 else f"{label}, traction weight {study.traction:g}"
 
 
-def _case(study: _Study, source: Sequence[int], points: Sequence[int]) -> dict[str, Any]:
+def _case(study: Study, source: Sequence[int], points: Sequence[int]) -> dict[str, Any]:
     """Errors of one grid."""
     overrides = (
         *lattice(source, points),
@@ -192,7 +204,7 @@ def _case(study: _Study, source: Sequence[int], points: Sequence[int]) -> dict[s
     }
 
 
-def _rates(study: _Study, cases: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _rates(study: Study, cases: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Fitted rates of a study beside theory (5.18) and the published ones."""
     h = np.log([case["h"] for case in cases])
     found = {

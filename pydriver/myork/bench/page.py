@@ -30,13 +30,15 @@ _SCALES = {
 }
 
 
-def write_page(path: Path, record: Mapping[str, Any]) -> None:
-    """Write the page of a record."""
+def write_page(
+    path: Path, record: Mapping[str, Any], title: str = "Benchmarks", command: str = "bench"
+) -> None:
+    """Write the page of a record, with the command of myork that makes it."""
     benches = record["benches"]
     without = [name for name, bench in benches.items() if "ended" in bench]
-    again = " ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])])
+    again = " ".join([f"myork {command}", *benches, *(["--quick"] if record["quick"] else [])])
     page = Page(
-        title="Benchmarks",
+        title=title,
         sections=[
             Section(name, bench.get("title", name), _parts(bench))
             for name, bench in benches.items()
@@ -45,11 +47,11 @@ def write_page(path: Path, record: Mapping[str, Any]) -> None:
             f"MyoRK {record['version']}, {record['date']}, {record['processor']}, "
             f"{record['cores']} cores, one thread a solve, "
             f"{'small cases only' if record['quick'] else 'all cases'}; load of the machine at "
-            f"the start {record['load_average']:.1f}. {len(benches) - len(without)} benchmarks "
-            f"have results{'; without: ' if without else ''}{', '.join(without)}."
+            f"the start {record['load_average']:.1f}. {len(benches) - len(without)} "
+            f"{title.lower()} have results{'; without: ' if without else ''}{', '.join(without)}."
         ),
-        footer=Markup("Made by <code>{}</code>; all numbers: <code>bench.json</code>").format(
-            again
+        footer=Markup("Made by <code>{}</code>; all numbers: <code>{}.json</code>").format(
+            again, command
         ),
     )
     write_text(path, page.text())

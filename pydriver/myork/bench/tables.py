@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from myork.bench.runs import outcome_text, seconds
 
-__all__ = ["Columns", "Shown", "plane_map", "plot", "speed_plot", "speed_table", "table"]
+__all__ = [
+    "Columns",
+    "Shown",
+    "entry_of",
+    "plane_map",
+    "plot",
+    "speed_plot",
+    "speed_table",
+    "table",
+]
 
 #: What is shown of a case: a key (`"solver.used"` or a tuple of keys of a mapping within), or a
 #: function of the case
@@ -44,7 +53,7 @@ def table(caption: str, columns: Columns, cases: Sequence[Mapping[str, Any]]) ->
     return {
         "caption": caption,
         "head": [head for head, _ in columns],
-        "rows": [[_entry(case, key) for _, key in columns] for case in cases],
+        "rows": [[entry_of(case, key) for _, key in columns] for case in cases],
     }
 
 
@@ -73,9 +82,9 @@ def plot(
     """
     series = []
     for name in dict.fromkeys(case[by] for case in cases):
-        points = [case for case in cases if case[by] == name and _entry(case, y) is not None]
+        points = [case for case in cases if case[by] == name and entry_of(case, y) is not None]
         if points:
-            one, other = ([_entry(case, key) for case in points] for key in (x, y))
+            one, other = ([entry_of(case, key) for case in points] for key in (x, y))
             rival = points[0].get("rival", False)
             series.append({"name": name, "x": one, "y": other, "rival": rival})
     return {"title": title, "x": axes[0], "y": axes[1], "scale": "log-log", "series": series}
@@ -97,10 +106,14 @@ def plane_map(title: str, label: str, places: NDArray[Any], values: NDArray[Any]
     return {"title": title, "label": label, "x": x, "y": y, "value": values.tolist()}
 
 
-def _entry(case: Mapping[str, Any], key: Shown) -> Any:
+def entry_of(case: Mapping[str, Any], key: Shown) -> Any:
+    """What is shown of a case, None where it has it not; numbers of a key are places of a list."""
     if callable(key):
         return key(case)
     value: Any = case
     for part in key.split(".") if isinstance(key, str) else key:
-        value = value.get(part) if isinstance(value, Mapping) else None
+        if isinstance(value, Sequence) and part.isdigit():
+            value = value[int(part)] if int(part) < len(value) else None
+        else:
+            value = value.get(part) if isinstance(value, Mapping) else None
     return value

@@ -293,12 +293,11 @@ def displacement_error(full: list[Fields], reduced: list[Fields]) -> float:
 def gradient_error(full: list[Fields], reduced: list[Fields]) -> float:
     """Error e2 of the displacement gradient (6.72) [-].
 
-    The components are summed at each point before the norm is taken, as printed.
+    The norm is over all points and components. As printed, components are summed at each point
+    before the norm is taken; the published numbers are not those of such sums: of the tube with two
+    modes these give 0.596, all components 0.2917, as table 6.6 has it.
     """
-    return _relative(
-        [(a.f - np.eye(3)).sum(axis=(1, 2)) for a in full],
-        [(b.f - np.eye(3)).sum(axis=(1, 2)) for b in reduced],
-    )
+    return _relative([a.f - np.eye(3) for a in full], [b.f - np.eye(3) for b in reduced])
 
 
 def largest_error(full: F64, reduced: F64) -> float:

@@ -1,0 +1,218 @@
+"""Phantom muscles that stand for those of the dissertation, whose images are not public.
+
+The medial gastrocnemius of section 5.3.10.3, and the young and the old one of section 4.2.6, made
+with the volumes of table 4.3. Labels and fibers are the phantom's truth, so that nothing but the
+muscles differs. The outer layer of connective tissue is as thick as the published forces per total
+volume ask for: 159.9 and 128.4 cm^3 with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from myork.bench.materials import MUSCLE
+from myork.core.deck import table_defaults
+from myork.imaging.phantom import make_phantom
+from myork.model.cloud import build_cloud
+from myork.records import Image, Labels, PointCloud
+
+__all__ = [
+    "AGED",
+    "CONNECTIVE",
+    "FAT",
+    "GASTROCNEMIUS",
+    "MUSCLE_TISSUE",
+    "OLD",
+    "PIXEL",
+    "YOUNG",
+    "Muscle",
+    "aged_cloud",
+    "gastrocnemius",
+    "inclined",
+    "labelled",
+    "strided_cloud",
+]
+
+
+@dataclass(frozen=True)
+class Muscle:
+    """A medial gastrocnemius.
+
+    Attributes
+    ----------
+    name : str
+        Whose it is.
+    scale : float
+        Size of the calf across [-].
+    imat, imct : float
+        Part of the muscle that is fat, or connective tissue [-].
+    layer : float
+        Thickness of the connective tissue around it in a calf of scale 1 [mm].
+    seed : int
+        Start of a random arrangement of fat and connective tissue; 0 for the phantom's.
+    """
+
+    name: str
+    scale: float
+    imat: float
+    imct: float
+    layer: float = 1.9
+    seed: int = 0
+
+
+YOUNG = Muscle("young", 1.0901, 0.0231, 0.1701)
+OLD = Muscle("old", 0.9705, 0.0633, 0.2999)
+
+#: Edge of a pixel [mm]
+PIXEL = 1.25
+_SLICES, _SLICE = 26, 6.0  # number, [mm]
+#: Labels of the materials
+MUSCLE_TISSUE, FAT, CONNECTIVE = 1, 2, 3
+#: Reach of the smoothing of random arrangements [mm]: sheets and streaks some 9 mm apart across
+#: the muscle, as the phantom's, and long along it
+_GRAIN = (2.0, 2.0, 12.0)
+
+_FIXED = {"u_x": 0, "u_y": 0, "u_z": 0}
+_ENDS = {
+    "boundary": [{"set": end, **_FIXED} for end in ("bottom", "top")],
+    "probe": [{"name": end, "quantity": "force_z", "set": end} for end in ("bottom", "top")],
+}
+#: Deck of the aged muscles: properties pass smoothly from tissue to tissue over two spacings, and
+#: every point has the fiber measured there, so that fat and connective tissue do not contract
+AGED = {
+    "title": "Isometric contraction of a medial gastrocnemius of three materials",
+    "scene": {"dimension": 3, "method": "rkpm-scni"},
+    "approximation": {
+        "order": 1,
+        "support": 2,
+        "kernel": "cubic",
+        "interface": 2,
+        "interface_fibers": "own",
+    },
+    "material": [
+        {**MUSCLE, "label": MUSCLE_TISSUE, "sigma_max": 30, "curve": "smooth"},
+        {"name": "fat", "label": FAT, "model": "polynomial"}
+        | {"A10": 3, "A20": 8, "A30": 80, "K": 5000},
+        {"name": "connective_tissue", "label": CONNECTIVE, "model": "polynomial"}
+        | {"A10": 30, "A20": 80, "A30": 800, "K": 50000},
+    ],
+    "load": {"steps": 4, "activation": 1},
+    **_ENDS,
+}
+#: Deck of the gastrocnemius of section 5.3.10.3.3
+GASTROCNEMIUS: dict[str, Any] = {
+    "title": "Isometric contraction of a medial gastrocnemius",
+    "units": {"force": "N", "length": "cm"},
+    "scene": {"dimension": 3},
+    "geometry": {"kind": "model"},
+    "material": [{**MUSCLE, "label": 1, "sigma_max": 30.0}],
+    "load": {"activation": 0.5},
+    **_ENDS,
+}
+
+
+def strided_cloud(
+    labels: Labels, fiber: Image | None, stride: Sequence[int] = (), **keys: Any
+) -> PointCloud:
+    """Points of a label map as `build` makes them.
+
+    Parameters
+    ----------
+    labels : Labels
+        Label map.
+    fiber : Image or None
+        Fibers on the same grid.
+    stride : sequence of int
+        Voxels along the edges of a block, which is a source and a collocation point.
+    **keys
+        Of `[build]`.
+    """
+    strides = dict.fromkeys(("collocation_stride", "source_stride"), list(stride)) if stride else {}
+    return build_cloud(labels, fiber, {**table_defaults("build"), **strides, **keys}, "cm")[0]
+
+
+def aged_cloud(muscle: Muscle, block: int) -> PointCloud:
+    """Points of a muscle of three materials, for the deck `AGED`.
+
+    Parameters
+    ----------
+    muscle : Muscle
+        Whose it is.
+    block : int
+        Pixels along the edge of a block; each block is a source point.
+    """
+    labels, fiber = labelled(muscle)
+    return strided_cloud(labels, fiber, (block, block, 1), ids=[1, 2, 3], merge="sample")
+
+
+def labelled(muscle: Muscle) -> tuple[Labels, Image]:
+    """Materials of a muscle with its outer layer, and fibers of its muscle tissue."""
+    pixels = int(np.ceil((108.0 * muscle.scale + 6.0) / PIXEL))
+    phantom = make_phantom(
+        (pixels, pixels, _SLICES),
+        (PIXEL, PIXEL, _SLICE),
+        scale=muscle.scale,
+        aponeurosis=muscle.layer,
+        imat=muscle.imat,
+        imct=muscle.imct,
+    )
+    inside, tissue = phantom.truth.data == 1, phantom.tissue.data
+    layer = (phantom.truth.data == 0) & (tissue == CONNECTIVE)
+    label = np.where(inside | layer, tissue, 0).astype(np.int32)
+    if muscle.seed:
+        label[inside] = _scattered(inside, label[inside], muscle.seed)
+    fiber = phantom.fiber.data * (label == MUSCLE_TISSUE)[..., np.newaxis]
+    affine = phantom.tissue.affine
+    return Labels(label, affine, phantom.tissue.names, muscle.name), Image(fiber, affine)
+
+
+def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
+    """Points of the phantom's medial gastrocnemius, for the deck `GASTROCNEMIUS`.
+
+    Parameters
+    ----------
+    block : int
+        Pixels along the edge of a block.
+    fiber : ArrayLike, optional
+        One direction for all fibers, shape `(3,)`; the phantom's without it.
+    """
+    phantom = make_phantom()
+    fibers = phantom.fiber
+    if fiber is not None:
+        one = np.where(phantom.truth.data[..., np.newaxis] == 1, np.asarray(fiber), 0.0)
+        fibers = Image(one, fibers.affine)
+    return strided_cloud(phantom.truth, fibers, (block, block, 1), ids=[1])
+
+
+def inclined(mean: NDArray[Any], angle: float) -> NDArray[Any]:
+    """A direction so many degrees from the axis of the leg, leaning as a mean of fibers does."""
+    side = mean[:2] / np.linalg.norm(mean[:2])
+    turn = np.radians(angle)
+    return np.array([*(np.sin(turn) * side), np.cos(turn)])
+
+
+def _scattered(inside: NDArray[np.bool_], label: NDArray[np.int32], seed: int) -> NDArray[np.int32]:
+    """As much fat and connective tissue in a muscle as before, in random places.
+
+    Connective tissue lies in curved sheets, where a smooth random field is near zero, and fat in
+    streaks, where another one is highest.
+    """
+    random = np.random.default_rng(seed)
+    smooth = np.array(_GRAIN) / (PIXEL, PIXEL, _SLICE)
+    sheet, streak = (
+        ndimage.gaussian_filter(random.standard_normal(inside.shape), smooth)[inside]
+        for _ in range(2)
+    )
+    connective, fat = (int((label == number).sum()) for number in (CONNECTIVE, FAT))
+    order = np.argsort(np.abs(sheet))
+    rest = order[connective:]
+    found = np.full_like(label, MUSCLE_TISSUE)
+    found[order[:connective]] = CONNECTIVE
+    found[rest[np.argsort(-streak[rest])[:fat]]] = FAT
+    return found

@@ -1,0 +1,505 @@
+"""Tables and figures of the dissertation, computed again from decks of the package.
+
+What is computed, and from which deck, is data in `dissertation`. One loop runs what is asked for
+and puts ours beside the published number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import resource
+import shlex
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from myork.bench.chapter_6 import LoadPath
+from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Row, Run, Table
+from myork.bench.linear import Study, study_rates
+from myork.bench.machine import machine
+from myork.bench.page import write_page
+from myork.bench.phantoms import (
+    AGED,
+    CONNECTIVE,
+    GASTROCNEMIUS,
+    OLD,
+    YOUNG,
+    aged_cloud,
+    gastrocnemius,
+    inclined,
+    labelled,
+)
+from myork.bench.rom import dense_iteration, muscle_model, timed
+from myork.bench.runs import outcome_text, read_deck, solve_case
+from myork.bench.tables import Columns, entry_of, table
+from myork.console import ProgressCallback, silent
+from myork.core.scene import Scene
+from myork.errors import ConvergenceError, InputError, MyorkError
+from myork.files import INPUTS, alone_in, write_json, write_text
+from myork.rom.basis import proper_orthogonal_modes
+from myork.rom.study import PathStates, reduced_path
+from myork.stations.segment import segment
+
+__all__ = ["FAR", "RUNS", "find_tables", "list_tables", "reproduce"]
+
+#: A number further from the published one has a reason
+FAR = 0.2
+#: Runs longer than this are said to be long [s]
+_LONG = 60.0
+#: Wall time after which a solve is ended: the longest takes a tenth of it on a quiet machine [s]
+_LIMIT = 7200.0
+
+Record = Mapping[str, Any]
+
+
+# ---- what runs compute ---------------------------------------------------------------------------
+
+
+def _deck(run: Run, progress: ProgressCallback) -> Record:
+    """Values of a deck, materials by name."""
+    values = read_deck(run.deck, run.overrides)
+    return values | {"material": {entry["name"]: entry for entry in values["material"]}}
+
+
+def _solve(run: Run, progress: ProgressCallback) -> Record:
+    """A solve of a deck; `two` are the times of shape functions and two iterations [s]."""
+    return _converged(solve_case(run.deck, run.overrides, limit=_LIMIT))
+
+
+def _converged(case: dict[str, Any]) -> dict[str, Any]:
+    if case["outcome"] != "converged":
+        raise ConvergenceError(f"{outcome_text(case)}: {case['message']}")
+    # parts are measured in wall time: a machine that others use gives the process a share of it
+    share = case["cpu_s"] / case["seconds"]
+    spent = {part: share * seconds for part, seconds in case["timings_s"].items()}
+    of_two = 2.0 / max(case["iterations"], 1)
+    two = {part: of_two * spent[part] for part in ("assemble", "solve")} | {"shape": spent["shape"]}
+    return case | {"two": two | {"total": sum(two.values())}}
+
+
+def _rates(run: Run, progress: ProgressCallback) -> Record:
+    """Rates of convergence in L2 and H1."""
+    assert isinstance(run.more, Study)
+    return study_rates(run.more)[1]
+
+
+def _segment(run: Run, progress: ProgressCallback) -> Record:
+    """Dice and Pearson's coefficient of a label, means over the slices that have it."""
+    with tempfile.TemporaryDirectory(prefix="myork-") as folder:
+        found = segment(INPUTS / f"{run.deck}.toml", Path(folder), threads=1, progress=progress)
+    (score,) = found["segmentation"]["scores"].values()
+    return {key: float(np.nanmean(score[f"{key}_by_slice"])) for key in ("dice", "pcc")}
+
+
+def _aged(run: Run, progress: ProgressCallback) -> Record:
+    """Young or old muscle at full activation: force at its top [N], volumes of images [cm^3]."""
+    muscle = {"young": YOUNG, "old": OLD}[str(run.more)]
+    labels, _ = labelled(muscle)
+    bare, _ = labelled(replace(muscle, layer=0.0))
+    case = _converged(solve_case(AGED, run.overrides, cloud=aged_cloud(muscle, 4), limit=_LIMIT))
+    voxel = labels.spacing.prod() / 1000.0
+    images = {
+        name: float((labels.data == number).sum() * voxel)
+        for number, name in labels.names.items()
+        if (labels.data == number).any()
+    }
+    force = case["probes"]["top"]
+    # connective tissue inside the muscle, without the aponeurosis around it
+    imct = float((bare.data == CONNECTIVE).sum() * voxel)
+    return case | {
+        "images": images | {"imct": imct},
+        "force": force,
+        "force_per_volume": force / sum(images.values()),
+    }
+
+
+def _fibers(run: Run, progress: ProgressCallback) -> Record:
+    """A gastrocnemius with its fibers, or with one direction at an angle [degree] to the axis."""
+    cloud = gastrocnemius(4)
+    if run.more != "measured":
+        mean = cloud.fiber[cloud.label == 1].mean(axis=0)
+        cloud = gastrocnemius(4, inclined(mean / np.linalg.norm(mean), float(str(run.more))))
+    steps = ("load.steps=5",)
+    return _converged(solve_case(GASTROCNEMIUS, (*steps, *run.overrides), cloud=cloud))
+
+
+def _motion(run: Run, progress: ProgressCallback) -> Record:
+    """Error e1 of a motion by numbers of modes, by Cholesky's factor as published."""
+    with Scene(INPUTS / f"{run.deck}.toml", run.overrides, threads=1) as scene:
+        states = scene.solve(error=False)
+        full = PathStates.of(scene, states.x, states.load)
+        modes, _ = proper_orthogonal_modes(states.x)
+        return {
+            str(r): reduced_path(scene, full, modes[:, :r], published=True)[0]
+            for r in scene.deck["rom"]["modes"]
+        }
+
+
+def _path(run: Run, progress: ProgressCallback) -> Record:
+    """Errors and times of a path of loads, full and by numbers of modes.
+
+    Rows are assembled in full and projected, and Cholesky's factor is taken; the full model's time
+    is that of an iteration by dense QR times their number.
+    """
+    path = run.more
+    assert isinstance(path, LoadPath)
+    with tempfile.TemporaryDirectory(prefix="myork-") as folder:
+        if path.deck == "mg_muscle":
+            muscle_model(Path(folder))
+        with Scene(INPUTS / f"{path.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
+            progress(f"{path.deck}: full model, {scene.dofs} unknowns")
+            states, _, _ = timed(lambda: scene.solve(error=False))
+            full = PathStates.of(scene, states.x, states.load)
+            modes, _ = proper_orthogonal_modes(states.x)
+            record: dict[str, Any] = {}
+            for r in path.modes:
+                progress(f"{path.deck}: r = {r}")
+                record[str(r)], _ = reduced_path(scene, full, modes[:, :r], published=True)
+            progress(f"{path.deck}: an iteration by dense QR")
+            # last: the scene keeps its single load step
+            dense, _ = dense_iteration(scene, states.x[-1])
+    whole = dense * int(states.iterations.sum())
+    for entry in record.values():
+        entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / whole)}
+    return record | {"full": {"cpu_min": whole / 60}, "dofs": scene.dofs}
+
+
+#: What a kind of run computes: a record with the quantities of its rows
+RUNS: dict[str, Callable[[Run, ProgressCallback], Record]] = {
+    "deck": _deck,
+    "solve": _solve,
+    "rates": _rates,
+    "segment": _segment,
+    "aged": _aged,
+    "fibers": _fibers,
+    "motion": _motion,
+    "path": _path,
+}
+
+
+# ---- the loop ------------------------------------------------------------------------------------
+
+
+def find_tables(names: Sequence[str]) -> list[Table]:
+    """Tables and figures by their names.
+
+    Parameters
+    ----------
+    names : sequence of str
+        `6.8`, `table-6.8`, `figure-5.2`, or `all`. A bare number is the table of that number, or
+        the figure where there is no such table.
+
+    Raises
+    ------
+    InputError
+        There is no such table or figure, or it has no numbers.
+    """
+    if "all" in names:
+        return sorted(TABLES.values(), key=lambda table: table.cost_s)
+    found = {}
+    for name in names:
+        plain = name.strip().lower().removeprefix("table-").removeprefix("table ")
+        plain = plain.replace("figure ", "figure-")
+        key = next((key for key in (plain, f"figure-{plain}") if key in TABLES), None)
+        if key is None:
+            raise InputError(_unknown(name, plain))
+        found[key] = TABLES[key]
+    return list(found.values())
+
+
+def _unknown(name: str, plain: str) -> str:
+    """What to say of a name that is none."""
+    number = plain.removeprefix("figure-")
+    for figures, place in WITHOUT_NUMBERS.items():
+        if number in _spread(figures):
+            return f"figure {number} has no numbers to compare: {place}"
+    close = get_close_matches(plain, TABLES, 3, 0.0)
+    if re.fullmatch(r"\d+\.\d+", number):
+        # the same chapter, and the nearest numbers in it
+        chapter, wanted = (int(part) for part in number.split("."))
+
+        def apart(key: str) -> tuple[int, int]:
+            own, last = (int(part) for part in key.removeprefix("figure-").split("."))
+            return abs(own - chapter), abs(last - wanted)
+
+        close = sorted(TABLES, key=apart)[:3]
+    return (
+        f"the dissertation has no table or figure {name!r} with numbers; the nearest are "
+        f"{', '.join(close)}; `myork reproduce --list` names all"
+    )
+
+
+def _spread(figures: str) -> set[str]:
+    """Numbers of a text such as `3.1 to 3.9, 4.5`."""
+    numbers = set()
+    for part in figures.split(", "):
+        first, _, last = part.partition(" to ")
+        chapter, low = first.split(".")
+        high = (last or first).split(".")[1]
+        numbers |= {f"{chapter}.{n}" for n in range(int(low), int(high) + 1)}
+    return numbers
+
+
+def list_tables() -> str:
+    """All tables and figures with numbers, their decks and costs; then those without."""
+    lines = [f"{'name':<12} {'CPU [s]':>8}  {'deck':<21} what"]
+    for entry in TABLES.values():
+        decks = list(dict.fromkeys(run.deck for run in entry.runs.values()))
+        long = "  (long)" if entry.cost_s > _LONG else ""
+        lines.append(f"{entry.name:<12} {entry.cost_s:>8g}  {decks[0]:<21} {entry.title}{long}")
+        lines += [f"{'':<23} {deck}" for deck in decks[1:]]
+    lines += ["", "figures without numbers:"]
+    lines += [f"  {figures}: {place}" for figures, place in WITHOUT_NUMBERS.items()]
+    return "\n".join(lines)
+
+
+def reproduce(
+    names: Sequence[str],
+    out: Path,
+    *,
+    progress: ProgressCallback = silent,
+    show: Callable[[str], None] = silent,
+) -> dict[str, Any]:
+    """Compute tables and figures again, and put ours beside the published numbers.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As of `find_tables`.
+    out : Path
+        Folder of `reproduce.json`, `reproduce.md` and `reproduce.html`; other tables that are
+        there already, from this version, stay.
+    progress : callable
+        Called with every line of progress.
+    show : callable
+        Called with the text of each table that is finished.
+
+    Returns
+    -------
+    dict
+        Content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`, `ratio`,
+        `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note` and, where
+        there is no number, `ended`.
+
+    Raises
+    ------
+    InputError
+        A name is unknown.
+    """
+    wanted = find_tables(names)
+    records: dict[Run, Record] = {}
+    with alone_in(out):
+        file = out / "reproduce.json"
+        content: dict[str, Any] = {**machine(), "quick": False, "rows": _earlier(file)}
+        for number, entry in enumerate(wanted, start=1):
+            long = ", long" if entry.cost_s > _LONG else ""
+            progress(
+                f"table {number}/{len(wanted)}  {entry.name} {entry.title}, "
+                f"about {entry.cost_s:g} s{long}"
+            )
+            for run in entry.runs.values():
+                if run not in records:
+                    records[run] = _record(run, progress)
+            rows = [_row(entry, row, records) for row in entry.rows]
+            show(_text(entry, rows))
+            content["rows"] = [row for row in content["rows"] if row["table"] != entry.name]
+            content["rows"] += rows
+            # after each one: a later one that is stopped costs nothing that was computed
+            _write(out, content)
+    return content
+
+
+def _earlier(file: Path) -> list[dict[str, Any]]:
+    """Rows that this version wrote there before, with the notes of today."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    notes = {
+        (entry.name, row.name): row.note or entry.note
+        for entry in TABLES.values()
+        for row in entry.rows
+    }
+    return [
+        row | {"note": notes[row["table"], row["row"]]}
+        for row in found.get("rows", [])
+        if found.get("version") == machine()["version"] and (row["table"], row["row"]) in notes
+    ]
+
+
+def _record(run: Run, progress: ProgressCallback) -> Record:
+    """What a run computes, its processor time and its memory, that of the command included."""
+    before = _spent()
+    with contextlib.suppress(OSError):
+        # the peak of this process begins anew, and with it that of a child, which inherits it
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    try:
+        record = dict(RUNS[run.kind](run, progress))
+    except MyorkError as reason:
+        record = {"ended": f"{type(reason).__name__}: {reason}"}
+    memory = max(record.get("memory_peak_bytes", 0), _peak_bytes())
+    return record | {"cpu_s": _spent() - before, "memory_bytes": memory}
+
+
+def _peak_bytes() -> float:
+    """Largest memory of this process since its peak began anew."""
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        return 1024.0 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM")))
+    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _spent() -> float:
+    """Processor time of this process and of those that it has ended [s]."""
+    both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(one.ru_utime + one.ru_stime for one in both)
+
+
+def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any]:
+    """A row: published and ours."""
+    names, keys = row.quantity[::2], row.quantity[1::2]
+    read = [records[entry.runs[name]] for name in names]
+    values = [entry_of(record, key) for record, key in zip(read, keys, strict=True)]
+    ended = next((record["ended"] for record in read if "ended" in record), None)
+    ours = None
+    if ended is None:
+        ours = float(values[0] if len(values) == 1 else values[0] / values[1])
+    published = row.published() if callable(row.published) else float(row.published)
+    ratio = None if ours is None else ours / published
+    unique = {id(record): record for record in read}.values()
+    return {
+        "table": entry.name,
+        "row": row.name,
+        "published": published,
+        "ours": ours,
+        "ratio": ratio,
+        "cpu_s": sum(record["cpu_s"] for record in unique),
+        "memory_bytes": max(record["memory_bytes"] for record in unique),
+        "far": ratio is None or abs(ratio - 1.0) > FAR,
+        "note": row.note or entry.note,
+        **({} if ended is None else {"ended": ended}),
+    }
+
+
+# ---- what is written -----------------------------------------------------------------------------
+
+
+def _runs_text(entry: Table) -> list[str]:
+    """Decks with their overrides, one line each."""
+    lines = []
+    for run in entry.runs.values():
+        place = f"inputs/{run.deck}.toml" if run.deck.islower() else f"phantoms.{run.deck}"
+        more = f", {run.more}" if isinstance(run.more, str) else ""
+        lines.append(
+            " ".join([place + more, *(f"--set {shlex.quote(word)}" for word in run.overrides)])
+        )
+    return list(dict.fromkeys(lines))
+
+
+def _notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Reasons of rows, of those that are far first, each once."""
+    ordered = sorted(rows, key=lambda row: not row["far"])
+    notes = dict.fromkeys(row["note"] for row in ordered if row["note"])
+    ended = dict.fromkeys(row["ended"] for row in rows if "ended" in row)
+    return [*(f"no number: {text}" for text in ended), *notes]
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def _mark(row: Mapping[str, Any]) -> str:
+    return _number(row["ratio"], 3) + (" *" if row["far"] else "")
+
+
+def _heading(name: str) -> str:
+    """`table 6.8` or `figure 5.2`."""
+    return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
+
+
+def _text(entry: Table, rows: Sequence[Mapping[str, Any]]) -> str:
+    """A table as the command prints it."""
+    wide = max(len(row["row"]) for row in rows)
+    lines = [f"{_heading(entry.name)}: {entry.title}"]
+    lines += [f"  {line}" for line in _runs_text(entry)]
+    lines.append(f"  {'':<{wide}} {'published':>11} {'ours':>11} {'ratio':>9} {'CPU [s]':>8}")
+    for row in rows:
+        lines.append(
+            f"  {row['row']:<{wide}} {_number(row['published']):>11} {_number(row['ours']):>11} "
+            f"{_mark(row):>9} {_number(row['cpu_s'], 3):>8}"
+        )
+    return "\n".join([*lines, *(f"  {note}" for note in _notes(rows)), ""])
+
+
+def _write(out: Path, content: dict[str, Any]) -> None:
+    """Write the record, the page of docs and the page of the browser."""
+    by_table = {
+        name: rows
+        for name in TABLES
+        if (rows := [row for row in content["rows"] if row["table"] == name])
+    }
+    content["rows"] = [row for rows in by_table.values() for row in rows]
+    write_json(out / "reproduce.json", content)
+    write_text(out / "reproduce.md", _markdown(content, by_table))
+    sections = {
+        name: {
+            "title": f"{_heading(name)}: {TABLES[name].title}",
+            "about": "\n\n".join([*(f"`{line}`" for line in _runs_text(TABLES[name]))]),
+            "tables": [table("\n".join(_notes(rows)), _COLUMNS, rows)],
+        }
+        for name, rows in by_table.items()
+    }
+    record = {**content, "benches": sections}
+    write_page(out / "reproduce.html", record, "Tables and figures", "reproduce")
+
+
+_COLUMNS: Columns = (
+    ("row", "row"),
+    ("published", "published"),
+    ("ours", "ours"),
+    ("ratio", "ratio"),
+    ("CPU [s]", "cpu_s"),
+    ("memory [MB]", lambda row: round(row["memory_bytes"] / 1e6)),
+)
+
+
+def _markdown(content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record]]) -> str:
+    """The page `docs/reproduced.md`."""
+    far = [row["row"] for row in content["rows"] if row["far"]]
+    times = sum(name.endswith(("[s]", "[min]")) for name in far)
+    lines = [
+        "# The dissertation's tables and figures",
+        "",
+        f"Written by `myork reproduce {' '.join(by_table) if len(by_table) < 8 else 'all'}` "
+        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
+        f"thread): {len(content['rows'])} numbers of {len(by_table)} tables and figures. "
+        f"{len(far)} of them are more than {100 * FAR:.0f} % off (*), with the reason below the "
+        f"table; {times} of these are times of another machine. CPU seconds "
+        "and memory, that of the command itself included, are of the runs that a row reads. `myork "
+        "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
+        "",
+    ]
+    for name, rows in by_table.items():
+        lines += [f"## {_heading(name).capitalize()}: {TABLES[name].title}", ""]
+        lines += ["```", *_runs_text(TABLES[name]), "```", ""]
+        lines += ["| row | published | ours | ratio | CPU [s] | memory [MB] |"]
+        lines += ["|---|---|---|---|---|---|"]
+        lines += [
+            f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
+            f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} | "
+            f"{row['memory_bytes'] / 1e6:.0f} |"
+            for row in rows
+        ]
+        lines += ["", *(line for note in _notes(rows) for line in (f"{_sentence(note)}", ""))]
+    return "\n".join(lines)
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:] + ("" if text.endswith(".") else ".")
