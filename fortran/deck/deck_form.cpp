@@ -129,7 +129,8 @@ static Value integers(const std::vector<std::int64_t> &numbers, const Origin &or
 
 // Lengths of a body along the directions of its lattice; none where they are not known
 static std::vector<double> lengths(const Section &geometry) {
-   if (geometry.text("kind") == "model")
+   // what was complained about says nothing
+   if (geometry.text("kind") == "model" || !geometry.refused.empty())
       return {};
    if (geometry.text("kind") == "annulus") {
       const Value *inner = geometry.find("inner_radius"), *outer = geometry.find("outer_radius");
@@ -148,9 +149,10 @@ static std::vector<double> lengths(const Section &geometry) {
 
 // Source points that nobody chose: cells about as long in all directions, an even number of them,
 // since pairs share their pressures
-static bool first_points(Section &geometry) {
+static bool first_points(Section &geometry, const Value *dimension) {
    const std::vector<double> size = lengths(geometry);
-   if (size.empty() || size.size() > 3 || geometry.find("source") || geometry.refused.count("source"))
+   if (!dimension || size.empty() || size.size() != std::size_t(dimension->integer) ||
+       geometry.find("source"))
       return false;
    const double least = *std::min_element(size.begin(), size.end());
    std::vector<std::int64_t> source;
@@ -166,7 +168,7 @@ static bool first_points(Section &geometry) {
 // Twice as many places of output, or of equations, as cells
 static void first_places(Section &geometry) {
    const Value *source = geometry.find("source");
-   if (!source || geometry.find("collocation") || geometry.refused.count("collocation"))
+   if (!source || geometry.find("collocation") || !geometry.refused.empty())
       return;
    std::vector<std::int64_t> places;
    for (const Value &item : source->items)
@@ -214,7 +216,7 @@ static void choose_points(Deck &deck) {
    const std::vector<Section *> bodies = deck.entries("geometry");
    if (bodies.empty() || bodies.front()->refused.count("kind"))
       return;
-   const bool chosen_here = first_points(*bodies.front());
+   const bool chosen_here = first_points(*bodies.front(), deck.single("scene")->find("dimension"));
    first_places(*bodies.front());
    const bool searched = deck.single("scene")->text("method") == "rkpm-gauss" &&
                          !deck.single("linear") && !deck.entries("probe").empty();

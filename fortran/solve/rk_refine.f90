@@ -37,6 +37,8 @@ module rk_refine
    real(wp), parameter :: aim = 0.8_wp
    !> Growth of the cells in a direction from one lattice to the next
    real(wp), parameter :: most_growth = 2.0_wp
+   !> Growth of all cells that is worth another solution where the cost allows no more
+   real(wp), parameter :: least_growth = 1.3_wp
    !> Power of the unknowns with which time grows, plane and space
    real(wp), parameter :: growth_of_time(2:3) = [1.5_wp, 2.0_wp]
    !> Lattices that are tried
@@ -96,7 +98,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(start_type) :: run
    type(bars_type) :: bars
    type(deck_type) :: finer
-   real(wp) :: cost, start, before, now, worst, expected
+   real(wp) :: cost, start, before, now, worst
    real(wp), allocatable :: left(:), share(:, :)
    integer, allocatable :: cells(:), next(:), limit(:)
    logical, allocatable :: counts(:)
@@ -166,13 +168,16 @@ subroutine refine(self, deck, model, receiver, error)
             & //'every voxel has its own source points; give a label map of finer voxels'
          return
       end if
-      expected = (now - before)*(product(real(next, wp) + 1.0_wp) &
-         & /product(real(cells, wp) + 1.0_wp))**growth_of_time(scene%cloud%nd)
-      if (self%seconds + expected > cost) then
+      if (self%seconds + expected(next) > cost) then
          self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
             & //'the next points, '//list(next)//' cells, would take about ' &
-            & //to_text(self%seconds + expected, 2)//' CPU s, more than refine.cost'
-         return
+            & //to_text(self%seconds + expected(next), 2)//' CPU s, more than refine.cost'
+         if (allocated(scene%cloud%block)) return
+         ! as many as the cost allows, where they are worth another solution
+         do while (self%seconds + expected(next) > cost)
+            next = max(cells, 2*int(0.45_wp*next))
+            if (product(real(next, wp)) < least_growth*product(real(cells, wp))) return
+         end do
       end if
       if (level == most_levels) exit
       words = words_of(deck, scene%cloud, next)
@@ -185,6 +190,18 @@ subroutine refine(self, deck, model, receiver, error)
    end do
    self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
       & //to_text(most_levels)//' lattices'
+
+contains
+
+   !> CPU time that a lattice is expected to take [s]
+   real(wp) function expected(cells_then)
+      !> Its cells, shape (nd)
+      integer, intent(in) :: cells_then(:)
+
+      expected = (now - before)*(product(real(cells_then, wp) + 1.0_wp) &
+         & /product(real(cells, wp) + 1.0_wp))**growth_of_time(scene%cloud%nd)
+   end function expected
+
 end subroutine refine
 
 !> What the bars of an answer say about the points of a search that is not repeated
