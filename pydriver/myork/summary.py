@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 #: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
-_BEFORE = ("segmentation", "tissue", "model", "tensors", "resampled")
+_BEFORE = ("segmentation", "tissue", "model", "tensors", "resampled", "damaged_slices")
 #: Files of a solution beside its summary (`system.c` has the same)
 SOLUTION = ("results.vtkhdf", "history.csv", "run.log", "report.html", "compare.html",
             "reduced_fields.npz")  # fmt: skip

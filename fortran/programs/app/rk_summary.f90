@@ -27,8 +27,8 @@ module rk_summary
 
    !> Entries of the stations before a solve, which hold whatever is solved; all others describe a
    !> solution, `rom` as well, and end with it
-   character(len=*), parameter :: kept(*) = [character(len=12) :: 'segmentation', 'tissue', &
-      & 'model', 'tensors', 'resampled']
+   character(len=*), parameter :: kept(*) = [character(len=14) :: 'segmentation', 'tissue', &
+      & 'model', 'tensors', 'resampled', 'damaged_slices']
 
 contains
 

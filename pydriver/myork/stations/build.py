@@ -63,7 +63,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     )
     for text in model["warnings"]:
         progress(f"warning: {text}")
-    return {"model": model, "resampled": files.grid.moved}
+    return {"model": model, "grid": files.grid}
 
 
 def _check_sum(path: Path) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
+from myork.imaging.damage import Damage, damaged_slices, missing_slices
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.geometry import Grid
 from myork.imaging.io import read_image, read_labels, read_reference
@@ -43,6 +44,9 @@ PATHS = (
     "tissue.connective",
 )
 
+#: Keys whose images a scanner has made: their slices are looked at one by one
+_MEASURED = ("anatomy", "dwi", "channels", "magnitude")
+
 
 class OneGrid:
     """Brings images and label maps onto the grid of a run; the log says what was moved.
@@ -56,6 +60,8 @@ class OneGrid:
     ----------
     moved : list of dict
         Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`.
+    damaged : list of dict
+        Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`.
     doubts : list of str
         Warnings.
     """
@@ -63,7 +69,14 @@ class OneGrid:
     def __init__(self, progress: ProgressCallback) -> None:
         self._progress = progress
         self.moved: list[dict[str, Any]] = []
+        self.damaged: list[dict[str, Any]] = []
         self.doubts: list[str] = []
+
+    def note(self, name: str, faults: Sequence[Damage]) -> None:
+        """Warn of damaged slices of a file."""
+        for fault in faults:
+            self.damaged.append({"file": name, "slices": fault.slices, "why": fault.why})
+            self.doubts.append(fault.said(name))
 
     def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
         """An image on the grid of another one; as it is where there is none."""
@@ -137,13 +150,18 @@ class DeckFiles:
         if path is None:
             return None
         way = "tensor-wise" if values in (3, 6) else "linear"
-        return self.grid.of(read_image(path, values), like, way)
+        found = read_image(path, values)
+        if key in _MEASURED:
+            self.grid.note(found.name, damaged_slices(found))
+        return self.grid.of(found, like, way)
 
     def images(self, key: str, like: Image | None = None, way: str = "linear") -> list[Image]:
         """Images of a key that names several, on one grid: by default that of the first."""
         found: list[Image] = []
         for name in self.table[key]:
             image = read_image(self.folder / name)
+            if key in _MEASURED:
+                self.grid.note(image.name, damaged_slices(image))
             found.append(self.grid.of(image, like or next(iter(found), None), way))
         return found
 
@@ -165,6 +183,8 @@ class DeckFiles:
         if path is None:
             return None
         found = read_labels(path) if progress is None else read_reference(path, progress)
+        if key == "labels":
+            self.grid.note(found.name, missing_slices(found))
         return self.grid.of(found, like)
 
 

@@ -71,7 +71,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     write_image(out / "anatomy.nii.gz", found.images.anatomy)
     write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
-    parts: dict[str, Any] = {"segmentation": record, "resampled": grid.moved}
+    parts: dict[str, Any] = {"segmentation": record, "grid": grid}
     if deck["tissue"]["find"]:
         progress("materials of the leg")
         parts["tissue"] = find_tissues(deck, out, found, grid)

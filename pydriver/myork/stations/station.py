@@ -76,14 +76,15 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
             values, folder = load_deck(deck, overrides, command), Path(out)
             with renewing(folder, *parts), core_threads(threads):
                 found = work(values, folder, progress)
-                moved = with_others(folder, "resampled", command, found.pop("resampled"))
+                grid = found.pop("grid")
+                lists = {"resampled": grid.moved, "damaged_slices": grid.damaged}
                 summary = {
                     "title": values["title"],
                     "deck_sha256": values["sha256"],
                     "version": myork.__version__,
                     "units": dict(values["result_units"]),
                     **found,
-                    "resampled": moved,
+                    **{k: with_others(folder, k, command, own) for k, own in lists.items()},
                 }
                 update_summary(folder, summary)
             return summary

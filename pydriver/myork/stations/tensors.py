@@ -61,7 +61,7 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
         f"medians: FA {record['fa']:.3f}, MD {record['md']:.3g} mm^2/s; fibers averaged over "
         f"{found.smoothing:.2f} mm"
     )
-    return {"tensors": record, "resampled": files.grid.moved}
+    return {"tensors": record, "grid": files.grid}
 
 
 def _mask(tensor: Image, files: DeckFiles) -> I32:
