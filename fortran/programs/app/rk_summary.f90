@@ -276,17 +276,22 @@ subroutine write_refinement(json, refinement, problem, verdict)
    class(discretisation_type), intent(in) :: problem
    !> Verdict with bars
    type(verdict_type), intent(in) :: verdict
-   integer, allocatable :: points(:)
-   integer :: i
+   integer :: points(3), i, n
 
-   points = [size(problem%scene%cloud%source, 2)]
-   if (allocated(problem%scene%cloud%block)) points = maxval(problem%scene%cloud%block, dim=2) + 1
-   if (allocated(problem%scene%cloud%lattice)) points = problem%scene%cloud%lattice
+   associate (cloud => problem%scene%cloud)
+      n = cloud%nd
+      points = 0
+      if (allocated(cloud%lattice)) then
+         points(:n) = cloud%lattice
+      else if (allocated(cloud%block)) then
+         points(:n) = maxval(cloud%block, dim=2) + 1
+      end if
+   end associate
    call json%begin_object('refine')
    call json%put('asked', refinement%wanted)
    if (refinement%reached >= 0.0_wp) call json%put('reached', refinement%reached)
    call json%begin_array('points')
-   do i = 1, size(points)
+   do i = 1, n
       call json%put(points(i))
    end do
    call json%end_array()
