@@ -8,7 +8,7 @@
 namespace rk {
 
 // Cells across the thinnest direction of a body whose points nobody chose, and in any other one at
-// most, by space dimension: where a search for points begins, and half of them still tell something
+// most, by space dimension: where a search for points begins; half of them still resolve the body
 constexpr int first_cells[] = {8, 8, 6}, most_first_cells[] = {64, 64, 24};
 // Error that is asked for where nobody says another one
 constexpr double usual_accuracy = 0.02;

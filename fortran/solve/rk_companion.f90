@@ -26,8 +26,7 @@ module rk_companion
    implicit none
    private
 
-   public :: companion_type, keeper_type, solve_companion, solve_beside, other_number, lattice_words
-   public :: list
+   public :: companion_type, solve_companion, solve_beside, other_number, lattice_words, list
 
    !> Length of an override
    integer, parameter :: long = 512

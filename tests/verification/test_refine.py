@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from myork import ReducedModel
+from myork.core.deck import text_of_tables
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.report import make_report
@@ -89,6 +91,14 @@ def test_points_of_a_programme_are_searched_by_all_its_states() -> None:
     middle = int(np.argmax(abs(tips)))
     assert tips[middle] == pytest.approx(BEAM_TIP, rel=0.01) and abs(tips[-1]) < 1e-6
     assert found.states.reasons[-1] == "the wanted error of 1 % is met"
+
+
+@pytest.mark.parametrize("asked", [{"accuracy": 0.05}, {"refine": {"probe": "tip"}}])
+def test_a_reduced_model_has_one_set_of_points(tmp_path: Path, asked: dict[str, Any]) -> None:
+    path = tmp_path / "deck.toml"
+    path.write_text(text_of_tables(without_points() | asked))
+    with pytest.raises(InputError, match=r"accuracy, \[refine\]: reduced models"):
+        ReducedModel.train(path, {"material.rubber.A10": (30.0, 40.0)})
 
 
 def test_other_forms_take_the_points_at_which_a_search_begins() -> None:

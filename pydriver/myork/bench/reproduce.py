@@ -215,7 +215,7 @@ def find_tables(names: Sequence[str]) -> list[Table]:
 
 
 def _unknown(name: str, plain: str) -> str:
-    """What to say of a name that is none."""
+    """Message for an unknown name."""
     number = plain.removeprefix("figure-")
     for figures, place in WITHOUT_NUMBERS.items():
         if number in _spread(figures):

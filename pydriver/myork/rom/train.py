@@ -36,6 +36,7 @@ from myork.rom.modes import LARGE, Draft, joined, make_draft
 from myork.rom.online import Answer
 from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
 from myork.rom.setting import Setting, Snapshots, make_setting
+from myork.tables import override_text
 from myork.types import F64
 
 __all__ = ["train"]
@@ -146,6 +147,15 @@ def train(
             f'{deck}: galerkin.essential = "transformation": reduced models need '
             f'displacements prescribed by the penalty; take "penalty"'
         )
+    if "refine" in values:
+        first = values["geometry"].get("source")
+        given = [] if first is None else [override_text("geometry.source", first)]
+        if "refine" in load_deck(deck, [*overrides, *given], "solve"):
+            # each of its states would be searched for points of its own
+            raise InputError(
+                f"{deck}: accuracy, [refine]: reduced models are trained on one set of points: "
+                "leave both out; without geometry.source 2 % are met"
+            )
     if not 0.0 < tolerance < 0.5:
         raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
     if full_solves < 4:
