@@ -1,1 +1,1 @@
-"""Hard cases of `myork bench stability`: what they are, and how what comes out is judged."""
+"""Hard cases of `tests/verification/test_stability.py`, and how what comes out is judged."""
