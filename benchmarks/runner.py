@@ -41,7 +41,7 @@ from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
-from myork.files import write_json, write_text
+from myork.files import write_text
 from myork.records import PointCloud
 
 __all__ = [
@@ -429,13 +429,17 @@ def main(*words: str) -> None:
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
         file = options.out / "results.json"
         # rows of other tables stay
-        same = {(row["problem"], row["form"], row["size"]) for row in rows}
+        same = {_key(row) for row in rows}
         earlier = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
-        write_json(file, [
-            *(row for row in earlier if (row["problem"], row["form"], row["size"]) not in same),
-            *rows,
-        ])  # fmt: skip
+        rows = [*(row for row in earlier if _key(row) not in same), *rows]
+        lines = ",\n".join(json.dumps(row) for row in rows)
+        write_text(file, f"[\n{lines}\n]\n")
         print(f"{options.out / name}.md, {file}")
+
+
+def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """What is one row of the long table."""
+    return row["problem"], row["form"], row["size"]
 
 
 def _markdown(name: str, shown: Mapping[str, Any], quick: bool) -> str:
