@@ -7,7 +7,7 @@ twice what it was before counts as worse. The fast cases are tests;
     python tests/verification/test_stability.py
 
 runs all, prints those that end otherwise than known, and writes the errors by which later ones are
-judged to `benchmarks/hard/measured.json`: look at them before they are committed.
+judged to `tests/verification/hard_measured.json`: look at them before they are committed.
 """
 
 import json
@@ -19,17 +19,22 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from benchmarks.hard import case as hard
-from benchmarks.hard.bent import bent_cases
-from benchmarks.hard.case import DOUBTED, EXPLAINED, RIGHT, WARNED, Case, judge
-from benchmarks.hard.inputs import input_cases
-from benchmarks.hard.known import known_cases
 from benchmarks.truths.manufactured import solve as solve_manufactured
 from myork.bench.runs import outcome_text, solve_case
+from tests.verification.hard_cases import (
+    CASES,
+    DOUBTED,
+    EXPLAINED,
+    MEASURED,
+    RIGHT,
+    WARNED,
+    Case,
+    judge,
+    measured,
+)
 
 pytestmark = pytest.mark.nightly
 
-CASES = [*known_cases(), *bent_cases(), *input_cases()]
 #: A hang, not a measurement [s]
 PATIENCE = 120.0
 
@@ -79,9 +84,8 @@ def test_no_line_is_unexplained() -> None:
             assert case.why, case.name
         if case.wanted == EXPLAINED:
             assert case.words, case.name
-    measured = json.loads(hard._MEASURED.read_text(encoding="utf-8"))
-    assert measured.keys() <= set(names)
-    strays = {name for name, found in measured.items() if found.get("way", 0.0) > 0.1}
+    assert measured().keys() <= set(names)
+    strays = {name for name, found in measured().items() if found.get("way", 0.0) > 0.1}
     assert not [case.name for case in CASES if case.name in strays and not case.why]
 
 
@@ -101,7 +105,7 @@ def main() -> None:
             kept = [what for what in ("error", "stray", "way") if what in record]
             known[case.name] = {what: float(f"{record[what]:.2g}") for what in kept}
     rows = [f"  {json.dumps(name)}: {json.dumps(values)}" for name, values in known.items()]
-    hard._MEASURED.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
+    MEASURED.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
