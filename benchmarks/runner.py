@@ -73,13 +73,9 @@ VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "race")
 TABLES = {
     "forms": ("walls", "mixed"),
     "large_leg": ("large_leg",),
-    "gradient_axes": ("gradient_axes",),
-    "partial_volume": ("partial_volume",),
     "real_images": ("real_images",),
     "shading_fields": ("shading_fields",),
-    "thick_slices": ("thick_slices",),
     "walks": ("walks", "outlines"),
-    "water_fat": ("water_fat",),
 }
 
 #: Name of a form, and the overrides that choose it
