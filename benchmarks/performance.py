@@ -13,9 +13,10 @@ build folder of an earlier state of the code gives the times before of the Galer
 
 import argparse
 import os
-import platform
 import subprocess
 from pathlib import Path
+
+from myork.bench.machine import machine
 
 ROOT = Path(__file__).parents[1]
 DECK = "inputs/muscle_block.toml"
@@ -127,7 +128,7 @@ def write_collocation(lines: list[list[str]]) -> str:
         for words in solvers
     ]
     return COLLOCATION.format(
-        deck=DECK, m=m, n=n, processor=processor(), peaks=_peaks(kernels),
+        deck=DECK, m=m, n=n, processor=machine()["processor"], peaks=_peaks(kernels),
         rows="\n".join(_rows(KERNELS, kernels, kernels)), solvers="\n".join(table),
         cgls=1e3 * kernels["cgls"][0], iterations=int(kernels["cgls"][1]),
     )  # fmt: skip
@@ -147,7 +148,7 @@ def write_galerkin(runs: list[list[list[list[str]]]], date: str) -> str:
             + "\n".join(_rows(GALERKIN, kernels, kernels, old))
         )
     return GALERKIN_PART.format(
-        head=GALERKIN_HEAD, processor=processor(), bodies="\n\n".join(bodies),
+        head=GALERKIN_HEAD, processor=machine()["processor"], bodies="\n\n".join(bodies),
         before=f" Before: the code of {date}, on the same machine." if date else "",
     )  # fmt: skip
 
@@ -190,14 +191,6 @@ def _rows(
             f"| {text} |"
         )
     return rows
-
-
-def processor() -> str:
-    """Name of the processor."""
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.machine()
 
 
 COLLOCATION = """# Performance of a solve
