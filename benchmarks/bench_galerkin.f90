@@ -3,7 +3,7 @@
 !> Prints one line a kernel: name, seconds, operations, bytes that must move. Operations are those
 !> that the formulas need, whatever the code does: products with zeros, and both halves of what is
 !> symmetric, count once or not at all. Bytes are those of the arrays that go in and out, once.
-!> Where no model is worth its lines there is none. performance.py says it in words.
+!> Where no model is worth its lines there is none. tables/kernels.py prints a table of them.
 program bench_galerkin
    use, intrinsic :: iso_c_binding, only : c_double, c_int64_t
    use bench_machine, only : now, open_problem, say, stop_on, time_machine

@@ -1,8 +1,8 @@
 !> Processor time of the kernels of one Gauss-Newton iteration against what this machine can do.
 !>
 !> Prints one line a kernel: name, seconds, operations, bytes that must move. Run with one thread:
-!> processor time then is a fair measure even where others use the machine. docs/performance.md is
-!> written from these lines by performance.py.
+!> processor time then is a fair measure even where others use the machine. docs/performance.md
+!> has the tables that tables/kernels.py makes of these lines.
 program bench_kernels
    use bench_machine, only : now, open_problem, say, stop_on, time_machine
    use rk_cgls, only : refine, semi_normal
@@ -106,7 +106,7 @@ contains
       end associate
       call say('apply', best(6), 2.0_wp*entries, 0.0_wp)
       call say('apply_transposed', best(7), 2.0_wp*entries, 0.0_wp)
-      call say('cgls', best(5), real(its, wp), 0.0_wp)
+      call say('cgls', best(5), 0.0_wp, 0.0_wp)
       deallocate (factor%matrix%value)
       name = names()
       do k = 1, size(name)

@@ -72,6 +72,7 @@ VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "forms": ("walls", "mixed"),
+    "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),
     "real_images": ("real_images",),
     "shading_fields": ("shading_fields",),
