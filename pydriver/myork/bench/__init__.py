@@ -22,14 +22,13 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.files import alone_in, write_json
 
-__all__ = ["BENCHES", "find_study", "of_checkout", "run_benches"]
+__all__ = ["BENCHES", "find_study", "run_benches"]
 
 #: Benchmarks of the package: tables of its module `studies`
 _PACKAGED = ("linear", "nonlinear", "curves", "rom")
@@ -55,28 +54,17 @@ def find_study(name: str) -> Study:
         )
     if name in _PACKAGED:
         return partial(import_module("myork.bench.studies").run, name)
-    return partial(of_checkout("pivots").run, name)
-
-
-def of_checkout(module: str) -> ModuleType:
-    """Module of the folder `benchmarks` of a checkout.
-
-    Raises
-    ------
-    InputError
-        The working directory is not a checkout.
-    """
     folder = _checkout()
     if folder and str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
     try:
-        return import_module(f"benchmarks.{module}")
+        return partial(import_module("benchmarks.pivots").run, name)
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("benchmarks"):
             raise
         raise InputError(
-            f"benchmarks.{module} ({error}) belongs to a checkout of MyoRK: call it in the folder "
-            "that contains benchmarks/"
+            f"{name} ({error}) belongs to a checkout of MyoRK: call it in the folder that contains "
+            "benchmarks/"
         ) from None
 
 
