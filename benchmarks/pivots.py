@@ -30,6 +30,8 @@ _FORMS: tuple[Form, ...] = (
 )
 #: What an answer should be within of finite elements [-]
 _NEAR = 0.01
+#: An error that is rounding [-]
+_ROUNDED = 1e-9
 #: Columns of the rows
 _EACH: Columns = (
     ("problem", "problem"),
@@ -68,7 +70,8 @@ def _wrong_and_accepted(rows: Rows) -> int:
 def _bars(rows: Rows, start: str = "") -> tuple[int, int, Any]:
     """Bars that contain the error, all of them, and 10 %, median and 90 % of bar over error.
 
-    The latter where the error is above twice the truth's doubt; of probes with this start of name.
+    The latter where the error is above rounding and twice the truth's doubt; of probes with this
+    start of name.
     """
     pairs = [
         (row["bar"][name], row["error"][name], row["doubt"][name])
@@ -76,7 +79,7 @@ def _bars(rows: Rows, start: str = "") -> tuple[int, int, Any]:
         for name in row["bar"]
         if name.startswith(start)
     ]
-    ratios = [bar / error for bar, error, doubt in pairs if error > 2 * doubt]
+    ratios = [bar / error for bar, error, doubt in pairs if error > max(2 * doubt, _ROUNDED)]
     spread = np.percentile(ratios, (10, 50, 90)).tolist() if ratios else [None] * 3
     return sum(error <= bar + doubt for bar, error, doubt in pairs), len(pairs), spread
 

@@ -61,6 +61,8 @@ __all__ = [
 KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]
 WRONG = 0.05
+#: Least size of a probe beside the largest of its kind [-]
+_LEAST = 1e-3
 #: Wall time of one solve [s]
 _LIMIT = 300.0
 #: Timed solves are repeated until they have taken so much together, at most so often [s], [-]
@@ -119,7 +121,16 @@ class Truths(NamedTuple):
             beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
             kind, the largest of it, and `error` followed by a name.
         """
-        size = {name: abs(truth.value) for name, truth in self.values.items() if name in probes}
+        most: dict[str, float] = {}
+        for name, truth in self.values.items():
+            kind = self.kinds[name]
+            most[kind] = max(most.get(kind, 0.0), abs(truth.value))
+        # what symmetry makes zero is compared with others of its kind, as its bar is
+        size = {
+            name: max(abs(truth.value), _LEAST * most[self.kinds[name]])
+            for name, truth in self.values.items()
+            if name in probes
+        }
         error = {name: abs(probes[name] - self.values[name].value) / size[name] for name in size}
         bar = {name: bars[name] / size[name] for name in size if bars.get(name) is not None}
         doubt = {name: self.values[name].doubt / size[name] for name in size}
