@@ -759,8 +759,8 @@ _COMMANDS = {
     "bench": _Command(
         _bench,
         "the tables and speed-against-error curves of the reference problems, solved anew",
-        "  myork bench nonlinear\n  myork bench stability --quick\n"
-        "  myork bench nonlinear stability curves mms --out out/bench\n"
+        "  myork bench nonlinear\n  myork bench trust --quick\n"
+        "  myork bench linear curves rom --out out/bench\n"
         "  myork bench all --quick",
         (
             _option(
