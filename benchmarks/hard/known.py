@@ -263,12 +263,15 @@ def _clouds() -> list[Case]:
             for form in FORMS[2:]
         ),
     ]
+    # accepted with 2 to 3 % of error at any number of points if it were solved
+    low = ("approximation.order=1", "approximation.support=2", "geometry.jitter=0.3")
     return [
         *found,
         *(
             tension(name, body, words, method=form)._replace(right={})
             for name, body, form, words in refused
         ),
+        Case("Poisson by functions of order 1, moved points", "poisson_1d", low, words=("order",)),
     ]
 
 
