@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hard.bent import bent_cases
-from benchmarks.hard.case import EXPLAINED, Case, judge
+from benchmarks.hard.case import EXPLAINED, Case, judge, volume_error
 from benchmarks.hard.inputs import input_cases
 from benchmarks.hard.known import known_cases
 from benchmarks.truths.manufactured import solve as solve_manufactured
 from myork.bench.runs import outcome_text, solve_case
 from myork.bench.tables import Columns, table
 from myork.console import ProgressCallback
+from myork.results import Results
 
 __all__ = ["cases", "run", "run_case"]
 
@@ -27,8 +28,8 @@ _COLUMNS: Columns = (
     ("end", "end"),
     ("error", "error"),
     ("of", "worst"),
-    ("J at full load is off by", "stray"),
-    ("on the way", "way"),
+    ("J is off by", "stray"),
+    ("at worst", "way"),
     ("iterations", "iterations"),
     ("s", "seconds"),
     ("the run says", "told"),
@@ -55,9 +56,9 @@ def run(out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     caption = (
         "Hard cases, with what the run says of itself and why it ends so. The error is relative, "
         "that of the quantity which is furthest off. J is off by how much it leaves the range of "
-        "the right answer, at full load and at any load before. Right, doubted: the answer is "
-        "right, and its verdict does not trust it. Off, told: it is wrong, and its verdict says "
-        "so. Explained: there is none, and the message says why."
+        "the right answer at full load, root mean square, and at the worst place and load. Right, "
+        "doubted: the answer is right, and its verdict does not trust it. Off, told: it is wrong, "
+        "and its verdict says so. Explained: there is none, and the message says why."
     )
     return {
         "title": "Stability",
@@ -85,20 +86,27 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
         and `why`.
     """
     if case.manufactured is None:
-        record = solve_case(case.deck, case.overrides, cloud=case.cloud, limit=limit, error=True)
+
+        def look(folder: Path) -> dict[str, float]:
+            with Results(folder) as results:
+                return {"stray": volume_error(case, results.field("J"))}
+
+        record = solve_case(
+            case.deck, case.overrides, cloud=case.cloud, limit=limit, look=look, error=True
+        )
     else:
-        # nobody judges it but its own error
         problem, form = case.manufactured
         record = {"seconds": 0.0}
         record |= solve_manufactured(problem, form, problem.sizes[0], case.overrides)
         if "u_error" in record:
-            record["error"] = record["u_error"]
+            record |= {"error": record["u_error"], "stray": record["j_error"]}
     record |= {"name": case.name, "wanted": case.wanted, "why": case.why}
     record["end"] = judge(case, record)
     if record["end"] == EXPLAINED and record["outcome"] == "refused":
         record["why"] = case.why or _NO_ANSWER
     verdict = record.get("verdict") or {}
-    told = "; ".join(verdict.get("reasons", [])) or record["message"]
+    texts = [*verdict.get("reasons", []), *record.get("warnings", [])]
+    told = "; ".join(dict.fromkeys(texts)) or record["message"]
     state = verdict.get("state")
     if state != "accepted" or told:
         told = told or outcome_text(record)
