@@ -41,5 +41,10 @@ def test_no_line_is_unexplained() -> None:
             assert case.words, case.name
     measured = json.loads(hard._MEASURED.read_text(encoding="utf-8"))
     assert measured.keys() <= set(names)
+    # a case without numbers of before can get worse and nobody sees it
+    assert {case.name for case in cases if case.wanted in (RIGHT, DOUBTED)} <= measured.keys()
+    # nothing is right that a user would not call right
+    assert max(case.tolerance for case in cases) <= 0.05
+    assert max(case.stray for case in cases) <= 0.05
     strays = {name for name, found in measured.items() if found.get("way", 0.0) > 0.1}
     assert not [case.name for case in cases if case.name in strays and not case.why]
