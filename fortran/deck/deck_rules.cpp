@@ -50,6 +50,19 @@ static void check_materials(Deck &deck) {
    }
 }
 
+// Collocation sees second derivatives, which functions of order 1 do not approach: by (5.19) the
+// error is of order h^(p-1)
+static void check_order(Deck &deck) {
+   const Section *scene = deck.single("scene"), *section = deck.single("approximation");
+   const std::string method = scene ? scene->text("method") : "";
+   const Value *order = section ? section->find("order") : nullptr;
+   if (order && order->number() < 2.0 && (method == "rkcm" || method == "rkcm-mixed"))
+      deck.complain(order->origin, deck.address(*section, "order"),
+                    "must be at least 2 for scene.method = " + method +
+                        ": second derivatives of functions of order 1 do not converge; take "
+                        "order = 2 and support = 3, or scene.method = rkpm-gauss");
+}
+
 // The plate at the end of a tendon moves as nothing else says
 static void check_tendon(Deck &deck, Section &section) {
    const Value *direction = section.find("tendon") ? section.find("direction") : nullptr;
@@ -174,6 +187,7 @@ void check_rules(Deck &deck) {
    const Section *geometry = deck.single("geometry");
    const std::string kind = geometry ? geometry->text("kind") : "";
    check_materials(deck);
+   check_order(deck);
    check_boundary(deck);
    check_amplitudes(deck);
    check_probes(deck, dimension);

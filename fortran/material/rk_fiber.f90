@@ -10,7 +10,7 @@
 !> starts from zero, the polynomial lies on the far side only, so that the curve stays zero where
 !> it was zero. With the default parameters they differ by less than 2 % of the peak.
 !>
-!> References: thesis (4.36)-(4.38), with three corrections: the third branch of (4.37) continues
+!> References: thesis (4.36)-(4.38), with two corrections: the third branch of (4.37) continues
 !>             value and slope of the second, the active curve is zero outside [0.4, 1.6];
 !>             Zajac, Crit. Rev. Biomed. Eng. 17 (1989) 359-411;
 !>             Blemker, Pinsky, Delp, J. Biomech. 38 (2005), doi:10.1016/j.jbiomech.2004.04.009

@@ -115,6 +115,7 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver, n
    if (present(near)) nearer = near
    self%method = problem%scene%method
    if (allocated(problem%scene%body_force)) then
+      self%missed = .true.
       self%why_not = 'the loads were set point by point, which no deck can say'
       return
    end if

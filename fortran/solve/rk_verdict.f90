@@ -55,6 +55,9 @@ module rk_verdict
    real(wp), parameter :: of_places = 0.01_wp, near_spacings = 2.0_wp
    !> Share of the volume in which J leaves the J of the pressure, and by how much
    real(wp), parameter :: of_volume(2) = [0.05_wp, 0.25_wp], off_pressure = 0.1_wp
+   !> Root mean square of the same in a weak form, whose stress has the pressure of its cells and
+   !> may be right where J at points is not: whoever reads J is warned
+   real(wp), parameter :: of_point_volume = 0.05_wp
 
    !> Verdict with its reasons and the error bars
    type :: verdict_type
@@ -120,6 +123,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome, 
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: # of the largest is left')
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
+      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, receiver)
    end if
    outcome%warnings = outcome%warnings//self%reasons
    if (allocated(outcome%broken)) then
@@ -242,6 +246,33 @@ subroutine judge_volume(self, problem, state)
    call self%compare(off/max(total, tiny(1.0_wp)), of_volume, 'in # of the volume J is ' &
       & //'more than '//to_text(off_pressure)//' away from what the pressure allows')
 end subroutine judge_volume
+
+!> Warn where J at points is not that of the pressure, which weak forms keep over cells only
+subroutine warn_of_volume(problem, outcome, receiver)
+   !> Problem
+   class(discretisation_type), intent(in) :: problem
+   !> What the run found out
+   type(outcome_type), intent(inout) :: outcome
+   !> Receiver of the caller
+   class(recorder_type), intent(inout) :: receiver
+   type(point_state) :: local
+   real(wp) :: off, wanted, mean
+   integer :: ip
+
+   off = 0.0_wp
+   do ip = 1, size(problem%scene%cloud%points, 2)
+      call problem%at_point(outcome%peak, ip, local)
+      mean = (local%cauchy(1, 1) + local%cauchy(2, 2) + local%cauchy(3, 3))/3.0_wp
+      wanted = 1.0_wp
+      if (ieee_is_finite(mean)) wanted = 1.0_wp + mean/problem%mixture%bulk(ip)
+      off = off + (determinant(local%f) - wanted)**2
+   end do
+   off = sqrt(off/size(problem%scene%cloud%points, 2))
+   if (off <= of_point_volume) return
+   call outcome%warn('J at points is '//to_text(100.0_wp*off, 2)//' % (root mean square) off ' &
+      & //'what the pressure allows: stresses and forces use its mean over cells; take more ' &
+      & //'points before you read J or F', receiver)
+end subroutine warn_of_volume
 
 !> Places of output that are turned inside out or whose stress is not finite, in words: as a rule
 !> the corner of a fixed face, which is singular, but whoever reads the fields meets it

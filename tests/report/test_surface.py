@@ -30,7 +30,7 @@ def box(*source: int, kind: str = "box") -> tuple[F64, I32]:
         "geometry": geometry,
         "material": [RUBBER],
         "boundary": [{"set": "x0" if n == 2 else "z0", **{f"u_{a}": 0.0 for a in "xyz"[:n]}}],
-        "approximation": {"order": 1, "support": 2.0},
+        "approximation": {"order": 2, "support": 3.0},
     }
     with Scene.from_tables(tables) as scene:
         return scene.points(), scene.surface()

@@ -335,6 +335,16 @@ def test_wrong_override(write: Write, override: str, message: str) -> None:
     assert lines[0].startswith(f"--set {override}: {message}")
 
 
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
+def test_collocation_needs_second_derivatives(write: Write, method: str) -> None:
+    order, form = "approximation.order=1", f"scene.method={method}"
+    (line,) = complaints(write(BLOCK), order, form)
+    assert line.startswith(
+        f"--set {order}: approximation.order: must be at least 2 for scene.method = {method}:"
+    )
+    assert "do not converge" in line and "order = 2" in line
+
+
 def test_infinite_bulk_modulus_needs_a_pressure(write: Write) -> None:
     lines = complaints(write(BLOCK), "material.fat.K=inf", "scene.method=rkcm")
     assert lines == [

@@ -179,7 +179,7 @@ def test_unknown_methods_are_refused(open_scene, name):
         # a support below their distance: source points between them are in no equation
         (
             {"geometry": box(3, 3, 30, size=[1, 1, 2], places=(33, 33, 4)),
-             "approximation": {"order": 1, "support": 2.0}},
+             "approximation": {"order": 2, "support": 3.0}},
             "island: 1089 collocation points around",
         ),
     ],

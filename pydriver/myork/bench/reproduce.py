@@ -120,10 +120,13 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
 
 def _aged(run: Run, progress: ProgressCallback) -> Record:
     """Young or old muscle at full activation: force at its top [N], volumes of images [cm^3]."""
-    muscle = {"young": YOUNG, "old": OLD}[str(run.more)]
+    name, _, pixels = str(run.more).partition(", ")
+    muscle, block = {"young": YOUNG, "old": OLD}[name], int(pixels.split()[0]) if pixels else 4
     labels, _ = labelled(muscle)
     bare, _ = labelled(replace(muscle, layer=0.0))
-    case = _converged(solve_case(AGED, run.overrides, cloud=aged_cloud(muscle, 4), limit=_LIMIT))
+    case = _converged(
+        solve_case(AGED, run.overrides, cloud=aged_cloud(muscle, block), limit=_LIMIT)
+    )
     voxel = labels.spacing.prod() / 1000.0
     images = {
         name: float((labels.data == number).sum() * voxel)

@@ -1,0 +1,397 @@
+"""Equations of the dissertation: those that docs/equations.md corrects, and those that are right.
+
+Each check derives the right formula, shows that the printed one is another, and compares ours with
+the right one where there is a number of ours. The page names the checks.
+"""
+
+import itertools
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from numpy.testing import assert_allclose
+
+from myork import load_deck
+from myork.bench import exact
+from myork.bench.materials import RUBBER
+from myork.core.material import fiber_curves
+from myork.files import INPUTS
+from myork.model.normals import surface_normals
+
+PAGE = Path(__file__).parents[2] / "docs/equations.md"
+
+
+# ---- errata --------------------------------------------------------------------------------------
+
+
+def check_3_2_normal() -> None:
+    x = sp.Matrix(sp.symbols("x y z", positive=True))
+    length = sp.sqrt(x.dot(x))
+    phi = 1 - length  # a ball: positive inside, (3.1), (4.8)
+    slope = sp.Matrix([phi.diff(component) for component in x])
+    printed = slope / sp.sqrt(slope.dot(slope))
+    assert sp.simplify(printed.dot(x) / length) == -1
+    places = np.indices((25, 25, 25)).reshape(3, -1).T.reshape(25, 25, 25, 3) - 12.0
+    ball = np.linalg.norm(places, axis=-1) < 9.5
+    rim = np.argwhere(ball & ~np.roll(ball, 1, axis=0))
+    rim = rim[rim[:, 2] == 12]
+    ours = surface_normals(ball, np.ones(3), rim)
+    assert (np.einsum("pi,pi->p", ours, rim - 12.0) > 0).all()
+
+
+def check_3_36_gaussian() -> None:
+    sigma, r, angle = sp.symbols("sigma r theta", positive=True)
+    bell = sp.exp(-(r**2) / (2 * sigma**2))
+    in_plane = sp.integrate(sp.integrate(bell * r, (r, 0, sp.oo)), (angle, 0, 2 * sp.pi))
+    printed = in_plane / (sp.sqrt(2 * sp.pi) * sigma)
+    assert sp.simplify(printed - sp.sqrt(2 * sp.pi) * sigma) == 0  # and not 1
+    assert sp.simplify(in_plane / (2 * sp.pi * sigma**2)) == 1
+
+
+def check_4_23_stress_power() -> None:
+    f = sp.Matrix(3, 3, sp.symbols("f:9"))
+    rate = sp.Matrix(3, 3, sp.symbols("d:9"))
+    energy = (f.T * f).trace() / 2 + (f.det() - 1) ** 2
+    p = sp.Matrix(3, 3, [energy.diff(entry) for entry in f])
+    power = sum(energy.diff(a) * b for a, b in zip(f, rate, strict=True))
+    right = sum(rate[i, j] * p[i, j] for i in range(3) for j in range(3))
+    printed = sum(rate[i, j] * p[j, i] for i in range(3) for j in range(3))
+    assert sp.expand(power - right) == 0
+    assert sp.expand(power - printed) != 0
+
+
+def check_4_37_passive_force() -> None:
+    stretch, g1, g2 = sp.symbols("lambda gamma_1 gamma_2", positive=True)
+    middle = g1 * (sp.exp(g2 * (stretch - 1)) - 1)
+    end = sp.Rational(7, 5)
+    growth = sp.exp(sp.Rational(2, 5) * g2)
+    printed = g1 * g2 * growth * stretch + g1 * (growth - 1)
+    right = g1 * g2 * growth * (stretch - end) + g1 * (growth - 1)
+    jump = (printed - middle).subs(stretch, end)
+    assert sp.simplify(jump - end * g1 * g2 * growth) == 0
+    # 6.47 where the force is 0.65
+    assert float(jump.subs({g1: 0.05, g2: 6.6})) == pytest.approx(6.474, abs=1e-3)
+    for k in range(2):
+        assert sp.simplify((right - middle).diff(stretch, k).subs(stretch, end)) == 0
+    at = [1.2, 1.4, 1.5, 2.0]
+    formula = sp.Piecewise((middle, stretch <= end), (right, True)).subs({g1: 0.05, g2: 6.6})
+    ours = fiber_curves(at, curve="published", gamma1=0.05, gamma2=6.6).passive[1]
+    assert_allclose(ours, [float(formula.subs(stretch, x)) for x in at], rtol=1e-12)
+
+
+def check_4_38_active_force() -> None:
+    stretch = sp.symbols("lambda", positive=True)
+    rising, top = 9 * (stretch - sp.Rational(2, 5)) ** 2, 1 - 4 * (1 - stretch) ** 2
+    joint = sp.Rational(3, 5)
+    assert (rising - top).subs(stretch, joint) == 0
+    # the printed branches rise again outside: as much as at full overlap at 0.067 and 1.933
+    assert rising.subs(stretch, sp.Rational(1, 15)) == 1
+    slopes = [branch.diff(stretch).subs(stretch, joint) for branch in (rising, top)]
+    assert slopes == [sp.Rational(18, 5), sp.Rational(16, 5)]
+    ours = fiber_curves([0.05, 0.39, 0.5, 0.8, 1.61, 2.0], curve="published").active[1]
+    assert_allclose(ours, [0.0, 0.0, 0.09, 0.84, 0.0, 0.0], atol=1e-14)
+
+
+def check_5_25_cantilever() -> None:
+    x, y, load, length, depth, young, nu = sp.symbols("x y P L D E nu", positive=True)
+    bar_nu = nu / (1 - nu)
+
+    def stress(modulus: Any) -> list[Any]:
+        """Plane strain stress of (5.25) with a modulus."""
+        stiff = 6 * modulus * depth**3 / 12
+        u = [
+            -load * y / stiff * ((6 * length - 3 * x) * x + (2 + bar_nu) * (y**2 - depth**2 / 4)),
+            load / stiff * ((3 * length - x) * x**2 + 3 * bar_nu * y**2 * (length - x)
+                            + (4 + 5 * bar_nu) * depth**2 * x / 4),
+        ]  # fmt: skip
+        e = [u[0].diff(x), u[1].diff(y), (u[0].diff(y) + u[1].diff(x)) / 2]
+        lame = young * nu / (1 + nu) / (1 - 2 * nu)
+        shear = young / 2 / (1 + nu)
+        volume = lame * (e[0] + e[1])
+        return [2 * shear * e[0] + volume, 2 * shear * e[1] + volume, 2 * shear * e[2]]
+
+    end = 6 * load / depth**3 * (depth**2 / 4 - y**2)
+    right, printed = stress(young / (1 - nu**2)), stress(young)
+    # tractions (5.24b) at the loaded and at the held end, and free sides
+    assert sp.simplify(right[2].subs(x, length) - end) == 0
+    assert sp.simplify(right[0].subs(x, length)) == 0
+    assert sp.simplify(-right[0].subs(x, 0) - 12 * load * length / depth**3 * y) == 0
+    assert sp.simplify(right[1]) == 0 and sp.simplify(right[2].subs(y, depth / 2)) == 0
+    ratio = sp.simplify(printed[2].subs(x, length) / end)
+    assert sp.simplify(ratio - 1 / (1 - nu**2)) == 0
+    assert float(ratio.subs(nu, sp.Rational(1, 4))) == pytest.approx(1.067, abs=5e-4)
+    formula = load_deck(INPUTS / "cantilever.toml")["linear"]["exact"][0]
+    given = {load: 100, length: 8, depth: 2, young: 3e7, nu: 0.25}
+    stiff = 6 * young / (1 - nu**2) * depth**3 / 12
+    first = -load * y / stiff * ((6 * length - 3 * x) * x + (2 + bar_nu) * (y**2 - depth**2 / 4))
+    # the deck's y is measured from the lower side
+    ours = eval(formula.replace("^", "**"), {}, {"x": 3.0, "y": 1.7})
+    assert ours == pytest.approx(float(first.subs(given).subs({x: 3, y: 0.7})), rel=1e-9)
+
+
+def check_5_52_weight() -> None:
+    f = sp.Matrix(3, 3, sp.symbols("f:9"))
+    a, bulk = sp.symbols("A K", positive=True)
+    j = f.det()
+    energy = a * ((f.T * f).trace() * j ** sp.Rational(-2, 3) - 3) + bulk / 2 * (j - 1) ** 2
+    rest = dict(zip(f, sp.eye(3), strict=True))
+    # the printed weight is zero where the load starts; the largest modulus is not
+    assert energy.subs(rest) == 0
+    assert sp.simplify(energy.diff(f[0, 0], 2).subs(rest) - bulk - sp.Rational(8, 3) * a) == 0
+
+
+def check_5_102_weights() -> None:
+    a, first, weight, value, given = sp.symbols("a A alpha b g")
+    residual = first * a + value - given  # a row of the boundary, weighted in (5.79)
+    gradient = (weight / 2 * residual**2).diff(a)
+    assert sp.expand(gradient - weight * first * residual) == 0
+    assert sp.expand(gradient - first * residual) != 0  # (5.102) with the matrices of (5.65)
+
+
+def check_6_41_weight() -> None:
+    alpha, dt, n, young, length, x = sp.symbols("alpha Delta_t N_S E L x", positive=True)
+    # the two terms of (6.36a) on the shortest wave that the points carry
+    wave = sp.sin(sp.pi * n * x / length)
+    ratio = sp.simplify(dt**2 * -young * wave.diff(x, 2) / (alpha * wave))
+    product = sp.symbols("c", positive=True)
+    assert n not in ratio.subs(dt, product / n).free_symbols
+    assert dt not in ratio.subs(n, product / dt).free_symbols
+    # table 6.1: 51 points, steps of 0.2
+    assert max(1, 0.2**2, 51**2) == 2601 and max(1.0, 0.2**2 * 51**2) == pytest.approx(104.04)
+
+
+def check_6_72_gradient_error() -> None:
+    g = sp.Matrix(3, 3, sp.symbols("g:9"))
+    # a turn is an error of the gradient that (6.72) does not see
+    turn = {entry: 0 for entry in g} | {g[0, 1]: 1, g[1, 0]: -1}
+    assert sum(g).subs(turn) == 0
+    assert (g.T * g).trace().subs(turn) == 2
+
+
+# ---- right as printed ----------------------------------------------------------------------------
+
+
+def test_descent_of_eight_regions() -> None:
+    """(3.21)-(3.23), (B.1)-(B.3): what is printed is the slope of (3.18), (4.3)."""
+    h, lam = sp.symbols("h1:4"), sp.symbols("q1:9")
+    # bits of the regions of (3.19): inside of the first, second, third level set
+    inside = "111", "101", "011", "110", "001", "010", "100", "000"
+    member = [
+        sp.prod(s if bit == "1" else 1 - s for s, bit in zip(h, word, strict=True))
+        for word in inside
+    ]
+    energy = sum(q * m for q, m in zip(lam, member, strict=True))
+    printed = {  # regions of the negative and of the positive terms, in the order of their factors
+        0: ((1, 2, 4, 7), (3, 5, 6, 8)),
+        1: ((1, 3, 4, 6), (2, 5, 7, 8)),
+        2: ((1, 3, 2, 5), (4, 6, 7, 8)),
+    }
+    for level, (minus, plus) in printed.items():
+        one, two = (s for k, s in enumerate(h) if k != level)
+        factors = one * two, (1 - one) * two, one * (1 - two), (1 - one) * (1 - two)
+        force = sum(
+            (lam[q - 1] - lam[p - 1]) * factor
+            for p, q, factor in zip(minus, plus, factors, strict=True)
+        )
+        assert sp.expand(force + energy.diff(h[level])) == 0
+
+
+def test_distance_term_of_the_descent() -> None:
+    """(3.42): gamma (laplacian - curvature) is the descent of P of (3.39), in the plane."""
+    x, y = sp.symbols("x y")
+    phi = sp.Function("phi")(x, y)
+    fx, fy = sp.symbols("fx fy", positive=True)
+    density = (sp.sqrt(fx**2 + fy**2) - 1) ** 2 / 2
+    real = {fx: phi.diff(x), fy: phi.diff(y)}
+    descent = density.diff(fx).subs(real).diff(x) + density.diff(fy).subs(real).diff(y)
+    norm = sp.sqrt(phi.diff(x) ** 2 + phi.diff(y) ** 2)
+    curvature = (phi.diff(x) / norm).diff(x) + (phi.diff(y) / norm).diff(y)
+    printed = phi.diff(x, 2) + phi.diff(y, 2) - curvature
+    probe = sp.exp(x / 3) * (y + 2) + x * y**2
+    at = {x: sp.Rational(1, 3), y: sp.Rational(1, 5)}
+    miss = (descent - printed).subs(phi, probe).doit().subs(at)
+    assert abs(float(miss)) < 1e-12
+
+
+def test_quintic_kernel() -> None:
+    """(5.6): four times continuously differentiable, zero at the end of its support."""
+    z = sp.symbols("z")
+    rows = (
+        ("11/20", 0, "-9/2", 0, "81/4", "-81/4"),
+        ("17/40", "15/8", "-63/4", "135/4", "-243/8", "81/8"),
+        ("81/40", "-81/8", "81/4", "-81/4", "81/8", "-81/40"),
+        (0, 0, 0, 0, 0, 0),
+    )
+    pieces = [sum(sp.Rational(c) * z**k for k, c in enumerate(row)) for row in rows]
+    for n, (one, other) in enumerate(itertools.pairwise(pieces), start=1):
+        for k in range(5):
+            assert (one - other).diff(z, k).subs(z, sp.Rational(n, 3)) == 0
+        assert (one - other).diff(z, 5) != 0
+
+
+@pytest.mark.parametrize(
+    ("stretches", "free", "ours"),
+    [
+        (lambda s: (s, 1 / sp.sqrt(s), 1 / sp.sqrt(s)), 1, exact.uniaxial),
+        (lambda s: (s, s, s**-2), 2, exact.equibiaxial),
+    ],
+    ids=["(5.114)", "(5.118)"],
+)
+def test_homogeneous_states(stretches: Any, free: int, ours: Any) -> None:
+    """Stresses of stretched rubber from the energy, one direction free of stress."""
+    s, principal = sp.symbols("s", positive=True), sp.symbols("l1:4", positive=True)
+    i1 = sum(p**2 for p in principal)
+    i2 = sum(p**2 * q**2 for p, q in itertools.combinations(principal, 2))
+    w1, w2 = sp.symbols("W1 W2")
+    cauchy = [p * (w1 * i1.diff(p) + w2 * i2.diff(p)) for p in principal]
+    state = dict(zip(principal, stretches(s), strict=True))
+    found = (cauchy[0] - cauchy[2]).subs(state)
+    printed = (
+        2 * (s**2 - 1 / s) * (w1 + w2 / s) if free == 1 else 2 * (s**2 - s**-4) * (w1 + s**2 * w2)
+    )
+    assert sp.simplify(found - printed) == 0
+    first, a10, a20, a30 = i1.subs(state) - 3, *(RUBBER[key] for key in ("A10", "A20", "A30"))
+    slopes = {w1: a10 + 2 * a20 * first + 3 * a30 * first**2, w2: 0}
+    rubber = exact.Polynomial.from_deck(RUBBER, math.inf)
+    value = float(printed.subs(slopes).subs(s, 1.7))
+    assert ours(rubber, 1.7) == pytest.approx(value, rel=1e-10)
+
+
+def test_invariants_of_appendix_c() -> None:
+    """(C.3), (C.8), (C.9), (C.13)-(C.17) along three directions, exactly."""
+    f0 = sp.Matrix([[11, 2, -1], [1, 9, 3], [-2, 1, 10]]) / 10
+    steps = [
+        sp.Matrix(rows)
+        for rows in (
+            [[1, 0, 2], [0, 1, -1], [3, 1, 0]],
+            [[0, 1, 1], [2, 0, 1], [1, -1, 2]],
+            [[2, 1, 0], [-1, 1, 1], [0, 2, 1]],
+        )
+    ]
+    t = sp.symbols("t1:4")
+    f = f0 + sum((s * step for s, step in zip(t, steps, strict=True)), sp.zeros(3))
+    c = f.T * f
+    j, i1 = f.det(), c.trace()
+    rest = dict.fromkeys(t, 0)
+    wanted = {
+        1: i1 * j ** sp.Rational(-2, 3),
+        2: (i1**2 - (c * c).trace()) / 2 * j ** sp.Rational(-4, 3),
+    }
+    found = _printed_appendix(
+        np.array(f0.tolist(), float), [np.array(step.tolist(), float) for step in steps]
+    )
+    for k, invariant in wanted.items():
+        for order in (1, 2, 3):
+            exactly = float(invariant.diff(*t[:order]).subs(rest))
+            assert found[k][order - 1] == pytest.approx(exactly, rel=1e-11), (k, order)
+
+
+def _printed_appendix(f: Any, steps: list[Any]) -> dict[int, list[float]]:
+    """First to third derivatives of the reduced invariants as printed, along directions."""
+    g, inv, eye = f.T @ f, np.linalg.inv(f), np.eye(3)
+    j, i1 = np.linalg.det(f), np.trace(g)
+    i2 = 0.5 * (i1**2 - np.trace(g @ g))
+    fg = f @ g
+    ein = np.einsum
+
+    def o(*pairs: tuple[str, Any]) -> Any:
+        """Product of matrices by their indices, of the six indices iAjBkC or the first four."""
+        names = ",".join(name for name, _ in pairs)
+        size = "iAjBkC" if any(set(name) & set("kC") for name, _ in pairs) else "iAjB"
+        return ein(f"{names}->{size}", *(matrix for _, matrix in pairs))
+
+    first = {
+        1: 2 * j ** (-2 / 3) * (f - i1 / 3 * inv.T),
+        2: 2 * j ** (-4 / 3) * (i1 * f - fg - 2 / 3 * i2 * inv.T),
+    }
+    left = f @ f.T
+    b1 = (
+        -4 / 3 * o(("Bj", inv), ("iA", f)) + 2 * o(("ij", eye), ("AB", eye))
+        + 4 / 9 * i1 * o(("Ai", inv), ("Bj", inv)) - 4 / 3 * o(("jB", f), ("Ai", inv))
+        + 2 / 3 * i1 * o(("Aj", inv), ("Bi", inv))
+    )  # fmt: skip
+    b2 = (
+        -8 / 3 * i1 * o(("Bj", inv), ("iA", f)) + 8 / 3 * o(("Bj", inv), ("iA", fg))
+        + 16 / 9 * i2 * o(("Bj", inv), ("Ai", inv)) + 4 * o(("iA", f), ("jB", f))
+        + 2 * i1 * o(("ij", eye), ("AB", eye)) - 2 * o(("ij", eye), ("BA", g))
+        - 2 * o(("iB", f), ("jA", f)) - 2 * o(("ij", left), ("AB", eye))
+        - 8 / 3 * i1 * o(("jB", f), ("Ai", inv)) + 8 / 3 * o(("jB", fg), ("Ai", inv))
+        + 4 / 3 * i2 * o(("Aj", inv), ("Bi", inv))
+    )  # fmt: skip
+    third1 = -2 / 3 * ein("Ck,iAjB->iAjBkC", inv, b1) + (
+        -4 / 3 * (-o(("Bk", inv), ("Cj", inv), ("iA", f))
+                  + o(("Bj", inv), ("ik", eye), ("AC", eye)))
+        + 4 / 9 * (2 * o(("Ai", inv), ("Bj", inv), ("kC", f))
+                   - i1 * o(("Ak", inv), ("Bj", inv), ("Ci", inv))
+                   - i1 * o(("Ai", inv), ("Bk", inv), ("Cj", inv)))
+        - 4 / 3 * (o(("jk", eye), ("BC", eye), ("Ai", inv))
+                   - o(("jB", f), ("Ak", inv), ("Ci", inv)))
+        + 2 / 3 * (2 * o(("kC", f), ("Aj", inv), ("Bi", inv))
+                   - i1 * o(("Ak", inv), ("Bi", inv), ("Cj", inv))
+                   - i1 * o(("Aj", inv), ("Bk", inv), ("Ci", inv)))
+    )  # fmt: skip
+    slope2 = (
+        # (i) to (iii)
+        -8 / 3 * (-i1 * o(("Bk", inv), ("Cj", inv), ("iA", f))
+                  + 2 * o(("kC", f), ("Bj", inv), ("iA", f))
+                  + i1 * o(("Bj", inv), ("ik", eye), ("AC", eye)))
+        + 8 / 3 * (-o(("Bk", inv), ("Cj", inv), ("iA", fg)) + o(("Bj", inv), ("ik", eye), ("CA", g))
+                   + o(("Bj", inv), ("iC", f), ("kA", f))
+                   + o(("Bj", inv), ("ik", left), ("AC", eye)))
+        + 16 / 9 * (-i2 * o(("Bk", inv), ("Cj", inv), ("Ai", inv))
+                    + 2 * i1 * o(("Bj", inv), ("kC", f), ("Ai", inv))
+                    - 2 * o(("Bj", inv), ("kC", fg), ("Ai", inv))
+                    - i2 * o(("Bj", inv), ("Ak", inv), ("Ci", inv)))
+        # (iv) to (viii)
+        + 4 * (o(("ik", eye), ("AC", eye), ("jB", f)) + o(("iA", f), ("jk", eye), ("BC", eye)))
+        + 4 * o(("kC", f), ("ij", eye), ("AB", eye))
+        - 2 * (o(("ij", eye), ("BC", eye), ("kA", f)) + o(("ij", eye), ("kB", f), ("AC", eye)))
+        - 2 * (o(("ik", eye), ("BC", eye), ("jA", f)) + o(("iB", f), ("jk", eye), ("AC", eye)))
+        - 2 * (o(("jC", f), ("ik", eye), ("AB", eye)) + o(("iC", f), ("jk", eye), ("AB", eye)))
+        # (ix) to (xi)
+        - 8 / 3 * (2 * o(("kC", f), ("jB", f), ("Ai", inv))
+                   + i1 * o(("jk", eye), ("BC", eye), ("Ai", inv))
+                   - i1 * o(("jB", f), ("Ak", inv), ("Ci", inv)))
+        + 8 / 3 * (o(("jk", eye), ("CB", g), ("Ai", inv)) + o(("jC", f), ("kB", f), ("Ai", inv))
+                   + o(("jk", left), ("BC", eye), ("Ai", inv))
+                   - o(("jB", fg), ("Ak", inv), ("Ci", inv)))
+        + 4 / 3 * (2 * i1 * o(("kC", f), ("Aj", inv), ("Bi", inv))
+                   - 2 * o(("kC", fg), ("Aj", inv), ("Bi", inv))
+                   - i2 * o(("Ak", inv), ("Cj", inv), ("Bi", inv))
+                   - i2 * o(("Aj", inv), ("Bk", inv), ("Ci", inv)))
+    )  # fmt: skip
+    second = {1: j ** (-2 / 3) * b1, 2: j ** (-4 / 3) * b2}
+    third = {
+        1: j ** (-2 / 3) * third1,
+        2: j ** (-4 / 3) * (-4 / 3 * ein("Ck,iAjB->iAjBkC", inv, b2) + slope2),
+    }
+    one, two, three = steps
+    return {
+        k: [
+            float(ein("iA,iA", first[k], one)),
+            float(ein("iAjB,iA,jB", second[k], one, two)),
+            float(ein("iAjBkC,iA,jB,kC", third[k], one, two, three)),
+        ]
+        for k in (1, 2)
+    }
+
+
+# ---- the page ------------------------------------------------------------------------------------
+
+ERRATA = {name: check for name, check in globals().items() if name.startswith("check_")}
+
+
+@pytest.mark.parametrize("name", ERRATA)
+def test_erratum(name: str) -> None:
+    ERRATA[name]()
+
+
+def test_page_names_every_check() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert set(re.findall(r"`(check_\w+)`", text)) == set(ERRATA)
+    rights = {name for name in globals() if name.startswith("test_") and f"`{name}`" in text}
+    assert len(rights) == 5
