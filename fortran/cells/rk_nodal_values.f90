@@ -33,7 +33,7 @@ module rk_nodal_values
    !> Smallest eigenvalue of one direction that is worth a step
    real(wp), parameter :: smallest = 0.3_wp
    !> Chebyshev steps
-   integer, parameter :: steps = 3
+   integer, parameter :: steps = 6
 
 contains
 
