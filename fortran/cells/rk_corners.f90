@@ -24,8 +24,8 @@ module rk_corners
 
 contains
 
-!> Whether source points are the corners of cells: in lattices of boxes that keep to it and in bodies
-!> of voxels
+!> Whether source points are the corners of cells: in boxes whose points keep to their lattice, and
+!> in bodies of voxels
 pure logical function has_corners(cloud)
    !> Cloud
    type(cloud_type), intent(in) :: cloud

@@ -23,6 +23,8 @@ module rk_nodal_values
       !> Middle and half length of the interval that holds the eigenvalues
       real(wp) :: middle = 1.0_wp
       real(wp) :: half = 0.5_wp
+      !> Chebyshev steps
+      integer, private :: steps = 0
    contains
       !> Coefficients from values, or their transposed
       procedure :: invert
@@ -32,19 +34,19 @@ module rk_nodal_values
    real(wp), parameter :: largest = 1.1_wp
    !> Smallest eigenvalue of one direction that is worth a step
    real(wp), parameter :: smallest = 0.3_wp
-   !> Chebyshev steps
-   integer, parameter :: steps = 6
 
 contains
 
 !> Set up the map
-subroutine new_nodal_values(self, shape, place)
+subroutine new_nodal_values(self, shape, place, steps)
    !> Map
    type(nodal_values_type), intent(out) :: self
    !> Shape functions at places
    type(shape_type), target, intent(in) :: shape
    !> Place of each source point among them, shape (ns)
    integer, intent(in) :: place(:)
+   !> Chebyshev steps
+   integer, intent(in) :: steps
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    real(wp) :: own
@@ -52,6 +54,7 @@ subroutine new_nodal_values(self, shape, place)
    integer(i8), allocatable :: entry(:)
 
    ns = size(place)
+   self%steps = steps
    associate (row => self%row%place)
       allocate (row%offset(ns + 1))
       row%offset(1) = 0
@@ -97,7 +100,7 @@ subroutine invert(self, transposed, x)
    step = x/self%middle
    x = step
    rho = self%half/self%middle
-   do k = 1, steps
+   do k = 1, self%steps
       if (transposed) then
          call self%row_t%product(step, image, .false.)
       else

@@ -62,6 +62,9 @@ module rk_preconditioner
 
    !> Stiffness of a cell, of its own, that pieces which nothing holds keep: their factor exists [-]
    real(wp), parameter :: slight = 1.0e-6_wp
+   !> Chebyshev steps from values to coefficients: a spindle of voxels whose blocks are cut by the
+   !> surface takes 600 iterations to 1e-6 with three of them, 370 with six and 350 with ten
+   integer, parameter :: nodal_steps = 3, corner_steps = 6
 
 contains
 
@@ -95,12 +98,12 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
    cell = [(i, i=1, n)]
    if (allocated(cells%node)) then
       cell(cells%node) = [(k, k=1, size(cells%node))]
-      call new_nodal_values(self%values, inside, cell)
+      call new_nodal_values(self%values, inside, cell, nodal_steps)
       call nodal_network(network, cells, surface, shear)
    else
       call scene%shape_at(scene%cloud%source, at_sources, error, plain=.true.)
       if (allocated(error)) return
-      call new_nodal_values(self%values, at_sources, cell)
+      call new_nodal_values(self%values, at_sources, cell, corner_steps)
       call corner_network(network, scene, cells, surface, shear)
    end if
    ! every source point has a diagonal, also one that nothing touches
