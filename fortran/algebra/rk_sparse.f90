@@ -34,6 +34,8 @@ module rk_sparse
       type(c_ptr), private :: handle = c_null_ptr
       !> The last factor was one of Cholesky, and is there
       logical :: ready = .false.
+      !> A matrix was too far from a positive definite one to be solved with the factor of that
+      logical :: far = .false.
    contains
       !> Whether a solve has found an order of elimination for Cholesky
       procedure :: has_order

@@ -47,6 +47,8 @@ module rk_symmetric
       procedure :: solve_with
       !> Solve with the factor of the last solve
       procedure :: solve_again
+      !> Solve the next equations by a factor of their own
+      procedure :: let_go
       !> Add a dense part
       procedure :: add
       !> Product of other entries in the same places with a vector
@@ -72,7 +74,7 @@ module rk_symmetric
    !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
    !> other, and iterations with the factor of the sum: LU takes several times its time and memory
    real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
-   integer, parameter :: most = 150
+   integer, parameter :: most = 60
 
 contains
 
@@ -377,8 +379,8 @@ subroutine solve_with(self, given, b, x, report, error)
 
    definite = .not. (self%indefinite .or. allocated(self%skew))
    found = .false.
-   if (definite .and. .not. self%keeps) call solve_by_last(self, given, nint(tried &
-      & *self%kept%cost()), b, x, report, found)
+   if (definite .and. .not. self%keeps) call solve_by_last(self, given, &
+      & nint(tried*self%kept%cost()), b, x, report, found)
    if (found) return
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
@@ -451,7 +453,7 @@ subroutine solve_by_last(self, given, limit, b, x, report, found)
       return
    end if
    report%used = 'minres'
-   report%why = 'the tangent is near the last one that was factorised: minimal residuals with its ' &
+   report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
       & //'Cholesky factor'
 end subroutine solve_by_last
 
@@ -474,7 +476,7 @@ subroutine solve_beside(self, given, b, x, report, found)
    integer :: j, k
 
    found = .false.
-   if (self%keeps .or. self%kept%cost() < worth) return
+   if (self%keeps .or. self%kept%far .or. self%kept%cost() < worth) return
    do k = 1, size(added)
       sum = given
       do j = 1, self%n
@@ -488,6 +490,7 @@ subroutine solve_beside(self, given, b, x, report, found)
       deallocate (error)
    end do
    call solve_by_last(self, given, most, b, x, report, found)
+   self%kept%far = .not. found
 end subroutine solve_beside
 
 !> y = A x
@@ -540,6 +543,16 @@ subroutine solve_again(self, x)
 
    call solve_again_sparse(self%kept, x)
 end subroutine solve_again
+
+!> Solve the next equations by a factor of their own
+subroutine let_go(self)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+
+   if (.not. associated(self%kept)) return
+   self%kept%ready = .false.
+   self%kept%far = .false.
+end subroutine let_go
 
 !> Give back what was kept
 subroutine free(self)

@@ -144,8 +144,9 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    type(error_type), allocatable, intent(out) :: error
    integer :: k
 
-   self%formed = gradient%nd*ns <= scene%galerkin%direct_limit &
-      & .or. .not. (cells%smoothed .or. has_corners(scene%cloud))
+   self%formed = gradient%nd*ns <= scene%galerkin%direct_limit
+   if (.not. cells%smoothed) self%formed = self%formed .or. allocated(scene%equation%problem) &
+      & .or. allocated(scene%motion) .or. .not. has_corners(scene%cloud)
    self%keeps = size(held%offset) > 1
    if (self%keeps .and. .not. self%formed) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs a tangent ' &
@@ -175,6 +176,8 @@ subroutine forget(self)
    self%first = 0.0_wp
    self%last = 0.0_wp
    call self%pressures%forget()
+   ! a load step must not depend on whether this run or another has done those before
+   call self%let_go()
 end subroutine forget
 
 !> Note where the tangent is taken next
