@@ -3,22 +3,18 @@
 !> Prints one line a kernel: name, seconds, operations, bytes that must move. Operations are those
 !> that the formulas need, whatever the code does: products with zeros, and both halves of what is
 !> symmetric, count once or not at all. Bytes are those of the arrays that go in and out, once.
-!> Where no model is worth its lines there is none. performance.py says it in words.
+!> Where no model is worth its lines there is none. tables/kernels.py prints a table of them.
 program bench_galerkin
    use, intrinsic :: iso_c_binding, only : c_double, c_int64_t
-   use bench_machine, only : now, say, stop_on, time_machine
+   use bench_machine, only : now, open_problem, say, stop_on, time_machine
    use rk_basis, only : basis_size
-   use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type
    use rk_cuthill, only : cuthill_mckee
-   use rk_deck, only : deck_type, open_deck
-   use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
    use rk_gradient, only : gradient_type, new_gradient
-   use rk_new_problem, only : new_problem
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_problem, only : evaluation_type
@@ -40,28 +36,12 @@ program bench_galerkin
       end subroutine factor_counts
    end interface
 
-   character(len=1000) :: path, word
-   character(len=64), allocatable :: settings(:)
-   type(deck_type) :: deck
-   type(cloud_type) :: model
    type(scene_type), target :: scene
    class(discretisation_type), allocatable, target :: problem
    type(error_type), allocatable :: error
-   integer :: i, repeats
+   integer :: repeats
 
-   call get_command_argument(1, path)
-   call get_command_argument(2, word)
-   read (word, *) repeats
-   allocate (settings(command_argument_count() - 2))
-   do i = 1, size(settings)
-      call get_command_argument(i + 2, settings(i))
-   end do
-   call open_deck(deck, trim(path), settings, error)
-   call stop_on(error)
-   call new_scene(scene, deck, model, error)
-   call stop_on(error)
-   call new_problem(problem, scene, error)
-   call stop_on(error)
+   call open_problem(problem, scene, repeats)
    select type (problem)
    class is (galerkin_problem)
       print '(a, 2(1x, i0))', 'size', size(problem%cells%weight), problem%n

@@ -1,52 +1,31 @@
 !> Processor time of the kernels of one Gauss-Newton iteration against what this machine can do.
 !>
 !> Prints one line a kernel: name, seconds, operations, bytes that must move. Run with one thread:
-!> processor time then is a fair measure even where others use the machine. docs/performance.md is
-!> written from these lines by performance.py.
+!> processor time then is a fair measure even where others use the machine. docs/performance.md
+!> has the tables that tables/kernels.py makes of these lines.
 program bench_kernels
-   use bench_machine, only : now, say, stop_on, time_machine
+   use bench_machine, only : now, open_problem, say, stop_on, time_machine
    use rk_cgls, only : refine, semi_normal
-   use rk_cloud, only : cloud_type
-   use rk_deck, only : deck_type, open_deck
-   use rk_deck_scene, only : new_scene
-   use rk_discretisation, only : discretisation_type
    use rk_discretisation, only : discretisation_type
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type
    use rk_factors, only : envelope_factor
    use rk_lapack, only : syrk
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
    use rk_problem, only : evaluation_type
    use rk_rows, only : rows_type
    use rk_scene, only : scene_type
    implicit none
-   character(len=1000) :: path, word
-   character(len=64), allocatable :: settings(:)
-   type(deck_type) :: deck
-   type(cloud_type) :: model
    type(scene_type), target :: scene
    class(discretisation_type), allocatable, target :: problem
    class(row_operator), pointer :: op
    type(error_type), allocatable :: error
    type(evaluation_type) :: state
    real(wp), allocatable :: x(:), r(:), y(:)
-   integer :: i, repeats
+   integer :: repeats
 
-   call get_command_argument(1, path)
-   call get_command_argument(2, word)
-   read (word, *) repeats
-   allocate (settings(command_argument_count() - 2))
-   do i = 1, size(settings)
-      call get_command_argument(i + 2, settings(i))
-   end do
-   call open_deck(deck, trim(path), settings, error)
-   call stop_on(error)
-   call new_scene(scene, deck, model, error)
-   call stop_on(error)
-   call new_problem(problem, scene, error)
-   call stop_on(error)
+   call open_problem(problem, scene, repeats)
    allocate (x(problem%n), source=0.0_wp)
    allocate (r(problem%m), y(problem%n))
    print '(a, 2(1x, i0))', 'size', problem%m, problem%n
@@ -127,7 +106,7 @@ contains
       end associate
       call say('apply', best(6), 2.0_wp*entries, 0.0_wp)
       call say('apply_transposed', best(7), 2.0_wp*entries, 0.0_wp)
-      call say('cgls', best(5), real(its, wp), 0.0_wp)
+      call say('cgls', best(5), 0.0_wp, 0.0_wp)
       deallocate (factor%matrix%value)
       name = names()
       do k = 1, size(name)
@@ -147,7 +126,7 @@ contains
    function names() result(list)
       character(len=13), allocatable :: list(:)
       character(len=200) :: value
-      integer :: stat
+      integer :: i, stat
 
       call get_environment_variable('BENCH_SOLVERS', value, status=stat)
       if (stat /= 0) value = 'auto normal'

@@ -1,14 +1,50 @@
 !> What the programs that time kernels share: a clock, a line a kernel, the peaks of the machine.
 module bench_machine
    use rk_blas, only : dgemm
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type, open_deck
+   use rk_deck_scene, only : new_scene
+   use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
+   use rk_new_problem, only : new_problem
    use rk_precision, only : wp
+   use rk_scene, only : scene_type
    implicit none
    private
 
-   public :: now, say, stop_on, time_machine
+   public :: now, open_problem, say, stop_on, time_machine
 
 contains
+
+!> Problem of the arguments: a deck, how often to repeat, settings
+subroutine open_problem(problem, scene, repeats)
+   !> Problem
+   class(discretisation_type), allocatable, intent(out) :: problem
+   !> Its scene
+   type(scene_type), target, intent(out) :: scene
+   !> Times each kernel is run
+   integer, intent(out) :: repeats
+   character(len=1000) :: path, word
+   character(len=64), allocatable :: settings(:)
+   type(deck_type) :: deck
+   type(cloud_type) :: model
+   type(error_type), allocatable :: error
+   integer :: i
+
+   call get_command_argument(1, path)
+   call get_command_argument(2, word)
+   read (word, *) repeats
+   allocate (settings(command_argument_count() - 2))
+   do i = 1, size(settings)
+      call get_command_argument(i + 2, settings(i))
+   end do
+   call open_deck(deck, trim(path), '', settings, 'solve', error)
+   call stop_on(error)
+   call new_scene(scene, deck, model, error)
+   call stop_on(error)
+   call new_problem(problem, scene, error)
+   call stop_on(error)
+end subroutine open_problem
 
 !> Peak of matrix products and of memory
 subroutine time_machine(repeats)

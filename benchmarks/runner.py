@@ -1,25 +1,47 @@
-"""One long table: a row for each problem, form and size, with error, bar, verdict and cost.
+"""One runner: a row for each problem, form and size, with error, bar, verdict, cost and peer.
+
+    python benchmarks/runner.py NAME... [--quick] [--out DIR]
+
+solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify` or `race` (`methods` and
+`curves` are other views of those of `trust`), and writes `NAME.md`, a view of them, and
+`results.json`, the rows, to `docs/results` or DIR. `myork bench NAME` writes the same rows to
+`bench.json`.
+
+    python benchmarks/runner.py TABLE [ARGUMENT...]
+
+prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known. `half` is
+`tuned`, the cases on which settings were chosen, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
-its meshes is the truth, with what is not known of it.
+its meshes is the truth, with what is not known of it. One thread; processor times include the
+set-up of a scene. Most tables take minutes.
 """
 
 from __future__ import annotations
 
+import argparse
+import inspect
+import json
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.problems import Problem, probe_kind
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
 from myork.bench.exact import inner_stress
+from myork.bench.machine import machine
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
+from myork.files import write_text
 from myork.records import PointCloud
 
 __all__ = [
@@ -29,6 +51,7 @@ __all__ = [
     "Truth",
     "Truths",
     "lattice_text",
+    "main",
     "rows_of",
     "sized_tables",
     "solve_rivals",
@@ -38,13 +61,25 @@ __all__ = [
 KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]
 WRONG = 0.05
+#: Least size of a probe beside the largest of its kind [-]
+_LEAST = 1e-3
 #: Wall time of one solve [s]
 _LIMIT = 300.0
 #: Timed solves are repeated until they have taken so much together, at most so often [s], [-]
 _ENOUGH, _MOST = 1.0, 3
+_RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
-#: What is seen of a deck in the folder of its results
-Look = Callable[[Mapping[str, Any], Path], Mapping[str, Any]]
+#: Views of rows in `benchmarks/pivots.py`
+VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "race")
+#: Tables of each module of `benchmarks/tables`
+TABLES = {
+    "forms": ("walls", "mixed"),
+    "kernels": ("kernels", "solvers"),
+    "large_leg": ("large_leg",),
+    "real_images": ("real_images",),
+    "shading_fields": ("shading_fields",),
+    "walks": ("walks", "outlines"),
+}
 
 #: Name of a form, and the overrides that choose it
 Form = tuple[str, Sequence[str]]
@@ -86,7 +121,16 @@ class Truths(NamedTuple):
             beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
             kind, the largest of it, and `error` followed by a name.
         """
-        size = {name: abs(truth.value) for name, truth in self.values.items() if name in probes}
+        most: dict[str, float] = {}
+        for name, truth in self.values.items():
+            kind = self.kinds[name]
+            most[kind] = max(most.get(kind, 0.0), abs(truth.value))
+        # what symmetry makes zero is compared with others of its kind, as its bar is
+        size = {
+            name: max(abs(truth.value), _LEAST * most[self.kinds[name]])
+            for name, truth in self.values.items()
+            if name in probes
+        }
         error = {name: abs(probes[name] - self.values[name].value) / size[name] for name in size}
         bar = {name: bars[name] / size[name] for name in size if bars.get(name) is not None}
         doubt = {name: self.values[name].doubt / size[name] for name in size}
@@ -114,8 +158,6 @@ def rows_of(
     *,
     sizes: int | None = None,
     timed: bool = False,
-    error: bool = True,
-    look: Look | None = None,
 ) -> tuple[Truths, list[dict[str, Any]]]:
     """Solve a problem by finite elements and by all forms.
 
@@ -130,19 +172,17 @@ def rows_of(
     sizes : int, optional
         How many of the problem's sizes; all by default.
     timed : bool
-        Solve in this process without output, short solves repeated: the least time counts.
-    error : bool
-        Compute error bars and a verdict, which a timed solve has not.
-    look : callable, optional
-        Of the deck and the folder of its results; what it returns joins the row.
+        Solve in this process without output and error bars, short solves repeated: the least time
+        counts.
 
     Returns
     -------
     truths : Truths
         Limit of the meshes; the exact values of a tube where solves are timed.
     rows : list of dict
-        `problem`, `method`, `size`, `unknowns`, `cpu_s`, `memory`, `outcome`, `verdict`, `reasons`
-        and what `Truths.errors` returns; `rival` marks finite elements.
+        `problem`, `form` (and as `method`), `size`, `unknowns`, `cpu_s`, `memory`, `outcome`,
+        `verdict`, `reasons`, `peer` (`program`, `size` and `cpu_s` of the cheapest mesh with no
+        larger error) and what `Truths.errors` returns; `rival` marks finite elements.
     """
     truths, rivals = solve_rivals(problem, progress)
     if timed:
@@ -152,16 +192,15 @@ def rows_of(
         again = _peer_time(problem, mesh) if timed else None
         rows.append(
             {
-                "problem": problem.name,
-                "method": "felupe",
+                **_named(problem, "felupe", rival["size"]),
                 "rival": True,
-                "size": rival["size"],
                 "unknowns": rival["dofs"],
                 "outcome": rival["outcome"],
                 **_times(rival["cpu_s"], again),
                 **truths.errors(rival["probes"], {}),
             }
         )
+    meshes = list(rows)
     chosen = {size: forms(size) if callable(forms) else forms for size in problem.sizes[:sizes]}
     for name in dict.fromkeys(name for own in chosen.values() for name, _ in own):
         for size, own in chosen.items():
@@ -170,27 +209,36 @@ def rows_of(
                 continue
             text, tables, cloud = _sized(problem, size)
             progress(f"{problem.name}: {name}, {text}")
-            row = {"problem": problem.name, "method": name, "size": text}
             if timed:
                 solve = _timed_solve(tables, words, cloud)
                 case = solve()
                 case |= _times(case["cpu_s"], partial(_own_time, solve))
             else:
-                seen: dict[str, Any] = {}
-                case = _record(
-                    solve_case(
-                        tables,
-                        words,
-                        cloud=cloud,
-                        limit=_LIMIT,
-                        error=error,
-                        look=partial(_look, look, tables, seen),
-                    )
-                )
-                case |= seen
+                case = _record(solve_case(tables, words, cloud=cloud, limit=_LIMIT, error=True))
             found = truths.errors(case.pop("probes"), case.pop("bars", {}))
-            rows.append({**row, **case, **found})
+            peer = _cheapest(meshes, found)
+            rows.append({**_named(problem, name, text), **case, **found, "peer": peer})
     return truths, rows
+
+
+def _named(problem: Problem | Body, form: str, size: str) -> dict[str, Any]:
+    """What each row has, and the names that stand for it in `bench.json`."""
+    empty = {"unknowns": None, "verdict": None, "cpu_s": None, "memory": None, "peer": None}
+    return {"problem": problem.name, "form": form, "method": form, "size": size, **empty}
+
+
+def _cheapest(
+    meshes: Sequence[Mapping[str, Any]], found: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """The cheapest mesh whose largest error is no larger."""
+    if not found["error"]:
+        return None
+    worst = max(found["error"].values())
+    near = [m for m in meshes if m["error"] and max(m["error"].values()) <= worst and m["cpu_s"]]
+    if not near:
+        return None
+    best = min(near, key=lambda mesh: mesh["cpu_s"])
+    return {"program": best["form"], "size": best["size"], "cpu_s": best["cpu_s"]}
 
 
 def solve_rivals(
@@ -246,19 +294,10 @@ def _sized(problem: Problem | Body, size: Any) -> tuple[str, dict[str, Any], Poi
     return lattice_text(size), sized_tables(problem.tables, size), None
 
 
-def _look(
-    look: Look | None, tables: Mapping[str, Any], seen: dict[str, Any], folder: Path
-) -> dict[str, Any]:
-    """Keep what is seen in the folder of a solve."""
-    if look is not None:
-        seen |= look(tables, folder)
-    return {}
-
-
 def _record(case: dict[str, Any]) -> dict[str, Any]:
     """What the table keeps of a solve in a process of its own."""
     verdict = case.get("verdict") or {"state": "refused", "reasons": [case["message"]]}
-    kept = ("cpu_s", "iterations", "min_J", "max_J", "work_mismatch", "companion")
+    kept = ("cpu_s", "iterations", "min_J", "max_J", "work_mismatch")
     return {
         **{key: case.get(key) for key in kept},
         "unknowns": case.get("dofs"),
@@ -368,3 +407,89 @@ def _exact(problem: Problem | Body, truths: Truths) -> Truths:
     known = {"wall": wall, "force": wall * (deck["geometry"]["inner_radius"] + moved)}
     exact = {name: Truth(value, 1e-8 * abs(value)) for name, value in known.items()}
     return truths._replace(values={**truths.values, **exact})
+
+
+# ---- what is written -----------------------------------------------------------------------------
+
+
+def main(*words: str) -> None:
+    """Solve rows and write their views, or print a table."""
+    modules = {table: module for module, tables in TABLES.items() for table in tables}
+    if words and words[0] in modules:
+        _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
+                     words[1:])  # fmt: skip
+        return
+    from benchmarks.pivots import view
+
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *modules])
+    parser.add_argument("--quick", action="store_true", help="small cases only")
+    parser.add_argument("--out", type=Path, default=_RESULTS, help="folder; docs/results")
+    options = parser.parse_args(words)
+    options.out.mkdir(parents=True, exist_ok=True)
+    solved: dict[str, Any] = {}
+    for name in options.names:
+        shown = view(name, print, options.quick, solved)
+        write_text(options.out / f"{name}.md", _markdown(name, shown, options.quick))
+        kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
+        rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
+        file = options.out / "results.json"
+        # rows of other tables stay
+        same = {_key(row) for row in rows}
+        earlier = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+        rows = [*(row for row in earlier if _key(row) not in same), *rows]
+        lines = ",\n".join(json.dumps(row) for row in rows)
+        write_text(file, f"[\n{lines}\n]\n")
+        print(f"{options.out / name}.md, {file}")
+
+
+def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """What is one row of the long table."""
+    return row["problem"], row["form"], row["size"]
+
+
+def _markdown(name: str, shown: Mapping[str, Any], quick: bool) -> str:
+    """A page of results."""
+    about = machine()
+    call = f"python benchmarks/runner.py {name}{' --quick' if quick else ''}"
+    lines = [
+        f"# {shown['title']}",
+        "",
+        f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
+        f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
+        f"{shown['about']}",
+    ]
+    for table in shown["tables"]:
+        lines += ["", f"{table['caption']}:", "", f"| {' | '.join(table['head'])} |"]
+        lines.append("|" + "---|" * len(table["head"]))
+        lines += [f"| {' | '.join(map(_cell, row))} |" for row in table["rows"]]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
+    """Print the rows of a table of docs/, or how to call it."""
+    wanted, name = inspect.signature(table), table.__name__
+    fits = "half" not in wanted.parameters or arguments[:1] in (("tuned",), ("other",))
+    try:
+        wanted.bind(*arguments)
+    except TypeError:
+        fits = False
+    if not fits:
+        sys.exit(f"{name}{wanted}\n\n{inspect.getdoc(table)}")
+    print(f"MyoRK {machine()['version']}\n\n## {name}: {inspect.getdoc(table)}\n")
+    for number, row in enumerate(table(*arguments)):
+        print(f"| {' | '.join(row)} |", flush=True)
+        if number == 0:
+            print("|" + "---|" * len(row))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -97,10 +97,11 @@ def is_alike(shown: str, printed: str) -> bool:
     """Whether a line of a page is that of a run.
 
     Words are the same, and numbers to 1.5 in the last digit shown or 1e-4, as the last digits are
-    those of a library. Residuals, steps of the iteration and times say nothing and may be any.
+    those of a library. Residuals, steps of the iteration, times and memory say nothing and may be
+    any.
     """
     lines = [
-        re.sub(r"(\|(?:r|A'r|da)\| +)\S+|\S+ (?:CPU )?s(?=,|$)", r"\1...", line.rstrip())
+        re.sub(r"(\|(?:r|A'r|da)\| +)\S+|\S+ (?:(?:CPU )?s|MB)(?=,|$)", r"\1...", line.rstrip())
         for line in (shown, printed)
     ]
     if len({NUMBER_SHOWN.sub("0", line) for line in lines}) > 1:
@@ -137,6 +138,7 @@ def blocks_of(page: Path, kinds: str) -> list[tuple[str, str]]:
         ("  u (0, 0.1) +- (9.0E-04, 1)", "  u (0, 0.1) +- (9.1E-04, 1)", True),
         ("step  |A'r| 2.2E-10  |da| 1.9E-07  0.035 s", "step  |A'r| 3E-11  |da| 2E-07  1 s", True),
         ("accepted: 0.148 s, results in a", "accepted: 12 s, results in a", True),
+        ("accepted: 0.1 s, 9 MB, results", "accepted: 12 s, 8.1 MB, results", True),
         ("accepted: 0.148 s, results in a", "doubtful: 0.148 s, results in a", False),
         ("iterations 6", "iterations 8", False),
     ],

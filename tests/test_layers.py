@@ -20,7 +20,8 @@ PACKAGE = ROOT / "pydriver" / "myork"
 #: Rooms of fortran/ (folders with sources), lowest first
 FORTRAN_LAYERS = [
     {"base"},
-    {"algebra", "deck", "image", "material"},
+    {"algebra", "deck", "image"},
+    {"material"},
     {"functions"},
     {"scene"},
     {"cells", "newton", "h5"},

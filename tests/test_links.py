@@ -19,6 +19,7 @@ PAGES = sorted(
 FOLDERS = (
     "benchmarks",
     "docs",
+    "examples",
     "fortran",
     "inputs",
     "notebooks",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -14,28 +13,15 @@ from benchmarks.truths.deck_parts import force
 from benchmarks.truths.finite_elements import solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
 from myork import Scene
-from myork.bench import exact
 from myork.bench.runs import lattice
 from myork.core.deck import load_deck
 from myork.errors import MyorkError
 from myork.files import INPUTS
 
-__all__ = ["bulk", "mixed", "newton", "own_loads", "walls", "wave"]
+__all__ = ["mixed", "walls"]
 
 #: The head of a table, then its rows
 Rows = Iterator[tuple[str, ...]]
-
-
-def solved(deck: Any, *overrides: str) -> tuple[Any, dict[str, Any], float]:
-    """States, probes of the last one by name, and processor time of a scene [s]."""
-    before = time.process_time()
-    opened = Scene.from_tables if isinstance(deck, dict) else Scene
-    with opened(deck, overrides=list(overrides), threads=1) as scene:
-        states = scene.solve(error=False)
-        values = scene.probes(states.x, states.load)[-1]
-        names = [probe["name"] for probe in scene.deck["probe"]]
-    spent = time.process_time() - before
-    return states, dict(zip(names, values[:, 0], strict=True)), spent
 
 
 def walls() -> Rows:
@@ -69,7 +55,13 @@ def walls() -> Rows:
         for source in ((5, 26), (9, 51), (17, 101)):
             tables = sized_tables(tube_deck(*tube), source) | settings
             tables["probe"] = [*tables["probe"], force("force", "x", "x0")]
-            _, values, spent = solved(tables)
+            before = time.process_time()
+            with Scene.from_tables(tables, threads=1) as scene:
+                states = scene.solve(error=False)
+                found = scene.probes(states.x, states.load)[-1]
+            spent = time.process_time() - before
+            names = [probe["name"] for probe in tables["probe"]]
+            values = dict(zip(names, found[:, 0], strict=True))
             off = {
                 name: 100 * abs(value / truth[name.split()[0]] - 1)
                 for name, value in values.items()
@@ -80,72 +72,6 @@ def walls() -> Rows:
             )
             cells.append(f"{at}; {between}; {off['force']:.1g}; {spent:.2f}")
         yield f"{order}, {support}, {kernel}, {window}, {gauss}, {penalty}", *cells
-
-
-def bulk() -> Rows:
-    """Inner stress of the tube and iterations for large and infinite K; by quadrature beside it."""
-    yield "K", "Gauss points", "iterations, CPU [s]", "nodal cells", "iterations, CPU [s]"
-    for k in ("1e3", "1e5", "1e8", "inf"):
-        cells = []
-        for method in ("rkpm-gauss", "rkpm-scni"):
-            words = f"scene.method={method}", f"material.K={k}", "load.steps=12"
-            free = "approximation.order=1", "approximation.support=2"
-            kernel = "approximation.kernel=cubic", "galerkin.gauss=2"
-            states, values, spent = solved(INPUTS / "tube.toml", *words, *free, *kernel)
-            cells += [f"{values['radial_stress']:.5f}", f"{iterations(states)}, {spent:.1f}"]
-        yield k, *cells
-    deck = load_deck(INPUTS / "tube.toml")
-    yield "inf, quadrature", f"{exact.inner_stress(deck, float('inf')):.5f}", "", "", ""
-
-
-def iterations(states: Any) -> int:
-    """Iterations of all steps."""
-    return int(np.sum(states.iterations))
-
-
-def newton() -> Rows:
-    """Iterations of all load steps by Gauss-Newton, Newton and what `auto` makes of them."""
-    block = (*lattice((4, 4, 7)), "approximation.order=3", "approximation.support=4")
-    yield "problem", "`gauss-newton`", "`full`", "`auto`"
-    for name, deck, words in (
-        ("uniaxial tension to 6, `rkcm`", "uniaxial_tension", ("scene.method=rkcm",)),
-        ("shear in the plane, `rkcm`", "shear_2d", ("scene.method=rkcm",)),
-        ("tube, `rkcm`", "tube", ()),
-        ("tube, `rkcm-mixed`", "tube", ("scene.method=rkcm-mixed",)),
-        ("inclined block, order 3, 4x4x7, `rkcm-mixed`", "muscle_fibers", block),
-    ):
-        row = [name]
-        for kind in ("gauss-newton", "full", "auto"):
-            try:
-                states, *_ = solved(INPUTS / f"{deck}.toml", *words, f"solver.newton={kind}")
-                row.append(str(iterations(states)))
-            except MyorkError:
-                row.append("no convergence")
-        yield tuple(row)
-
-
-def error_of(deck: str, *overrides: str) -> str:
-    """Relative error of a linear problem in L2 at its end."""
-    with Scene(INPUTS / f"{deck}.toml", overrides=list(overrides), threads=1) as scene:
-        return f"{scene.solve(error=False).errors['relative_L2']:.1e}"
-
-
-def own_loads() -> Rows:
-    """Error of inputs/poisson_own.toml by the number of points."""
-    yield "source points", "`rkpm-gauss`", "`rkcm`"
-    for n in (9, 17, 33):
-        words = "approximation.order=2", *lattice((n, n))
-        methods = ("scene.method=rkpm-gauss", "scene.method=rkcm")
-        yield f"{n} x {n}", *(error_of("poisson_own", method, *words) for method in methods)
-
-
-def wave() -> Rows:
-    """Error of inputs/wave_1d.toml at its end by the time step."""
-    yield "time step", "`rkcm`", "`rkpm-gauss`"
-    for step in (0.2, 0.1, 0.05):
-        word = f"dynamics.time_step={step}"
-        methods = ("scene.method=rkcm", "scene.method=rkpm-gauss")
-        yield f"{step:g}", *(error_of("wave_1d", method, word) for method in methods)
 
 
 #: Activations of the inclined block, and distances from the edges at which J is judged [cm]

@@ -37,6 +37,8 @@ module rk_parameters
       generic :: add => add_number, add_text
       !> Value of a key, within limits
       generic :: get => get_number, get_text
+      !> Names of all numbers that nobody has asked for yet, and what they are
+      procedure :: other_numbers
       !> Error where there are values nobody asked for
       procedure :: check_all_asked
       procedure, private :: add_number, add_text, get_number, get_text
@@ -140,8 +142,8 @@ subroutine get_text(self, key, text, choices, error)
    character(len=*), intent(in) :: key
    !> Text
    character(len=:), allocatable, intent(out) :: text
-   !> Words it may be
-   character(len=*), intent(in) :: choices(:)
+   !> Words it may be; any without them
+   character(len=*), intent(in), optional :: choices(:)
    !> Error handling: missing, no text, or none of the words
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: words
@@ -152,9 +154,14 @@ subroutine get_text(self, key, text, choices, error)
    if (allocated(error)) return
    if (self%value(i)%is_text) then
       text = self%value(i)%text
+      if (.not. present(choices)) return
       if (any(choices == text)) return
    else
       text = to_text(self%value(i)%number)
+      if (.not. present(choices)) then
+         call self%refuse(key//' = '//text//' must be a text', error)
+         return
+      end if
    end if
    words = "'"//trim(choices(1))//"'"
    do i = 2, size(choices)
@@ -162,6 +169,27 @@ subroutine get_text(self, key, text, choices, error)
    end do
    call self%refuse(key//" = '"//text//"' must be "//words, error)
 end subroutine get_text
+
+!> Names of all numbers that nobody has asked for yet, and what they are. They count as asked for
+subroutine other_numbers(self, names, numbers)
+   !> Values
+   class(parameters_type), intent(inout) :: self
+   !> Names with a blank after each
+   character(len=:), allocatable, intent(out) :: names
+   !> Numbers, shape (n)
+   real(wp), allocatable, intent(out) :: numbers(:)
+   integer :: i
+
+   associate (value => self%value)
+      numbers = pack(value%number, .not. (value%is_text .or. value%asked))
+      names = ''
+      do i = 1, size(value)
+         if (value(i)%is_text .or. value(i)%asked) cycle
+         names = names//value(i)%key//' '
+         value(i)%asked = .true.
+      end do
+   end associate
+end subroutine other_numbers
 
 !> Error where there are values nobody asked for: keys that are not known
 subroutine check_all_asked(self, error)

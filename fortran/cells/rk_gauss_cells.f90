@@ -42,6 +42,8 @@ module rk_gauss_cells
       !> First corner and size of a cell
       real(wp) :: low(3) = 0.0_wp
       real(wp) :: step(3) = 0.0_wp
+      !> Places of the corners where their spacing varies
+      real(wp), allocatable :: line(:, :)
    contains
       !> Place of a point of a cell
       procedure :: place
@@ -84,6 +86,7 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    lattice%polar = cloud%polar
    call lattice_frame(cloud, lattice%low, lattice%step)
    lattice%cells(:nd) = cloud%lattice - 1
+   if (allocated(cloud%line)) allocate (lattice%line, source=cloud%line)
    allocate (rule%node(count), rule%share(count))
    call gauss_rule(rule%node, rule%share)
    fine = composed(rule, parts(nd))
@@ -219,13 +222,20 @@ pure subroutine place(self, cell, xi, x, jacobian, map)
    real(wp), intent(out) :: jacobian
    !> Derivatives of the place by xi, orthogonal columns, zero beyond nd [length]
    real(wp), intent(out), optional :: map(3, 3)
-   real(wp) :: q(3)
+   real(wp) :: q(3), step(3)
    integer :: e
 
    q = 0.0_wp
+   step = self%step
    if (present(map)) map = 0.0_wp
-   associate (nd => self%nd, step => self%step)
+   associate (nd => self%nd)
       q(:nd) = self%low(:nd) + step(:nd)*(cell(:nd) + 0.5_wp*(1.0_wp + xi))
+      if (allocated(self%line)) then
+         do e = 1, nd
+            step(e) = self%line(cell(e) + 1, e) - self%line(cell(e), e)
+            q(e) = self%line(cell(e), e) + 0.5_wp*step(e)*(1.0_wp + xi(e))
+         end do
+      end if
       if (self%polar) then
          x = q(1)*[cos(q(2)), sin(q(2))]
          jacobian = 0.25_wp*step(1)*step(2)*q(1)

@@ -385,10 +385,20 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
    // the time is of no meaning where nothing moves
    const std::string kind =
        key.expression == "time" && deck.entries("dynamics").empty() ? "place" : key.expression;
-   const std::vector<std::string> names = names_of(kind, static_cast<int>(dimension->integer));
+   std::vector<std::string> names;
+   if (kind == "energy") {
+      for (const KeySpec &other : section.spec->keys) {
+         if (other.type == Type::number && other.expression.empty() && section.values.count(other.name))
+            names.push_back(other.name);
+      }
+   } else {
+      names = names_of(kind, static_cast<int>(dimension->integer));
+   }
    const auto check = [&](const Value &one, const std::string &which) {
-      const std::string fault =
-          one.kind == Value::Kind::text ? expression_fault(one.text, names, tables) : "";
+      if (one.kind != Value::Kind::text)
+         return;
+      const std::string fault = kind == "energy" ? energy_tape(one.text, names).fault
+                                                 : expression_fault(one.text, names, tables);
       if (!fault.empty())
          deck.complain(value.origin, deck.address(section, key.name),
                        which + quoted(one.text) + " " + fault);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <set>
 
 namespace rk {
 
@@ -165,6 +166,53 @@ static bool first_points(Section &geometry, const Value *dimension) {
    return true;
 }
 
+static Value texts(const std::vector<std::string> &words, const Origin &origin) {
+   Value value;
+   value.kind = Value::Kind::array;
+   value.origin = origin;
+   value.by_default = true;
+   for (const std::string &word : words) {
+      Value item;
+      item.kind = Value::Kind::text;
+      item.text = word;
+      item.origin = origin;
+      value.items.push_back(item);
+   }
+   return value;
+}
+
+// Sides of a box at which motions along them are prescribed, and those which meet them and are
+// neither clamped nor planes of symmetry: stress is singular along their common edges
+static std::vector<std::string> singular_sides(Deck &deck, std::size_t dimension) {
+   const std::string axes = "xyz";
+   std::set<std::string> clamped, guided;
+   for (const Section *entry : deck.entries("boundary")) {
+      std::string side = entry->text("set");
+      for (const Section *part : deck.entries("set")) {
+         if (part->text("name") == side)
+            side = part->text("side");
+      }
+      if (side.size() != 2 || axes.find(side[0]) >= dimension)
+         continue;
+      for (std::size_t axis = 0; axis < dimension; axis++) {
+         const bool across = side[0] == axes[axis];
+         if (entry->find("rotation") || entry->find(std::string("u_") + axes[axis]))
+            (across ? guided : clamped).insert(side);
+      }
+   }
+   std::set<std::string> sides = clamped;
+   for (const std::string &held : clamped) {
+      for (std::size_t axis = 0; axis < dimension; axis++) {
+         for (const char end : {'0', '1'}) {
+            const std::string side = {axes[axis], end};
+            if (axes[axis] != held[0] && !guided.count(side))
+               sides.insert(side);
+         }
+      }
+   }
+   return {sides.begin(), sides.end()};
+}
+
 // Twice as many places of output, or of equations, as cells
 static void first_places(Section &geometry) {
    const Value *source = geometry.find("source");
@@ -218,9 +266,16 @@ static void choose_points(Deck &deck) {
       return;
    const bool chosen_here = first_points(*bodies.front(), deck.single("scene")->find("dimension"));
    first_places(*bodies.front());
-   const bool searched = deck.single("scene")->text("method") == "rkpm-gauss" &&
-                         !deck.single("linear") && !deck.entries("probe").empty();
-   ask_for_error(deck, chosen_here && searched);
+   const bool nonlinear =
+       deck.single("scene")->text("method") == "rkpm-gauss" && !deck.single("linear");
+   Section &body = *bodies.front();
+   if (chosen_here && nonlinear && body.text("kind") == "box" && !body.find("graded") &&
+       !body.refused.count("graded")) {
+      const std::vector<std::string> sides =
+          singular_sides(deck, body.find("source")->items.size());
+      body.values["graded"] = texts(sides, body.origin);
+   }
+   ask_for_error(deck, chosen_here && nonlinear && !deck.entries("probe").empty());
 }
 
 void choose_form(Deck &deck) {

@@ -1,4 +1,4 @@
-// Expressions by muParser, compiled once for each text and thread.
+// Expressions by muParser, compiled once for each text and thread, and tapes of energies.
 #include "expression.h"
 
 #include "label_map.h"
@@ -6,8 +6,12 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <charconv>
 #include <cmath>
+#include <cstdio>
+#include <cstring>
 #include <deque>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -122,13 +126,13 @@ struct Compiled {
 } // namespace
 
 // "one of x, y, pi and the functions sin, ..."
-static std::string known(const Compiled &compiled, const std::vector<std::string> &names) {
+static std::string known(const mu::Parser &parser, const std::vector<std::string> &names) {
    std::string list;
    for (const std::string &name : names)
       list += name + ", ";
    list += "pi; functions are ";
    bool first = true;
-   for (const auto &[name, unused] : compiled.parser.GetFunDef()) {
+   for (const auto &[name, unused] : parser.GetFunDef()) {
       if (name == lookup_name || name == label_name)
          continue;
       list += (first ? "" : ", ") + name;
@@ -152,8 +156,8 @@ static std::size_t assignment(const std::string &text) {
    return std::string::npos;
 }
 
-std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
-                             const std::vector<std::string> &tables) {
+// What is seen before the parser reads a text; "" where it may read
+static std::string first_fault(const std::string &text) {
    const auto at = [](std::size_t position) {
       return " at position " + std::to_string(position + 1);
    };
@@ -161,6 +165,47 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       return "is not an expression: a text in quotes" + at(text.find('"'));
    if (assignment(text) != std::string::npos)
       return "is not an expression: = sets a value" + at(assignment(text)) + ", == compares";
+   return "";
+}
+
+// What a parser found wrong, in our words
+static std::string parser_fault(const mu::Parser::exception_type &fault, const std::string &text,
+                                const std::string &known_words) {
+   const auto position = static_cast<std::size_t>(std::max(fault.GetPos(), 0));
+   const std::string at = " at position " + std::to_string(position + 1);
+   switch (fault.GetCode()) {
+   case mu::ecUNASSIGNABLE_TOKEN:
+      return "is not an expression: unknown name '" + fault.GetToken() + "'" + at +
+             "; names are " + known_words;
+   case mu::ecUNEXPECTED_EOF:
+      return "is not an expression: it ends where a value is missing";
+   case mu::ecMISSING_PARENS:
+      return "is not an expression: a parenthesis is not closed";
+   case mu::ecUNEXPECTED_OPERATOR:
+   case mu::ecUNEXPECTED_PARENS:
+   case mu::ecUNEXPECTED_VAL:
+   case mu::ecUNEXPECTED_VAR:
+   case mu::ecUNEXPECTED_FUN:
+   case mu::ecUNEXPECTED_ARG:
+      return "is not an expression: unexpected '" + fault.GetToken() + "'" + at +
+             (text.find("**") != std::string::npos ? "; a power is written x^2" : "");
+   default: {
+      std::string what = fault.GetMsg();
+      if (!what.empty() && what.back() == '.')
+         what.pop_back();
+      return "is not an expression: " + what;
+   }
+   }
+}
+
+static const char *const several_values =
+   "is not an expression: several values with commas between, one is needed";
+
+std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
+                             const std::vector<std::string> &tables) {
+   const std::string seen = first_fault(text);
+   if (!seen.empty())
+      return seen;
    try {
       Compiled compiled(text, names, tables);
       for (const char *name : {lookup_name, label_name}) {
@@ -168,36 +213,106 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
             return std::string("is not an expression: ") + name + " is not a function";
       }
       compiled.parser.Eval();
-      if (compiled.parser.GetNumResults() > 1)
-         return "is not an expression: several values with commas between, one is needed";
-      return "";
+      return compiled.parser.GetNumResults() > 1 ? several_values : "";
    } catch (const mu::Parser::exception_type &fault) {
-      const auto position = static_cast<std::size_t>(std::max(fault.GetPos(), 0));
-      Compiled empty("0", names, tables);
-      switch (fault.GetCode()) {
-      case mu::ecUNASSIGNABLE_TOKEN:
-         return "is not an expression: unknown name '" + fault.GetToken() + "'" + at(position) +
-                "; names are " + known(empty, names);
-      case mu::ecUNEXPECTED_EOF:
-         return "is not an expression: it ends where a value is missing";
-      case mu::ecMISSING_PARENS:
-         return "is not an expression: a parenthesis is not closed";
-      case mu::ecUNEXPECTED_OPERATOR:
-      case mu::ecUNEXPECTED_PARENS:
-      case mu::ecUNEXPECTED_VAL:
-      case mu::ecUNEXPECTED_VAR:
-      case mu::ecUNEXPECTED_FUN:
-      case mu::ecUNEXPECTED_ARG:
-         return "is not an expression: unexpected '" + fault.GetToken() + "'" + at(position) +
-                (text.find("**") != std::string::npos ? "; a power is written x^2" : "");
-      default: {
-         std::string what = fault.GetMsg();
-         if (!what.empty() && what.back() == '.')
-            what.pop_back();
-         return "is not an expression: " + what;
-      }
-      }
+      return parser_fault(fault, text, known(Compiled("0", names, tables).parser, names));
    }
+}
+
+const std::vector<std::string> &energy_names() {
+   static const std::vector<std::string> names = {"I1", "I2", "I4", "activation"};
+   return names;
+}
+
+// ---- energies: the parser evaluates numbers of values, and each operation is written down ----------
+
+// Operations, in the order of their numbers in rk_tape.f90
+enum Operation {
+   no_operation, plus, minus, times, over, power, less, greater, at_most, at_least, largest, smallest,
+   negative, exponential, logarithm, root, sine, cosine, sinus_h, cosinus_h, tangens_h, magnitude
+};
+
+static thread_local Tape *recorded = nullptr;
+
+static double record(int operation, double left, double right, double number = 0.0) {
+   recorded->operation.push_back(operation);
+   recorded->left.push_back(static_cast<int>(left));
+   recorded->right.push_back(static_cast<int>(right));
+   recorded->number.push_back(number);
+   return static_cast<double>(recorded->operation.size() - 1);
+}
+
+template <int operation> double of_two(double a, double b) { return record(operation, a, b); }
+template <int operation> double of_one(double a) { return record(operation, a, -1); }
+
+// A number as it is written
+static int literal(const char *text, int *position, double *value) {
+   const char *const end = text + std::strlen(text);
+   double number = 0.0;
+   if (!std::isdigit(static_cast<unsigned char>(*text)) && *text != '.')
+      return 0;
+   const auto [after, wrong] = std::from_chars(text, end, number);
+   if (wrong != std::errc())
+      return 0;
+   *position += static_cast<int>(after - text);
+   *value = record(no_operation, -1, -1, number);
+   return 1;
+}
+
+Tape energy_tape(const std::string &text, const std::vector<std::string> &constants) {
+   Tape tape;
+   recorded = &tape;
+   tape.fault = first_fault(text);
+   if (!tape.fault.empty())
+      return tape;
+   mu::Parser parser;
+   parser.EnableBuiltInOprt(false);
+   parser.ClearFun();
+   parser.ClearInfixOprt();
+   parser.ClearConst();
+   parser.AddValIdent(literal);
+   parser.DefineInfixOprt("-", of_one<negative>, mu::prINFIX, false);
+   parser.DefineOprt("+", of_two<plus>, mu::prADD_SUB);
+   parser.DefineOprt("-", of_two<minus>, mu::prADD_SUB);
+   parser.DefineOprt("*", of_two<times>, mu::prMUL_DIV);
+   parser.DefineOprt("/", of_two<over>, mu::prMUL_DIV);
+   parser.DefineOprt("^", of_two<power>, mu::prPOW, mu::oaRIGHT);
+   parser.DefineOprt("<", of_two<less>, mu::prCMP);
+   parser.DefineOprt(">", of_two<greater>, mu::prCMP);
+   parser.DefineOprt("<=", of_two<at_most>, mu::prCMP);
+   parser.DefineOprt(">=", of_two<at_least>, mu::prCMP);
+   parser.DefineFun("max", of_two<largest>, false);
+   parser.DefineFun("min", of_two<smallest>, false);
+   parser.DefineFun("exp", of_one<exponential>, false);
+   parser.DefineFun("ln", of_one<logarithm>, false);
+   parser.DefineFun("log", of_one<logarithm>, false);
+   parser.DefineFun("sqrt", of_one<root>, false);
+   parser.DefineFun("sin", of_one<sine>, false);
+   parser.DefineFun("cos", of_one<cosine>, false);
+   parser.DefineFun("sinh", of_one<sinus_h>, false);
+   parser.DefineFun("cosh", of_one<cosinus_h>, false);
+   parser.DefineFun("tanh", of_one<tangens_h>, false);
+   parser.DefineFun("abs", of_one<magnitude>, false);
+   std::vector<std::string> names = energy_names();
+   names.insert(names.end(), constants.begin(), constants.end());
+   std::vector<double> value(names.size() + 1);
+   for (std::size_t i = 0; i < names.size(); ++i) {
+      value[i] = record(no_operation, -1, -1);
+      parser.DefineVar(names[i], &value[i]);
+   }
+   value.back() = record(no_operation, -1, -1, std::acos(-1.0));
+   parser.DefineVar("pi", &value.back());
+   try {
+      parser.SetExpr(text);
+      tape.result = static_cast<int>(parser.Eval());
+      if (parser.GetNumResults() > 1)
+         tape.fault = several_values;
+      else if (text.find('?') != std::string::npos)
+         tape.fault = "is no energy: instead of c ? a : b take max(a, b), min(a, b) or (I4 > 1)*a";
+   } catch (const mu::Parser::exception_type &fault) {
+      tape.fault = parser_fault(fault, text, known(parser, names));
+   }
+   return tape;
 }
 
 std::string table_name_fault(const std::string &name) {
@@ -256,6 +371,28 @@ int rk_expression_table(int n, const double *x, const double *value, int smooth)
 
 int rk_expression_uses(const char *text, const char *name) {
    return rk::expression_uses(text, name) ? 1 : 0;
+}
+
+// Tape of an energy with constants whose names have blanks between. How many values it has, at most
+// `most`, or 0 with a message of at most `room` characters
+int rk_energy_tape(const char *text, const char *constants, int most, int *operation, int *left,
+                   int *right, double *number, int *result, int room, char *message) {
+   std::istringstream words(constants);
+   const std::vector<std::string> names{std::istream_iterator<std::string>(words), {}};
+   rk::Tape tape = rk::energy_tape(text, names);
+   const auto count = static_cast<int>(tape.operation.size());
+   if (tape.fault.empty() && count > most)
+      tape.fault = "is too long: " + std::to_string(count) + " numbers, names and operations, of at most " +
+                   std::to_string(most);
+   std::snprintf(message, static_cast<std::size_t>(room), "%s", tape.fault.c_str());
+   if (!tape.fault.empty())
+      return 0;
+   std::copy(tape.operation.begin(), tape.operation.end(), operation);
+   std::copy(tape.left.begin(), tape.left.end(), left);
+   std::copy(tape.right.begin(), tape.right.end(), right);
+   std::copy(tape.number.begin(), tape.number.end(), number);
+   *result = tape.result;
+   return count;
 }
 
 } // extern "C"

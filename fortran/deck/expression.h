@@ -1,5 +1,5 @@
-// Expressions in coordinates, as decks hold them: numbers, names, arithmetic, comparisons and the
-// functions of muParser; nothing that could act on anything.
+// Expressions in coordinates or invariants, as decks hold them: numbers, names, arithmetic, comparisons
+// and functions; nothing that could act on anything.
 #pragma once
 
 #include <string>
@@ -20,5 +20,19 @@ std::string table_name_fault(const std::string &name);
 
 // Whether a name occurs in an expression
 bool expression_uses(const std::string &text, const std::string &name);
+
+// Operations of an energy in the order in which they are computed. A value has no operation where it
+// is a name or a number, otherwise one on one or two values before it
+struct Tape {
+   std::vector<int> operation, left, right; // numbers of values from 0, -1 where there is none
+   std::vector<double> number;
+   int result = -1;
+   std::string fault; // why the text is not an expression; "" where it is one
+};
+
+// Names of what an energy depends on: the first values of its tape, before its constants
+const std::vector<std::string> &energy_names();
+
+Tape energy_tape(const std::string &text, const std::vector<std::string> &constants);
 
 } // namespace rk

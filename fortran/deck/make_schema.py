@@ -40,6 +40,7 @@ EXPRESSIONS = {
     "place": "x, y, z, r, theta",
     "surface": "x, y, z, r, theta and the outward normal nx, ny, nz",
     "time": "x, y, z, r, theta and in `[dynamics]` the time t",
+    "energy": "I1, I2, I4, activation and the constants",
 }
 #: What deck_form.cpp finds out beside the form, for conditions, in words of the reference
 FACTS = {

@@ -15,7 +15,7 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, open_deck, resolve_key, table_defaults, word_length
+   public :: deck_type, joined, open_deck, resolve_key, table_defaults, word_length
 
    !> Longest key, and longest word of an array of texts
    integer, parameter :: word_length = 32

@@ -1,6 +1,8 @@
-!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`.
+!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`, and
+!> energies that are given as expressions in invariants.
 !>
-!> The deck's check has refused what is not an expression; muParser evaluates the others.
+!> The deck's check has refused what is not an expression; muParser evaluates the others. Energies
+!> are differentiated, so they come as the operations of which they consist.
 module rk_expression
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char
    use rk_error, only : error_type, fatal_error, err_input
@@ -9,7 +11,23 @@ module rk_expression
    implicit none
    private
 
-   public :: expression_type, value_type
+   public :: expression_type, value_type, tape_type, new_tape
+
+   !> Most values of a tape
+   integer, parameter :: most = 400
+
+   !> Operations of an energy, in the order in which they are computed. The first values are I1, I2,
+   !> I4 and the activation, then the constants
+   type :: tape_type
+      !> Operation that makes a value, 0 for names and numbers; the operations of rk_jets
+      integer, allocatable :: operation(:)
+      !> Values on which it acts, 0 for none
+      integer, allocatable :: left(:), right(:)
+      !> Value where there is no operation
+      real(wp), allocatable :: number(:)
+      !> Which value is the energy
+      integer :: result = 0
+   end type tape_type
 
    !> An expression in x, y, z, r, theta, the time t and the outward normal nx, ny, nz
    type :: expression_type
@@ -65,6 +83,16 @@ module rk_expression
          character(kind=c_char), intent(in) :: text(*), name(*)
          integer(c_int) :: uses
       end function c_uses
+      function c_tape(text, constants, most, operation, left, right, number, result, room, &
+         & message) result(count) bind(c, name='rk_energy_tape')
+         import :: c_char, c_double, c_int
+         character(kind=c_char), intent(in) :: text(*), constants(*)
+         integer(c_int), value :: most, room
+         integer(c_int), intent(out) :: operation(*), left(*), right(*), result
+         real(c_double), intent(out) :: number(*)
+         character(kind=c_char), intent(out) :: message(*)
+         integer(c_int) :: count
+      end function c_tape
    end interface
 
 contains
@@ -224,5 +252,43 @@ subroutine gradient(self, x, step, slope, error, time)
       end do
    end do
 end subroutine gradient
+
+!> Tape of an energy
+subroutine new_tape(tape, text, constants, values, fault)
+   !> Tape
+   type(tape_type), intent(out) :: tape
+   !> Expression
+   character(len=*), intent(in) :: text
+   !> Names of the constants, with blanks between
+   character(len=*), intent(in) :: constants
+   !> Their values, shape (n)
+   real(wp), intent(in) :: values(:)
+   !> Why it is not an expression; not allocated where it is one
+   character(len=:), allocatable, intent(out) :: fault
+   integer(c_int), dimension(most) :: operation, left, right
+   integer(c_int) :: n, result
+   real(wp) :: number(most)
+   character(len=1000) :: message
+   character(kind=c_char) :: letters(len(message))
+   integer :: i
+
+   n = c_tape(text//c_null_char, constants//c_null_char, int(most, c_int), operation, left, right, &
+      & number, result, int(len(message), c_int), letters)
+   if (n == 0) then
+      message = ''
+      do i = 1, len(message)
+         if (letters(i) == c_null_char) exit
+         message(i:i) = letters(i)
+      end do
+      fault = "'"//text//"' "//trim(message)
+      return
+   end if
+   tape%operation = int(operation(:n))
+   tape%left = int(left(:n)) + 1
+   tape%right = int(right(:n)) + 1
+   tape%number = number(:n)
+   tape%number(5:4 + size(values)) = values
+   tape%result = int(result) + 1
+end subroutine new_tape
 
 end module rk_expression

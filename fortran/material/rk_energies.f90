@@ -7,8 +7,10 @@
 !>     yeoh            W_r = C1 (I1r - 3) + C2 (I1r - 3)^2 + C3 (I1r - 3)^3    A10, A20, A30
 !>     muscle          polynomial matrix and fibers that carry and produce force,
 !>                     dW_f/dlambda* = sigma_max (activation f_active + f_passive)
+!>     energy          W_r as an expression in I1r, I2r, I4r, the activation and constants
+!>     gent, fung, holzapfel   expressions that have names
 !>
-!> all with K/2 (J - 1)^2. Abaqus has the three named ones, with K = 2/D1. In muscle,
+!> all with K/2 (J - 1)^2. Abaqus has the first three named ones, with K = 2/D1. In muscle,
 !> lambda* = lambda/lambda_o with lambda^2 = I4r, the reduced square of the fiber stretch; the
 !> energy of the fibers is counted from lambda* = 1. Fibers v and -v are the same; a fiber of zeros
 !> leaves the matrix alone.
@@ -18,10 +20,17 @@
 !>             Rivlin, Saunders, Phil. Trans. R. Soc. A 243 (1951), doi:10.1098/rsta.1951.0004;
 !>             Mooney, J. Appl. Phys. 11 (1940), doi:10.1063/1.1712836;
 !>             Yeoh, Rubber Chem. Technol. 66 (1993), doi:10.5254/1.3538343;
+!>             Gent, Rubber Chem. Technol. 69 (1996), doi:10.5254/1.3538357;
+!>             Demiray, J. Biomech. 5 (1972), doi:10.1016/0021-9290(72)90047-4 (Fung's exponential
+!>             of I1);
+!>             Holzapfel, Gasser, Ogden, J. Elast. 61 (2000), doi:10.1023/A:1010835316564;
 !>             Blemker, Pinsky, Delp, J. Biomech. 38 (2005), doi:10.1016/j.jbiomech.2004.04.009
 module rk_energies
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : err_input, error_type, fatal_error
+   use rk_expression, only : new_tape, tape_type
    use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
+   use rk_jets, only : jets_type, new_jets
    use rk_material, only : kind_i1, kind_i2, kind_i4, material_item, material_type, &
       & energy_derivatives, invariant_state
    use rk_parameters, only : parameters_type
@@ -33,8 +42,9 @@ module rk_energies
    public :: muscle_type, new_material, polynomial_type
 
    !> Names of the materials
-   character(len=*), parameter :: names(5) = ['polynomial   ', 'muscle       ', &
-      & 'neo-hookean  ', 'mooney-rivlin', 'yeoh         ']
+   character(len=*), parameter :: names(9) = ['polynomial   ', 'muscle       ', &
+      & 'neo-hookean  ', 'mooney-rivlin', 'yeoh         ', 'energy       ', 'gent         ', &
+      & 'fung         ', 'holzapfel    ']
 
    !> Isotropic material, by all coefficients or by those of a named law
    type, extends(material_type) :: polynomial_type
@@ -62,6 +72,15 @@ module rk_energies
       procedure :: reduced => muscle_energy
    end type muscle_type
 
+   !> An energy that is given as an expression
+   type, extends(material_type) :: written_type
+      !> The expression with its derivatives
+      type(jets_type) :: jets
+   contains
+      procedure :: set => set_written
+      procedure :: reduced => written_energy
+   end type written_type
+
 contains
 
 !> Create a material from its parameters; `model`, one of them, is its name in the list
@@ -79,6 +98,8 @@ subroutine new_material(item, parameters, error)
    select case (model)
    case ('muscle')
       allocate (muscle_type :: item%material)
+   case ('energy', 'gent', 'fung', 'holzapfel')
+      allocate (written_type :: item%material)
    case default
       allocate (polynomial_type :: item%material)
    end select
@@ -252,5 +273,78 @@ pure subroutine muscle_energy(self, state, order, w)
    w%fourth(kind_i4, kind_i4, kind_i4, kind_i4) = c**4*(f(4) - 6.0_wp*f(3)/stretch &
       & + 15.0_wp*(f(2) - f(1)/stretch)/stretch**2)/stretch**4
 end subroutine muscle_energy
+
+!> Take the expression and its constants, and look at it at rest
+subroutine set_written(self, parameters, error)
+   !> Material
+   class(written_type), intent(inout) :: self
+   !> Parameters
+   type(parameters_type), intent(inout) :: parameters
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   type(tape_type) :: tape
+   type(energy_derivatives) :: w
+   type(invariant_state) :: rest
+   character(len=:), allocatable :: model, text, constants, fault
+   real(wp), allocatable :: values(:)
+   integer :: i
+
+   call parameters%get('model', model, error=error)
+   if (.not. allocated(error)) call parameters%get('K', self%bulk, error, above=0.0_wp, &
+      & infinite=.true.)
+   if (allocated(error)) return
+   select case (model)
+   case ('gent')
+      text = '-mu*Jm/2*ln(1 - (I1 - 3)/Jm)'
+   case ('fung')
+      text = 'mu/(2*b)*(exp(b*(I1 - 3)) - 1)'
+   case ('holzapfel')
+      text = 'mu/2*(I1 - 3) + k1/(2*k2)*(exp(k2*max(I4 - 1, 0)^2) - 1)'
+   case default
+      call parameters%get('energy', text, error=error)
+      if (allocated(error)) return
+   end select
+   call parameters%other_numbers(constants, values)
+   call new_tape(tape, text, constants, values, fault)
+   if (.not. allocated(fault)) then
+      call new_jets(self%jets, tape)
+      self%active = self%jets%uses(:3)
+      self%fibered = self%jets%uses(kind_i4)
+      self%kinked = self%jets%kinked
+      w = energy_derivatives(0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp)
+      rest = invariant_state([3.0_wp, 3.0_wp, 1.0_wp], self%fibered, 0.0_wp)
+      call self%jets%derivatives(rest, 4, w)
+      self%shear = 2.0_wp*(w%first(kind_i1) + w%first(kind_i2))
+      if (.not. (all(ieee_is_finite(w%first)) .and. all(ieee_is_finite(w%second)) .and. &
+         & all(ieee_is_finite(w%third)) .and. all(ieee_is_finite(w%fourth)))) then
+         fault = "'"//text//"' has no finite derivatives up to the fourth at rest, I1 = I2 = 3 " &
+            & //'and I4 = 1'
+      else if (.not. self%shear > 0.0_wp) then
+         fault = "'"//text//"' has dW/dI1 + dW/dI2 = "//to_text(0.5_wp*self%shear)//' at rest, ' &
+            & //'which must be positive: it is half the shear modulus'
+      else if (.not. all([(i == tape%result .or. any(tape%left == i .or. tape%right == i), &
+         & i=5, 4 + size(values))])) then
+         fault = "'"//text//"' does not use all of its constants: "//trim(constants)
+      else if (self%jets%uses(4) .and. .not. self%fibered) then
+         fault = "'"//text//"' has an activation but no fibers, I4, which it activates"
+      end if
+   end if
+   if (allocated(fault)) call fatal_error(error, err_input, "material '"//self%name &
+      & //"': energy = "//fault)
+end subroutine set_written
+
+!> Energy of an expression and its derivatives
+pure subroutine written_energy(self, state, order, w)
+   !> Material
+   class(written_type), intent(in) :: self
+   !> Reduced invariants and activation
+   type(invariant_state), intent(in) :: state
+   !> Highest derivative wanted
+   integer, intent(in) :: order
+   !> Energy and derivatives
+   type(energy_derivatives), intent(out) :: w
+
+   call self%jets%derivatives(state, order, w)
+end subroutine written_energy
 
 end module rk_energies

@@ -246,7 +246,8 @@ function advice(self) result(text)
 
    text = to_text(self%scene%stiffest_ratio(), 2)
    if (self%scene%has_kinks()) then
-      text = 'the published fiber curves have kinks, use curve = "smooth"'
+      text = 'the stress has kinks: use curve = "smooth" for fibers, in an energy of your own ' &
+         & //'smooth functions in place of max, min, abs and comparisons'
    else if (self%scene%method == 'rkcm') then
       text = 'rounding errors dominate because K is '//text//' times the shear modulus, use ' &
          & //'method "rkcm-mixed"'

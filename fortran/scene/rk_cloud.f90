@@ -92,6 +92,9 @@ module rk_cloud
       !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
       !> not allocated for other bodies
       integer, allocatable :: lattice(:)
+      !> Places of these along each direction of a box whose spacing varies, from 0, shape (:, nd)
+      !> [length]
+      real(wp), allocatable :: line(:, :)
       !> Place of each collocation point of such a body in their own lattice, from 0, shape (nd, nc)
       integer, allocatable :: place(:, :)
       !> The source points have left the lattice

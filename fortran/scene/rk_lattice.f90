@@ -8,7 +8,10 @@ module rk_lattice
    private
 
    public :: new_box, new_annulus, jitter, lattice_frame, set_number, digits_of, place_of
-   public :: outside_lattice
+   public :: box_sides, outside_lattice
+
+   !> Spacing at a side towards which a box is graded, of the mean one [-]
+   real(wp), parameter :: at_side = 0.5_wp
 
    !> Names of the faces, in the order of set_number
    character(len=*), parameter :: box_faces(6) = ['x0', 'x1', 'y0', 'y1', 'z0', 'z1'], &
@@ -17,7 +20,7 @@ module rk_lattice
 contains
 
 !> Box with the corner at the origin; sets x0, x1, y0, y1, z0, z1
-subroutine new_box(self, size_, source, place, error)
+subroutine new_box(self, size_, source, place, error, graded)
    !> Cloud
    type(cloud_type), intent(out) :: self
    !> Edge lengths, shape (nd), > 0 [length]
@@ -28,7 +31,11 @@ subroutine new_box(self, size_, source, place, error)
    integer, intent(in) :: place(:)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
+   !> Sides towards which the spacing shrinks, in the order of set_number; none without it
+   logical, intent(in), optional :: graded(:)
    integer, allocatable :: at(:, :)
+   logical :: ends(2, size(size_))
+   real(wp) :: weight(maxval(place), size(size_))
    integer :: d, side, ip, n
 
    call check_counts(size(size_), source, place, error)
@@ -46,7 +53,11 @@ subroutine new_box(self, size_, source, place, error)
    allocate (self%spacing(self%nd, size(self%source, 2)))
    do d = 1, self%nd
       self%spacing(d, :) = size_(d)/(source(d) - 1)
+      weight(:place(d), d) = [(quadrature(n, place(d), size_(d)), n=0, place(d) - 1)]
    end do
+   ends = .false.
+   if (present(graded)) ends = reshape(graded(:2*self%nd), shape(ends))
+   if (any(ends)) call grade(self, size_, ends, place, weight)
    call default_tissue(self)
    at = grid(place)
    self%place = at
@@ -75,11 +86,76 @@ contains
 
       share = 1.0_wp
       do k = 1, size(index)
-         if (k /= left_out) share = share*quadrature(index(k), place(k), size_(k))
+         if (k /= left_out) share = share*weight(index(k) + 1, k)
       end do
    end function share
 
 end subroutine new_box
+
+!> Move the points of a box towards some of its sides
+subroutine grade(self, size_, ends, place, weight)
+   !> Box with evenly spaced points
+   type(cloud_type), intent(inout) :: self
+   !> Edge lengths, shape (nd) [length]
+   real(wp), intent(in) :: size_(:)
+   !> Low and high sides towards which they move, shape (2, nd)
+   logical, intent(in) :: ends(:, :)
+   !> Collocation points in each direction, shape (nd)
+   integer, intent(in) :: place(:)
+   !> Their weights along each direction, shape (:, nd) [length]
+   real(wp), intent(inout) :: weight(:, :)
+   real(wp), allocatable :: x(:), gap(:)
+   integer :: at(size(size_), size(self%source, 2)), d, k, n
+
+   at = grid(self%lattice)
+   allocate (self%line(0:maxval(self%lattice) - 1, self%nd), source=0.0_wp)
+   do d = 1, self%nd
+      self%source(d, :) = size_(d)*nearer(self%source(d, :)/size_(d), ends(:, d))
+      self%points(d, :) = size_(d)*nearer(self%points(d, :)/size_(d), ends(:, d))
+      self%volume_points(d, :) = size_(d)*nearer(self%volume_points(d, :)/size_(d), ends(:, d))
+      n = self%lattice(d)
+      x = size_(d)*nearer([(real(k, wp)/(n - 1), k=0, n - 1)], ends(:, d))
+      self%line(:n - 1, d) = x
+      gap = x(2:) - x(:n - 1)
+      ! supports reach over the wider of the gaps beside a point
+      gap = max([gap(1), gap], [gap, gap(n - 1)])
+      self%spacing(d, :) = gap(at(d, :) + 1)
+      if (.not. any(ends(:, d))) cycle
+      n = place(d)
+      x = size_(d)*nearer([(real(k, wp)/(n - 1), k=0, n - 1)], ends(:, d))
+      weight(:n, d) = 0.5_wp*([x(2:), x(n)] - [x(1), x(:n - 1)])
+   end do
+end subroutine grade
+
+!> Share of a length that lies before a point, moved towards one end of it or both
+pure function nearer(share, ends) result(moved)
+   !> Share of evenly spaced points, shape (n) [-]
+   real(wp), intent(in) :: share(:)
+   !> Ends towards which they move, shape (2)
+   logical, intent(in) :: ends(2)
+   real(wp) :: moved(size(share))
+   real(wp), parameter :: less = 1.0_wp - at_side
+
+   if (all(ends)) then
+      moved = share - less*sin(2.0_wp*pi*share)/(2.0_wp*pi)
+   else if (ends(1)) then
+      moved = share - less*sin(pi*share)/pi
+   else if (ends(2)) then
+      moved = share + less*sin(pi*share)/pi
+   else
+      moved = share
+   end if
+end function nearer
+
+!> Sides of a box whose names are in a text, in the order of set_number
+pure function box_sides(names) result(named)
+   !> Names
+   character(len=*), intent(in) :: names
+   logical :: named(size(box_faces))
+   integer :: k
+
+   named = [(index(names, trim(box_faces(k))) > 0, k=1, size(box_faces))]
+end function box_sides
 
 !> Quarter of a tube in plane strain, points radial x angular; sets inner, outer, x0 (the symmetry
 !> plane x = 0) and y0

@@ -10,7 +10,7 @@ module rk_companion
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
    use rk_coarse_cloud, only : coarse_cloud
-   use rk_deck, only : deck_type
+   use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, err_memory
@@ -217,7 +217,7 @@ subroutine choose(self, scene, deck, near, points, words)
          if (any(scene%cloud%lattice <= least_cells)) then
             self%finer = .true.
             self%lattice = list(2*scene%cloud%lattice - 1)//' points'
-            words = [character(len=long) :: words, lattice_words(deck, 2*scene%cloud%lattice - 1)]
+            call lattice_words(deck, 2*scene%cloud%lattice - 1, words)
          end if
       end if
       ! in the plane stresses at the surface are 0.3 % off instead of 10 % at little cost
@@ -258,7 +258,8 @@ subroutine choose(self, scene, deck, near, points, words)
    self%finer = all(other > source)
    self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)
-   words = [character(len=long) :: words, 'scene.method='//self%method, lattice_words(deck, other)]
+   words = [character(len=long) :: words, 'scene.method='//self%method]
+   call lattice_words(deck, other, words)
 end subroutine choose
 
 !> Half as many blocks in each direction, three quarters of them where they are few across the body
@@ -285,19 +286,32 @@ subroutine fewer_blocks(cloud, kept, other)
       & merge(other + 1, other - 1, thin .and. other < blocks)
 end subroutine fewer_blocks
 
-!> Overrides that put a deck on another lattice, with collocation points to match
-function lattice_words(deck, source) result(words)
+!> Add overrides that put a deck on another lattice, with collocation points to match
+subroutine lattice_words(deck, source, words)
    !> Deck of a box or an annulus
    type(deck_type), intent(in) :: deck
    !> Source points along each edge, shape (nd)
    integer, intent(in) :: source(:)
-   character(len=long) :: words(2)
+   !> Overrides
+   character(len=long), allocatable, intent(inout) :: words(:)
+   character(len=long) :: further(3)
+   character(len=word_length), allocatable :: graded(:)
+   character(len=:), allocatable :: sides
    integer, allocatable :: collocation(:)
+   integer :: k
 
    call deck%get('geometry.collocation', collocation)
-   words(1) = 'geometry.source='//list(source)
-   words(2) = 'geometry.collocation='//list(max(source, min(collocation, 2*source - 1)))
-end function lattice_words
+   call deck%get('geometry.graded', graded)
+   sides = ''
+   do k = 1, size(graded)
+      sides = sides//trim(merge(',', ' ', k > 1))//'"'//trim(graded(k))//'"'
+   end do
+   further(1) = 'geometry.source='//list(source)
+   further(2) = 'geometry.collocation='//list(max(source, min(collocation, 2*source - 1)))
+   ! sides that were chosen with the points
+   further(3) = 'geometry.graded=['//sides//']'
+   words = [words, further(:merge(2, 3, sides == ''))]
+end subroutine lattice_words
 
 !> Half as many cells in a direction; twice as many where there are too few to tell
 elemental integer function other_number(source, order) result(points)

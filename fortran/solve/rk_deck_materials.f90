@@ -80,6 +80,8 @@ subroutine read_materials(scene, deck, error)
             call read_activation(scene, deck, at, k, error)
          else
             call clear_fibers(scene, k)
+            if (deck%has(at//'.fiber') .or. deck%has(at//'.fiber_angle')) call deck%complain( &
+               & at//'.energy', 'has no I4, so that its fibers would do nothing', error)
          end if
          if (allocated(error)) return
       end associate

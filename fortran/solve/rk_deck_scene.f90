@@ -15,7 +15,7 @@ module rk_deck_scene
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : find_kernel, find_window, window_polar
-   use rk_lattice, only : jitter, lattice_frame, new_annulus, new_box
+   use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_scene, only : displacement_weight, scene_type
@@ -113,11 +113,19 @@ subroutine read_geometry(cloud, deck, model, error)
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(geometry_keys) :: body
+   character(len=:), allocatable :: graded
 
    call body%read(deck, 'geometry')
    select case (body%kind)
    case ('box')
-      call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, error)
+      call deck%get('geometry.graded', graded)
+      if (graded /= '' .and. deck%has('linear')) then
+         call deck%complain('geometry.graded', 'is not for linear problems, whose points are ' &
+            & //'evenly spaced: leave it out', error)
+         return
+      end if
+      call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, error, &
+         & box_sides(graded))
       if (body%jitter > 0.0_wp .and. .not. allocated(error)) call jitter(cloud, body%jitter)
    case ('annulus')
       call new_annulus(cloud, body%inner_radius, body%outer_radius, body%source, &

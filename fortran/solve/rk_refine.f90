@@ -8,12 +8,13 @@
 !> then one more lattice follows. The last solution of the search is the answer, whose run begins
 !> where it ended.
 module rk_refine
-   use rk_bars, only : bars_by_other, bars_type, fewer_points, more_points, new_bars
+   use rk_bars, only : bars_by_earlier, bars_by_other, bars_type, fewer_points, more_points, &
+      & new_bars
    use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, lattice_words, list, other_number, solve_beside, &
       & solve_companion
-   use rk_deck, only : deck_type
+   use rk_deck, only : deck_type, joined
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_stopped
@@ -60,8 +61,9 @@ module rk_refine
       real(wp) :: seconds = 0.0_wp
       !> Widest bar over the size of its probe that the answer has; negative where none is known [-]
       real(wp) :: reached = -1.0_wp
-      !> Solution on the points that were found
+      !> Solution on the points that were found, and its bars
       type(start_type), allocatable :: start
+      type(bars_type), allocatable :: bars
    contains
       !> What the answer has of what was wanted
       procedure :: look_back
@@ -98,7 +100,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(start_type) :: run
    type(bars_type) :: bars
    type(deck_type) :: finer
-   real(wp) :: cost, start, before, now, worst
+   real(wp) :: cost, start, before, growth, now, worst
    real(wp), allocatable :: left(:), share(:, :)
    integer, allocatable :: cells(:), next(:), limit(:)
    logical, allocatable :: counts(:)
@@ -122,18 +124,20 @@ subroutine refine(self, deck, model, receiver, error)
       if (allocated(error)) return
       call cells_of(scene, cells, limit)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
-         & self%points = 'geometry.source='//list(cells + 1)
+         & self%points = joined(words_of(deck, scene%cloud, cells))
       call new_problem(problem, scene, error)
       if (allocated(error)) return
       unknowns = problem%n
       call solve(problem, scene, deck, model, receiver, run, bars, error)
       if (.not. allocated(error)) then
+         if (allocated(self%bars)) call bars_by_earlier(bars, self%bars, growth)
          worst = maxval(relative(bars), mask=counts)
          ! what voxels leave open no blocks will close
          left = relative(bars) - bars%open
          if (any(counts .and. left > self%wanted)) call shares(problem, run, deck, model, &
             & cells, bars, receiver, share)
          self%start = run
+         self%bars = bars
       end if
       call free_discretisation(problem)
       deallocate (problem)
@@ -184,8 +188,8 @@ subroutine refine(self, deck, model, receiver, error)
       call deck%vary(words, finer, error)
       if (allocated(error)) return
       deck = finer
-      self%points = trim(words(1))
-      if (size(words) > 1) self%points = self%points//new_line('a')//trim(words(2))
+      growth = maxval(real(next, wp)/cells)
+      self%points = joined(words)
       before = now
    end do
    self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
@@ -322,8 +326,9 @@ function words_of(deck, cloud, cells) result(words)
    integer, intent(in) :: cells(:)
    character(len=long), allocatable :: words(:)
 
+   allocate (words(0))
    if (allocated(cloud%lattice)) then
-      words = lattice_words(deck, cells + 1)
+      call lattice_words(deck, cells + 1, words)
    else
       words = [character(len=long) :: 'geometry.blocks='//list(cells)]
    end if
@@ -414,7 +419,7 @@ subroutine shares(problem, run, deck, model, cells, bars, receiver, share)
          other = cells
          other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
          companion = companion_type()
-         words = [character(len=long) :: words_of(deck, scene%cloud, other), steps]
+         words = [words_of(deck, scene%cloud, other), steps]
          call solve_beside(companion, problem, run%step(first:)%load, run%x(:, first:), deck, &
             & words, model, receiver)
          if (allocated(companion%why_not)) then

@@ -318,7 +318,7 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
         options.deck, options.vary, options.out or Path("out", f"{options.deck.stem}_sweep"),
         samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
         model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
-        part=options.part, progress=print if options.dry_run else console,
+        part=options.part, extend=options.extend, progress=print if options.dry_run else console,
     )  # fmt: skip
     return "" if options.dry_run else f"table: {table}"
 
@@ -658,6 +658,7 @@ _COMMANDS = {
         "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
         "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
         "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
+        "  myork sweep inputs/muscle_block.toml --vary load.activation=0.9,0.95 --extend\n"
         "  myork sweep deck.toml --vary load.activation=0:1:500 --model block.rom.h5",
         (
             *_DECK,
@@ -677,6 +678,7 @@ _COMMANDS = {
                 "only every N-th point from the K-th, as a job of an array; the same line without "
                 "it gathers what parts have found",
             ),
+            _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         "folder of the results; default out/<deck>_sweep",
     ),
@@ -757,8 +759,8 @@ _COMMANDS = {
     "bench": _Command(
         _bench,
         "the tables and speed-against-error curves of the reference problems, solved anew",
-        "  myork bench nonlinear\n  myork bench stability --quick\n"
-        "  myork bench nonlinear stability curves mms --out out/bench\n"
+        "  myork bench nonlinear\n  myork bench trust --quick\n"
+        "  myork bench linear curves rom --out out/bench\n"
         "  myork bench all --quick",
         (
             _option(

@@ -1,6 +1,6 @@
 """`myork run`: from the files of a deck to a force and a report, on bodies like the real ones.
 
-The decks of inputs/images are run whole by `benchmarks/choices.py real_images`, for whoever has the
+The decks of inputs/images are run whole by `benchmarks/runner.py real_images`, for whoever has the
 data; here synthetic bodies take the place of their files.
 """
 

@@ -386,6 +386,11 @@ def test_page_in_a_browser(folder: Path, open_page: Callable[[str], Any]) -> Non
     assert page.evaluate(loaded)
     page.set_viewport_size({"width": 400, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    # letters in wide figures stay legible: the figure scrolls, drawn at half its size at least
+    drawn = page.evaluate(
+        "[...document.querySelectorAll('figure img')].map(i => i.clientWidth / i.naturalWidth)"
+    )
+    assert drawn and min(drawn) > 0.4
 
 
 def test_probes_against_activation() -> None:

@@ -12,10 +12,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from myork.core import material as cm
 from myork.core.deck import load_deck
-from myork.errors import InputError
+from myork.errors import InputError, MyorkError
 from tests.scenes import box, held, scene, solved
 
 RUBBER = cm.Material("rubber", A10=37.3, A20=-3.1, A30=0.5, K=1e3)
@@ -28,6 +29,30 @@ FULL = cm.Material(
 )
 SECOND_ONLY = cm.Material("second", A01=2, A02=0.4, K=50)
 ISOTROPIC = [RUBBER, TISSUE, FAT, FULL, SECOND_ONLY, cm.Material("matrix", **MATRIX, K=5e3)]
+#: Energies that are given as expressions, or have the name of one, with their formulas in Python
+WRITTEN = {
+    "gent": (cm.Material("gent", 50.0, "gent", mu=7.0, Jm=9.0), "-mu*Jm/2*log(1 - (I1-3)/Jm)"),
+    "fung": (cm.Material("fung", 50.0, "fung", mu=7.0, b=0.6), "mu/(2*b)*(exp(b*(I1-3)) - 1)"),
+    "holzapfel": (
+        cm.Material("holzapfel", 50.0, "holzapfel", mu=7.0, k1=3.0, k2=0.8),
+        "mu/2*(I1-3) + k1/(2*k2)*(exp(k2*maximum(I4-1, 0)**2) - 1)",
+    ),
+    **{
+        text: (cm.Material(text, 50.0, "energy", energy=text, mu=7.0, C2=0.4), python or text)
+        for text, python in {
+            "mu*(I1-3) + C2*mu*(I1-3)*(I2-3)*(I4-1)": "",
+            "mu*sinh(I1-3) - C2*cosh(I2)/I4^-2 + tanh(I1*I4)": (
+                "mu*sinh(I1-3) - C2*cosh(I2)/I4**-2 + tanh(I1*I4)"
+            ),
+            "mu*(I1-3) - C2*sin(I1)*cos(I2) + sqrt(I1*I2)/I4 + I2^I4/ln(I2+pi)": (
+                "mu*(I1-3) - C2*sin(I1)*cos(I2) + sqrt(I1*I2)/I4 + I2**I4/log(I2+pi)"
+            ),
+            "mu*(I1-3) + C2*(activation + 0.5)^1.5*(I4 > 0.1)*(-min(I1, 0)^2 + abs(-I1*I4)^3)": (
+                "mu*(I1-3) + C2*(activation + 0.5)**1.5*(I1*I4)**3"
+            ),
+        }.items()
+    },
+}  # fmt: skip
 
 # One lambda* in every branch of (4.37), (4.38), and in every zone of the smooth curves, which are
 # [0.4, 0.55], [0.55, 0.65], [1, 1.15], [1.35, 1.45], [1.45, 1.6]
@@ -79,6 +104,18 @@ def isotropic_energy(material, f, volumetric):
     return w + (material.K / 2 * (j - 1) ** 2 if volumetric else 0)
 
 
+def written_energy(material, f, fiber, activation, volumetric):
+    """The formula of an expression; F may be complex."""
+    c = f.T @ f
+    j = np.linalg.det(f)
+    i1, i2 = np.trace(c), (np.trace(c) ** 2 - np.trace(c @ c)) / 2
+    names = {**vars(np), **material.parameters, "activation": activation}
+    names |= {"I1": i1 * j ** (-2 / 3), "I2": i2 * j ** (-4 / 3)}
+    names["I4"] = fiber @ c @ fiber * j ** (-2 / 3) if fiber.any() else 1.0
+    w = eval(WRITTEN[material.name][1], names)
+    return w + (material.K / 2 * (j - 1) ** 2 if volumetric else 0)
+
+
 def published_active(s):
     """(4.38), zero outside [0.4, 1.6]."""
     return np.select(
@@ -107,7 +144,11 @@ def reference_stress(material, f, fiber, activation, volumetric=True):
         for a in range(3):
             g = f.astype(complex)
             g[i, a] += 1e-30j
-            p[i, a] = isotropic_energy(material, g, volumetric).imag / 1e-30
+            if material.name in WRITTEN:
+                w = written_energy(material, g, fiber, activation, volumetric)
+            else:
+                w = isotropic_energy(material, g, volumetric)
+            p[i, a] = w.imag / 1e-30
             if fibered:
                 dlambda[i, a] = fiber_stretch(g, fiber).imag / 1e-30
     if fibered:
@@ -145,7 +186,12 @@ def cases():
         for curve, s in BRANCHES
         for level in (0.0, 0.7)
     ]
-    return [pytest.param(*case, id=name) for name, *case in plain + fibered]
+    written = [
+        (f"{name}-{'with' if fiber.any() else 'without'}-fiber", law, fiber, 0.7, None)
+        for name, (law, _) in WRITTEN.items()
+        for fiber in (NO_FIBER, FIBER)
+    ]
+    return [pytest.param(*case, id=name) for name, *case in plain + fibered + written]
 
 
 def placed(material, f, fiber, wanted):
@@ -251,7 +297,11 @@ def test_symmetries(material, fiber, activation, wanted):
 
 
 @pytest.mark.parametrize("curve", ["published", "smooth"])
-@pytest.mark.parametrize("material", [*ISOTROPIC, MUSCLE], ids=lambda m: m.name)
+@pytest.mark.parametrize(
+    "material",
+    [*ISOTROPIC, MUSCLE, *(WRITTEN[name][0] for name in ("gent", "fung", "holzapfel"))],
+    ids=lambda m: m.name,
+)
 def test_passive_materials_are_free_of_stress_at_rest(material, curve):
     law = material.replace(curve=curve) if material.model == "muscle" else material
     p = cm.stress(law, np.eye(3)[None], fiber=FIBER)[0]
@@ -425,6 +475,22 @@ IMPOSSIBLE = [
         ({"model": "mooney-rivlin", "C1": 1, "C2": -1}, "C1 + C2 = 0", "positive"),
         ({"model": "yeoh", "C1": 1, "C2": 0}, "C3 is missing"),
         ({"model": "yeoh", "C1": -1, "C2": 0, "C3": 1}, "C1 = -1", "positive"),
+        ({"model": "gent", "mu": 1}, "energy = '-mu*Jm", "unknown name 'Jm' at position 5"),
+        ({"model": "energy"}, "energy is missing"),
+        *(({"model": "energy", "mu": 3, "energy": text}, f"energy = '{text}'", *words)
+          for text, *words in (
+            ("mu*(I1-3", "a parenthesis is not closed"),
+            ("mu*(J-1)", "unknown name 'J' at position 5", "names are I1, I2, I4, activation, mu"),
+            ("mu*atan2(I1, 1)", "unknown name 'atan2'", "functions are abs, cos"),
+            ("mu*sqrt(I1-3)", "no finite derivatives"),
+            ("mu*I1 + (I1-3)^2.5", "no finite derivatives"),
+            ("-mu*I1", "dW/dI1 + dW/dI2 = -3", "positive"),
+            ("I1 > 3 ? mu*I1 : 0", "instead of c ? a : b take max(a, b)"),
+            ("mu*I1, 2", "several values"),
+            ("2*I1", "does not use all of its constants: mu"),
+            ("mu*I1*(1 + activation)", "no fibers, I4"),
+            ("mu*I1" + " + 2*I2" * 200, "is too long", "at most 400"),
+        )),
     )),
 ]  # fmt: skip
 
@@ -496,6 +562,66 @@ def test_named_materials_are_polynomials(named, polynomial):
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.parametrize(
+    ("named", "written"),
+    [
+        (NAMED[0][0], "mu/2*(I1 - 3)"),
+        (NAMED[1][0], "C1*(I1 - 3) + C2*(I2 - 3)"),
+        (NAMED[2][0], "C1*(I1 - 3) + C2*(I1 - 3)^2 + C3*(I1 - 3)^3"),
+    ],
+    ids=lambda m: getattr(m, "model", ""),
+)
+def test_an_energy_in_words_of_the_deck_is_the_built_in_one(named, written):
+    """To rounding, with all that a row of the strong form needs; 1e-15 is a few roundings."""
+    rng = np.random.default_rng(6)
+    f = np.array([random_gradient(rng) for _ in range(8)])
+    h = rng.standard_normal((8, 3, 3, 3))
+    own = named.replace(model="energy", energy=written)
+    assert_close(cm.energy(own, f), cm.energy(named, f), 1e-15)
+    for one, other in zip(cm.strong(own, f, h), cm.strong(named, f, h), strict=True):
+        assert_close(one, other, 1e-15)
+
+
+@pytest.mark.parametrize(("method", "newton"), [("rkpm-gauss", "auto"), ("rkcm", "full")])
+def test_decks_with_written_energies_solve_as_built_in_ones(method, newton):
+    """Full Newton of collocation has fourth derivatives of the energy in it."""
+    mu, c1 = {"mu": 7.0, "model": "neo-hookean"}, {"C1": 3.5, "model": "energy"}
+    states = [
+        solved(
+            scene(method, box(5, 5), material=[{"name": "it", "K": 50, **law}],
+                  boundary=[held("y0", 2), held("y1", 2, u_x=0.2, u_y=0.1)], load={"steps": 1},
+                  solver={"newton": newton} if method == "rkcm" else {})
+        ).states
+        for law in (mu, {**c1, "energy": "C1*(I1 - 3) + 0*(I2 - 3)^4*I1"})
+    ]  # fmt: skip
+    assert_close(states[0].x, states[1].x, 1e-9)
+
+
+def test_a_law_with_a_limit_is_not_left_by_a_step():
+    """Gent's rubber drawn to 1.35 keeps I1 - 3 below Jm = 0.4; to 1.6 no state does, and none is
+    written."""
+
+    def pulled(stretch):
+        return solved(
+            scene("rkpm-gauss", box(3, 3, 3), material=[
+                {"name": "it", "model": "gent", "mu": 10, "Jm": 0.4, "K": 1000}],
+                boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
+                          {"set": "z0", "u_z": 0}, {"set": "z1", "u_z": stretch - 1}],
+                load={"steps": 1}, probe=[{"name": "f", "quantity": "force_z", "set": "z1"}])
+        )  # fmt: skip
+
+    found = pulled(1.35)
+    law = cm.Material("it", 1000.0, "gent", mu=10, Jm=0.4)
+
+    def drawn(side):
+        return cm.stress(law, np.diag([side, side, 1.35])[None])[0]
+
+    side = brentq(lambda side: drawn(side)[0, 0], 0.85, 0.9, xtol=1e-13)
+    assert found.probes["f"][-1, 0] == pytest.approx(drawn(side)[2, 2], rel=1e-6)
+    with pytest.raises(MyorkError):
+        pulled(1.6)
+
+
 def test_neo_hookean_has_the_moduli_of_small_strains():
     """Simple shear by g gives the stress mu g, dilation by e the pressure 3 K e."""
     law = NAMED[0][0]
@@ -528,6 +654,12 @@ def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
         ({"model": "yeoh", "C1": 1, "C2": 1}, "material.it.C3: missing, a number is needed for mo"),
         ({"model": "mooney-rivlin", "C1": 1, "C2": 1, "C3": 1}, "material.it.C3: only for model ="),
         ({"model": "yeoh", "C1": 1, "C2": 1, "C3": 1, "A10": 1}, "material.it.A10: only for mode"),
+        ({"model": "energy"}, "material.it.energy: missing, a text is needed for model = energy"),
+        (
+            {"model": "fung", "mu": 1, "b": 1, "Jm": 1},
+            "material.it.Jm: only for model = gent or",
+        ),
+        ({"model": "fung", "mu": 1, "b": 1, "fiber": [1, 0, 0]}, "material.it.fiber: only for mod"),
     ],
 )
 def test_decks_know_the_parameters_of_named_materials(table, message):

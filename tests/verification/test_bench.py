@@ -8,13 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import stability
-from benchmarks.hard.case import DOUBTED, EXPLAINED, RIGHT
+from benchmarks import runner
+from benchmarks.pivots import PIVOTS, cost
+from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.measures import oscillation
-from benchmarks.views import cost
 from myork.bench import BENCHES, run_benches
+from myork.bench.chapter_6 import LoadPath
+from myork.bench.dissertation import Run
 from myork.bench.page import write_page
+from myork.bench.reproduce import RUNS
+from myork.bench.runs import PUBLISHED_BLOCK, lattice, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
+from myork.console import silent
 from myork.errors import InputError
 
 pytestmark = pytest.mark.nightly
@@ -40,15 +45,6 @@ RECORD = {
                     ],
                 }
             ],
-            "maps": [
-                {
-                    "title": "plane",
-                    "label": "J [-]",
-                    "x": [0.0, 1.0, 0.0, 1.0],
-                    "y": [0.0, 0.0, 2.0, 2.0],
-                    "value": [1.0, 0.9, 1.1, 1.0],
-                }
-            ],
             "tables": [{"caption": "c", "head": ["a", "b"], "rows": [["x<y", None], ["z", 1.5]]}],
         }
     },
@@ -62,8 +58,11 @@ def quick(name: str, folder: Path) -> dict[str, Any]:
     bench: dict[str, Any] = record["benches"][name]
     page = (folder / "bench.html").read_text(encoding="utf-8")
     assert page.count("<table") >= len(bench["tables"]) > 0
-    drawn = len(bench.get("plots", [])) + len(bench.get("maps", []))
-    assert page.count("<img alt=") == drawn + len(bench.get("pictures", []))
+    assert page.count("<img alt=") == len(bench.get("plots", []))
+    for case in bench["cases"]:
+        # the names that others read; what failed has no error
+        assert {"problem", "method", "unknowns", "cpu_s", "error"} <= set(case)
+        assert all(isinstance(error, float) for error in case["error"].values())
     return bench
 
 
@@ -71,7 +70,7 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
     write_page(tmp_path / "bench.html", RECORD)
     html = (tmp_path / "bench.html").read_text(encoding="utf-8")
     assert "Toy &amp; more" in html and "x&lt;y" in html and "&lt;chip&gt;" in html
-    assert html.count("<img alt=") == 2 and "myork bench toy --quick" in html
+    assert html.count("<img alt=") == 1 and "myork bench toy --quick" in html
 
 
 def test_sentences_stand_below_their_rows(tmp_path: Path) -> None:
@@ -121,18 +120,49 @@ def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.Monke
     def fails(*_: Any) -> dict[str, Any]:
         raise InputError("it is off")
 
-    monkeypatch.setattr("benchmarks.views.trust", fails)
-    record = run_benches(["trust", "linear"], tmp_path, quick=True)
+    monkeypatch.setattr("benchmarks.pivots.run", fails)
+    record = run_benches(["trust", "nonlinear"], tmp_path, quick=True)
     assert record["benches"]["trust"]["ended"] == "InputError: it is off"
-    assert record["benches"]["linear"]["cases"]
+    assert record["benches"]["nonlinear"]["cases"]
     page = (tmp_path / "bench.html").read_text(encoding="utf-8")
     assert "1 benchmarks have results; without: trust" in page
 
 
-@pytest.mark.parametrize("name", ["linear", "nonlinear", "mms", "curves"])
+@pytest.mark.parametrize("name", ["linear", "nonlinear", "curves"])
 def test_what_others_assert_is_drawn(name: str, tmp_path: Path) -> None:
-    """Rates, exact states, orders and locking are those of test_linear, test_forms, hard cases."""
-    assert quick(name, tmp_path)["cases"]
+    """Rates, exact states and locking are those of test_linear, test_forms and hard cases."""
+    cases = quick(name, tmp_path)["cases"]
+    assert {case["outcome"] for case in cases} == {"converged"}
+
+
+def test_rom(tmp_path: Path) -> None:
+    """Motions as published but for the bar's stiffnesses; all modes leave rounding."""
+    cases = {(c["problem"], c["method"]): c for c in quick("rom", tmp_path)["cases"]}
+    bar = cases["bar of two stiffnesses (table 6.2)", "r = 5"]["error"]["e1"]
+    assert bar == pytest.approx(3.547e-2, rel=0.1)
+    assert max(c["error"]["e1"] for (_, r), c in cases.items() if r == "r = 25") < 1e-6
+
+
+#: A small load path of each deck, its bounds of e1, and whether it is collocation
+SMALL_PATHS = {
+    "shear_3d": ((*lattice((9, 3, 3)), "load.steps=20"), (1, 5, 10), (0.05, 1e-3, 1e-4)),
+    "tube": ((*lattice((9, 51)), "load.steps=12"), (2, 5, 10), (0.05, 1e-3, 1e-4)),
+    "muscle_block": ((*lattice((4, 4, 7)), "load.activation=0.2"), (10,), (1e-8,)),
+}
+
+
+@pytest.mark.parametrize("deck", SMALL_PATHS)
+def test_a_path_reduced_either_way(deck: str) -> None:
+    """Rows in full and in the span of the modes, by Cholesky and by QR, are one model."""
+    words, modes, bounds = SMALL_PATHS[deck]
+    kinds = ("path", "path in the span") if deck != "muscle_block" else ("path in the span",)
+    found = [RUNS[kind](Run(kind, deck, words, LoadPath("", deck, (), modes)), silent)
+             for kind in kinds]  # fmt: skip
+    for r, bound in zip(modes, bounds, strict=True):
+        assert found[-1][str(r)]["e1"] < bound
+        assert found[0][str(r)]["e1"] == pytest.approx(found[-1][str(r)]["e1"], rel=1e-2, abs=1e-6)
+    for record in found:
+        assert record["full"]["cpu_s"] > 0 and len(record["cases"]) > len(modes)
 
 
 def test_oscillation() -> None:
@@ -155,66 +185,47 @@ SHEET = {
 }
 
 
-def test_methods(tmp_path: Path) -> None:
-    """Both discretisations give one answer: the sheet, the homogeneous block, the muscle."""
-    bench = quick("methods", tmp_path)
-    cases = {(c["deck"], c["name"]): c for c in bench["cases"] if "name" in c}
-    assert {c["outcome"] for c in cases.values()} == {"converged"}
-    for name, most in SHEET.items():
-        assert cases["shear_2d", name]["error"] < most, name
-    blocks = [c["probes"] for (deck, _), c in cases.items() if deck == "muscle_block"]
+#: Largest errors of the shear stress in the middle of the sheet of table 5.2, a little above what
+#: was measured: 0.0123 with the published weights, 0.0025 with MyoRK's, 0.0016, 0.0030 to 0.0045
+STRONG = ("approximation.order=2", "approximation.support=3", "approximation.kernel=quintic")
+LINEAR = ("approximation.order=1", "approximation.support=2", "approximation.kernel=cubic")
+BALANCED = ("solver.weight_essential=balanced", "solver.weight_traction=balanced")
+SHEET = (
+    (0.015, "rkcm", (*STRONG, "solver.linear=dgels", "solver.newton=gauss-newton")),
+    (0.015, "rkcm", STRONG),
+    (0.004, "rkcm", (*STRONG, *BALANCED)),
+    (0.003, "rkcm-mixed", STRONG),
+    (0.004, "rkpm-gauss", (*STRONG, "galerkin.gauss=5")),
+    (0.004, "rkpm-gauss", (*LINEAR, "galerkin.gauss=5")),
+    (0.004, "rkpm-gauss", (*LINEAR, "galerkin.gauss=2")),
+    (0.006, "rkpm-scni", LINEAR),
+)
+
+
+def test_all_forms_have_one_sheet() -> None:
+    meshes = ((16, 4), (32, 8), (64, 16))
+    deck = read_deck("shear_2d")
+    one, two, three = (
+        solve_deck(deck, n, loads=(0.5, 1.0), tolerance=1e-9)["probes"]["shear_stress"][-1]
+        for n in meshes
+    )
+    wanted = three + (three - two) ** 2 / (two - one - three + two)  # Aitken's limit
+    for most, form, words in SHEET:
+        choice = (*lattice((17, 5)), f"scene.method={form}", *words, "load.steps=2")
+        case = solve_case("shear_2d", choice)
+        assert abs(case["probes"]["shear_stress"] / wanted - 1) < most, (form, words)
+
+
+def test_all_forms_have_one_block() -> None:
+    """Straight fibers at full activation: 3e-4 between collocation and the others was measured."""
+    words = (*lattice((5, 5, 9)), "load.steps=4", *PUBLISHED_BLOCK, 'material.curve="smooth"')
+    choices = (("rkcm", STRONG), ("rkcm-mixed", STRONG), ("rkpm-gauss", LINEAR),
+               ("rkpm-scni", LINEAR))  # fmt: skip
+    found = [solve_case("muscle_block", (*words, f"scene.method={form}", *choice))["probes"]
+             for form, choice in choices]  # fmt: skip
     for probe in ("stress_zz", "reaction"):
-        values = [probes[probe] for probes in blocks]
-        # measured 3e-4 between the displacement form of the collocation and the others
-        assert len(values) == 4 and values == pytest.approx([values[0]] * 4, rel=1e-3)
-    for (deck, name), case in cases.items():
-        if deck == "uniaxial_compression":
-            # homogeneous: what Newton leaves, and the penalty-like weights of the collocation
-            assert case["oscillation"] < 1e-7, name
-    assert (tmp_path / "bench.html").read_text(encoding="utf-8").count("<img alt=") == 4 + 10
-
-
-def test_rom(tmp_path: Path) -> None:
-    """Chapter 6 in small: motions, both assemblies, a trained model and its regression."""
-    bench = quick("rom", tmp_path)
-    bar = [case for case in bench["motions"] if "table 6.2" in case["name"]]
-    assert bar[1]["e1_qr"] == pytest.approx(bar[1]["published_e1"], rel=0.1)
-    for case in bench["motions"]:
-        # with all modes either error is rounding: 4e-11 where normal equations square the condition
-        assert case["e1_qr"] == pytest.approx(case["e1_cholesky"], rel=0.01, abs=1e-10)
-        assert case["best_e1"] * 0.99 <= case["e1_qr"]
-    for problem in ("shear", "tube"):
-        own = [case for case in bench["cases"] if case["name"].startswith(f"{problem} (")]
-        full, reduced = (
-            {case["r"]: case for case in own if f"rows {way}" in case["model"]}
-            for way in ("full", "reduced")
-        )
-        for r, case in reduced.items():
-            assert case["e1"] < (0.05, 1e-3, 1e-4)[list(reduced).index(r)]
-            assert full[r]["e1"] == pytest.approx(case["e1"], rel=1e-2, abs=1e-6)
-        assert {"full, auto", "full, dgels"} < {case["model"] for case in own}
-    weak = [case for case in bench["cases"] if case["form"] == "Galerkin form" and "r" in case]
-    assert max(case["e1"] for case in weak if case["r"] == 10) < 1e-8
-    full, _, regression, _, sampled, every = bench["trained"]
-    assert sampled["failed"] == every["failed"] == 0
-    assert sampled["cells"] < every["cells"]
-    assert sampled["force"]["max"] < 5e-3
-    assert regression["cpu_us"] < full["cpu_us"]
-    assert len(bench["tables"]) == 4
-
-
-def test_essential(tmp_path: Path) -> None:
-    """The transformation misses nothing at source points, the penalty little there and between;
-    both are as near the truth. Measured: forces 0.1 to 0.5 % off, the penalty 3e-3 and 1.6e-2 of
-    the spacing off its values.
-    """
-    bench = quick("essential", tmp_path)
-    assert len(bench["cases"]) == 6
-    for case in bench["cases"]:
-        assert case["outcome"] == "converged" and case["error force"] < 0.01, case
-        exact = case["method"] == "transformation"
-        assert (case["missed at points"] < 1e-12) is exact, case
-        assert 0 < case["missed between"] < 0.01, case
+        values = [probes[probe] for probes in found]
+        assert values == pytest.approx([values[0]] * 4, rel=1e-3)
 
 
 def test_cost_is_read_off_behind_the_last_miss() -> None:
@@ -254,15 +265,41 @@ def test_every_benchmark_is_run_by_a_test() -> None:
 def test_trust(tmp_path: Path) -> None:
     """A cantilever and a clamped beam: no wrong answer is accepted, and `auto` is right."""
     bench = quick("trust", tmp_path)
-    assert bench["tables"][-1]["rows"][0] == [bench["tables"][-1]["rows"][0][0], 0]
-    own = [case for case in bench["cases"] if case["method"] == "auto"]
+    assert bench["tables"][0]["rows"][0][1] == 0
+    own = [case for case in bench["cases"] if case["form"] == "auto"]
     assert len(own) == 2 and all(case["off"] < 0.05 for case in own)
+    assert all({"verdict", "bar", "peer", "memory"} <= set(case) for case in own)
 
 
 def test_newcomer(tmp_path: Path) -> None:
-    cases = quick("newcomer", tmp_path)["cases"]
-    assert [case["right"] for case in cases] == ["yes", "yes"]
-    assert max(case["worst error"] for case in cases) < 0.05
+    bench = quick("newcomer", tmp_path)
+    columns, rows = bench["tables"][0]["head"], bench["tables"][0]["rows"]
+    assert [row[columns.index("right")] for row in rows] == [True, True]
+    assert max(max(case["error"].values()) for case in bench["cases"]) < 0.05
+
+
+def test_methods_and_curves_are_views_of_the_same_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pages and rows of the runner; a second view solves nothing, and rows of others stay."""
+    solve, _ = PIVOTS["newcomer"]
+    rows = solve(silent, True)
+    for name in ("methods", "curves", "trust"):
+        monkeypatch.setitem(PIVOTS, name, (lambda *_: list(rows), PIVOTS[name][1]))
+    runner.main("methods", "curves", "--quick", "--out", str(tmp_path))
+    other = {"problem": "other", "form": "auto", "size": "1"}
+    found = json.loads((tmp_path / "results.json").read_text("utf-8"))
+    keys = {"problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s"}
+    assert len(found) == len(rows) and all(set(row) == keys | {"memory", "peer"} for row in found)
+    (tmp_path / "results.json").write_text(json.dumps([other, *found]), "utf-8")
+    runner.main("methods", "--quick", "--out", str(tmp_path))
+    again = json.loads((tmp_path / "results.json").read_text("utf-8"))
+    assert again[0] == other and again[1:] == found
+    page = (tmp_path / "methods.md").read_text("utf-8")
+    assert "Written by `python benchmarks/runner.py methods --quick` on 20" in page
+    (line,) = [line for line in page.splitlines() if line.startswith("| auto |")]
+    assert line.split(" | ")[1:4] == ["2", "0", "0"]
+    assert (tmp_path / "curves.md").is_file()
 
 
 def test_certify(tmp_path: Path) -> None:
@@ -270,39 +307,3 @@ def test_certify(tmp_path: Path) -> None:
     bench = quick("certify", tmp_path)
     for form, covered in bench["coverage"].items():
         assert covered >= 0.9 and 1.0 < bench["sharpness"][form] < 10.0
-
-
-def test_isometric(tmp_path: Path) -> None:
-    """The straighter the fibers, the larger the force; the reference has 1.69 times that of the
-    measured ones. Sections of a calf in blocks of 15 and 10 mm are 4.9 and 1.7 % above those of
-    5 mm, 233.9 N, so that they differ by 3.1 %.
-    """
-    bench = quick("isometric", tmp_path)
-    assert {case["outcome"] for case in bench["cases"]} == {"converged"}
-    found = {case["fibers"]: case for case in bench["directions"]}
-    forces = [found[f"assumed, {angle} degrees"]["force"] for angle in (0, 10, 17)]
-    forces.append(found["measured"]["force"])
-    assert forces == sorted(forces, reverse=True)
-    assert found["assumed, 0 degrees"]["ratio"] == pytest.approx(1.69, rel=0.1)
-    assert found["their mean"]["ratio"] == pytest.approx(1.0, abs=0.05)
-    coarse, fine = bench["sections"]
-    assert fine["force"] == pytest.approx(233.9, rel=0.02)
-    assert coarse["force"] == pytest.approx(233.9, rel=0.05)
-    assert coarse["difference"] < 0.033
-
-
-def test_stability(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page of three cases, one of which ends in another way than it should."""
-    some = {case.name: case for case in stability.cases()}
-    chosen = [
-        some["lattice moved by 0.4 h, rkpm-gauss"],
-        some["points graded 1 : 6, rkcm"],
-        some["64 million source points"]._replace(expected=RIGHT),
-    ]
-    monkeypatch.setattr(stability, "cases", lambda: chosen)
-    bench = quick("stability", tmp_path)
-    assert [case["end"] for case in bench["cases"]] == [RIGHT, DOUBTED, EXPLAINED]
-    counts, others, every = (table["rows"] for table in bench["tables"])
-    assert dict(counts) == {RIGHT: 1, DOUBTED: 1, EXPLAINED: 1}
-    assert [row[0] for row in others] == ["64 million source points"] and len(every) == 3
-    assert "3 cases; 1 of them end" in bench["about"]

@@ -70,6 +70,8 @@ PATCHES = {
     "space, Gauss points": ("rkpm-gauss", box(4, 4, 4, jitter=0.2), LINEAR),
     "staircase of voxels": ("rkpm-scni", {}, LINEAR),
     "staircase of voxels, Gauss points": ("rkpm-gauss", {}, LINEAR),
+    "plane, graded": ("rkpm-gauss", box(6, 6, graded=["x0", "y0", "y1"]), QUADRATIC),
+    "space, graded": ("rkpm-gauss", box(4, 5, 4, graded=["x1", "y0", "y1"]), LINEAR),
     "plane, collocation": ("rkcm", box(4, 5, size=[1, 2], places=(6, 8)), {"order": 2}),
     "space, collocation": ("rkcm", box(4, 4, 4, places=(6, 6, 6)), {"order": 2}),
     "space, mixed": ("rkcm-mixed", box(4, 4, 4, places=(6, 6, 6)), {"order": 2}),

@@ -76,6 +76,9 @@ def test_errors_of_an_answer() -> None:
     assert found["error"] == {"u": pytest.approx(0.05), "f": 0.0}
     assert found["off"] == pytest.approx(0.04) and found["held"] == "0 of 1"
     assert found["error displacement"] == pytest.approx(0.05) and found["bar force"] is None
+    # a force that symmetry makes zero, beside another
+    zero = Truths({"f": "force", "g": "force"}, {"f": Truth(10.0, 0), "g": Truth(1e-15, 0)})
+    assert zero.errors({"f": 10.0, "g": 1e-4}, {})["error"]["g"] == pytest.approx(0.01)
 
 
 def test_two_cells_across_are_looked_at_again() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.problems import PROBLEMS
 from myork import ReducedModel
 from myork.core.deck import text_of_tables
 from myork.core.scene import Scene
@@ -63,6 +64,75 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     # the search's own solution is the answer: its iterations are those of the run
     lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert len(lines) == summary["steps"][-1]["iterations"] > 0
+
+
+CLAMP = {"u_x": 0.0, "u_y": 0.0}
+PATCH = [{"name": "patch", "side": "x0", "where": "y < 0.4"}]
+
+
+@pytest.mark.parametrize(
+    ("conditions", "further", "sides"),
+    [
+        ([{"set": "x0", **CLAMP}], {}, ["x0", "y0", "y1"]),
+        ([{"set": "patch", **CLAMP}], {"set": PATCH}, ["x0", "y0", "y1"]),
+        ([{"set": "x0", **CLAMP}, {"set": "y0", "u_y": 0.0}], {}, ["x0", "y1"]),
+        ([{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}], {}, []),
+        ([{"set": "y1", "rotation": 0.0, "about": [0, 0]}], {}, ["x0", "x1", "y1"]),
+    ],
+)
+def test_points_that_are_searched_for_lie_closer_where_clamped_and_free_sides_meet(
+    conditions: list[dict[str, Any]], further: dict[str, Any], sides: list[str]
+) -> None:
+    deck = without_points(accuracy=0.5) | further
+    deck["boundary"] = [*conditions, deck["boundary"][1]]
+    with Scene.from_tables(deck) as opened:
+        assert opened.deck["geometry"]["graded"] == sides
+        edges = [np.unique(opened.points()[:, axis]) for axis in (0, 1)]
+    for axis, x in zip("xy", edges, strict=True):
+        gaps = np.diff(x)
+        ends = gaps[0], gaps[-1]
+        closer = [f"{axis}{end}" in sides for end in (0, 1)]
+        for gap, near in zip(ends, closer, strict=True):
+            assert (gap < 0.6 * gaps.mean()) if near else (gap > 0.99 * gaps.mean())
+
+
+def test_a_graded_lattice_is_nearer_to_the_truth() -> None:
+    tips = {}
+    for graded in ([], ["x0", "y0", "y1"]):
+        deck = beam(17, 5, places=(33, 9))
+        deck["geometry"]["graded"] = graded
+        with Scene.from_tables(deck) as opened:
+            tips[len(graded)] = solved(opened, error=True).last()["tip"]
+    # with a spacing of a half at the corners their error is a quarter at least
+    assert abs(tips[3] - BEAM_TIP) < 0.25 * abs(tips[0] - BEAM_TIP)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scene": {"dimension": 2, "method": "rkcm"}}, "geometry.graded: .*rkpm-gauss"),
+        ({"geometry": {"graded": ["x2"]}}, "geometry.graded"),
+    ],
+)
+def test_what_cannot_be_graded_is_refused(changes: dict[str, Any], message: str) -> None:
+    deck = beam(9, 5) | changes
+    deck["geometry"] = {**beam(9, 5)["geometry"], "graded": ["x0"], **changes.get("geometry", {})}
+    with pytest.raises(InputError, match=message):
+        Scene.from_tables(deck)
+
+
+def test_bars_of_a_search_know_how_far_its_answers_moved() -> None:
+    """On the same points they are at least as wide as those of two solutions, some are wider."""
+    beam = next(p for p in PROBLEMS if p.name == "clamped beam, end shear")
+    deck: dict[str, Any] = dict(beam.tables)
+    deck["geometry"] = {"kind": "box", "size": deck["geometry"]["size"]}
+    with Scene.from_tables(deck | {"accuracy": 0.02}) as opened:
+        searched = solved(opened, error=True)
+        points = opened.points_found
+    with Scene.from_tables(deck, overrides=points) as other:
+        alone = solved(other, error=True)
+    wide, narrow = searched.states.probe_errors[-1], alone.states.probe_errors[-1]
+    assert np.nanmax(wide - narrow) > 0 and np.nanmin(wide - narrow) >= 0
 
 
 def test_an_accuracy_above_all_tables_is_met_and_the_scene_has_the_points() -> None:

@@ -24,6 +24,7 @@ from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
+from myork.report.sweep_page import read_sweep
 from myork.sweeps import inputs, run
 from myork.sweeps.plan import make_plan
 from tests.scenes import box, held, scene
@@ -217,6 +218,63 @@ def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> 
     with pytest.raises(InputError, match=r"is of another sweep, with other keys, points or --set"):
         sweep(deck, ["material.rubber.mu=5,10"], out, overrides=["material.rubber.K=900"])
     assert [row["material.rubber.mu"] for row in rows_of(out)] == ["5", "10"]
+
+
+def test_a_sweep_is_extended_in_its_folder(
+    deck: Path, tmp_path: Path, here: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each point is solved once; rows say which call added them; any of the lines goes on."""
+    out, calls = tmp_path / "out", []
+    solve = run.solve_point
+    monkeypatch.setattr(run, "solve_point", lambda *call: calls.append(call) or solve(*call))
+    first, second = ["material.rubber.mu=5,10"], ["material.rubber.mu=10,20,5,40"]
+    sweep(deck, first, out)
+    before = rows_of(out)
+    sweep(deck, second, out, extend=True)
+    found = rows_of(out)
+    assert [(row["material.rubber.mu"], row["call"]) for row in found] == [
+        ("5", "1"), ("10", "1"), ("20", "2"), ("40", "2")
+    ]  # fmt: skip
+    assert found[:2] == before and len(calls) == 4
+    # a lost point of the first call, by the line of the second; and nothing for either line
+    text = (out / "points.jsonl").read_text().splitlines(keepends=True)
+    (out / "points.jsonl").write_text("".join([text[0], *text[2:]]))
+    for vary in (second, first):
+        sweep(deck, vary, out)
+        assert len(calls) == 5 and [row["call"] for row in rows_of(out)] == ["1", "1", "2", "2"]
+    with pytest.raises(InputError, match=r"add these points with --extend"):
+        sweep(deck, ["material.rubber.mu=6"], out)
+    with pytest.raises(InputError, match=r"has no parts"):
+        sweep(deck, ["material.rubber.mu=6"], out, extend=True, part="1/2")
+    for other in ({"overrides": ["material.rubber.K=900"]}, {"vary": ["material.rubber.K=900"]}):
+        with pytest.raises(InputError, match=r"is of another sweep"):
+            sweep(deck, out=out, extend=True, **{"vary": second, **other})
+    assert read_sweep(out).total == 4
+
+
+def test_an_extension_that_was_cut_short_goes_on(deck: Path, tmp_path: Path, here: None) -> None:
+    """The first point of the extension is on the disk, then it is killed."""
+    out = tmp_path / "out"
+    sweep(deck, ["material.rubber.mu=5"], out)
+
+    def stop(line: str) -> None:
+        if line.startswith("point 1/2"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(deck, ["material.rubber.mu=6,7"], out, extend=True, progress=stop)
+    assert len(rows_of(out)) == 2
+    sweep(deck, ["material.rubber.mu=6,7"], out, extend=True)
+    assert [row["call"] for row in rows_of(out)] == ["1", "2", "2"]
+
+
+def test_more_samples_of_sobol_continue_the_first(deck: Path) -> None:
+    few, many = (
+        make_plan(["material.rubber.mu=sobol(5,20)", "material.rubber.K=sobol(500,900)"], n)
+        for n in (4, 16)
+    )
+    longer = many.beside(few.points, [4])
+    assert longer.points == many.points and longer.calls == (4, 16)
 
 
 def write_inputs(folder: Path) -> None:

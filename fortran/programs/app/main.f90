@@ -22,8 +22,8 @@ program main
    use rk_scene, only : scene_type
    use rk_search, only : search_type
    use rk_summary, only : earlier_entries, is_finished, is_solved, set_aside, write_summary
-   use rk_system, only : catch_signals, drop_previous, lock_folder, make_folder, prepare_process, &
-      & process_number, tell, version_text
+   use rk_system, only : catch_signals, cpu_seconds, drop_previous, lock_folder, make_folder, &
+      & peak_bytes, prepare_process, process_number, tell, version_text
    use rk_text, only : to_text
    use rk_verdict, only : judge, refused, verdict_type
    implicit none
@@ -131,7 +131,8 @@ contains
       if (config%start /= '' .and. output%repeated == 0) call output%say('starts from ' &
          & //config%start, level=0)
       call solve_scene(problem, '', output, outcome, failure, start)
-      call judge(verdict, problem, deck, model, config%estimate, output, outcome)
+      call judge(verdict, problem, deck, model, config%estimate, output, outcome, &
+         & refinement%bars)
       call output%tell_verdict(deck, verdict)
       if (resumed) then
          call refined_before(refinement, deck, scene, verdict%bars, error)
@@ -162,8 +163,11 @@ contains
             & //config%out//kept_before()//')')
          call leave_on(failure)
       end if
-      if (config%verbosity >= 0) call tell(verdict%sentence()//': '//to_text(tick(clock), 3) &
-         & //' s, results in '//config%out)
+      message = to_text(tick(clock), 3)//' s, '//to_text(cpu_seconds(), 3)//' CPU s, '
+      if (verdict%companion%seconds > 0.0_wp) message = message//'error bars ' &
+         & //to_text(verdict%companion%seconds, 3)//' s, '
+      message = message//to_text(1.0e-6_wp*peak_bytes(), 3)//' MB, results in '//config%out
+      if (config%verbosity >= 0) call tell(verdict%sentence()//': '//message)
    end subroutine run
 
    !> Have the output folder alone, with a summary that says that this run has not ended

@@ -2,7 +2,7 @@
 module rk_explain
    use rk_clock, only : tick
    use rk_cloud, only : cloud_type
-   use rk_deck, only : deck_type
+   use rk_deck, only : deck_type, word_length
    use rk_deck_blocks, only : finer_directions
    use rk_error, only : error_type
    use rk_estimate, only : estimate_cost, estimate_type
@@ -28,6 +28,7 @@ subroutine explain(deck, model, scene)
    !> Scene
    type(scene_type), intent(in) :: scene
    type(estimate_type) :: cost
+   character(len=word_length), allocatable :: sides(:)
    real(wp) :: most, wanted
    integer :: k
 
@@ -47,6 +48,9 @@ subroutine explain(deck, model, scene)
    print '(a)', '  points        '//to_text(nint(cost%ns))//' source, '//to_text(nint(cost%nc)) &
       & //' collocation, '//to_text(size(scene%cloud%boundary_point))//' boundary entries'
    if (allocated(scene%cloud%block)) call explain_blocks(deck, model, scene)
+   call deck%get('geometry.graded', sides)
+   if (size(sides) > 0) print '(*(a))', '  graded        points lie closer to', &
+      & (' '//trim(sides(k)), k=1, size(sides))
    if (deck%has('refine')) then
       call deck%get('refine.accuracy', wanted)
       call deck%get('refine.cost', most)

@@ -1,53 +1,39 @@
 """Benchmarks: tables and curves of the reference problems, solved anew in every run.
 
 The package has the problems of the dissertation, speed against error, and full against reduced
-models, a module each; all other comparisons stand in the folder `benchmarks` of a checkout. Each is
-a function ``run(out, progress, quick) -> dict`` (folder for files, callable for lines of progress,
-whether small cases are enough). Its result is written to `bench.json` as it is and drawn on
-`bench.html` from these keys, all optional:
+models, tables of its module `studies`; all other comparisons stand in the folder `benchmarks` of a
+checkout. Each is a function ``run(out, progress, quick) -> dict`` (folder for files, callable for
+lines of progress, whether small cases are enough). Its result is written to `bench.json` as it is
+and drawn on `bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
 - ``ended``: why there is nothing else, of a benchmark that failed;
-- ``pictures``: mappings with ``file`` (beside the page) and ``caption``;
-- ``cases``: one mapping a solve, with the names of `summary.json`;
+- ``cases``: one mapping a solve: ``problem``, ``method``, ``unknowns``, ``cpu_s``, ``error`` (by
+  quantity) and more;
 - ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
-- ``plots``: mappings with ``title``, ``x``, ``y`` (axis labels with units), ``scale`` (``log-log``
-  by default, ``log-y`` or ``linear``) and ``series``: mappings with ``name``, ``x``, ``y`` and
-  optionally ``rival`` (drawn grey), ``notes`` (a text a point);
-- ``maps``: mappings with ``title``, ``x``, ``y``, ``value`` (a number a point) and ``label``.
+- ``plots``: mappings with ``title``, ``x``, ``y`` (axis labels with units) and ``series``: mappings
+  with ``name``, ``x``, ``y`` and optionally ``rival`` (drawn grey), on logarithmic axes.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.files import alone_in, write_json
 
-__all__ = ["BENCHES", "find_study", "of_checkout", "run_benches"]
+__all__ = ["BENCHES", "find_study", "run_benches"]
 
-#: Benchmarks of the package: its modules
+#: Benchmarks of the package: tables of its module `studies`
 _PACKAGED = ("linear", "nonlinear", "curves", "rom")
-#: Benchmarks of a checkout: module of its folder `benchmarks`, and function
-_CHECKOUT = {
-    "trust": "views.trust",
-    "newcomer": "views.newcomer",
-    "certify": "views.certify",
-    "essential": "views.essential",
-    "race": "views.race",
-    "methods": "methods.run",
-    "mms": "mms.run",
-    "gallery": "gallery.run",
-    "aging": "aging.run",
-    "isometric": "isometric.run",
-    "stability": "stability.run",
-}
+#: Benchmarks of a checkout: views of its folder `benchmarks`
+_CHECKOUT = ("trust", "methods", "newcomer", "certify", "race")
 BENCHES = (*_PACKAGED, *_CHECKOUT)
 
 #: What a benchmark is
@@ -67,32 +53,18 @@ def find_study(name: str) -> Study:
             f"there is no benchmark {name!r}; there are {', '.join([*BENCHES, 'all'])}"
         )
     if name in _PACKAGED:
-        study: Study = import_module(f"myork.bench.{name}").run
-        return study
-    module, function = _CHECKOUT[name].split(".")
-    found: Study = getattr(of_checkout(module), function)
-    return found
-
-
-def of_checkout(module: str) -> ModuleType:
-    """Module of the folder `benchmarks` of a checkout.
-
-    Raises
-    ------
-    InputError
-        The working directory is not a checkout.
-    """
+        return partial(import_module("myork.bench.studies").run, name)
     folder = _checkout()
     if folder and str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
     try:
-        return import_module(f"benchmarks.{module}")
+        return partial(import_module("benchmarks.pivots").run, name)
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("benchmarks"):
             raise
         raise InputError(
-            f"benchmarks.{module} ({error}) belongs to a checkout of MyoRK: call it in the folder "
-            "that contains benchmarks/"
+            f"{name} ({error}) belongs to a checkout of MyoRK: call it in the folder that contains "
+            "benchmarks/"
         ) from None
 
 

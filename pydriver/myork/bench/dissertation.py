@@ -30,14 +30,14 @@ class Run(NamedTuple):
         Name of an installed deck, or of tables in `myork.bench.phantoms`.
     overrides : tuple of str
         What differs from the deck.
-    more : LoadPath, Study, str or None
+    more : LoadPath, Motion, Study, str or None
         What else the kind of run wants.
     """
 
     kind: str
     deck: str
     overrides: tuple[str, ...] = ()
-    more: LoadPath | Study | str | None = None
+    more: LoadPath | Motion | Study | str | None = None
 
 
 class Row(NamedTuple):
@@ -47,8 +47,8 @@ class Row(NamedTuple):
     ----------
     name : str
         What it is, with its unit.
-    published : float or callable
-        The number; a callable evaluates a formula of the dissertation.
+    published : float, callable or None
+        The number; a callable evaluates a formula. None where ours stands alone.
     quantity : tuple of str
         Run and key of its record (`"probes.stress"`); a second pair divides the first.
     note : str
@@ -56,7 +56,7 @@ class Row(NamedTuple):
     """
 
     name: str
-    published: float | Callable[[], float]
+    published: float | Callable[[], float] | None
     quantity: tuple[str, ...]
     note: str = ""
 
@@ -157,10 +157,7 @@ _PER_VOLUME = (
     ),
 )
 _AGED_RUNS = {name: Run("aged", "AGED", (), name) for name in ("young", "old")}
-_AGED_NOTE = (
-    "phantoms with the published volumes, blocks of 5 mm, fibers of each point; "
-    "finer blocks and other readings: `myork bench aging`"
-)
+_AGED_NOTE = "phantoms with the published volumes, blocks of 5 mm, fibers of each point"
 
 _CHAPTER_4 = (
     _constants(
@@ -213,7 +210,7 @@ def _rates(number: str, study: Study, note: str = "", cost_s: float = 1) -> Tabl
         Row(f"rate in {norm}{said}", rate, ("rates", norm), note)
         for norm, rate in zip(("L2", "H1"), published, strict=True)
     )
-    run = Run("rates", str(study.deck), (), study)
+    run = Run("rates", study.deck, (), study)
     return Table(f"figure-{number}", f"Convergence, {study.problem}", {"rates": run}, rows, cost_s)
 
 
@@ -222,7 +219,7 @@ def _solution(
 ) -> Table:
     """A figure of a solution beside the analytical one: their values in the middle."""
     row = Row(f"value in the middle, {formula}", value, ("solve", f"probes.{probe}"))
-    deck = str(PUBLISHED_STUDIES[problem].deck)
+    deck = PUBLISHED_STUDIES[problem].deck
     title = f"Solution beside the analytical one, {problem}"
     return Table(f"figure-{number}", title, {"solve": Run("solve", deck)}, (row,), cost)
 
@@ -253,10 +250,7 @@ _LINEAR = (
 # ---- chapter 5: nonlinear problems ---------------------------------------------------------------
 
 _RIGID = exact.Polynomial.from_deck(RUBBER, float("inf"))
-_BETWEEN = (
-    "the closed form is that of an infinitely wide block, ends are free here; over a finer "
-    "lattice see `myork bench methods`"
-)
+_BETWEEN = "the closed form is that of an infinitely wide block, ends are free here"
 
 
 def _stress(
@@ -307,8 +301,7 @@ _NONLINEAR = (
             Row("RKPM, middle [N/cm²]", 8198.0, ("rkpm", "probes.shear_stress")),
         ),
         1,
-        "the figure shows fields; 8198 is the exact value of the text. How much either field "
-        "oscillates: `myork bench methods`",
+        "the figure shows fields; 8198 is the exact value of the text",
     ),
     Table(
         "figure-5.16",
@@ -428,8 +421,7 @@ _NONLINEAR = (
         40,
         "the dissertation names no angle, and its fibers are those of a subject; the phantom's "
         "lean by 17° in the mean. An assumed direction along the axis of the leg gives the "
-        "published ratio, one that leans a smaller one. Blocks of 5 mm; finer ones: "
-        "`myork bench isometric`",
+        "published ratio, one that leans a smaller one. Blocks of 5 mm",
     ),
 )
 
@@ -636,14 +628,14 @@ WITHOUT_NUMBERS = {
     "3.1 to 3.9, 4.1 to 4.4": "level sets on images: docs/imaging.md, `myork segment`",
     "4.5, 4.6": "single slices of the author's images, part of figure-4.7",
     "4.8 to 4.17": "images, normals and shape functions: docs/imaging.md, docs/clouds.md",
-    "4.18 to 4.20": "lower leg, curves without numbers: `myork bench isometric`, leg_section.toml",
+    "4.18 to 4.20": "lower leg, curves without numbers: `myork solve leg_section.toml`",
     "4.21": "the author's images, as of table 4.3",
     "5.5, 5.8, 5.10, 5.11, 5.14, 5.15, 5.18, 5.19, 5.21, 5.22, 5.24, 5.25, 5.28, 5.37": (
         "points and deformed bodies: `myork solve DECK --report` of the decks of their section"
     ),
     "5.27, 5.29, 5.31 to 5.35": "fields: `myork report` of tube, muscle_block and mg_muscle",
-    "6.1 to 6.9, 6.11, 6.14, 6.17": "decays and motions: `myork bench rom`, tables 6.1 to 6.10",
+    "6.1 to 6.9, 6.11, 6.14, 6.17": "decays and motions: `myork rom` of the decks of 6.1 to 6.10",
     "6.10, 6.12, 6.13, 6.15, 6.16, 6.18, 6.19": (
-        "full beside reduced curves: the runs of tables 6.4 to 6.10, drawn by `myork bench rom`"
+        "full beside reduced curves: `myork rom`, then `myork report`, of the decks of 6.4 to 6.10"
     ),
 }

@@ -23,11 +23,6 @@ _RIVAL = "#777777"
 _LONG = 44
 #: Axes shorter than this ratio of their ends have numbers between the powers of ten
 _FEW_DECADES = 300.0
-_SCALES = {
-    "log-log": ("log", "log"),
-    "log-y": ("linear", "log"),
-    "linear": ("linear", "linear"),
-}
 
 
 def write_page(
@@ -63,8 +58,6 @@ def _parts(bench: Mapping[str, Any]) -> list[Markup]:
         parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
     for plot in bench.get("plots", []):
         parts.append(figure(_curves(plot), plot.get("caption", plot["title"])))
-    parts += [figure(_map(entry), entry["title"]) for entry in bench.get("maps", [])]
-    parts += [figure(entry["file"], entry["caption"]) for entry in bench.get("pictures", [])]
     for entry in bench.get("tables", []):
         parts.append(_table(entry))
     return parts
@@ -124,17 +117,12 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
             linewidth=1.6,
             label=curve["name"],
         )
-        for x, y, note in zip(curve["x"], curve["y"], curve.get("notes", []), strict=False):
-            axes.annotate(
-                note, (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7, color="#444444"
-            )
         own += not rival
-    scale_x, scale_y = _SCALES[plot.get("scale", "log-log")]
-    axes.set_xscale(scale_x)
-    axes.set_yscale(scale_y)
-    for axis, scale in ((axes.xaxis, scale_x), (axes.yaxis, scale_y)):
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
-        if scale == "log" and high < _FEW_DECADES * low:
+        if high < _FEW_DECADES * low:
             # a decade or two have more numbers than their powers of ten, but none on another
             many = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
             axis.set_major_locator(LogLocator(subs=many if high < 8.0 * low else (1.0, 2.0, 5.0)))
@@ -147,18 +135,4 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
     axes.grid(which="minor", color="#eeeeee", linewidth=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8.5)
-    return drawing
-
-
-def _map(entry: Mapping[str, Any]) -> Figure:
-    """Values at points of a plane, in its shape."""
-    x, y = entry["x"], entry["y"]
-    tall = (max(y) - min(y)) / (max(x) - min(x))
-    drawing = Figure(figsize=(5.0, 1.0 + 3.0 * tall), layout="constrained")
-    axes = drawing.add_subplot()
-    drawn = axes.tripcolor(x, y, entry["value"], shading="gouraud", cmap="viridis")
-    axes.plot(x, y, ".", markersize=1.5, color="#444444")
-    axes.set_aspect("equal")
-    axes.set_title(entry["title"], fontsize=9)
-    drawing.colorbar(drawn, ax=axes, label=entry["label"])
     return drawing

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from myork.bench.materials import MUSCLE
 from myork.core.deck import table_defaults
@@ -54,8 +53,6 @@ class Muscle:
         Part of the muscle that is fat, or connective tissue [-].
     layer : float
         Thickness of the connective tissue around it in a calf of scale 1 [mm].
-    seed : int
-        Start of a random arrangement of fat and connective tissue; 0 for the phantom's.
     """
 
     name: str
@@ -63,7 +60,6 @@ class Muscle:
     imat: float
     imct: float
     layer: float = 1.9
-    seed: int = 0
 
 
 YOUNG = Muscle("young", 1.0901, 0.0231, 0.1701)
@@ -74,9 +70,6 @@ PIXEL = 1.25
 _SLICES, _SLICE = 26, 6.0  # number, [mm]
 #: Labels of the materials
 MUSCLE_TISSUE, FAT, CONNECTIVE = 1, 2, 3
-#: Reach of the smoothing of random arrangements [mm]: sheets and streaks some 9 mm apart across
-#: the muscle, as the phantom's, and long along it
-_GRAIN = (2.0, 2.0, 12.0)
 
 _FIXED = {"u_x": 0, "u_y": 0, "u_z": 0}
 _ENDS = {
@@ -165,8 +158,6 @@ def labelled(muscle: Muscle) -> tuple[Labels, Image]:
     inside, tissue = phantom.truth.data == 1, phantom.tissue.data
     layer = (phantom.truth.data == 0) & (tissue == CONNECTIVE)
     label = np.where(inside | layer, tissue, 0).astype(np.int32)
-    if muscle.seed:
-        label[inside] = _scattered(inside, label[inside], muscle.seed)
     fiber = phantom.fiber.data * (label == MUSCLE_TISSUE)[..., np.newaxis]
     affine = phantom.tissue.affine
     return Labels(label, affine, phantom.tissue.names, muscle.name), Image(fiber, affine)
@@ -195,24 +186,3 @@ def inclined(mean: NDArray[Any], angle: float) -> NDArray[Any]:
     side = mean[:2] / np.linalg.norm(mean[:2])
     turn = np.radians(angle)
     return np.array([*(np.sin(turn) * side), np.cos(turn)])
-
-
-def _scattered(inside: NDArray[np.bool_], label: NDArray[np.int32], seed: int) -> NDArray[np.int32]:
-    """As much fat and connective tissue in a muscle as before, in random places.
-
-    Connective tissue lies in curved sheets, where a smooth random field is near zero, and fat in
-    streaks, where another one is highest.
-    """
-    random = np.random.default_rng(seed)
-    smooth = np.array(_GRAIN) / (PIXEL, PIXEL, _SLICE)
-    sheet, streak = (
-        ndimage.gaussian_filter(random.standard_normal(inside.shape), smooth)[inside]
-        for _ in range(2)
-    )
-    connective, fat = (int((label == number).sum()) for number in (CONNECTIVE, FAT))
-    order = np.argsort(np.abs(sheet))
-    rest = order[connective:]
-    found = np.full_like(label, MUSCLE_TISSUE)
-    found[order[:connective]] = CONNECTIVE
-    found[rest[np.argsort(-streak[rest])[:fat]]] = FAT
-    return found

@@ -12,15 +12,18 @@ import re
 import resource
 import shlex
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from myork.bench.chapter_6 import LoadPath
+from myork.bench.chapter_6 import MODES, LoadPath
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Row, Run, Table
 from myork.bench.linear import Study, study_rates
 from myork.bench.machine import machine
@@ -36,18 +39,28 @@ from myork.bench.phantoms import (
     inclined,
     labelled,
 )
-from myork.bench.rom import dense_iteration, muscle_model, timed
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, entry_of, table
 from myork.console import ProgressCallback, silent
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_json, write_text
-from myork.rom.basis import proper_orthogonal_modes
+from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import PathStates, reduced_path
+from myork.stations.build import build
 from myork.stations.segment import segment
+from myork.types import F64
 
-__all__ = ["FAR", "RUNS", "find_tables", "list_tables", "reproduce"]
+__all__ = [
+    "FAR",
+    "RUNS",
+    "compute",
+    "find_tables",
+    "list_tables",
+    "reproduce",
+    "row_columns",
+    "rows_of",
+]
 
 #: A number further from the published one has a reason
 FAR = 0.2
@@ -81,13 +94,20 @@ def _converged(case: dict[str, Any]) -> dict[str, Any]:
     spent = {part: share * seconds for part, seconds in case["timings_s"].items()}
     of_two = 2.0 / max(case["iterations"], 1)
     two = {part: of_two * spent[part] for part in ("assemble", "solve")} | {"shape": spent["shape"]}
-    return case | {"two": two | {"total": sum(two.values())}}
+    beside = [max(entry["relative_error"]) for entry in case.get("reference", {}).values()]
+    return case | {
+        "two": two | {"total": sum(two.values())},
+        "reference_error": max(beside, default=None),
+    }
 
 
 def _rates(run: Run, progress: ProgressCallback) -> Record:
     """Rates of convergence in L2 and H1."""
     assert isinstance(run.more, Study)
-    return study_rates(run.more)[1]
+    found = study_rates(run.more)
+    for case in found["cases"]:
+        case["error"] = {norm: case["errors"][f"relative_{norm}"] for norm in ("L2", "H1")}
+    return found
 
 
 def _segment(run: Run, progress: ProgressCallback) -> Record:
@@ -130,45 +150,83 @@ def _fibers(run: Run, progress: ProgressCallback) -> Record:
     return _converged(solve_case(GASTROCNEMIUS, (*steps, *run.overrides), cloud=cloud))
 
 
-def _motion(run: Run, progress: ProgressCallback) -> Record:
-    """Error e1 of a motion by numbers of modes, by Cholesky's factor as published."""
+def _motion(run: Run, progress: ProgressCallback, published: bool = True) -> Record:
+    """Error e1 of a motion by numbers of modes; Cholesky's factor as published, or QR."""
     with Scene(INPUTS / f"{run.deck}.toml", run.overrides, threads=1) as scene:
         states = scene.solve(error=False)
         full = PathStates.of(scene, states.x, states.load)
         modes, _ = proper_orthogonal_modes(states.x)
-        return {
-            str(r): reduced_path(scene, full, modes[:, :r], published=True)[0]
-            for r in scene.deck["rom"]["modes"]
+        record = {
+            str(r): reduced_path(scene, full, modes[:, :r], published=published)[0] for r in MODES
         }
+        return record | {"cases": _reduced_cases(record, scene.dofs)}
 
 
-def _path(run: Run, progress: ProgressCallback) -> Record:
+def _path(run: Run, progress: ProgressCallback, published: bool = True) -> Record:
     """Errors and times of a path of loads, full and by numbers of modes.
 
-    Rows are assembled in full and projected, and Cholesky's factor is taken; the full model's time
-    is that of an iteration by dense QR times their number.
+    As published, rows are assembled in full and projected, and Cholesky's factor is taken; the full
+    model's time is that of an iteration by dense QR times their number. Otherwise rows are formed
+    in the span of the modes, the full model's solver is that of `auto`, and modes of states of unit
+    norm stand beside those of the states.
     """
     path = run.more
     assert isinstance(path, LoadPath)
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         if path.deck == "mg_muscle":
-            muscle_model(Path(folder))
+            for station in (segment, build):
+                station(INPUTS / "mg_muscle.toml", Path(folder), threads=1)
         with Scene(INPUTS / f"{path.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
             progress(f"{path.deck}: full model, {scene.dofs} unknowns")
-            states, _, _ = timed(lambda: scene.solve(error=False))
+            before = time.process_time()
+            states = scene.solve(error=False)
+            spent = time.process_time() - before
             full = PathStates.of(scene, states.x, states.load)
-            modes, _ = proper_orthogonal_modes(states.x)
+            bases = {"": proper_orthogonal_modes(states.x)[0]}
+            if not published:
+                bases["unit "] = proper_orthogonal_modes(unit_states(states.x))[0]
             record: dict[str, Any] = {}
-            for r in path.modes:
-                progress(f"{path.deck}: r = {r}")
-                record[str(r)], _ = reduced_path(scene, full, modes[:, :r], published=True)
-            progress(f"{path.deck}: an iteration by dense QR")
-            # last: the scene keeps its single load step
-            dense, _ = dense_iteration(scene, states.x[-1])
-    whole = dense * int(states.iterations.sum())
+            for (way, modes), r in product(bases.items(), path.modes):
+                progress(f"{path.deck}: {way}r = {r}")
+                record[f"{way}{r}"], _ = reduced_path(
+                    scene, full, modes[:, :r], published=published
+                )
+            if published:
+                progress(f"{path.deck}: an iteration by dense QR")
+                # last: the scene keeps its single load step
+                spent = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
     for entry in record.values():
-        entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / whole)}
-    return record | {"full": {"cpu_min": whole / 60}, "dofs": scene.dofs}
+        entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / spent)}
+    cases = _reduced_cases(record, scene.dofs)
+    cases.append({"method": "full", "dofs": scene.dofs, "cpu_s": spent, "error": {}})
+    return record | {"full": {"cpu_s": spent, "cpu_min": spent / 60}, "cases": cases}
+
+
+def _dense_iteration(scene: Scene, start: F64) -> float:
+    """Processor time of an iteration at full load by dense QR [s]."""
+    scene.update({"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": 1})
+    before = time.process_time()
+    # one iteration seldom converges, and need not
+    with contextlib.suppress(ConvergenceError):
+        scene.solve("dgels", error=False, start=start)
+    return time.process_time() - before
+
+
+def _reduced_cases(record: Mapping[str, dict[str, Any]], dofs: int) -> list[dict[str, Any]]:
+    """A case for each number of modes."""
+    return [
+        {
+            "method": f"{'unit states, ' if 'unit' in name else ''}r = {name.split()[-1]}",
+            "dofs": dofs,
+            "cpu_s": found["cpu_s"],
+            "error": {
+                key: found[key]
+                for key in ("e1", "e2", "stress_error", "force_error")
+                if found[key] is not None
+            },
+        }
+        for name, found in record.items()
+    ]
 
 
 #: What a kind of run computes: a record with the quantities of its rows
@@ -181,6 +239,8 @@ RUNS: dict[str, Callable[[Run, ProgressCallback], Record]] = {
     "fibers": _fibers,
     "motion": _motion,
     "path": _path,
+    "motion in the span": partial(_motion, published=False),
+    "path in the span": partial(_path, published=False),
 }
 
 
@@ -304,16 +364,26 @@ def reproduce(
                 f"table {number}/{len(wanted)}  {entry.name} {entry.title}, "
                 f"about {entry.cost_s:g} s{long}"
             )
-            for run in entry.runs.values():
-                if run not in records:
-                    records[run] = _record(run, progress)
-            rows = [_row(entry, row, records) for row in entry.rows]
+            compute(entry, records, progress)
+            rows = rows_of(entry, records)
             show(_text(entry, rows))
             content["rows"] = [row for row in content["rows"] if row["table"] != entry.name]
             content["rows"] += rows
             # after each one: a later one that is stopped costs nothing that was computed
             _write(out, content)
     return content
+
+
+def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback) -> None:
+    """Run what a table reads and `records` lacks; each with its processor time and memory."""
+    for run in entry.runs.values():
+        if run not in records:
+            records[run] = _record(run, progress)
+
+
+def rows_of(entry: Table, records: Mapping[Run, Record]) -> list[dict[str, Any]]:
+    """Rows of a table whose runs are computed; see `reproduce`."""
+    return [_row(entry, row, records) for row in entry.rows]
 
 
 def _earlier(file: Path) -> list[dict[str, Any]]:
@@ -371,8 +441,8 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
     ours = None
     if ended is None:
         ours = float(values[0] if len(values) == 1 else values[0] / values[1])
-    published = row.published() if callable(row.published) else float(row.published)
-    ratio = None if ours is None else ours / published
+    published = row.published() if callable(row.published) else row.published
+    ratio = None if ours is None or published is None else ours / published
     unique = {id(record): record for record in read}.values()
     return {
         "table": entry.name,
@@ -382,7 +452,7 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
         "ratio": ratio,
         "cpu_s": sum(record["cpu_s"] for record in unique),
         "memory_bytes": max(record["memory_bytes"] for record in unique),
-        "far": ratio is None or abs(ratio - 1.0) > FAR,
+        "far": published is not None and (ratio is None or abs(ratio - 1.0) > FAR),
         "note": row.note or entry.note,
         **({} if ended is None else {"ended": ended}),
     }
@@ -452,7 +522,7 @@ def _write(out: Path, content: dict[str, Any]) -> None:
         name: {
             "title": f"{_heading(name)}: {TABLES[name].title}",
             "about": "\n\n".join([*(f"`{line}`" for line in _runs_text(TABLES[name]))]),
-            "tables": [table("\n".join(_notes(rows)), _COLUMNS, rows)],
+            "tables": [table("\n".join(_notes(rows)), row_columns(), rows)],
         }
         for name, rows in by_table.items()
     }
@@ -460,14 +530,16 @@ def _write(out: Path, content: dict[str, Any]) -> None:
     write_page(out / "reproduce.html", record, "Tables and figures", "reproduce")
 
 
-_COLUMNS: Columns = (
-    ("row", "row"),
-    ("published", "published"),
-    ("ours", "ours"),
-    ("ratio", "ratio"),
-    ("CPU [s]", "cpu_s"),
-    ("memory [MB]", lambda row: round(row["memory_bytes"] / 1e6)),
-)
+def row_columns() -> Columns:
+    """What a page shows of rows."""
+    return (
+        ("row", "row"),
+        ("published", "published"),
+        ("ours", "ours"),
+        ("ratio", "ratio"),
+        ("CPU [s]", "cpu_s"),
+        ("memory [MB]", lambda row: round(row["memory_bytes"] / 1e6)),
+    )
 
 
 def _markdown(content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record]]) -> str:

@@ -33,7 +33,6 @@ __all__ = [
     "outcome_text",
     "read_deck",
     "run_command",
-    "seconds",
     "solve_case",
 ]
 
@@ -222,8 +221,10 @@ def solve_case(
     steps = summary.get("steps") or []
     if steps:
         case["iterations"] = sum(step["iterations"] for step in steps)
-        case["min_J"] = min(step["min_J"] for step in steps)
-        case["max_J"] = max(step["max_J"] for step in steps)
+        # states of linear problems have none
+        for key, most in (("min_J", min), ("max_J", max)):
+            known = [step[key] for step in steps if step[key] is not None]
+            case[key] = most(known, default=None)
         case["load"] = steps[-1]["load"]
         case["probes"] = steps[-1]["probes"]
         case["probe_errors"] = steps[-1].get("probe_errors", {})
@@ -247,12 +248,6 @@ def outcome_text(case: Mapping[str, Any]) -> str:
     if case["outcome"] != "not converged":
         return str(case["outcome"])
     return f"not converged, load {case.get('load', 0.0):.3g}"
-
-
-def seconds(case: Mapping[str, Any]) -> float:
-    """Wall time of a case without the output of files [s]."""
-    timings = case.get("timings_s")
-    return float(timings["total"] - timings["output"] if timings else case["seconds"])
 
 
 def _path_of(deck: str | Path) -> Path:

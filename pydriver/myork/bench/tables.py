@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from numpy.typing import NDArray
-
-from myork.bench.runs import outcome_text, seconds
-
 __all__ = [
     "Columns",
     "Shown",
     "entry_of",
-    "plane_map",
     "plot",
-    "speed_plot",
-    "speed_table",
     "table",
 ]
 
@@ -26,16 +19,6 @@ Shown = str | tuple[str, ...] | Callable[[Mapping[str, Any]], Any]
 
 #: Head of each column with what it shows
 Columns = Sequence[tuple[str, Shown]]
-
-_SPEED: Columns = (
-    ("curve", "curve"),
-    ("size", "size"),
-    ("outcome", outcome_text),
-    ("unknowns", "dofs"),
-    ("error", "error"),
-    ("iterations", "iterations"),
-    ("time [s]", seconds),
-)
 
 
 def table(caption: str, columns: Columns, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -87,23 +70,7 @@ def plot(
             one, other = ([entry_of(case, key) for case in points] for key in (x, y))
             rival = points[0].get("rival", False)
             series.append({"name": name, "x": one, "y": other, "rival": rival})
-    return {"title": title, "x": axes[0], "y": axes[1], "scale": "log-log", "series": series}
-
-
-def speed_plot(title: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Error over wall time, one curve for each `curve` of the cases."""
-    return plot(title, ("wall time [s]", "relative error [-]"), cases, seconds, "error")
-
-
-def speed_table(caption: str, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """All cases with outcome, error and time."""
-    return table(caption, _SPEED, cases)
-
-
-def plane_map(title: str, label: str, places: NDArray[Any], values: NDArray[Any]) -> dict[str, Any]:
-    """Values at the points of a plane, places of shape `(n, 2)`."""
-    x, y = places.T.tolist()
-    return {"title": title, "label": label, "x": x, "y": y, "value": values.tolist()}
+    return {"title": title, "x": axes[0], "y": axes[1], "series": series}
 
 
 def entry_of(case: Mapping[str, Any], key: Shown) -> Any:

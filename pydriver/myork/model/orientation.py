@@ -32,7 +32,7 @@ __all__ = ["Finding", "Orientation", "check_orientation"]
 
 
 # How much more fibers may cross walls as the files say than with the best candidate. Right tables
-# come to 0.20 at most on phantoms and real muscles (benchmarks/choices.py gradient_axes).
+# came to 0.20 at most on phantoms and real muscles.
 _CROSSING = 0.25
 # Agreement with anatomy: 1 all fibers lean as they should, -1 all the other way.
 _CONTRADICTION = 0.5

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 __all__ = ["Answer", "Page", "Section", "figure", "folded", "render", "table"]
 
 
-#: Points an inch of figures, and inches of those as wide as the page
-_DPI, _WIDTH = 130, 11.0
+#: Points an inch of figures, inches of those as wide as the page, and the least width of these in
+#: letters
+_DPI, _WIDTH, _LEAST = 130, 11.0, 42.0
 #: A picture; its caption is its alternative text as well
 _FIGURE = Markup(
     '<figure><img alt="{alt}" src="{source}" style="{style}">'
@@ -109,20 +110,19 @@ def render(template: str, **values: Any) -> Markup:
 
 def figure(picture: Figure | str, caption: str) -> Markup:
     """Figure as a picture inside the page, or a picture file beside the page."""
-    share = 100.0
     if isinstance(picture, str):
-        source = picture
+        source, style = picture, "max-width: 100%"
     else:
         buffer = io.BytesIO()
         picture.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
         wide = int.from_bytes(buffer.getvalue()[16:20], "big")
-        # one size of letters in all figures of a page
-        share = min(100.0, 100.0 * wide / (_DPI * _WIDTH))
+        # one size of letters in all figures of a page; on a phone they scroll and stay legible
+        share = min(1.0, wide / (_DPI * _WIDTH))
+        style = f"width: max({100 * share:.0f}%, {_LEAST * share:.1f}rem)"
         source = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
     return _FIGURE.format(
-        alt=Markup(caption).striptags(), source=source, caption=caption,
-        style=f"{'width' if round(share) < 100 else 'max-width'}: {round(share)}%",
-    )  # fmt: skip
+        alt=Markup(caption).striptags(), source=source, caption=caption, style=style
+    )
 
 
 def table(

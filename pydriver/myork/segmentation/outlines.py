@@ -17,7 +17,7 @@ from myork.types import F64, I32, Mask
 __all__ = ["pull_of_outlines", "signed_distances"]
 
 
-# Chosen on `benchmarks/choices.py outlines tuned`: rate of a walk's end where outlines predict a
+# Chosen on `benchmarks/runner.py outlines tuned`: rate of a walk's end where outlines predict a
 # label, against steps of rate 1 where there is no edge [-],
 _RATE = 3e-4
 # and how far predicted outlines are off: at drawn slices [mm], and more by this part of the way [-]

@@ -15,7 +15,7 @@ from myork.sweeps.plan import Plan
 __all__ = ["LAST_COLUMNS", "Inputs"]
 
 #: Columns of a table behind keys, probes and error bars
-LAST_COLUMNS = ("verdict", "message", "cpu_s")
+LAST_COLUMNS = ("call", "verdict", "message", "cpu_s")
 
 
 class Inputs:
@@ -35,7 +35,8 @@ class Inputs:
     Attributes
     ----------
     head : dict
-        Digests of the files by what they are, overrides, keys and points.
+        Digests of the files by what they are, overrides, keys, points, and how many of these there
+        were after each call that added some.
 
     Raises
     ------
@@ -72,11 +73,12 @@ class Inputs:
             _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
         self._marks = {name: _mark(path) for name, path in self._paths.items()}
         self._digests = {name: _digest(path) for name, path in self._paths.items()}
-        self.head = {
+        self.head: dict[str, Any] = {
             "inputs": self._digests,
             "overrides": list(plan.overrides),
             "keys": list(plan.keys),
             "points": [list(point) for point in plan.points],
+            "calls": list(plan.calls or (len(plan.points),)),
         }
 
     def check(self) -> None:
@@ -103,7 +105,7 @@ class Inputs:
 
     def refusal(self, path: Path, other: Any) -> str:
         """Why the points in a file are not of this sweep, by its first line; "" where they are."""
-        if other == self.head:
+        if other == self.head or self._extends(other):
             return ""
         anew = f"or sweep into another folder than {path.parent}"
         kinds = ("overrides", "keys", "points")
@@ -114,7 +116,8 @@ class Inputs:
             or any(other.get(kind) != self.head[kind] for kind in kinds)
         ):
             return (
-                f"{path}: is of another sweep, with other keys, points or --set: remove it, {anew}"
+                f"{path}: is of another sweep, with other keys, points or --set: add these points "
+                f"with --extend where only points differ, remove it, {anew}"
             )
         changed = [n for n in self._digests if inputs.get(n) != self._digests[n]]
         names = ", ".join(f"{self._paths[name]} ({name})" for name in changed)
@@ -122,6 +125,13 @@ class Inputs:
             f"{path}: is of another sweep, from before {names or 'its files'} changed: put the "
             f"earlier file back, {anew}"
         )
+
+    def _extends(self, other: Any) -> bool:
+        """Whether this sweep is another one with more points."""
+        calls = self.head["calls"]
+        before = [{"points": self.head["points"][:n], "calls": calls[: i + 1]}
+                  for i, n in enumerate(calls)]  # fmt: skip
+        return any(other == {**self.head, **earlier} for earlier in before)
 
 
 def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:

@@ -34,12 +34,23 @@ class Plan(NamedTuple):
         Deck file.
     overrides : tuple of str
         Overrides of the deck for all points.
+    calls : tuple of int
+        How many points there were after each call that added some; none: all are of the first.
     """
 
     keys: tuple[str, ...]
     points: list[tuple[Any, ...]]
     deck: Path = Path()
     overrides: tuple[str, ...] = ()
+    calls: tuple[int, ...] = ()
+
+    def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> Plan:
+        """These points behind those of earlier calls, each point once."""
+        earlier = [tuple(point) for point in points]
+        known = set(earlier)
+        every = [*earlier, *(point for point in self.points if point not in known)]
+        more = (len(every),) if len(every) > len(earlier) else ()
+        return self._replace(points=every, calls=(*calls, *more))
 
     def settings(self, point: tuple[Any, ...]) -> list[str]:
         """Overrides that make a point of the deck, without those for all."""

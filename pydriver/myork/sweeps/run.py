@@ -35,7 +35,7 @@ from myork.rom.probes import probe_columns
 from myork.stations.explain import explain_deck
 from myork.sweeps.inputs import Inputs
 from myork.sweeps.plan import Plan, make_plan
-from myork.sweeps.store import Store, has_parquet, read_points
+from myork.sweeps.store import Store, has_parquet, read_head, read_points
 from myork.types import F64
 
 __all__ = ["sweep"]
@@ -63,6 +63,7 @@ def sweep(
     overrides: Sequence[str] = (),
     dry_run: bool = False,
     part: str | None = None,
+    extend: bool = False,
     progress: ProgressCallback = silent,
 ) -> Path:
     """Solve a deck at many values of its keys.
@@ -96,6 +97,9 @@ def sweep(
     part : str, optional
         "K/N": only every N-th point from the K-th, in a folder of its own within `out`; a call
         without `part` gathers what parts have found.
+    extend : bool
+        Add these points to those of the sweep in the folder; the column `call` of the table is the
+        number of the call that added a point.
     progress : callable
         Called with every line of progress.
 
@@ -111,6 +115,14 @@ def sweep(
     """
     plan = make_plan(vary, samples, seed)._replace(deck=Path(deck), overrides=tuple(overrides))
     out = Path(out)
+    earlier = read_head(out / "points.jsonl")
+    if isinstance(earlier, dict) and earlier.get("keys") == list(plan.keys):
+        longer = plan.beside(earlier.get("points", ()), earlier.get("calls", ()))
+        # a line that adds nothing goes on with all that the folder's sweep is of
+        if extend or len(longer.calls) == len(earlier.get("calls", ())):
+            plan = longer
+    if len(plan.calls) > 1 and part is not None:
+        raise InputError("a sweep that is extended has no parts: leave --part out")
     full = [deck_key(plan.deck, key, overrides) for key in plan.keys]
     for k, key in enumerate(full):
         if key in full[:k]:
@@ -146,7 +158,9 @@ def sweep(
     }
     with alone_in(folder):
         store = Store(folder, inputs, about)
-        for path in sorted(out.glob("part_*_of_*/points.jsonl")) if part is None else ():
+        # parts were gathered before a sweep was extended
+        parts = out.glob("part_*_of_*/points.jsonl") if part is None and len(plan.calls) < 2 else ()
+        for path in sorted(parts):
             for number, row in read_points(path, inputs).items():
                 if number not in store.rows:
                     store.add(row)

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import zlib
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +16,16 @@ from myork.errors import InputError
 from myork.files import open_output, whole_file, write_csv, write_json, write_text
 from myork.sweeps.inputs import LAST_COLUMNS, Inputs
 
-__all__ = ["Store", "has_parquet", "read_points"]
+__all__ = ["Store", "has_parquet", "read_head", "read_points"]
+
+
+def read_head(path: Path) -> Any:
+    """What the points in a file are of, as `Inputs.head`; None without it."""
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return json.loads(file.readline())["sweep"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
 
 
 def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
@@ -28,14 +38,10 @@ def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
     """
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     # a killed run may leave half a line at the end
-    first, *lines = text[: text.rfind("\n") + 1].split("\n")[:-1] or [""]
+    lines = text[: text.rfind("\n") + 1].split("\n")[1:-1]
     if not lines:
         return {}
-    try:
-        head = json.loads(first)["sweep"]
-    except (ValueError, LookupError, TypeError):
-        head = None
-    if refusal := inputs.refusal(path, head):
+    if refusal := inputs.refusal(path, read_head(path)):
         raise InputError(refusal)
     rows: dict[int, dict[str, Any]] = {}
     for number, line in enumerate(lines, 2):
@@ -94,7 +100,7 @@ class Store:
 
     def write_table(self, keys: Sequence[str], points: Sequence[tuple[Any, ...]]) -> Path:
         """Write `sweep.csv`, and with pyarrow `sweep.parquet`, of what is finished."""
-        rows = [self.rows[number] for number in sorted(self.rows)]
+        rows = [dict(self.rows[number]) for number in sorted(self.rows)]
         probes = list(dict.fromkeys(name for row in rows for name in row["probes"]))
         bars = [name for name in probes if any(name in row["errors"] for row in rows)]
         columns: dict[str, list[Any]] = {
@@ -104,6 +110,9 @@ class Store:
         columns |= {
             f"{name}_error": [row["errors"].get(name, math.nan) for row in rows] for name in bars
         }
+        calls = self._inputs.head["calls"]
+        for row in rows:
+            row["call"] = bisect_right(calls, row["point"]) + 1
         for name in LAST_COLUMNS:
             columns[name] = [row[name] for row in rows]
         table = (map(_cell, values) for values in zip(*columns.values(), strict=True))

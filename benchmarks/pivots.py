@@ -1,0 +1,550 @@
+"""Views of the runner's rows: which answers to trust, at what cost, and beside whom."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
+from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from benchmarks.voxel_bodies import BODIES, Body
+from myork.bench.tables import Columns, plot, table
+from myork.console import ProgressCallback, silent
+
+__all__ = ["PIVOTS", "cost", "run", "view"]
+
+Rows = Sequence[Mapping[str, Any]]
+
+_STATES = ("accepted", "doubtful", "refused")
+_FORMS: tuple[Form, ...] = (
+    ("auto", ()),
+    ("rkpm-scni", ("scene.method=rkpm-scni",)),
+    ("rkcm-mixed", ("scene.method=rkcm-mixed",)),
+    ("rkcm", ("scene.method=rkcm",)),
+)
+#: What an answer should be within of finite elements [-]
+_NEAR = 0.01
+#: An error that is rounding [-]
+_ROUNDED = 1e-9
+#: Columns of the rows
+_EACH: Columns = (
+    ("problem", "problem"),
+    ("form", "form"),
+    ("size", "size"),
+    ("unknowns", "unknowns"),
+    ("CPU [s]", "cpu_s"),
+    *((f"error, {kind}", f"error {kind}") for kind in KINDS),
+    ("outcome", "outcome"),
+)
+
+
+def _of(rows: Rows, **wanted: Any) -> list[Mapping[str, Any]]:
+    """Rows with these values."""
+    return [row for row in rows if all(row.get(key) == value for key, value in wanted.items())]
+
+
+def _mean(ratios: Sequence[float]) -> float | None:
+    """Geometric mean."""
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else None
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
+
+
+def _is_right(row: Mapping[str, Any]) -> bool:
+    """Within 5 % in all probes, the doubt of the truth allowed for; what failed is not."""
+    return row["off"] is not None and row["off"] <= WRONG
+
+
+def _wrong_and_accepted(rows: Rows) -> int:
+    return sum(row["verdict"] == "accepted" and not _is_right(row) for row in rows)
+
+
+def _bars(rows: Rows, start: str = "") -> tuple[int, int, Any]:
+    """Bars that contain the error, all of them, and 10 %, median and 90 % of bar over error.
+
+    The latter where the error is above rounding and twice the truth's doubt; of probes with this
+    start of name.
+    """
+    pairs = [
+        (row["bar"][name], row["error"][name], row["doubt"][name])
+        for row in rows
+        for name in row["bar"]
+        if name.startswith(start)
+    ]
+    ratios = [bar / error for bar, error, doubt in pairs if error > max(2 * doubt, _ROUNDED)]
+    spread = np.percentile(ratios, (10, 50, 90)).tolist() if ratios else [None] * 3
+    return sum(error <= bar + doubt for bar, error, doubt in pairs), len(pairs), spread
+
+
+def _sums(rows: Mapping[str, Any]) -> dict[str, Any]:
+    lines = [{"of": name, "is": value} for name, value in rows.items()]
+    return table("Sums", (("of", "of"), ("is", "is")), lines)
+
+
+def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
+    """Error over CPU time, a curve a form."""
+    own = [
+        {**row, "curve": row["form"]}
+        for row in _of(rows, problem=problem)
+        if row["cpu_s"] and row.get(f"error {line}")
+    ]
+    axes = ("CPU time [s]", f"relative error: {line} [-]")
+    return plot(f"{problem}: {line}", axes, own, "cpu_s", f"error {line}")
+
+
+# ---- trust, methods, curves: every form on the problems of a new user ----------------------------
+
+
+def _every_form(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for problem in PROBLEMS[:2] if quick else PROBLEMS + BODIES:
+        rows += rows_of(problem, _forms_of(problem), progress, sizes=1 if quick else None)[1]
+    return rows
+
+
+def _forms_of(problem: Problem | Body) -> Callable[[Any], Sequence[Form]]:
+    """Forms of each size: collocation, whose cost grows fastest, at fewer sizes."""
+    first, last = problem.sizes[0], problem.sizes[-1]
+
+    def forms(size: Any) -> Sequence[Form]:
+        if isinstance(problem, Body):
+            return _FORMS[:3] if size == first else _FORMS[:1]
+        if len(problem.sizes[0]) == 3 and size == last:
+            return _FORMS[:2]
+        return _FORMS
+
+    return forms
+
+
+def _trust(rows: Rows) -> dict[str, Any]:
+    """Which answers can be trusted, and what those of `auto` cost."""
+    own = _of(rows, form="auto")
+    held, bars, (_, sharp, _) = _bars(own)
+    found = _nearest(rows)
+    ratios = [entry["ratio"] for entry in found if entry["ratio"]]
+    judged = [row for row in rows if not row.get("rival")]
+    return {
+        "title": "Which answers can be trusted",
+        "about": "Each problem as it stands, which `auto` solves, and by each other form, at "
+        "three sizes, and each body of voxels at two, from label maps. An answer that is more than "
+        f"{WRONG:.0%} off and accepted is a fault of the verdict; what failed is wrong and "
+        "refused.",
+        "tables": [
+            _sums(
+                {
+                    f"wrong and accepted, of {len(judged)} answers": _wrong_and_accepted(judged),
+                    f"`auto` within {_NEAR:.0%} at its finest size, of {len(found)}": sum(
+                        entry["error"] <= _NEAR for entry in found
+                    ),
+                    f"bars of `auto` that contain the error, of {bars}": held,
+                    "their median over the error": sharp,
+                    f"CPU of `auto` over felupe's at no larger error, mean of {len(ratios)}": _mean(
+                        ratios
+                    ),
+                    "answers of `auto` nearer than any mesh": len(found) - len(ratios),
+                }
+            ),
+            table(
+                "`auto` at its finest size beside the cheapest mesh with no larger error; empty "
+                "where no mesh had one",
+                tuple((key, key) for key in found[0]) if found else (),
+                found,
+            ),
+        ],
+    }
+
+
+def _nearest(rows: Rows) -> list[dict[str, Any]]:
+    """The finest answer of `auto` to each problem and the cheapest mesh with no larger error."""
+    found = []
+    for problem in dict.fromkeys(row["problem"] for row in rows):
+        for kind in ("displacement", "force"):
+            key = f"error {kind}"
+            own = [r for r in _of(rows, problem=problem, form="auto") if r[key] is not None]
+            if not own:
+                continue
+            best, meshes = own[-1], _of(rows, problem=problem, rival=True)
+            times = [m["cpu_s"] for m in meshes if m[key] is not None and m[key] <= best[key]]
+            peer = min(times, default=None)
+            found.append(
+                {
+                    "problem": problem,
+                    "of": kind,
+                    "size": best["size"],
+                    "error": best[key],
+                    "CPU [s]": best["cpu_s"],
+                    "felupe [s]": peer,
+                    "ratio": best["cpu_s"] / peer if peer and best["cpu_s"] else None,
+                }
+            )
+    return found
+
+
+def _methods(rows: Rows) -> dict[str, Any]:
+    """How often each form is right and accepted, how far off, and at what cost."""
+    heads = [f"{key}, {state}" for key in ("right", "wrong") for state in _STATES]
+    counted = []
+    for form, _ in _FORMS:
+        own = _of(rows, form=form)
+        counts = Counter(
+            f"{'right' if _is_right(row) else 'wrong'}, {row['verdict']}" for row in own
+        )
+        kinds = {
+            kind: _median([row[f"error {kind}"] for row in own if row[f"error {kind}"] is not None])
+            for kind in KINDS
+        }
+        seconds = _mean([row["cpu_s"] for row in own if row["cpu_s"]])
+        none = dict.fromkeys(heads, 0)
+        counted.append({"form": form, **none, **counts, **kinds, "CPU [s]": seconds})
+    return {
+        "title": "Which method when",
+        "about": f"The rows of `trust` by form: right is within {WRONG:.0%} of the truth in all "
+        "probes. Median errors and the geometric mean of CPU times are of different sizes and "
+        "problems, as collocation is not solved at the finest.",
+        "tables": [
+            table(
+                "Verdicts, and median errors of the probes",
+                (
+                    ("form", "form"),
+                    *((head, head) for head in heads),
+                    *((kind, kind) for kind in KINDS),
+                    ("CPU [s]", "CPU [s]"),
+                ),
+                counted,
+            )
+        ],
+    }
+
+
+def _curves(rows: Rows) -> dict[str, Any]:
+    """Error over time of each form and of finite elements."""
+    plots = [
+        _curve(problem, kind, rows)
+        for problem in dict.fromkeys(row["problem"] for row in rows)
+        for kind in ("displacement", "force")
+    ]
+    return {
+        "title": "Error over time",
+        "about": "The rows of `trust`: largest relative errors of the probes of a kind.",
+        "tables": [table("Each solve", _EACH, rows)],
+        "plots": [drawn for drawn in plots if drawn["series"]],
+    }
+
+
+# ---- newcomer ------------------------------------------------------------------------------------
+
+
+def _twenty_decks(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for problem in DECKS[:2] if quick else DECKS:
+        rows.append(rows_of(problem, _FORMS[:1], progress, sizes=1)[1][-1])
+    return rows
+
+
+def _newcomer(rows: Rows) -> dict[str, Any]:
+    """Twenty decks of a new user as they stand: which converge, and which verdicts are right."""
+    shown = []
+    for row in rows:
+        worst = max(row["error"], key=row["error"].get, default=None)
+        shown.append(
+            {
+                "problem": row["problem"],
+                "points": row["size"],
+                "unknowns": row["unknowns"],
+                "CPU [s]": row["cpu_s"],
+                "largest error": row["error"].get(worst),
+                "its bar": row["bar"].get(worst),
+                "of probe": worst,
+                "truth known to": row["doubt"].get(worst),
+                "bars that contain the error": row["held"],
+                "verdict": row["verdict"],
+                "right": _is_right(row) == (row["verdict"] == "accepted"),
+            }
+        )
+    held, bars, (_, sharp, _) = _bars(rows)
+    return {
+        "title": "Twenty decks of a new user",
+        "about": "Only the body, its materials, what holds and moves it and the number of points "
+        f"are named. A verdict is right where an answer within {WRONG:.0%} in all probes is "
+        "accepted, or one farther off is doubtful or refused.",
+        "tables": [
+            table("Each deck", tuple((key, key) for key in shown[0]), shown),
+            _sums(
+                {
+                    f"converged, of {len(rows)}": len(_of(rows, outcome="converged")),
+                    "verdicts right": sum(entry["right"] for entry in shown),
+                    "wrong and accepted": _wrong_and_accepted(rows),
+                    f"bars that contain the error, of {bars}": held,
+                    "median bar over error": sharp,
+                }
+            ),
+        ],
+    }
+
+
+# ---- certify -------------------------------------------------------------------------------------
+
+_CERTIFIED: tuple[Form, ...] = tuple(
+    (form, (f"scene.method={form}",)) for form in ("rkpm-gauss", "rkcm-mixed")
+)
+#: Length of a box of height 1, and its source points
+_BOXES = (
+    (1.5, ((9, 7), (17, 13))),
+    (3.0, ((13, 5), (25, 9))),
+    (6.0, ((25, 5), (49, 9))),
+)
+#: What the far end carries, of the shear modulus 10 and of the length
+_LOADS: Mapping[str, Callable[[float], dict[str, Any]]] = {
+    "pulled by its end": lambda length: {"u_x": 0.25 * length, "u_y": 0},
+    "pressed by a traction": lambda length: {"traction": [-4.0, 0]},
+    "sheared with its end upright": lambda length: {"u_x": 0, "u_y": 0.3},
+    "bent by a traction": lambda length: {"traction": [0, 0.6 / length**2]},
+}
+
+
+def _boxes(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
+    """Boxes that chose no default, clamped at one end."""
+    rows: list[dict[str, Any]] = []
+    for length, sizes in _BOXES[1:2] if quick else _BOXES:
+        for name, load in list(_LOADS.items())[: 2 if quick else None]:
+            # probes at nodes of the meshes, away from corners
+            point, middle = (0.75 * length, 0.75), (0.5 * length + 0.125, 0.25)
+            tables = deck(
+                f"{length:g} x 1 {name}",
+                {"kind": "box", "size": [length, 1.0]},
+                ({"name": "soft", "model": "neo-hookean", "mu": 10.0, "K": 400.0},),
+                (held("x0", 2), {"set": "x1", **load(length)}),
+                (
+                    *(probe(f"u_{axis}", f"u_{axis}", point) for axis in "xy"),
+                    *(force(f"force_{axis}", axis, "x0") for axis in "xy"),
+                    *(probe(f"cauchy_x{axis}", f"cauchy_x{axis}", middle) for axis in "xy"),
+                ),
+            )
+            tables["load"]["steps"] = 2
+            elements = tuple((round(n * length), n) for n in (8, 16, 32))
+            problem = Problem(tables["title"], tables, sizes, elements)
+            rows += rows_of(problem, _CERTIFIED, progress)[1]
+    return [row for row in rows if not row.get("rival")]
+
+
+def _certify(rows: Rows) -> dict[str, Any]:
+    """Coverage and sharpness of error bars."""
+    starts = {"all": "", "displacement": "u_", "force": "force_", "stress": "cauchy_"}
+    shown = []
+    for form, _ in _CERTIFIED:
+        for kind, start in starts.items():
+            held, bars, (low, median, high) = _bars(_of(rows, form=form), start)
+            share = held / bars if bars else None
+            shown.append(
+                {"form": form, "probes": kind, "pairs": bars, "covered": share,
+                 "bar over error, median": median, "10 %": low, "90 %": high}
+            )  # fmt: skip
+    sums = _of(shown, probes="all")
+    return {
+        "title": "Error bars",
+        "about": "Boxes of three proportions under loads of four kinds, each at two sizes and in "
+        "two forms. A probe is covered where its error is within its bar and the doubt of the "
+        "reference; sharpness is the bar over the error, where that is above twice this doubt.",
+        "coverage": {e["form"]: e["covered"] for e in sums if e["covered"] is not None},
+        "sharpness": {entry["form"]: entry["bar over error, median"] for entry in sums},
+        "tables": [
+            table("Bars beside errors", tuple((key, key) for key in shown[0]), shown),
+        ],
+    }
+
+
+# ---- race ----------------------------------------------------------------------------------------
+
+#: Errors whose time is wanted [-]
+_ERRORS = (1e-2, 1e-3, 1e-4)
+_SMALLEST = 1e-6
+_RACERS: tuple[Form, ...] = (
+    ("default", ()),
+    ("order 1", ("approximation.order=1",)),
+    ("order 2", ("approximation.order=2",)),
+)
+#: Sizes and meshes; probes lie at quarters of a sheet's height
+_SHEET = (
+    ((5, 3), (9, 3), (17, 5), (33, 9), (65, 17)),
+    ((4, 4), (8, 4), (16, 4), (32, 8), (64, 16)),
+)
+_TUBE = (
+    ((3, 9), (3, 14), (5, 26), (7, 38), (9, 51), (17, 101), (25, 151)),
+    ((1, 4), (2, 8), (4, 16), (8, 32), (16, 64), (32, 128)),
+)
+_BLOCK = (((3, 3, 5), (5, 5, 9), (7, 7, 13), (9, 9, 17)), ((2, 2, 4), (4, 4, 8), (6, 6, 12)))
+_CUBE = (((3, 3, 3), (5, 5, 5), (7, 7, 7), (9, 9, 9)), ((2, 2, 2), (4, 4, 4), (6, 6, 6)))
+_TWIST = (((3, 3, 7), (5, 5, 9), (5, 5, 13), (7, 7, 19)), ((2, 2, 8), (4, 4, 8), (4, 4, 12)))
+#: Problems with the kinds of probes or single probes that are compared
+_RACE = (
+    ("tube", ("force", "wall"), _TUBE),
+    ("near shear", ("displacement", "force"), _SHEET),
+    ("tube, K = 1e7", ("force", "wall"), _TUBE),
+    ("cantilever, dead traction", ("displacement", "surface stress"), _SHEET),
+    ("inclined block", ("displacement", "force"), _BLOCK),
+    ("straight block", ("force", "stress"), _BLOCK),
+    ("twist", ("displacement", "force"), _TWIST),
+    ("cube between plates", ("displacement", "force"), _CUBE),
+)
+
+
+class _Entry(NamedTuple):
+    """A problem of the race: its forms, and the kinds of probes or single probes compared."""
+
+    problem: Problem | Body
+    forms: tuple[str, ...]
+    lines: tuple[str, ...]
+
+
+def _race(progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """CPU time for a wanted error: MyoRK and finite elements, one after the other."""
+    rows: list[dict[str, Any]] = []
+    races: list[dict[str, Any]] = []
+    plots = []
+    # felupe imports what it needs: that is no part of a solution
+    solve_rivals(BY_NAME["tube"]._replace(elements=((1, 4),)), silent)
+    for entry in _entries(quick):
+        forms = [form for form in _RACERS if form[0] in entry.forms]
+        truths, own = rows_of(entry.problem, forms, progress, timed=True)
+        rows += own
+        for line in entry.lines:
+            races += _races(entry, line, own, truths)
+            plots.append(_curve(entry.problem.name, line, own))
+    known = [found["ratio"] for found in races if found["ratio"] is not None]
+    below = sum(ratio < 1.0 for ratio in known)
+    return {
+        "title": "CPU time for a wanted error",
+        "about": "Each problem by both at rising sizes, one load step to the full load, without "
+        "error bars. The time for an error is read off the work-precision curve between the last "
+        "size that misses it and the next one, so that no lucky size counts; beyond the finest "
+        "size nothing is extrapolated. Errors below what is not known of the truth have no line.",
+        "cases": rows,
+        "races": races,
+        "tables": [
+            table(
+                f"CPU time for an error: below 1 on {below} of {len(known)} lines that both reach",
+                tuple((key, key) for key in races[0]),
+                races,
+            ),
+            table("Each solve", (*_EACH, ("spread", "spread")), rows),
+        ],
+        "plots": plots,
+    }
+
+
+def cost(rows: Rows, key: str, error: float) -> float | None:
+    """CPU time for an error; `None` where the finest size misses it.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Solves with `cpu_s` and errors.
+    key : str
+        The error of a row.
+    error : float
+        Wanted error [-].
+    """
+    points = sorted(
+        (float(row["cpu_s"]), max(float(row[key]), 1e-300))
+        for row in rows
+        if row.get("cpu_s") and row.get(key) is not None and math.isfinite(row[key])
+    )
+    missed = [k for k, (_, found) in enumerate(points) if found > error]
+    last = max(missed, default=-1)
+    if last == len(points) - 1:
+        return None
+    if last == -1:
+        return points[0][0]
+    (low, above), (high, below) = points[last : last + 2]
+    share = math.log(above / error) / math.log(above / below)
+    return low * (high / low) ** share
+
+
+def _entries(quick: bool) -> Iterator[_Entry]:
+    """Problems of `trust` at the sizes of the race; the bar is twisted by 90 degrees alone."""
+    for name, lines, (sizes, meshes) in _RACE[: 2 if quick else None]:
+        problem = BY_NAME[name]._replace(
+            sizes=sizes[1:4] if quick else sizes, elements=meshes[:4] if quick else meshes
+        )
+        if name == "twist":
+            ends = [
+                {**end, "rotation": 90.0} if "rotation" in end else end
+                for end in problem.tables["boundary"]
+            ]
+            tables = {**problem.tables, "boundary": ends}
+            problem = problem._replace(name="torsion by 90 degrees", tables=tables)
+        # probes at the surface make order 2 the default in the plane
+        other = "order 1" if len(sizes[0]) == 2 else "order 2"
+        yield _Entry(problem, ("default", other), lines)
+    if not quick:
+        body = BY_NAME["three tissues of voxels"]
+        yield _Entry(body, ("default",), ("displacement", "force"))
+
+
+def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dict[str, Any]]:
+    """Times for each error that the truth can resolve."""
+    key = f"error {line}"
+    doubt = max(
+        truth.doubt / abs(truth.value)
+        for name, truth in truths.values.items()
+        if line in (name, truths.kinds[name])
+    )
+    smallest = (_SMALLEST,) if line == "force" and "tube" in entry.problem.name else ()
+    for error in (*_ERRORS, *smallest):
+        peer = cost(_of(rows, rival=True), key, error)
+        costs = {name: cost(_of(rows, form=name), key, error) for name in entry.forms}
+        own = {name: seconds for name, seconds in costs.items() if seconds}
+        best = min(own, key=lambda name: own[name], default=None)
+        known = error >= 2.0 * doubt
+        reached = {(1, 1): "both", (1, 0): "MyoRK only", (0, 1): "felupe only"}
+        yield {
+            "problem": entry.problem.name,
+            "line": line,
+            "error": error,
+            "doubt": doubt,
+            "method": best if known else None,
+            "cpu_s": own[best] if best and known else None,
+            "peer": "felupe",
+            "peer_cpu_s": peer if known else None,
+            "ratio": own[best] / peer if best and peer and known else None,
+            "outcome": reached.get((bool(own), bool(peer)), "neither")
+            if known
+            else "truth not known so well",
+        }
+
+
+# ---- all of them ---------------------------------------------------------------------------------
+
+#: Rows that a view shows, and what it makes of them; the race times them itself
+PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] | None]] = {
+    "trust": (_every_form, _trust),
+    "methods": (_every_form, _methods),
+    "curves": (_every_form, _curves),
+    "newcomer": (_twenty_decks, _newcomer),
+    "certify": (_boxes, _certify),
+    "race": (_race, None),
+}
+
+
+def view(
+    name: str, progress: ProgressCallback, quick: bool, solved: dict[Any, Any]
+) -> dict[str, Any]:
+    """A view of rows, which are solved where `solved` lacks them; `cases` are the rows."""
+    solve, shown = PIVOTS[name]
+    if solve not in solved:
+        solved[solve] = solve(progress, quick)
+    rows = solved[solve]
+    return rows if shown is None else {"cases": rows, **shown(rows)}
+
+
+def run(name: str, out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """A view as a benchmark; see `myork.bench` for the result."""
+    return view(name, progress, quick, {})

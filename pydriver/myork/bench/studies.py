@@ -1,0 +1,346 @@
+"""What `myork bench` runs of the reference problems: tables of the dissertation, and what it lacks.
+
+Orders above 2, forms and iterations beside exact solutions, speed against error, and reduced models
+with rows in the span of their modes. They are tables of runs and rows as those of `dissertation`,
+and run by the same code; their reference is theory, an exact solution or a converged mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from myork.bench import exact
+from myork.bench.chapter_6 import GALERKIN, MODES, MOTIONS, PATHS, LoadPath, Motion
+from myork.bench.dissertation import TABLES, Row, Run, Table
+from myork.bench.linear import HIGHER_STUDIES, PUBLISHED_STUDIES, Study
+from myork.bench.materials import along_fibers
+from myork.bench.reproduce import compute, row_columns, rows_of
+from myork.bench.runs import METHODS, PUBLISHED_BLOCK, lattice, read_deck
+from myork.bench.tables import plot, table
+from myork.console import ProgressCallback
+
+__all__ = ["STUDIES", "run"]
+
+#: Seconds that a table may take where small cases are wanted
+_QUICK = 3.0
+#: Value of a problem from its deck
+_Solution = Callable[[dict[str, Any]], float]
+
+
+def _rates(study: Study) -> Table:
+    """Rates of a problem beside theory (5.18)."""
+    rows = tuple(
+        Row(f"rate in {norm}, theory", float(rate), ("rates", norm))
+        for norm, rate in (("L2", study.order + 1), ("H1", study.order))
+    )
+    seconds = {"Poisson 1-D": 1, "Poisson 2-D": 3, "cantilever": 3}
+    run = Run("rates", study.deck, (), study)
+    return Table(study.label, "linear problem", {"rates": run}, rows, seconds.get(study.problem, 9))
+
+
+def _beside(
+    name: str, deck: str, key: str, choices: dict[str, tuple[str, ...]], cost: float = 2.0
+) -> Table:
+    """A quantity of a deck by several choices."""
+    runs = {choice: Run("solve", deck, words) for choice, words in choices.items()}
+    rows = tuple(Row(choice, None, (choice, key)) for choice in runs)
+    return Table(name, key, runs, rows, cost)
+
+
+_LINEAR_FORMS = ("rkpm-gauss", "rkcm")
+_LOADS = (
+    _beside(
+        "poisson_own, order 2",
+        "poisson_own",
+        "errors.relative_L2",
+        {
+            f"{form}, {n} x {n}": (
+                f"scene.method={form}",
+                "approximation.order=2",
+                *lattice((n, n)),
+            )
+            for form, n in product(_LINEAR_FORMS, (9, 17, 33))
+        },
+    ),
+    _beside(
+        "wave_1d at time 6",
+        "wave_1d",
+        "errors.relative_L2",
+        {
+            f"{form}, time step {step}": (f"scene.method={form}", f"dynamics.time_step={step}")
+            for form, step in product(_LINEAR_FORMS, (0.2, 0.1, 0.05))
+        },
+    ),
+)
+
+
+def _value(deck: str, words: Sequence[str], solution: _Solution) -> float:
+    return solution(read_deck(deck, words))
+
+
+def _homogeneous(function: Callable[[exact.Polynomial, float], float], amount: float) -> _Solution:
+    return lambda deck: function(exact.Polynomial.from_deck(deck["material"][0]), amount)
+
+
+def _fixed_fibers(deck: dict[str, Any]) -> float:
+    """Axial stress of a muscle block far from its fixed ends, where fibers keep their length."""
+    return along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
+
+
+def _known(
+    name: str,
+    deck: str,
+    probe: str,
+    solution: _Solution,
+    words: tuple[str, ...] = (),
+    methods: Sequence[str] = METHODS,
+    cost: float = 9.0,
+) -> Table:
+    """A problem in both forms beside the exact solution for its bulk modulus."""
+    runs = {form: Run("solve", deck, (*words, f"scene.method={form}")) for form in methods}
+    # the last form takes any bulk modulus
+    wanted = partial(_value, deck, runs[methods[-1]].overrides, solution)
+    rows = tuple(Row(f"{form} [N/cm²]", wanted, (form, f"probes.{probe}")) for form in methods)
+    return Table(name, "stress at full load", runs, rows, cost)
+
+
+_BLOCK = (*lattice((5, 5, 9)), "load.activation=0.5", "load.steps=5", *PUBLISHED_BLOCK)
+_NONLINEAR = (
+    _known(
+        "shear, gamma = 5, of the infinitely wide block",
+        "shear_3d",
+        "shear_stress",
+        _homogeneous(exact.simple_shear, 5.0),
+        cost=2,
+    ),
+    *(
+        _known(name, deck, "stress", _homogeneous(function, amount), cost=cost)
+        for name, deck, function, amount, cost in (
+            ("tension to 6", "uniaxial_tension", exact.uniaxial, 6.0, 2),
+            ("compression to 0.1", "uniaxial_compression", exact.uniaxial, 0.1, 3),
+            ("equibiaxial to 2", "equibiaxial", exact.equibiaxial, 2.0, 9),
+            ("dilation to 6", "dilation", exact.dilation, 6.0, 9),
+        )
+    ),
+    *(
+        _known(
+            f"tube, K = {bulk}", "tube", "radial_stress", exact.inner_stress,
+            (f"material.K={bulk}",), METHODS[1:] if bulk == "inf" else METHODS,
+        )
+        for bulk in ("1e3", "1e7", "1e10", "inf")
+    ),
+    *(
+        _known(
+            f"tube of order 1, K = {bulk}", "tube", "radial_stress", exact.inner_stress,
+            (f"material.K={bulk}", "load.steps=12", "approximation.order=1",
+             "approximation.support=2", "approximation.kernel=cubic", "galerkin.gauss=2"),
+            ("rkpm-gauss", "rkpm-scni"),
+        )
+        for bulk in ("1e3", "1e5", "1e8", "inf")
+    ),
+    _known("muscle block, on kinks", "muscle_block", "stress_zz", _fixed_fibers, _BLOCK),
+    _known(
+        "muscle block, smooth curves", "muscle_block", "stress_zz", _fixed_fibers,
+        (*_BLOCK, 'material.curve="smooth"'),
+    ),
+    *(
+        _beside(
+            f"iterations, {name}", deck, "iterations",
+            {kind: (*words, f"solver.newton={kind}") for kind in ("gauss-newton", "full", "auto")},
+            9.0,
+        )
+        for name, deck, words in (
+            ("tension to 6, rkcm", "uniaxial_tension", ("scene.method=rkcm",)),
+            ("shear in the plane, rkcm", "shear_2d", ("scene.method=rkcm",)),
+            ("tube, rkcm", "tube", ()),
+            ("tube, rkcm-mixed", "tube", ("scene.method=rkcm-mixed",)),
+            ("inclined block, order 3, rkcm-mixed", "muscle_fibers",
+             (*lattice((4, 4, 7)), "approximation.order=3", "approximation.support=4")),
+        )
+    ),
+)  # fmt: skip
+
+#: Order and support of a curve
+_ORDERS = ((2, 4), (3, 5), (4, 6), (5, 7), (6, 8))
+_TUBE_SIZES = ((5, 26), (7, 38), (9, 51), (13, 76))
+_BLOCK_SIZES = ((4, 4, 7), (5, 5, 9), (6, 6, 11))
+
+
+def _curves(
+    title: str,
+    deck: str,
+    methods: Sequence[tuple[str, int, int]],
+    sizes: Sequence[Sequence[int]],
+    words: tuple[str, ...],
+    probe: str = "",
+    solution: _Solution | None = None,
+) -> list[Table]:
+    """Speed against error: a table for each curve, with a run for each size.
+
+    The error is that of a probe, or without a solution the largest beside the deck's references.
+    """
+    tables = []
+    for form, order, support in methods:
+        choice = (
+            f"scene.method={form}", f"approximation.order={order}",
+            f"approximation.support={support}", "approximation.kernel=quintic", *words,
+        )  # fmt: skip
+        # supports have to be filled along the shortest edge of a box
+        filled = [size for size in sizes if len(size) == 2 or min(size) > order + 1]
+        runs = {
+            " x ".join(map(str, size)): Run("solve", deck, (*lattice(size), *choice))
+            for size in filled
+        }
+        rows = tuple(
+            Row(size, partial(_value, deck, choice, solution), (size, f"probes.{probe}"))
+            if solution
+            else Row(f"{size}, largest error", None, (size, "reference_error"))
+            for size in runs
+        )
+        name = f"{title}: {form}, order {order}, {support} h"
+        quick = (order, support) == (2, 3) and len(sizes[0]) == 2
+        tables.append(Table(name, title, runs, rows, _QUICK if quick else 60.0))
+    return tables
+
+
+_STRONG = [(form, order, support) for form, (order, support) in product(METHODS, _ORDERS)]
+_SMALL = [(form, order, order + 1) for form, order in product(METHODS, (2, 3))]
+_CONTRACTED = ("load.activation=0.15", "load.steps=6")
+_SPEED = (
+    *_curves(
+        "Tube, radial stress at the inner surface",
+        "tube",
+        [("rkcm-mixed", 2, 3), *_STRONG],
+        _TUBE_SIZES,
+        ("load.steps=12",),
+        "radial_stress",
+        exact.inner_stress,
+    ),
+    *_curves(
+        "Muscle block, straight fibers, axial stress in the middle",
+        "muscle_block",
+        _SMALL,
+        _BLOCK_SIZES,
+        (*_CONTRACTED, *PUBLISHED_BLOCK),
+        "stress_zz",
+        _fixed_fibers,
+    ),
+    *_curves(
+        "Muscle block, fibers inclined 30°, largest error of six probes",
+        "muscle_fibers",
+        _SMALL,
+        _BLOCK_SIZES,
+        _CONTRACTED,
+    ),
+)
+
+
+def _motion(motion: Motion) -> Table:
+    """A motion by QR of rows in the span of its modes."""
+    published = motion.published or (None,) * len(MODES)
+    rows = tuple(
+        Row(f"r = {r}, {name}", value, ("motion", f"{r}.{key}"))
+        for r, e1 in zip(MODES, published, strict=True)
+        for name, key, value in (("e1", "e1", e1), ("error of the modes", "best_e1", None))
+    )
+    run = Run("motion in the span", motion.deck, motion.overrides, motion)
+    return Table(motion.name, "motion", {"motion": run}, rows, 1.0)
+
+
+def _span(path: LoadPath) -> Table:
+    """A path with rows in the span of its modes, and with modes of states of unit norm."""
+    rows = [Row("full, auto [s]", None, ("path", "full.cpu_s"))]
+    for k, r in enumerate(path.modes):
+        rows += [
+            Row(f"r = {r}, e1", path.e1[k] if path.e1 else None, ("path", f"{r}.e1")),
+            Row(f"r = {r}, error of the modes", None, ("path", f"{r}.best_e1")),
+            Row(f"r = {r}, unit states, e1", None, ("path", f"unit {r}.e1")),
+            Row(f"r = {r} [s]", None, ("path", f"{r}.cpu_s")),
+        ]
+    run = Run("path in the span", path.deck, path.overrides, path)
+    return Table(path.name, "rows in the span of the modes", {"path": run}, tuple(rows), 60.0)
+
+
+#: Tables of each benchmark
+STUDIES = {
+    "linear": (
+        *(_rates(study) for study in (*PUBLISHED_STUDIES.values(), *HIGHER_STUDIES)),
+        *_LOADS,
+    ),
+    "nonlinear": _NONLINEAR,
+    "curves": _SPEED,
+    "rom": (
+        *(_motion(motion) for motion in MOTIONS),
+        *(TABLES[f"6.{n}"] for n in range(3, 11)),
+        *(_span(path) for path in (*PATHS, *GALERKIN)),
+    ),
+}
+_TITLES = {
+    "linear": "Convergence of linear problems",
+    "nonlinear": "Nonlinear problems beside exact solutions",
+    "curves": "Speed against error",
+    "rom": "Full and reduced models of chapter 6",
+}
+
+
+def run(name: str, out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """Compute the tables of a benchmark; see `myork.bench` for the result."""
+    tables = [entry for entry in STUDIES[name] if not quick or entry.cost_s <= _QUICK]
+    records: dict[Run, Any] = {}
+    cases: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
+    for number, entry in enumerate(tables, start=1):
+        progress(f"table {number}/{len(tables)}  {entry.name}")
+        compute(entry, records, progress)
+        own = rows_of(entry, records)
+        rows += own
+        for key, one in entry.runs.items():
+            cases += _cases(entry, key, records[one], own)
+    axes = ("CPU time [s]", "relative error [-]"), ("source spacing", "relative L2 error [-]")
+    drawn = {"curves": ("cpu_s", axes[0]), "linear": ("h", axes[1])}
+    plots = []
+    if name in drawn:
+        x, labels = drawn[name]
+        plots = [plot(_TITLES[name], labels, cases, x, "largest")]
+    return {
+        "title": _TITLES[name],
+        "about": f"{__doc__}",
+        "cases": cases,
+        "rows": rows,
+        "tables": [table(_TITLES[name], (("problem", "table"), *row_columns()), rows)],
+        "plots": plots,
+    }
+
+
+def _cases(
+    entry: Table, key: str, record: dict[str, Any], rows: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Cases of a run: those that it names, or itself with the errors of the rows that read it."""
+    errors = {
+        row["row"]: row["ours"] if row["published"] is None else abs(row["ratio"] - 1.0)
+        for given, row in zip(entry.rows, rows, strict=True)
+        if given.quantity[0] == key and row["ours"] is not None and entry.title != "iterations"
+    }
+    found = []
+    for case in record.get("cases", [record]):
+        error = case.get("error", errors)
+        found.append(
+            {
+                "problem": entry.name,
+                "method": case.get("method", key),
+                "size": key,
+                "curve": case.get("curve", entry.name),
+                "h": case.get("h"),
+                "unknowns": case.get("dofs"),
+                "iterations": case.get("iterations"),
+                "cpu_s": case.get("cpu_s"),
+                "error": error,
+                "largest": max((e for e in error.values() if e is not None), default=None),
+                "outcome": record.get("ended", "converged"),
+            }
+        )
+    return found

@@ -1,0 +1,545 @@
+"""Hard cases of test_stability.py, and how what comes out is judged.
+
+What counts as wrong is an answer that is off and does not say so, a crash, and a run without an
+end. The volume ratio is judged beside the probes: a stress may be right where volumes are not.
+"""
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.problems import BY_NAME
+from benchmarks.runner import sized_tables, solve_rivals
+from benchmarks.truths.bodies import box, graded, jittered, stretched
+from benchmarks.truths.manufactured import PROBLEMS
+from benchmarks.voxel_bodies import body_cloud
+from myork.bench import exact
+from myork.bench.materials import RUBBER, along_fibers
+from myork.bench.runs import METHODS, PUBLISHED_BLOCK, lattice, read_deck
+from myork.console import silent
+
+#: Ends: the answer is right and accepted; it is refused or not reached, and the message says why;
+#: it is right and the run doubts it; it is off and the run says so
+RIGHT, EXPLAINED, DOUBTED, WARNED = "right", "explained", "right, doubted", "off, told"
+#: All forms, the collocations first
+FORMS = (*METHODS, "rkpm-gauss", "rkpm-scni")
+WEAK = FORMS[2:]
+#: What is written down of earlier runs: errors of probes and of J by case
+MEASURED = Path(__file__).with_name("hard_measured.json")
+#: Errors below are what iterations leave
+ROUNDED = 1e-6
+
+
+class Case(NamedTuple):
+    """Deck, overrides and points; what is right, how near, and what a run that is not must say.
+
+    `right` are values of probes, `rival` a problem of benchmarks whose right values finite elements
+    give; without either the run must be refused. `volume` is the range of J of the right answer at
+    full load, and `stray` by how much J may leave it. `words` stand in the message of a refusal or
+    the reasons of a doubt. `expected` is the end, `RIGHT` or `EXPLAINED` by itself, and `why` says
+    why it is neither. `manufactured` are a problem with a chosen solution and its form.
+    """
+
+    name: str
+    deck: Any = ""
+    overrides: tuple[str, ...] = ()
+    cloud: Any = None
+    right: Any = {}
+    rival: str = ""
+    tolerance: float = 1e-3
+    volume: tuple[float, float] = (1.0, 1.0)
+    stray: float = 0.02
+    words: tuple[str, ...] = ()
+    expected: str = ""
+    why: str = ""
+    fast: bool = True
+    manufactured: Any = None
+
+    @property
+    def wanted(self) -> str:
+        return self.expected or (RIGHT if self.right or self.rival else EXPLAINED)
+
+    def ends(self, expected: str, why: str, *words: str) -> "Case":
+        """The same with another end."""
+        return self._replace(expected=expected, why=why, words=words)
+
+
+# ---- judgement -----------------------------------------------------------------------------------
+
+
+@cache
+def measured() -> Any:
+    return json.loads(MEASURED.read_text(encoding="utf-8"))
+
+
+def bound(case: Case, what: str) -> float:
+    """Twice the `error`, `stray` or `way` that was measured; not below rounding. Of a case that was
+    not measured anything will do.
+    """
+    known = measured().get(case.name, {})
+    return max(2.0 * known.get(what, 0.0), ROUNDED) if known else math.inf
+
+
+def judge(case: Case, record: dict[str, Any]) -> str:
+    """How a run ended: one of the four ends; `wrong`, an answer that is off and accepted; `worse`,
+    one whose error is more than twice what it was; `unexplained`, an end without what it must
+    name; or the outcome of a run that crashed, failed or has no end.
+
+    A record that converged gets `error`, the largest of its probes, with that probe's name as
+    `worst`, and, where J is known, `stray` and `way`: by how much J leaves its range at full load,
+    and on the way there that of the range and of rest.
+    """
+    outcome = record["outcome"]
+    told = " ".join([record["message"], *(record.get("verdict") or {}).get("reasons", [])])
+    named = bool(told) and all(word in told for word in case.words)
+    if outcome in ("refused", "not converged"):
+        return EXPLAINED if named else "unexplained"
+    if outcome not in ("converged", "done"):
+        return str(outcome)
+    accepted = (record.get("verdict") or {}).get("state", "accepted") == "accepted"
+    if "error" not in record:
+        errors = errors_of(case, record.get("probes", {}))
+        if not errors:
+            # an answer to what has none
+            return "wrong" if accepted else EXPLAINED if named else "unexplained"
+        # what is not a number is no right answer
+        errors = {name: e if math.isfinite(e) else math.inf for name, e in errors.items()}
+        record["worst"] = max(errors, key=lambda name: errors[name])
+        record["error"] = errors[record["worst"]]
+    if "max_J" in record:
+        low, high = case.volume
+        last = (record.get("history") or [record])[-1]
+        record["stray"] = max(low - last["min_J"], last["max_J"] - high, 0.0)
+        record["way"] = max(min(low, 1.0) - record["min_J"], record["max_J"] - max(high, 1.0), 0.0)
+    if record["error"] > case.tolerance or record.get("stray", 0.0) > case.stray:
+        return "wrong" if accepted else WARNED if named else "unexplained"
+    if any(record.get(what, 0.0) > bound(case, what) for what in ("error", "stray", "way")):
+        return "worse"
+    return RIGHT if accepted else DOUBTED if named else "unexplained"
+
+
+@cache
+def truths_of(name: str) -> Any:
+    """Right values by two meshes of finite elements."""
+    problem = BY_NAME[name]
+    return solve_rivals(problem._replace(elements=problem.elements[:2]), silent)[0]
+
+
+def errors_of(case: Case, probes: dict[str, float]) -> dict[str, float]:
+    """Relative errors of the probes whose values are known."""
+    if case.rival:
+        return dict(truths_of(case.rival).errors(probes, {})["error"])
+    return {name: abs(probes[name] / value - 1.0) for name, value in case.right.items()}
+
+
+# ---- exact answers: bulk moduli, large strains, muscle loads, fiber curves -----------------------
+
+LOCKS = "displacements alone lock where the material hardly changes its volume"
+CORNERS = "J strays at the corners between held and free faces, which are singular"
+ALONE = "no second solution: nodal cells need a lattice or voxels"
+FREE = "J at points is free where integration cells or patches keep the volume"
+UNSTABLE = "the polynomial loses ellipticity at this stretch; the homogeneous answer is right"
+
+
+def by(form: str) -> str:
+    return f"scene.method={form}"
+
+
+def bulk_moduli():
+    """Tube from compressible to incompressible, four points of the deck's published weights."""
+    small = (*lattice((7, 39)), "load.steps=8")
+    infinite = (*small, "material.K=inf", by("rkcm"))
+    yield Case("tube, K = inf, rkcm", "tube", infinite, words=("material.rubber.K", "rkcm-mixed"))
+    deck = read_deck("tube")
+    some = {"1e3": FORMS, "1e7": FORMS, "inf": FORMS[1:]}
+    overflows = "the square of this K overflows: the second solution ends"
+    half = "the stress at a wall with half as many points is far off: a wide bar"
+    seven = "seven points across: the wall's stress moves by 8 to 10 % from 4x20 points"
+    for bulk in ("1e3", "1e5", "1e7", "1e10", "1e300", "inf"):
+        for form in some.get(bulk, FORMS[1:2]):
+            case = Case(
+                f"tube, K = {bulk}, {form}",
+                "tube",
+                (*small, f"material.K={bulk}", by(form)),
+                right={"radial_stress": exact.inner_stress(deck, float(bulk))},
+                tolerance=0.02,
+                volume=tube_volume(deck, float(bulk)),
+                stray=0.1 if form == "rkpm-gauss" else 0.01,
+                fast=form in METHODS[1:],
+            )
+            if (bulk, form) == ("1e3", "rkcm"):
+                case = case.ends(WARNED, LOCKS, "do not balance")
+            elif form == "rkcm":
+                case = case.ends("", LOCKS, "load")._replace(right={})
+            elif bulk == "1e300":
+                case = case.ends(DOUBTED, overflows, "no error estimate")
+            elif form == "rkpm-scni":
+                case = case.ends(DOUBTED, half, "radial_stress")
+            elif form == "rkpm-gauss":
+                case = case.ends(DOUBTED if bulk == "1e3" else WARNED, seven, "radial_stress")
+            yield case
+
+
+def tube_volume(deck, bulk):
+    """Range of J of the inflated tube: deformed over undeformed rings."""
+    geometry = deck["geometry"]
+    inner, outer = geometry["inner_radius"], geometry["outer_radius"]
+    moved = next(b["radial"] for b in deck["boundary"] if "radial" in b)
+    material = exact.Polynomial.from_deck(deck["material"][0], bulk)
+    place = np.linspace(inner, outer, 2001)
+    found = exact.tube(material, inner, outer, moved, place)
+    rings = np.diff(found.radius**2) / np.diff(place**2)
+    return float(rings.min()), float(rings.max())
+
+
+def swells(material, stress):
+    """J of a bar under uniaxial tension: a third of the stress is the pressure."""
+    ratio = 1.0 + stress / (3.0 * material.bulk)
+    return ratio, ratio
+
+
+def large_strains():
+    """Homogeneous states far from rest, and the shear block."""
+    rubber = exact.Polynomial.from_deck(read_deck("shear_3d")["material"][0])
+    swollen = exact.dilation(exact.Polynomial.from_deck(read_deck("dilation")["material"][0]), 6.0)
+    tension, compression = exact.uniaxial(rubber, 6.0), exact.uniaxial(rubber, 0.1)
+    shear, longer = exact.simple_shear(rubber, 5.0), swells(rubber, tension)
+    kinds = (
+        ("shear, gamma = 5", "shear_3d", (), shear, (1.0, 1.0)),
+        ("tension to 6", "uniaxial_tension", (), tension, longer),
+        ("tension to 6 in one step", "uniaxial_tension", ("load.steps=1",), tension, longer),
+        ("compression to 0.1", "uniaxial_compression", (), compression,
+         swells(rubber, compression)),
+        ("dilation to 6", "dilation", lattice((4, 4, 4)), swollen, (216.0, 216.0)),
+    )  # fmt: skip
+    for form, (name, deck, overrides, solution, volume) in product(FORMS, kinds):
+        sheared = deck == "shear_3d"
+        yield Case(
+            f"{name}, {form}",
+            deck,
+            (*overrides, by(form)),
+            right={"shear_stress" if sheared else "stress": solution},
+            tolerance=0.02 if sheared else 1e-6,
+            volume=volume,
+            stray=0.6 if sheared else 1e-6,
+            why=CORNERS if sheared and form != "rkcm" else "",
+            fast=deck != "uniaxial_compression" and not (sheared and "rkpm" in form),
+        )
+
+
+def softening():
+    """Rubber whose stretched state is no longer the only one: homogeneous, and so still known."""
+    soft = {"A20": -14.0, "A30": 0.0, "K": 1e8}
+    law = exact.Polynomial.from_deck({**RUBBER, **soft})
+    stress = exact.uniaxial(law, 1.6)
+    words = tuple(f"material.rubber.{key}={value:g}" for key, value in soft.items())
+    small = (*lattice((4, 3, 3)), "load.steps=4", "boundary.x1.u_x=2.4")
+    for form in FORMS:
+        case = Case(
+            f"tension of softening rubber, {form}", "uniaxial_tension", (*small, *words, by(form)),
+            right={"stress": stress}, tolerance=1e-6, volume=swells(law, stress), stray=1e-6,
+        )  # fmt: skip
+        yield case.ends(DOUBTED, UNSTABLE, "loses ellipticity")
+
+
+def muscle_loads():
+    """Activation in one step; active stress far above the passive stiffness."""
+    small = (*lattice((4, 4, 7)), "load.steps=1")
+    kinds = {
+        "full activation in one step": (),
+        "active stiffness above passive": ("material.sigma_max=300",),
+    }
+    off = "the stress is right; the displacements, below a hundredth of the edge, are off"
+    kink = "every fiber sits on the kink of the published passive curve"
+    beyond = "beyond the activation at which the material loses ellipticity"
+    for form, (name, stiff) in product(FORMS, kinds.items()):
+        weights = PUBLISHED_BLOCK if form in METHODS else ()
+        law = read_deck("muscle_block", stiff)["material"][0]
+        case = Case(
+            f"{name}, {form}",
+            "muscle_block",
+            (*small, *weights, *stiff, by(form)),
+            right={"stress_zz": along_fibers(law, 1.0, 1.0)},
+            tolerance=0.02,
+            stray=0.05,
+            fast=form != METHODS[1],
+        )
+        if stiff and form == "rkcm-mixed":
+            case = case.ends("", kink, "kinks", 'curve = "smooth"')._replace(right={})
+        elif stiff and form == "rkpm-scni":
+            case = case.ends(WARNED, beyond, "loses ellipticity")
+        elif stiff or form in METHODS:
+            case = case.ends(DOUBTED, off, "displacements")
+        yield case
+
+
+def fiber_curves():
+    """Stretches through all joints of the fiber curves, half activated."""
+    for form, curve, stretch in product(FORMS, ("published", "smooth"), (0.35, 1.7)):
+        tables = stretched(method=form, move=stretch - 1.0, activation=0.5, steps=13, curve=curve)
+        deck = on_lattice(tables, (4, 4, 4))
+        deck["material"][0]["fiber"] = [1, 0, 0]
+        case = Case(
+            f"fibers to {stretch}, {curve} curve, {form}",
+            deck,
+            right={"stress": along_fibers(deck["material"][0], stretch, 0.5)},
+            tolerance=1e-6,
+            fast=form in (METHODS[0], "rkpm-gauss"),
+        )
+        yield case.ends(DOUBTED, UNSTABLE, "loses ellipticity") if stretch > 1 else case
+
+
+# ---- clouds and lattices -------------------------------------------------------------------------
+
+
+def on_lattice(tables, source, jitter=0.0):
+    """The deck of a stretched box with a lattice of its own, and supports that forms choose."""
+    geometry = {"kind": "box", "size": [1, 1, 1], "jitter": jitter}
+    return sized_tables({**tables, "geometry": geometry, "approximation": {}}, source)
+
+
+def tension(name, cloud, words=(), method="rkcm", answer=True):
+    """Rubber under homogeneous tension; where there is no answer, `words` are the refusal's."""
+    law = exact.Polynomial.from_deck(RUBBER)
+    stress = exact.uniaxial(law, 1.2)
+    return Case(
+        name, stretched(method=method), cloud=cloud, right={"stress": stress} if answer else {},
+        tolerance=1e-6, volume=swells(law, stress), stray=1e-6, words=words,
+    )  # fmt: skip
+
+
+def clouds():
+    """Clouds that are not regular grids of cubes, under homogeneous tension."""
+    cube = box((1.0, 1.0, 1.0), (5, 5, 5), (9, 9, 9))
+    long = jittered(box((1.0, 1.0, 20.0), (5, 5, 5), (9, 9, 9)), 0.3)
+    bodies = {"voxels of 1 : 20, jittered by 0.3 h": long, "points graded 1 : 6": graded(cube, 1.6)}
+    for (name, body), form in product(bodies.items(), METHODS):
+        case = tension(f"{name}, {form}", body, method=form)
+        yield case.ends(DOUBTED, ALONE, "no error estimate")
+    sheet = box((1.0, 1.0, 0.2), (5, 5, 2), (9, 9, 3))
+    alike = replace(graded(cube, 3.0), spacing=cube.spacing)
+    for name, body, form, words in (
+        *((f"sheet of two layers, {form}", sheet, form, ("point",)) for form in METHODS),
+        ("points graded 1 : 37, supports all alike", alike, "rkcm", ("point", "support")),
+        *((f"points without a lattice, {form}", cube, form, ("a model of voxels",))
+          for form in WEAK),
+    ):  # fmt: skip
+        yield tension(name, body, words, form, answer=False)
+
+
+def lattices():
+    """Homogeneous tension on points moved off a lattice, in flat cells and in two layers."""
+    for name, height, source, jitter, forms in (
+        ("lattice moved by 0.4 h", 1.0, (5, 5, 5), 0.4, FORMS),
+        ("cells of 1 : 20", 20.0, (5, 5, 5), 0.0, WEAK),
+        ("cells of 1 : 20 moved by 0.4 h", 20.0, (5, 5, 5), 0.4, WEAK),
+        ("two layers moved by 0.4 h", 0.2, (5, 5, 2), 0.4, WEAK),
+    ):
+        for form in forms:
+            deck = on_lattice(stretched(method=form), source, jitter)
+            deck["geometry"]["size"] = [1.0, 1.0, height]
+            point = [0.5, 0.5, 0.5 * height]
+            deck["probe"] = [{"name": "stress", "quantity": "cauchy_xx", "point": point}]
+            yield tension(f"{name}, {form}", None)._replace(deck=deck)
+
+
+def curved():
+    """Manufactured solutions on points moved off their lattice; in the Galerkin form all held."""
+    problem = PROBLEMS[0]._replace(sizes=(13,))
+    around = {"order": 2, "support": 3.0, "held": ("x0", "x1", "y0", "y1")}
+    for form, jitter in product(FORMS, (0.0, 0.2, 0.4)):
+        weak = form in WEAK
+        yield Case(
+            f"curved solution, lattice moved by {jitter:g} h, {form}",
+            overrides=(f"geometry.jitter={jitter:g}", by(form)),
+            right={"u": 0.0},
+            tolerance=0.03,
+            # chosen: 1 + 3 (0.4) (X - 1/2)^2
+            volume=(1.0, 1.3),
+            stray=2.0 if weak and jitter else 0.15,
+            why=FREE if weak else "",
+            manufactured=(
+                problem._replace(**(around if weak else {"order": 3, "support": 4.5})), form,
+            ),
+        )  # fmt: skip
+
+
+# ---- beside finite elements: bending, coarse blocks, three tissues, lost ellipticity -------------
+
+STRONG = "least squares of second derivatives hardly see bending (docs/theory/collocation.md)"
+COARSE = "points this coarse do not resolve the stress at a point"
+STIFF = "points this coarse are too stiff"
+PUBLISHED = "the published form locks (docs/mixed.md)"
+RIMS = "J strays where held faces end, which are singular"
+CAUTION = "the answer is right, and its bar too wide to be sure of it"
+
+
+def beside(name, size, form, jitter=0.0):
+    """A problem of benchmarks with few points; off and reported, for these are coarse."""
+    tables = sized_tables(BY_NAME[name].tables, size)
+    if jitter:
+        tables["geometry"]["jitter"] = jitter
+    moved = f", lattice moved by {jitter:g} h" if jitter else ""
+    points = "x".join(map(str, size))
+    return Case(
+        f"{name}, {points}{moved}, {form}", tables, (by(form),), rival=name, tolerance=0.06,
+        stray=0.35, expected=WARNED, why=COARSE, fast=len(size) == 2,
+    )  # fmt: skip
+
+
+def beams():
+    """Plane beams, on lattices and on moved points."""
+    doubted, right = (DOUBTED, CAUTION), (RIGHT, RIMS)
+    off = (WARNED, STRONG, "the stress does")
+    for name, jitter, gauss, nodal in (
+        ("cantilever, dead traction", 0.0, right, right),
+        ("cantilever, dead traction", 0.3, doubted, right),
+        ("clamped beam, end shear", 0.0, doubted, doubted),
+        ("clamped beam, end shear", 0.3, right, doubted),
+    ):
+        for form, end in zip(FORMS, (off, off, gauss, nodal), strict=True):
+            yield beside(name, (17, 5), form, jitter).ends(*end)
+
+
+def columns():
+    """Bodies that bend and turn in space, four points across."""
+    for name, size in (("column, leaning load", (4, 4, 10)), ("twist", (4, 4, 9))):
+        for form in FORMS:
+            case = beside(name, size, form)
+            if form in METHODS:
+                case = case.ends(WARNED, STRONG, "the stress does")
+            yield case._replace(why=STIFF) if form == "rkpm-scni" else case
+
+
+def blocks():
+    """Coarse blocks of contracting muscle with inclined fibers: some stall, the others say so."""
+    for size, form in product(((3, 3, 5), (4, 4, 7)), FORMS):
+        case, coarse = beside("inclined block", size, form), size[0] == 3
+        if form == "rkcm":
+            case = case._replace(why=PUBLISHED)
+            if not coarse:
+                case = case.ends("", PUBLISHED, "stalls", "load")._replace(rival="")
+        elif form == "rkcm-mixed" and not coarse:
+            case = case.ends(DOUBTED, CAUTION)
+        elif form != "rkpm-gauss" and coarse:
+            case = case._replace(why=STIFF)
+        yield case
+
+
+def tissues():
+    """Muscle, fat and tendon in voxels; `rkcm` has no end within minutes there."""
+    body = BY_NAME["three tissues of voxels"]
+    cloud = body_cloud(body, 0.25)
+    for form, end in {
+        "rkcm-mixed": (WARNED, "the modulus jumps from tissue to tissue"),
+        "rkpm-gauss": (RIGHT, RIMS),
+        "rkpm-scni": (WARNED, "blocks of two voxels do not resolve the fat"),
+    }.items():
+        yield Case(
+            f"{body.name}, {form}", body.tables, (by(form),), cloud, rival=body.name,
+            tolerance=0.06, stray=0.2, fast=False,
+        ).ends(*end)  # fmt: skip
+
+
+def unstable():
+    """Contraction beyond the loss of ellipticity: no answer is right, and none may be accepted. The
+    published form locks and stays where the material is elliptic.
+    """
+    why = "beyond the loss of ellipticity no answer is right"
+    for form in FORMS:
+        end = (PUBLISHED, "the stress does") if form == "rkcm" else (why, "loses ellipticity")
+        yield (
+            beside("inclined block", (5, 5, 9), form)
+            .ends("", *end)
+            ._replace(
+                name=f"inclined block, activation 0.6, {form}",
+                overrides=(by(form), "load.activation=0.6"),
+                rival="",
+            )
+        )
+
+
+# ---- input that makes no sense: points, fibers, sizes --------------------------------------------
+
+
+def bad_points():
+    """Points that cannot carry an approximation, or a body that nothing holds."""
+    cube = box((1.0, 1.0, 1.0), (4, 4, 4), (7, 7, 7))
+    bodies = {
+        "one layer of points": (box((1.0, 1.0, 0.2), (5, 5, 1), (9, 9, 1)), "point"),
+        "an island that nothing holds": (with_island(cube), "island"),
+        "a coordinate that is NaN": (spoilt(cube, "points"), "point"),
+        "a source point that is NaN": (spoilt(cube, "source"), "finite numbers"),
+    }
+    for (name, (body, word)), form in product(bodies.items(), METHODS):
+        yield tension(f"{name}, {form}", body, (word,), form, answer=False)
+    for support in ("1.01", "1.6"):
+        name = f"support of {support} spacings at order 2"
+        case = tension(name, cube, ("support",), answer=False)
+        yield case._replace(overrides=(f"approximation.support={support}",))
+
+
+def fibers():
+    """Fiber fields as images give them."""
+    body = box((1.0, 1.0, 1.0), (4, 4, 4), (7, 7, 7), (1.0, 0.0, 0.0))
+    flip = np.random.default_rng(3).choice([-1.0, 1.0], (len(body.fiber), 1))
+    deck = stretched(move=0.1, activation=0.2, curve="smooth")
+    yield Case(
+        "fibers of random sign", deck, cloud=replace(body, fiber=body.fiber * flip),
+        right={"stress": along_fibers(deck["material"][0], 1.1, 0.2)}, tolerance=1e-6,
+    ).ends(DOUBTED, ALONE, "no error estimate")  # fmt: skip
+    for name, value in (
+        ("a fiber that is NaN", np.nan),
+        ("a fiber of length 3", 3.0),
+        ("a muscle point without fiber", 0.0),
+    ):
+        fiber = body.fiber.copy()
+        fiber[100] = value
+        yield Case(name, deck, cloud=replace(body, fiber=fiber), words=("fiber",))
+
+
+def too_large():
+    """More than any memory holds, refused before it is allocated."""
+    large = (*lattice((400, 400, 400)), "scene.method=rkcm")
+    yield Case("64 million source points", "muscle_block", large, words=("GB",))
+
+
+def with_island(cloud):
+    """The same cloud with a second, free cube far away."""
+    far = np.array([0.0, 0.0, 10.0])
+    free = len(cloud.boundary_point)
+    return replace(
+        cloud,
+        source=np.vstack([cloud.source, cloud.source + far]),
+        points=np.vstack([cloud.points, cloud.points + far]),
+        label=np.tile(cloud.label, 2),
+        fiber=np.tile(cloud.fiber, (2, 1)),
+        volume=np.tile(cloud.volume, 2),
+        boundary_point=np.append(cloud.boundary_point, cloud.boundary_point + len(cloud.points)),
+        boundary_set=np.append(cloud.boundary_set, np.full(free, 6, np.int32)),
+        normal=np.tile(cloud.normal, (2, 1)),
+        area=np.tile(cloud.area, 2),
+        set_names=(*cloud.set_names, "island"),
+    )
+
+
+def spoilt(cloud, name):
+    values = getattr(cloud, name).copy()
+    values[len(values) // 2, 1] = np.nan
+    return replace(cloud, **{name: values})
+
+
+CASES = [
+    case
+    for kind in (
+        bulk_moduli, large_strains, softening, muscle_loads, fiber_curves, clouds, lattices, curved,
+        beams, columns, blocks, tissues, unstable, bad_points, fibers, too_large,
+    )
+    for case in kind()
+]  # fmt: skip
