@@ -1,10 +1,14 @@
 !> A sparse symmetric matrix made of small blocks, assembled from dense parts and solved directly:
 !> Cholesky where it is positive definite, LU otherwise, also where a skew part stands beside it.
+!>
+!> A factor of a large solid takes as long as dozens of solves with it. Matrices that follow one
+!> another differ little: minimal residuals with the last factor come first there.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
    use rk_cuthill, only : cuthill_mckee
    use rk_error, only : error_type, err_input, err_memory
    use rk_lapack, only : solve_band
+   use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
    use rk_sparse, only : kept_factor, solve_again_sparse, solve_sparse
@@ -43,6 +47,8 @@ module rk_symmetric
       procedure :: solve_with
       !> Solve with the factor of the last solve
       procedure :: solve_again
+      !> Solve the next equations by a factor of their own
+      procedure :: let_go
       !> Add a dense part
       procedure :: add
       !> Product of other entries in the same places with a vector
@@ -51,6 +57,24 @@ module rk_symmetric
       procedure :: add_skew
       final :: free
    end type symmetric_matrix
+
+   !> A matrix and the factor of another one in the same places
+   type, extends(symmetric_system) :: preconditioned_type
+      type(symmetric_matrix), pointer :: places => null()
+      real(wp), pointer, contiguous :: given(:) => null()
+   contains
+      procedure :: multiply
+      procedure :: precondition
+   end type preconditioned_type
+
+   !> Solves that a factor must be worth before the last one is tried, share of them that are made,
+   !> and the residual that they must reach: a step of Newton that is off by so much costs no
+   !> further iteration [-]
+   real(wp), parameter :: worth = 20.0_wp, tried = 0.6_wp, exact = 1.0e-5_wp
+   !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
+   !> other, and iterations with the factor of the sum: LU takes several times its time and memory
+   real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
+   integer, parameter :: most = 60
 
 contains
 
@@ -337,9 +361,9 @@ end subroutine solve_square
 !> Solve with other entries in the same places
 subroutine solve_with(self, given, b, x, report, error)
    !> Places of the entries
-   class(symmetric_matrix), intent(in) :: self
+   class(symmetric_matrix), target, intent(in) :: self
    !> Entries of the upper triangle, shape (entries)
-   real(wp), contiguous, intent(in) :: given(:)
+   real(wp), contiguous, target, intent(in) :: given(:)
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
@@ -351,9 +375,13 @@ subroutine solve_with(self, given, b, x, report, error)
    integer(i8), allocatable :: start(:), column(:), order(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
-   logical :: definite
+   logical :: definite, found
 
    definite = .not. (self%indefinite .or. allocated(self%skew))
+   found = .false.
+   if (definite .and. .not. self%keeps) call solve_by_last(self, given, &
+      & nint(tried*self%kept%cost()), b, x, report, found)
+   if (found) return
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
@@ -371,6 +399,9 @@ subroutine solve_with(self, given, b, x, report, error)
    if (.not. definite .or. allocated(error)) then
       if (allocated(error)) then
          if (error%code == err_memory) return
+         call solve_beside(self, given, b, x, report, found)
+         if (found) deallocate (error)
+         if (found) return
       end if
       report%used = 'lu'
       ! columns
@@ -391,6 +422,101 @@ subroutine solve_with(self, given, b, x, report, error)
    norm = sqrt(sum(given**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with
+
+!> Solve with the last factor of another matrix, which is not far from this one
+subroutine solve_by_last(self, given, limit, b, x, report, found)
+   !> Places of the entries
+   type(symmetric_matrix), target, intent(in) :: self
+   !> Entries of the upper triangle, shape (entries)
+   real(wp), contiguous, target, intent(in) :: given(:)
+   !> Iterations at most
+   integer, intent(in) :: limit
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution where it was found, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(square_report), intent(inout) :: report
+   !> Whether it was found
+   logical, intent(out) :: found
+   type(preconditioned_type) :: system
+
+   found = .false.
+   if (.not. self%kept%ready .or. self%kept%cost() < worth) return
+   system%size = self%n
+   system%places => self
+   system%given => given
+   call minres(system, b, exact, limit, x, report%iterations, report%backward_error)
+   found = report%backward_error <= exact
+   if (.not. found) then
+      report%iterations = 0
+      return
+   end if
+   report%used = 'minres'
+   report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
+      & //'Cholesky factor'
+end subroutine solve_by_last
+
+!> Solve where the matrix is not positive definite with the factor of one that is
+subroutine solve_beside(self, given, b, x, report, found)
+   !> Places of the entries
+   type(symmetric_matrix), target, intent(in) :: self
+   !> Entries of the upper triangle, shape (entries)
+   real(wp), contiguous, target, intent(in) :: given(:)
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution where it was found, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> What was used and how good it is
+   type(square_report), intent(inout) :: report
+   !> Whether it was found
+   logical, intent(out) :: found
+   type(error_type), allocatable :: error
+   real(wp), allocatable :: sum(:)
+   integer :: j, k
+
+   found = .false.
+   if (self%keeps .or. self%kept%far .or. self%kept%cost() < worth) return
+   do k = 1, size(added)
+      sum = given
+      do j = 1, self%n
+         associate (diagonal => sum(self%start(j + 1)))
+            diagonal = diagonal + added(k)*abs(diagonal)
+         end associate
+      end do
+      call solve_sparse(self%n, self%start, self%row, sum, .true., .false., b, x, report%rcond, &
+         & self%kept, error)
+      if (.not. allocated(error)) exit
+      deallocate (error)
+   end do
+   call solve_by_last(self, given, most, b, x, report, found)
+   self%kept%far = .not. found
+end subroutine solve_beside
+
+!> y = A x
+subroutine multiply(self, x, y)
+   !> System
+   class(preconditioned_type), intent(in) :: self
+   !> Vector, shape (size)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (size)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%places%product(self%given, x, y)
+end subroutine multiply
+
+!> y = P^-1 x
+subroutine precondition(self, x, y)
+   !> System
+   class(preconditioned_type), intent(in) :: self
+   !> Vector, shape (size)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Product, shape (size)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   y = x
+   call self%places%solve_again(y)
+end subroutine precondition
 
 !> Unknowns less 1 along the body, an order of elimination
 function unknowns_along(self) result(order)
@@ -417,6 +543,16 @@ subroutine solve_again(self, x)
 
    call solve_again_sparse(self%kept, x)
 end subroutine solve_again
+
+!> Solve the next equations by a factor of their own
+subroutine let_go(self)
+   !> Matrix
+   class(symmetric_matrix), intent(in) :: self
+
+   if (.not. associated(self%kept)) return
+   self%kept%ready = .false.
+   self%kept%far = .false.
+end subroutine let_go
 
 !> Give back what was kept
 subroutine free(self)

@@ -173,6 +173,12 @@ int rk_sparse_ordered(const struct factor *f)
     return f && f->cholesky;
 }
 
+/* Operations of a Cholesky factor over those of a solve with it */
+double rk_sparse_cost(const struct factor *f)
+{
+    return f && f->cholesky ? f->common.fl / (4 * f->common.lnz) : 0;
+}
+
 /* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
 void rk_sparse_solve(struct factor *f, double *x)
 {
@@ -351,6 +357,12 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
 }
 
 int rk_sparse_ordered(const void *f)
+{
+    (void)f;
+    return 0;
+}
+
+double rk_sparse_cost(const void *f)
 {
     (void)f;
     return 0;

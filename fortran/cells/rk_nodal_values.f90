@@ -1,13 +1,12 @@
-!> Values of the approximation at the points of nodal cells: u = T d of the coefficients d.
+!> Values of the approximation at a place for each source point: u = T d of the coefficients d.
 !>
-!> Stiffness of smoothed gradients is that of the values, not of the coefficients: what changes sign
+!> Stiffness is that of the values, not of the coefficients: what changes sign
 !> from one source point to the next hardly has a value. A preconditioner made for values therefore
 !> stands between T^-1 and T^-T. A few Chebyshev steps are as good as the inverse there, and they
 !> are a fixed polynomial, so that the preconditioner stays linear and symmetric.
 !>
 !> Reference: Golub, Varga, Numer. Math. 3 (1961), doi:10.1007/BF01386013 (Chebyshev iteration)
 module rk_nodal_values
-   use rk_cells, only : cells_type
    use rk_precision, only : i8, wp
    use rk_sparse_rows, only : sparse_rows
    use rk_shape, only : shape_type
@@ -24,6 +23,8 @@ module rk_nodal_values
       !> Middle and half length of the interval that holds the eigenvalues
       real(wp) :: middle = 1.0_wp
       real(wp) :: half = 0.5_wp
+      !> Chebyshev steps
+      integer, private :: steps = 0
    contains
       !> Coefficients from values, or their transposed
       procedure :: invert
@@ -33,53 +34,51 @@ module rk_nodal_values
    real(wp), parameter :: largest = 1.1_wp
    !> Smallest eigenvalue of one direction that is worth a step
    real(wp), parameter :: smallest = 0.3_wp
-   !> Chebyshev steps
-   integer, parameter :: steps = 3
 
 contains
 
 !> Set up the map
-subroutine new_nodal_values(self, cells, inside)
+subroutine new_nodal_values(self, shape, place, steps)
    !> Map
    type(nodal_values_type), intent(out) :: self
-   !> Nodal cells
-   type(cells_type), intent(in) :: cells
-   !> Shape functions at their points
-   type(shape_type), target, intent(in) :: inside
+   !> Shape functions at places
+   type(shape_type), target, intent(in) :: shape
+   !> Place of each source point among them, shape (ns)
+   integer, intent(in) :: place(:)
+   !> Chebyshev steps
+   integer, intent(in) :: steps
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    real(wp) :: own
-   integer :: i, n, ns, q
-   integer, allocatable :: cell(:)
+   integer :: i, n, ns
    integer(i8), allocatable :: entry(:)
 
-   ns = maxval(cells%node)
-   associate (place => self%row%place)
-      allocate (place%offset(ns + 1), cell(ns))
-      cell(cells%node) = [(q, q=1, size(cells%node))]
-      place%offset(1) = 0
+   ns = size(place)
+   self%steps = steps
+   associate (row => self%row%place)
+      allocate (row%offset(ns + 1))
+      row%offset(1) = 0
       do i = 1, ns
-         place%offset(i + 1) = place%offset(i) + inside%count(cell(i))
+         row%offset(i + 1) = row%offset(i) + shape%count(place(i))
       end do
-      allocate (place%index(place%offset(ns + 1)), self%row%value(place%offset(ns + 1)))
+      allocate (row%index(row%offset(ns + 1)), self%row%value(row%offset(ns + 1)))
       own = 0.0_wp
       do i = 1, ns
-         q = cell(i)
-         call inside%row(q, nodes, values)
+         call shape%row(place(i), nodes, values)
          n = size(nodes)
-         associate (at => place%offset(i))
-            place%index(at + 1:at + n) = nodes
+         associate (at => row%offset(i))
+            row%index(at + 1:at + n) = nodes
             self%row%value(at + 1:at + n) = values(1, :)
          end associate
          own = own + sum(values(1, :), mask=nodes == i)/ns
       end do
-      call place%transposed(ns, self%row_t%place, entry)
+      call row%transposed(ns, self%row_t%place, entry)
    end associate
    self%row_t%value = self%row%value(entry)
    call self%row%share()
    call self%row_t%share()
    ! on a lattice what changes sign in every direction has this eigenvalue
-   own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/inside%nd) - 1.0_wp, smallest)**inside%nd
+   own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/shape%nd) - 1.0_wp, smallest)**shape%nd
    self%middle = 0.5_wp*(largest + own)
    self%half = 0.5_wp*(largest - own)
 end subroutine new_nodal_values
@@ -101,7 +100,7 @@ subroutine invert(self, transposed, x)
    step = x/self%middle
    x = step
    rho = self%half/self%middle
-   do k = 1, steps
+   do k = 1, self%steps
       if (transposed) then
          call self%row_t%product(step, image, .false.)
       else

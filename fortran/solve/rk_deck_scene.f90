@@ -94,7 +94,7 @@ subroutine check_size(deck, model, error)
    advice = 'use fewer source points'
    call deck%get('scene.method', method)
    if (method == 'rkpm-gauss' .and. allocated(model%voxels%index)) advice = advice &
-      & //', or scene.method = "rkpm-scni", which needs less'
+      & //', or galerkin.direct_limit = 0, which needs less'
    if (all(estimate%solver /= ['auto   ', 'normal ', 'refined'])) advice = advice &
       & //', or solver "refined"'
    call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs ' &

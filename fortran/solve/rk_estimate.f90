@@ -142,11 +142,13 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
    real(wp), intent(in) :: support(:)
    !> Source points along each direction
    real(wp), intent(in) :: layers(:)
+   character(len=:), allocatable :: kind
    real(wp) :: points, members, coupled, band, width
    integer :: d, gauss, limit
 
    points = self%ns
    call deck%get('galerkin.direct_limit', limit)
+   call deck%get('geometry.kind', kind)
    gauss = 1
    if (method == 'rkpm-gauss') then
       call deck%get('galerkin.gauss', gauss)
@@ -172,7 +174,7 @@ subroutine estimate_galerkin(self, deck, method, support, layers)
    self%bytes = points*members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) &
       & + 24.0_wp*0.5_wp*self%nd**2*self%ns*coupled + 8.0_wp*self%unknowns*band
    self%flops = self%unknowns*band**2
-   if (method == 'rkpm-gauss' .or. self%unknowns <= limit) return
+   if (self%unknowns <= limit .or. (method == 'rkpm-gauss' .and. kind == 'annulus')) return
    ! never formed: moduli, gradients at the points, the constant part of one component, matrices of
    ! seven entries a point with their levels and vectors, and the work of an iteration through all
    ! points

@@ -173,8 +173,8 @@ subroutine new_galerkin(self, scene, error)
    self%energetic = self%multiplier%extra == 0 .and. .not. (allocated(self%held) .or. self%linear)
    covering = csr_type([0_i8], [integer ::])
    if (allocated(self%held)) covering = self%held%points%shape%neighbour
-   call new_tangent(self%matrix, blocks, self%cells, self%gradient, self%multiplier, self%surface, &
-      & self%inside, covering, shear, scene%galerkin%direct_limit, error)
+   call new_tangent(self%matrix, scene, blocks, self%cells, self%gradient, self%multiplier, &
+      & self%surface, self%inside, covering, shear, error)
    if (allocated(error)) return
    self%inexact = .not. self%matrix%formed
    self%square = .true.
@@ -206,8 +206,7 @@ subroutine set_constants(self, shear, error)
    call self%surface%add_forces(self%force)
    call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%constant, self%force)
-   if (self%cells%smoothed) call self%matrix%stabilise(self%constant, self%cells, self%inside, &
-      & shear)
+   call self%matrix%complete(self%constant, self%cells, self%inside, shear)
    if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
    ! minimal residuals need a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &

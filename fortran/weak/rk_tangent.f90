@@ -23,6 +23,7 @@
 module rk_tangent
    use rk_carried_pressure, only : carried_pressure, new_carried_pressure
    use rk_cells, only : cells_type
+   use rk_corners, only : has_corners
    use rk_csr, only : csr_type, joined
    use rk_error, only : error_type, fatal_error, err_input, err_linalg
    use rk_gradient, only : gradient_type
@@ -32,6 +33,7 @@ module rk_tangent
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_preconditioner, only : new_preconditioner, preconditioner_type
+   use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_stabilisation, only : stabilise
@@ -77,8 +79,8 @@ module rk_tangent
       procedure :: keep_group
       !> Keep the stiffness of pressures that follow the surface
       procedure :: keep_followers
-      !> Stabilise nodal cells
-      procedure :: stabilise => stabilise_cells
+      !> Complete the constant part
+      procedure :: complete
       !> Product of the part that never changes with a vector
       procedure :: constant_product
       procedure :: apply
@@ -116,10 +118,12 @@ module rk_tangent
 contains
 
 !> Set up the places of the entries and, where it is not formed, the preconditioner
-subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, held, shear, limit, &
-   & error)
+subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, inside, held, &
+   & shear, error)
    !> Tangent
    type(tangent_type), intent(inout) :: self
+   !> Scene
+   type(scene_type), intent(in) :: scene
    !> Source points and plates
    integer, intent(in) :: ns
    !> Integration points
@@ -136,13 +140,13 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
    type(csr_type), intent(in) :: held
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Unknowns up to which it is formed
-   integer, intent(in) :: limit
    !> Error handling: no memory, no SuiteSparse, held points without a factor
    type(error_type), allocatable, intent(out) :: error
    integer :: k
 
-   self%formed = .not. cells%smoothed .or. gradient%nd*ns <= limit
+   self%formed = gradient%nd*ns <= scene%galerkin%direct_limit
+   if (.not. cells%smoothed) self%formed = self%formed .or. allocated(scene%equation%problem) &
+      & .or. allocated(scene%motion) .or. .not. has_corners(scene%cloud)
    self%keeps = size(held%offset) > 1
    if (self%keeps .and. .not. self%formed) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs a tangent ' &
@@ -161,7 +165,7 @@ subroutine new_tangent(self, ns, cells, gradient, multiplier, surface, inside, h
       & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%plates%coupled(surface%shape%neighbour)))
    call new_group_stiffness(self%groups, cells, shear)
    call new_carried_pressure(self%pressures, 1 + gradient%nd, size(self%groups%bulk))
-   call new_preconditioner(self%preconditioner, cells, surface, inside, shear, error)
+   call new_preconditioner(self%preconditioner, scene, cells, surface, inside, shear, error)
 end subroutine new_tangent
 
 !> Begin a load step: nothing is carried from the last one
@@ -172,6 +176,8 @@ subroutine forget(self)
    self%first = 0.0_wp
    self%last = 0.0_wp
    call self%pressures%forget()
+   ! a load step must not depend on whether this run or another has done those before
+   call self%let_go()
 end subroutine forget
 
 !> Note where the tangent is taken next
@@ -227,9 +233,9 @@ subroutine keep_followers(self, constant)
    call move_alloc(whole, self%value)
 end subroutine keep_followers
 
-!> Stabilise nodal cells: in the constant part, or as rows of their own where the tangent is not
-!> formed, whose supports are complete
-subroutine stabilise_cells(self, constant, cells, inside, modulus)
+!> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
+!> their own where the tangent is not formed
+subroutine complete(self, constant, cells, inside, modulus)
    !> Tangent
    class(tangent_type), intent(inout) :: self
    !> Entries of the constant part, shape (entries) [force/length]
@@ -245,19 +251,20 @@ subroutine stabilise_cells(self, constant, cells, inside, modulus)
    real(wp), allocatable :: value(:)
 
    if (self%formed) then
-      call stabilise(self%symmetric_matrix, constant, cells, inside, modulus)
+      if (cells%smoothed) call stabilise(self%symmetric_matrix, constant, cells, inside, modulus)
       return
    end if
    self%value = constant
    call self%compressed(start, column, value)
    call new_sparse_rows(self%supports, start, column, value)
    if (allocated(self%followers%value)) deallocate (self%followers%value)
+   if (.not. cells%smoothed) return
    call new_symmetric(component, 1, maxval(cells%node), inside%neighbour)
    call stabilise(component, component%value, cells, inside, modulus)
    call component%compressed(start, column, value)
    call new_sparse_rows(self%stabilising, start, column, value)
    call self%stabilising%share()
-end subroutine stabilise_cells
+end subroutine complete
 
 !> Product of the part that never changes with a vector
 subroutine constant_product(self, constant, x, y)
@@ -279,6 +286,7 @@ subroutine constant_product(self, constant, x, y)
    from(1:1, 1:size(x)) => x
    to(1:1, 1:size(y)) => y
    call self%supports%product(from, to, .false.)
+   if (.not. allocated(self%stabilising%value)) return
    nd = self%block
    ns = size(self%stabilising%place%offset) - 1
    from(1:nd, 1:ns) => x(:nd*ns)

@@ -167,6 +167,25 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
             assert max(states.iterations[2:]) < states.iterations[0]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("bulk", ["1e3", "inf"])
+def test_gauss_points_of_voxels_have_one_answer_however_their_tangent_is_solved(bulk):
+    """Formed or not, with blocks that the surface cuts, held at one end and moved at the other."""
+    tables = scene(
+        "rkpm-gauss", {"kind": "model"}, approximation=LINEAR, material=[{**RUBBER, "label": 1}],
+        boundary=[held("bottom"), held("top", u_x=0.3)],
+    )  # fmt: skip
+    cloud = staircase()
+    words = (f"material.K={bulk}", "solver.tolerance=1e-8")
+    exact, found = (
+        solved(tables, *words, f"galerkin.direct_limit={limit}", cloud=cloud).states.x[-1]
+        for limit in (60000, 0)
+    )
+    n = min(len(exact), len(found))
+    assert abs(found[:n] - exact[:n]).max() < 1e-6 * abs(exact[:n]).max()
+    assert not np.array_equal(found, exact)
+
+
 def iterations(inputs, out, *overrides):
     """Of minimal residuals, in all Newton steps of each load step."""
     words = ("geometry.source=[5,5,9]", "galerkin.direct_limit=0", "approximation.support=1.82")
