@@ -18,8 +18,8 @@ __all__ = ["is_phantom", "story"]
 #: Volume ratios further than this from 1 are counted
 _OFF = 0.1
 _VERDICTS = {
-    "accepted": "Accepted: no check found a reason to doubt the numerical error; fibers, materials and "
-    "attachments are yours",
+    "accepted": "Accepted: no check found a reason to doubt the numerical error; fibers, "
+    "materials and attachments are yours",
     "doubtful": "Doubtful",
     "refused": "Refused: do not use these numbers",
 }
