@@ -25,6 +25,7 @@ TABLES = {
     "partial_volume": ("partial_volume",),
     "real_images": ("real_images",),
     "shading_fields": ("shading_fields",),
+    "tissues": ("tissues",),
     "thick_slices": ("thick_slices",),
     "walks": ("walks", "outlines"),
     "water_fat": ("water_fat",),
