@@ -78,6 +78,7 @@ TABLES = {
     "large_leg": ("large_leg",),
     "real_images": ("real_images",),
     "shading_fields": ("shading_fields",),
+    "tissues": ("tissues",),
     "walks": ("walks", "outlines"),
 }
 

@@ -351,8 +351,7 @@ subroutine step(self, st, x)
    if (worst%value > 0.0_wp .or. allocated(self%outcome%lost)) return
    self%outcome%lost = 'the material loses ellipticity at ' &
       & //to_text(self%problem%scene%cloud%points(:, worst%point))//' (collocation point ' &
-      & //to_text(worst%point)//') from load '//to_text(st%load)//': the answer is no longer ' &
-      & //'unique there'
+      & //to_text(worst%point)//') from load '//to_text(st%load)
    call self%outcome%warn(self%outcome%lost, self%receiver)
 end subroutine step
 

@@ -299,11 +299,17 @@ subroutine judge_lost(self, problem, outcome)
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
    type(ellipticity_type) :: worst
+   character(len=:), allocatable :: found
 
    call find_ellipticity(problem, outcome%peak, worst)
+   found = outcome%lost//extent_of(problem, worst%lost)
    ! what was lost on the way may have led to another branch
-   if (matters(problem, worst%lost) .or. .not. any(worst%lost)) call self%object(doubtful, &
-      & outcome%lost//extent_of(problem, worst%lost))
+   if (matters(problem, worst%lost) .or. .not. any(worst%lost)) then
+      call self%object(doubtful, found//': the answer is not unique')
+   else
+      self%reasons = self%reasons//found//': too little of the body, away from the probes, to ' &
+         & //'count against them'//new_line('a')
+   end if
 end subroutine judge_lost
 
 !> Whether bad places are a good part of the body, or near a probe
@@ -494,6 +500,7 @@ pure function sentence(self) result(text)
    integer :: i
 
    text = trim(verdict_names(self%state))
+   if (self%state == accepted) text = text//' (numerical error; fibers and attachments are yours)'
    if (len(self%reasons) == 0) return
    text = text//': '
    do i = 1, len(self%reasons) - 1

@@ -55,6 +55,15 @@ def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
     assert data_overrides(deck, tmp_path / "data", here) == []
 
 
+def test_a_path_of_the_deck_is_first_joined_to_the_folder(deck, tmp_path):
+    """As in a BIDS tree, in which each subject has files of the same names."""
+    wanted = tmp_path / "data" / "sub-02" / "anat" / "t1.nii.gz"
+    wanted.parent.mkdir(parents=True)
+    wanted.touch()
+    own = ["image.anatomy=sub-02/anat/t1.nii.gz"]
+    assert data_overrides(deck, tmp_path / "data", own) == [f"image.anatomy={wanted}"]
+
+
 def test_missing_and_double_files_are_told(deck, tmp_path):
     data = tmp_path / "data"
     with pytest.raises(FileError, match="there is no such folder"):

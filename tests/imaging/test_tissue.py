@@ -1,5 +1,7 @@
 """Tissues: fuzzy clusters, the materials of a leg, bone as a boundary."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -65,7 +67,7 @@ def leg():
 
 def materials(leg, least=LEAST):
     return leg_tissues(leg.anatomy, fat=leg.fat, connective=leg.connective, tensor=leg.tensor,
-                       least_diffusivity=least)[0]  # fmt: skip
+                       least_diffusivity=least).labels  # fmt: skip
 
 
 def test_materials_of_a_leg(leg):
@@ -80,7 +82,7 @@ def test_materials_of_a_leg(leg):
 
 @pytest.mark.slow
 def test_fewer_images_give_fewer_materials(leg):
-    found, _ = leg_tissues(leg.anatomy)
+    found = leg_tissues(leg.anatomy).labels
     assert not (found.data == 3).any()
     assert dice(found.data == 4, leg.tissue.data == 4) > 0.95
     # The skin, as grey as muscle, is told from it by its place; skin counts as fat.
@@ -91,7 +93,7 @@ def test_fewer_images_give_fewer_materials(leg):
 def test_a_single_slice_is_a_leg_as_well():
     plain = make_phantom((90, 90, 3), (1.25, 1.25, 20.0), bias=0.0)  # as after its correction
     one = Image(plain.anatomy.data[:, :, 1:2], plain.anatomy.affine)
-    found = leg_tissues(one)[0].data[..., 0]
+    found = leg_tissues(one).labels.data[..., 0]
     truth = plain.tissue.data[:, :, 1]
     # Pixels that fat between the muscles fills in part are muscle by their grey value.
     for number, least in ((1, 0.93), (2, 0.94), (4, 0.95)):
@@ -117,6 +119,60 @@ def test_no_bones_in_an_image_without(leg):
     plain = np.where(leg.tissue.data == 4, 1000.0, leg.anatomy.data)
     body = leg.tissue.data > 0
     assert not find_bones(Image(plain, leg.anatomy.affine), body).any()
+
+
+def disc(radius, size=100):
+    i, j = np.mgrid[:size, :size] - 0.5 * (size - 1)
+    return (np.hypot(i, j) < radius)[..., None]
+
+
+def limb(muscle=0.4, fat=1.0, skin=45.0, core=34.0, gap=4, noise=0.02):
+    """A round section of four muscles with fat between and around them, and where muscle is."""
+    body, flesh = disc(skin), disc(core)
+    flesh[50 - gap // 2 : 50 + gap // 2] = False
+    flesh[:, 50 - gap // 2 : 50 + gap // 2] = False
+    grey = np.where(flesh, muscle, fat) * body
+    real, other = np.random.default_rng(1).normal(0.0, noise, (2, *grey.shape))
+    return Image(100 * np.hypot(grey + real, other), np.diag([2.0, 2.0, 5.0, 1.0])), flesh, body
+
+
+def test_fat_between_muscles_is_fat_without_a_doubt():
+    image, flesh, body = limb()
+    found = leg_tissues(image)
+    assert dice(found.labels.data == 1, flesh) > 0.98
+    assert dice(found.labels.data == 2, body & ~flesh) > 0.98
+    assert not found.doubts
+
+
+@pytest.mark.parametrize(
+    ("keys", "doubt"),
+    [
+        ({"muscle": 0.93, "noise": 0.05}, "too little to part them by their grey"),
+        ({"muscle": 1.0, "fat": 0.3}, "not under the skin|beyond what was taken for the skin"),
+        ({"skin": 36.0, "gap": 2}, "of the fat are voxels that touch nothing else"),
+    ],
+)
+def test_what_the_rule_supposes_is_checked(keys, doubt):
+    assert re.search(doubt, " ".join(leg_tissues(limb(**keys)[0]).doubts))
+
+
+def test_a_trunk_is_no_limb_and_a_third_grey_no_fat():
+    image, _, body = limb()
+    wide = Image(image.data, np.diag([4.0, 4.0, 5.0, 1.0]))
+    assert "1020 cm^2, more than a limb" in " ".join(leg_tissues(wide).doubts)
+    organ = np.where(disc(10.0), 70.0 + 0.0 * image.data, image.data)
+    doubts = " ".join(leg_tissues(Image(organ, image.affine)).doubts)
+    assert "between fat and muscle in grey" in doubts
+
+
+def test_another_echo_parts_what_one_image_does_not():
+    """In the first image noise is half of the difference; the second one knows no shading."""
+    first, flesh, body = limb(muscle=0.6, noise=0.15)
+    second = limb(muscle=1.0, fat=0.5, noise=0.05)[0]
+    alone, both = (
+        leg_tissues(first, others=others, body=body).labels.data for others in ((), (second,))
+    )
+    assert dice(alone == 1, flesh) < 0.95 < 0.98 < dice(both == 1, flesh)
 
 
 def test_tensors_in_another_unit_are_named(leg):

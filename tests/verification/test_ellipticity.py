@@ -77,3 +77,22 @@ def test_loss_is_told_once(inputs: Path, tmp_path: Path) -> None:
     assert len(warnings) == 1
     assert f"from load {summary['steps'][lost]['load']:g}" in warnings[0]
     assert all(value > 0 for value in values[:lost])
+    assert summary["verdict"]["state"] == "doubtful"
+    assert "the answer is not unique" in " ".join(summary["verdict"]["reasons"])
+
+
+def test_an_accepted_answer_is_not_called_ambiguous(inputs: Path, tmp_path: Path) -> None:
+    """A glued end loses ellipticity in its corners alone, far from the probe."""
+    summary, done = execute(inputs / "uniaxial_tension.toml", tmp_path, sets=(
+        "geometry.size=[2,1,1]", "geometry.source=[13,7,7]", "geometry.collocation=[13,7,7]",
+        "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",
+        "load.steps=4", "boundary.x1.u_x=0.62", "boundary.x1.u_y=0", "boundary.x1.u_z=0",
+        "material.A20=-14", "material.A30=0", "material.K=500", "probe.stress.point=[1,0.5,0.5]",
+    ))  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    verdict = summary["verdict"]
+    assert verdict["state"] == "accepted"
+    assert ["loses ellipticity" in text for text in verdict["reasons"]] == [True]
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith("accepted (numerical error; fibers and attachments are yours): ")
+    assert "loses ellipticity" in last and "unique" not in done.stdout

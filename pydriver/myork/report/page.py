@@ -113,7 +113,7 @@ def _page(folder: RunFolder) -> Page:
 
 #: Kind and words of each verdict
 _VERDICTS = {
-    "accepted": ("good", "✓ accepted"),
+    "accepted": ("good", "✓ numerical error accepted"),
     "doubtful": ("unsure", "? doubtful"),
     "refused": ("bad", "✗ refused"),
 }

@@ -1,11 +1,17 @@
-"""The materials of a whole leg from its images (thesis section 4.1.2).
+"""The materials of a limb from its images (thesis section 4.1.2).
 
-The outer boundary and the bones come from the anatomy by two-phase level sets; fat and connective
-tissue are clustered in images of their own sequences; of what is left, voxels with a diffusion
-tensor are muscle and all others fat. Without tensors only the skin is taken from the muscle.
+The outer boundary comes from the anatomy by two-phase level sets, bone is marrow in a closed dark
+ring; fat and connective tissue are clustered in images of their own sequences. From these clusters
+the border of fat and muscle is drawn anew at half of their difference, both taken of voxels around
+that touch no other tissue, in the combination of all images that parts them best (Fisher). Of what
+is left, voxels with a diffusion tensor are muscle and all others fat; without tensors only the skin
+is taken from the muscle. What this supposes is checked, see `Tissues.doubts`.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -19,15 +25,33 @@ from myork.segmentation.channels import scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
 from myork.segmentation.regions import large_pieces
+from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
-__all__ = ["find_bones", "leg_tissues", "outer_boundary"]
+__all__ = ["Tissues", "find_bones", "leg_tissues", "outer_boundary"]
 
 
-# Marrow: at least this large in the slice [mm^2]; cortex is as thick as this at most [mm].
-_LEAST_MARROW = 15.0
+# Marrow in a slice [mm^2]: larger than a femoral head is fat in a ring of muscles. Cortex is as
+# thick as this at most [mm], and darker than the first of these parts of the median of dark tissue,
+# or than its scatter three times below, whichever is more;
+# darker than the second no voxel counts as muscle where its grey is looked for.
+_MARROW = (15.0, 3000.0)
 _CORTEX = 6.0
 _COVERED = 0.6
+_CORTICAL, _DARK = 0.8, 0.5
+# Voxels that touch no other tissue are compared within this [mm]; so many of both must be there.
+_AROUND = 15.0
+_LEAST_WHOLE = 20
+_ROUNDS = 5
+# Bounds of doubts: section of a limb [mm^2]; Dice of two methods; difference of fat and muscle over
+# their scatter; part of a tissue that touches no other; part of the body between both; difference
+# of the signal beyond the skin from that of air, over that of the body.
+_LIMB = 35000.0
+_ALIKE = 0.93
+_CONTRAST = 3.0
+_WHOLE = (0.36, 0.3)
+_BETWEEN = 0.015
+_AIR = 0.03
 # The bright cluster of the special sequence is connective tissue only if it is so many times as
 # bright as the other: without any, the two would be muscle and fat.
 _STANDS_OUT = 2.5
@@ -39,48 +63,65 @@ _PHASES = LevelSets(
 )
 
 
+class Tissues(NamedTuple):
+    """Materials of a limb.
+
+    Attributes
+    ----------
+    labels : Labels
+        As in `TISSUES`.
+    memberships : dict
+        Of voxels in `fat` and, where there is an image of it, in `connective_tissue`, 0 to 1, zero
+        in bone and outside of the body, shape `(ni, nj, nk)`.
+    doubts : list of str
+        What the rules suppose and this image does not show.
+    """
+
+    labels: Labels
+    memberships: dict[str, F64]
+    doubts: list[str]
+
+
 def leg_tissues(
     anatomy: Image,
     *,
     fat: Image | None = None,
     connective: Image | None = None,
+    others: Sequence[Image] = (),
     tensor: Image | None = None,
     body: Mask | None = None,
     least_diffusivity: float = 0.0,
-) -> tuple[Labels, dict[str, F64]]:
-    """Label every voxel of a leg with its material.
+) -> Tissues:
+    """Label every voxel of a limb with its material.
 
     Parameters
     ----------
     anatomy : Image
-        T1-like MR image, shape `(ni, nj, nk)`; the others lie on its grid.
+        MR image, shape `(ni, nj, nk)`; the others lie on its grid.
     fat, connective : Image, optional
-        Images in which fat, or connective tissue, is bright; without the first the anatomy shows
-        fat, without the second no connective tissue is found.
+        Images in which fat, or connective tissue, is bright; without the first fat is bright in the
+        anatomy, without the second no connective tissue is found.
+    others : sequence of Image
+        Further images in which fat and muscle differ, as other echoes.
     tensor : Image, optional
         Diffusion tensors; without them all that is left is muscle but for the skin.
     body : NDArray, optional
         Voxels to label, shape `(ni, nj, nk)`; without it those inside the skin.
     least_diffusivity : float
         Mean diffusivity of muscle, in the unit of the tensors.
-
-    Returns
-    -------
-    tuple
-        Materials as in `TISSUES`; memberships of voxels in `fat` and, where there is an image of
-        it, in `connective_tissue`, 0 to 1, zero in bone and outside of the body, shape
-        `(ni, nj, nk)`.
     """
-    for other in (fat, connective, tensor):
+    for other in (fat, connective, *others, tensor):
         if other is not None:
             check_same_grid(other, anatomy)
+    found_body = body is None
     body = outer_boundary(anatomy) if body is None else body
     bone = find_bones(anatomy, body)
     soft = body & ~bone
+    inner = soft & ~_skin(body, anatomy.spacing[:2])
     memberships: dict[str, F64] = {}
 
-    def clustered(name: str, image: Image, clusters: int, contrast: float = 0.0) -> Mask:
-        found = fuzzy_c_means(image.data, soft, clusters)
+    def clustered(name: str, image: Image, contrast: float = 0.0) -> Mask:
+        found = fuzzy_c_means(image.data, soft, 2)
         if found.centre[-1, 0] < contrast * found.centre[-2, 0]:
             return np.zeros(soft.shape, dtype=bool)
         memberships[name] = np.zeros(soft.shape)
@@ -89,13 +130,19 @@ def leg_tissues(
 
     sheets = np.zeros(body.shape, dtype=bool)
     if connective is not None:
-        sheets = clustered("connective_tissue", connective, 2, _STANDS_OUT)
-    # Fat, muscle and what is darker still stand apart in the anatomy; in a fat image there are two.
-    fatty = clustered("fat", anatomy, 3) if fat is None else clustered("fat", fat, 2)
+        sheets = clustered("connective_tissue", connective, _STANDS_OUT)
+    shown = anatomy if fat is None else fat
+    fatty = clustered("fat", shown)
+    more = [one.data for one in (*([] if fat is None else [anatomy]), *others)]
+    border = _drawn_anew(shown.data, more, inner & ~sheets, fatty, anatomy.spacing)
+    doubts = _doubts(shown, body, inner & ~sheets, border)
+    if found_body:
+        doubts += _beyond(anatomy, body)
+    fatty = np.where(inner & ~sheets, border.fat, fatty)
     # A voxel that is bright in both images lies between fat and connective tissue.
     sheets &= ~fatty
     rest = soft & ~fatty & ~sheets
-    muscle = rest & ~_skin(body, anatomy.spacing[:2])
+    muscle = rest & inner
     if tensor is not None:
         usable = np.asarray(np.isfinite(tensor.data).all(axis=-1, keepdims=True))
         mean = mean_diffusivity(np.where(usable, tensor.data, 0.0))
@@ -110,7 +157,127 @@ def leg_tissues(
     data = np.zeros(body.shape, dtype=np.int32)
     for label, name in TISSUES.items():
         data[masks[name]] = label
-    return Labels(data, anatomy.affine, TISSUES, "tissue"), memberships
+    return Tissues(Labels(data, anatomy.affine, TISSUES, "tissue"), memberships, doubts)
+
+
+class _Border(NamedTuple):
+    """Fat, and how far each voxel is from muscle (0) to fat (1), None where one is missing."""
+
+    fat: Mask
+    place: F64 | None
+
+
+def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing: F64) -> _Border:
+    """Border of fat and muscle at half of their difference around each place."""
+    width = np.array([_AROUND / spacing[0], _AROUND / spacing[1], 0.0])
+    fat = fat & inner
+    place = None
+    for _ in range(_ROUNDS):
+        whole = [_whole(fat), _whole(inner & ~fat)]
+        # what has no signal is no muscle
+        whole[1] &= shown > _DARK * np.median(shown[inner & ~fat])
+        if min(one.sum() for one in whole) < _LEAST_WHOLE:
+            break
+        values = _best_part(shown, more, *whole)
+        high, low = (_around(values, one, width) for one in whole)
+        place = (values - low) / np.maximum(high - low, 1e-9 * np.ptp(values))
+        new = inner & (place > 0.5)
+        if (new == fat).all():
+            break
+        fat = new
+    return _Border(fat, place)
+
+
+def _best_part(shown: F64, more: Sequence[F64], fat: Mask, muscle: Mask) -> F64:
+    """Combination of images in which fat and muscle differ most by their scatter."""
+    if not more:
+        return shown
+    images = np.stack([shown, *more], axis=-1)
+    scatter = np.cov(images[fat].T) + np.cov(images[muscle].T)
+    scatter += 1e-6 * np.trace(scatter) * np.eye(len(scatter))
+    weights = np.linalg.solve(scatter, images[fat].mean(axis=0) - images[muscle].mean(axis=0))
+    return np.asarray(images @ weights)
+
+
+def _whole(tissue: Mask) -> Mask:
+    """Voxels that touch nothing else in their slice."""
+    return np.asarray(ndimage.binary_erosion(tissue, np.ones((3, 3, 1))))
+
+
+def _around(values: F64, where: Mask, width: F64) -> F64:
+    """Mean of the values of some voxels around each place."""
+    weight = ndimage.gaussian_filter(where.astype(float), width)
+    total = ndimage.gaussian_filter(np.where(where, values, 0.0), width)
+    # far from all of them it is the mean of all
+    return np.asarray((total + 1e-3 * values[where].mean()) / (weight + 1e-3))
+
+
+def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]:
+    """What the border of fat and muscle supposes and an image does not show."""
+    found, fat, muscle = [], border.fat, inner & ~border.fat
+    size, name = shown.spacing, shown.name
+    pieces, n = ndimage.label(body)
+    sections = ndimage.sum_labels(body, pieces, range(1, n + 1)) / body.any(axis=(0, 1)).sum()
+    area = float(np.max(sections) * size[0] * size[1])
+    if area > _LIMB:
+        found.append(
+            f"the section has {area / 100:.0f} cm^2, more than a limb: organs are as grey as "
+            "muscle and are labelled muscle; limit it by image.body"
+        )
+    whole = [_whole(fat), _whole(muscle)]
+    for label, own, all_, least in zip(
+        ("fat", "muscle"), whole, (fat, muscle), _WHOLE, strict=True
+    ):
+        part = own.sum() / max(all_.sum(), 1)
+        if part < least:
+            found.append(
+                f"only {100 * part:.0f} % of the {label} are voxels that touch nothing else: its "
+                "volume depends on where borders are drawn; take finer voxels or image.partial"
+            )
+    other = _phase(shown, inner, "bright")
+    alike = min(dice(other, fat), dice(inner & ~other, muscle))
+    if alike < _ALIKE:
+        found.append(
+            f"level sets of two regions and the border of fat and muscle disagree (Dice "
+            f"{alike:.2f})"
+        )
+    if border.place is not None and min(one.sum() for one in whole) >= _LEAST_WHOLE:
+        scatter = float(np.linalg.norm([np.std(border.place[one]) for one in whole]))
+        if scatter * _CONTRAST > 1.0:
+            found.append(
+                f"fat and muscle differ by {1 / scatter:.1f} times their scatter: too little to "
+                "part them by their grey"
+            )
+        between = _whole(inner) & (np.abs(border.place - 0.5) < 0.25)
+        between = np.asarray(ndimage.binary_opening(between, np.ones((3, 3, 1))))
+        part = between.sum() / inner.sum()
+        if part > _BETWEEN:
+            found.append(
+                f"{100 * part:.1f} % of the body lie between fat and muscle in grey: there is a "
+                "third tissue, which is labelled as one of both"
+            )
+    depth = _depth(body, size[:2])
+    rind = depth < 2 * _SKIN + size[0]
+    shell, core = inner & rind, inner & (depth > 0.5 * depth[np.isfinite(depth)].max(initial=0.0))
+    if shell.any() and core.any() and fat[shell].mean() < fat[core].mean():
+        found.append("what is called fat lies inside and not under the skin: is fat bright in it?")
+    return [f"tissue of {name}: {text}" for text in found]
+
+
+def _beyond(anatomy: Image, body: Mask) -> list[str]:
+    """Whether there is signal beyond the skin."""
+    away = _depth(~body, anatomy.spacing[:2])
+    near, far = ((away > low) & (away < high) for low, high in ((_SKIN, 8.0), (15.0, np.inf)))
+    if not near.any():
+        return []
+    air = float(np.median(anatomy.data[far])) if far.any() else 0.0
+    signal = float(np.median(anatomy.data[near]))
+    if signal <= 1.5 * air + _AIR * float(np.median(anatomy.data[body])):
+        return []
+    return [
+        f"tissue of {anatomy.name}: there is signal beyond what was taken for the skin (dark "
+        "fat?); image.body says what is inside"
+    ]
 
 
 def outer_boundary(anatomy: Image) -> Mask:
@@ -124,14 +291,15 @@ def outer_boundary(anatomy: Image) -> Mask:
 def find_bones(anatomy: Image, body: Mask) -> Mask:
     """Bones: bright marrow that a ring of very dark cortex closes off in every slice.
 
-    Two level sets one after the other: bright (fat, marrow) against dark, and of the dark phase
-    muscle against what is darker still.
+    Level sets part bright (fat, marrow) from dark; cortex is darker than the dark phase scatters.
     """
     bright = _phase(anatomy, body, "bright")
     dark = body & ~bright
     if not dark.any():
         return np.zeros(body.shape, dtype=bool)
-    darkest = _phase(anatomy, dark, "dark")
+    middle = np.median(anatomy.data[dark])
+    scatter = 1.4826 * np.median(np.abs(anatomy.data[dark] - middle))
+    darkest = dark & (anatomy.data < max(_CORTICAL * middle, middle - 3.0 * scatter))
     pixel = float(anatomy.spacing[:2].prod())
     bone = np.zeros(body.shape, dtype=bool)
     for k in range(body.shape[2]):
@@ -143,8 +311,8 @@ def find_bones(anatomy: Image, body: Mask) -> Mask:
         pieces, n = ndimage.label(ndimage.binary_fill_holes(ring) & ~ring)
         for piece in range(1, n + 1):
             marrow = pieces == piece
-            large = marrow.sum() * pixel >= _LEAST_MARROW
-            if large and bright[:, :, k][marrow].mean() > 0.5:
+            sized = _MARROW[0] <= marrow.sum() * pixel <= _MARROW[1]
+            if sized and bright[:, :, k][marrow].mean() > 0.5:
                 bone[:, :, k] |= marrow | _wall(marrow, ring, anatomy.spacing[:2])
     return bone
 
@@ -167,15 +335,18 @@ def _wall(marrow: Mask, ring: Mask, pixel: F64) -> Mask:
 
 def _skin(body: Mask, pixel: F64) -> Mask:
     """Band of the body along the air in every slice; where the picture ends there is no air."""
-    skin = np.zeros(body.shape, dtype=bool)
+    return body & (_depth(body, pixel) <= _SKIN)
+
+
+def _depth(body: Mask, pixel: F64) -> F64:
+    """Distance to what is outside in every slice, infinite where nothing is [mm]."""
+    depth = np.full(body.shape, np.inf)
     for k in range(body.shape[2]):
         if body[:, :, k].all():
             continue  # SciPy's distances to nothing are those to a place outside of the array
-        depth = ndimage.distance_transform_edt(
-            np.pad(body[:, :, k], 1, mode="edge"), sampling=pixel
-        )
-        skin[:, :, k] = body[:, :, k] & (depth[1:-1, 1:-1] <= _SKIN)
-    return skin
+        padded = np.pad(body[:, :, k], 1, mode="edge")
+        depth[:, :, k] = ndimage.distance_transform_edt(padded, sampling=pixel)[1:-1, 1:-1]
+    return depth
 
 
 def _even(anatomy: Image) -> Image:

@@ -193,8 +193,8 @@ def data_overrides(
 ) -> list[str]:
     """Overrides that say where the files of a deck lie.
 
-    A file that lies where the deck says is left there; others are looked for by their names in
-    all folders below `data`.
+    A file that lies where the deck says is left there; a path with folders is taken from below
+    `data`, all others are looked for by their names in all folders below it.
 
     Parameters
     ----------
@@ -223,14 +223,18 @@ def data_overrides(
         table, name = key.split(".")
         wanted = values.get(table, {}).get(name)
         names = wanted if isinstance(wanted, list) else [wanted] if wanted else []
-        own = [split_choice(Path(values["folder"]) / one) for one in names]
-        if all(path.exists() for path, _ in own):
+        own = [split_choice(Path(one)) for one in names]
+        if all(Path(values["folder"], path).exists() for path, _ in own):
             continue
-        places = [
-            f"{path.resolve() if path.exists() else _place(deck, key, path, folder)}"
-            + (f":{choice}" if choice else "")
-            for path, choice in own
-        ]
+        places = []
+        for path, choice in own:
+            there = [
+                Path(values["folder"], path),
+                *([folder / path] if len(path.parts) > 1 else []),
+            ]
+            place = next((one.resolve() for one in there if one.exists()), None)
+            place = place or _place(deck, key, path, folder)
+            places.append(f"{place}:{choice}" if choice else f"{place}")
         text = json.dumps(places)
         found.append(f"{key}={text if isinstance(wanted, list) else places[0]}")
     return found

@@ -75,6 +75,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     if deck["tissue"]["find"]:
         progress("materials of the leg")
         parts["tissue"] = find_tissues(deck, out, found, grid)
+        record["warnings"] += parts["tissue"].pop("warnings")
     record["warnings"] += grid.doubts
     for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)

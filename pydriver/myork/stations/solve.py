@@ -30,8 +30,10 @@ from myork.errors import (
     RefusedError,
     StoppedError,
 )
-from myork.files import write_text
+from myork.files import alone_in, write_text
 from myork.libraries import cure_of
+from myork.stations.estimate import pcsa_force
+from myork.summary import update_summary
 
 __all__ = ["find_executable", "run_deck", "run_executable", "set_options"]
 
@@ -153,7 +155,26 @@ def run_deck(
     summary = _summary(out)
     if "steps" not in summary:
         raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")
-    return summary
+    return _with_estimate(summary, Path(out), progress)
+
+
+def _with_estimate(
+    summary: dict[str, Any], out: Path, progress: ProgressCallback
+) -> dict[str, Any]:
+    """The summary, also of the folder, with the force by the PCSA where it is known."""
+    estimate = pcsa_force(summary)
+    if estimate is None:
+        return summary
+    entry, warning = estimate
+    unit = summary["units"]["force"]
+    progress(f"activation x PCSA x sigma_max: {entry['value']:.4g} {unit} ({entry['probe']}: "
+             f"{entry['ratio']:.2g} times)")  # fmt: skip
+    if warning:
+        progress(f"warning: {warning}")
+    told = [*summary.get("warnings", []), *([warning] if warning else [])]
+    with alone_in(out):
+        update_summary(out, {"pcsa_force": entry, "warnings": told})
+    return {**summary, "pcsa_force": entry, "warnings": told}
 
 
 def _summary(out: str | Path) -> dict[str, Any]:

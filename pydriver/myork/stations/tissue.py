@@ -102,8 +102,8 @@ def find_tissues(
     anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
         body = outer_boundary(anatomy) | (images.region.data > 0)
-    found, memberships = leg_tissues(
-        anatomy, fat=fat, connective=connective, tensor=tensor, body=body,
+    found, memberships, doubts = leg_tissues(
+        anatomy, fat=fat, connective=connective, others=images.others, tensor=tensor, body=body,
         least_diffusivity=files.table["least_diffusivity"],
     )  # fmt: skip
     muscle = found.data == _MUSCLE
@@ -114,6 +114,7 @@ def find_tissues(
     )
     made |= {f"membership_{k}": Image(v, found.affine) for k, v in memberships.items()}
     record = LabelRecord(found, deck)
+    record["warnings"] = doubts
     record["maps"] = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
     if tensor is not None:
         own = Labels(muscle.astype(np.int32), found.affine, {}, found.name)
