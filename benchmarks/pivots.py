@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body
 from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback, silent
+from myork.core.deck import deck_values, text_of_tables
 
 __all__ = ["PIVOTS", "cost", "run", "view"]
 
@@ -366,11 +368,7 @@ def _certify(rows: Rows) -> dict[str, Any]:
 #: Errors whose time is wanted [-]
 _ERRORS = (1e-2, 1e-3, 1e-4)
 _SMALLEST = 1e-6
-_RACERS: tuple[Form, ...] = (
-    ("default", ()),
-    ("order 1", ("approximation.order=1",)),
-    ("order 2", ("approximation.order=2",)),
-)
+_DEFAULT: Form = ("default", ())
 #: Sizes and meshes; probes lie at quarters of a sheet's height
 _SHEET = (
     ((5, 3), (9, 3), (17, 5), (33, 9), (65, 17)),
@@ -400,7 +398,7 @@ class _Entry(NamedTuple):
     """A problem of the race: its forms, and the kinds of probes or single probes compared."""
 
     problem: Problem | Body
-    forms: tuple[str, ...]
+    forms: tuple[Form, ...]
     lines: tuple[str, ...]
 
 
@@ -412,8 +410,7 @@ def _race(progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     # felupe imports what it needs: that is no part of a solution
     solve_rivals(BY_NAME["tube"]._replace(elements=((1, 4),)), silent)
     for entry in _entries(quick):
-        forms = [form for form in _RACERS if form[0] in entry.forms]
-        truths, own = rows_of(entry.problem, forms, progress, timed=True)
+        truths, own = rows_of(entry.problem, entry.forms, progress, timed=True)
         rows += own
         for line in entry.lines:
             races += _races(entry, line, own, truths)
@@ -482,11 +479,22 @@ def _entries(quick: bool) -> Iterator[_Entry]:
             tables = {**problem.tables, "boundary": ends}
             problem = problem._replace(name="torsion by 90 degrees", tables=tables)
         # probes at the surface make order 2 the default in the plane
-        other = "order 1" if len(sizes[0]) == 2 else "order 2"
-        yield _Entry(problem, ("default", other), lines)
+        order = 1 if len(sizes[0]) == 2 else 2
+        forms: list[Form] = [_DEFAULT, (f"order {order}", (f"approximation.order={order}",))]
+        sides = _graded_sides(problem.tables)
+        if sides:
+            forms.append(("graded", (f"geometry.graded={json.dumps(sides)}",)))
+        yield _Entry(problem, tuple(forms), lines)
     if not quick:
         body = BY_NAME["three tissues of voxels"]
-        yield _Entry(body, ("default",), ("displacement", "force"))
+        yield _Entry(body, (_DEFAULT,), ("displacement", "force"))
+
+
+def _graded_sides(tables: Mapping[str, Any]) -> Any:
+    """Sides towards which the points of a deck lie closer where nobody chose any."""
+    body = {k: v for k, v in tables["geometry"].items() if k not in ("source", "collocation")}
+    deck = deck_values("tables", text_of_tables({**tables, "geometry": body}), (), "solve")
+    return deck["geometry"].get("graded")
 
 
 def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dict[str, Any]]:
@@ -500,7 +508,7 @@ def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dic
     smallest = (_SMALLEST,) if line == "force" and "tube" in entry.problem.name else ()
     for error in (*_ERRORS, *smallest):
         peer = cost(_of(rows, rival=True), key, error)
-        costs = {name: cost(_of(rows, form=name), key, error) for name in entry.forms}
+        costs = {name: cost(_of(rows, form=name), key, error) for name, _ in entry.forms}
         own = {name: seconds for name, seconds in costs.items() if seconds}
         best = min(own, key=lambda name: own[name], default=None)
         known = error >= 2.0 * doubt
