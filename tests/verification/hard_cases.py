@@ -1,7 +1,13 @@
 """Hard cases of test_stability.py, and how what comes out is judged.
 
 What counts as wrong is an answer that is off and does not say so, a crash, and a run without an
-end. The volume ratio is judged beside the probes: a stress may be right where volumes are not.
+end. The volume ratio is judged beside the probes: a stress may be right where volumes are not. It
+is judged in the mean over the body, as the largest deviation says nothing: J has no limit at the
+end of a held face, whatever the number of points.
+
+Three bounds, none of them chosen to fit an answer: `ITERATED` where the body is homogeneous and
+every form can give it, `ASKED` where the answer is known, `BESIDE` where finite elements gave it
+and for J.
 """
 
 import json
@@ -32,8 +38,15 @@ FORMS = (*METHODS, "rkpm-gauss", "rkpm-scni")
 WEAK = FORMS[2:]
 #: What is written down of earlier runs: errors of probes and of J by case
 MEASURED = Path(__file__).with_name("hard_measured.json")
-#: Errors below are what iterations leave
-ROUNDED = 1e-6
+#: What iterations leave of a homogeneous state: `solver.tolerance`
+ITERATED = 1e-6
+#: Error that a user who says nothing asks for: the default of `accuracy`
+ASKED = 0.02
+#: Error up to which an answer counts as right beside the limit of finite elements, which are
+#: themselves some per mille off: that of docs/verdict.md
+BESIDE = 0.05
+#: Bounds of a homogeneous state
+HOMOGENEOUS: Any = {"tolerance": ITERATED, "stray": ITERATED}
 
 
 class Case(NamedTuple):
@@ -41,9 +54,10 @@ class Case(NamedTuple):
 
     `right` are values of probes, `rival` a problem of benchmarks whose right values finite elements
     give; without either the run must be refused. `volume` is the range of J of the right answer at
-    full load, and `stray` by how much J may leave it. `words` stand in the message of a refusal or
-    the reasons of a doubt. `expected` is the end, `RIGHT` or `EXPLAINED` by itself, and `why` says
-    why it is neither. `manufactured` are a problem with a chosen solution and its form.
+    full load, and `stray` by how much J may leave it, root mean square over the places of output.
+    `words` stand in the message of a refusal or the reasons of a doubt. `expected` is the end,
+    `RIGHT` or `EXPLAINED` by itself, and `why` says why it is neither. `manufactured` are a problem
+    with a chosen solution and its form.
     """
 
     name: str
@@ -52,9 +66,9 @@ class Case(NamedTuple):
     cloud: Any = None
     right: Any = {}
     rival: str = ""
-    tolerance: float = 1e-3
+    tolerance: float = ASKED
     volume: tuple[float, float] = (1.0, 1.0)
-    stray: float = 0.02
+    stray: float = BESIDE
     words: tuple[str, ...] = ()
     expected: str = ""
     why: str = ""
@@ -79,11 +93,17 @@ def measured() -> Any:
 
 
 def bound(case: Case, what: str) -> float:
-    """Twice the `error`, `stray` or `way` that was measured; not below rounding. Of a case that was
-    not measured anything will do.
+    """Twice the `error`, `stray` or `way` that was measured; not below rounding. A case that was
+    not measured is new, and judged by its own bounds only.
     """
     known = measured().get(case.name, {})
-    return max(2.0 * known.get(what, 0.0), ROUNDED) if known else math.inf
+    return max(2.0 * known.get(what, 0.0), ITERATED) if known else math.inf
+
+
+def volume_error(case: Case, j: Any) -> float:
+    """Root mean square of what volume ratios leave the right range of a case by."""
+    low, high = case.volume
+    return float(np.sqrt(np.mean((np.minimum(j - low, 0.0) + np.maximum(j - high, 0.0)) ** 2)))
 
 
 def judge(case: Case, record: dict[str, Any]) -> str:
@@ -91,12 +111,14 @@ def judge(case: Case, record: dict[str, Any]) -> str:
     one whose error is more than twice what it was; `unexplained`, an end without what it must
     name; or the outcome of a run that crashed, failed or has no end.
 
-    A record that converged gets `error`, the largest of its probes, with that probe's name as
-    `worst`, and, where J is known, `stray` and `way`: by how much J leaves its range at full load,
-    and on the way there that of the range and of rest.
+    A record has `stray` where J is known (`volume_error`). One that converged gets `error`, the
+    largest of its probes, with that probe's name as `worst`, and `way`: the largest J by which it
+    leaves the range and rest, in any state.
     """
     outcome = record["outcome"]
-    told = " ".join([record["message"], *(record.get("verdict") or {}).get("reasons", [])])
+    reasons = (record.get("verdict") or {}).get("reasons", [])
+    warned = [text for text in record.get("warnings", []) if text.startswith("J at points")]
+    told = " ".join([record["message"], *reasons, *warned])
     named = bool(told) and all(word in told for word in case.words)
     if outcome in ("refused", "not converged"):
         return EXPLAINED if named else "unexplained"
@@ -114,11 +136,10 @@ def judge(case: Case, record: dict[str, Any]) -> str:
         record["error"] = errors[record["worst"]]
     if "max_J" in record:
         low, high = case.volume
-        last = (record.get("history") or [record])[-1]
-        record["stray"] = max(low - last["min_J"], last["max_J"] - high, 0.0)
         record["way"] = max(min(low, 1.0) - record["min_J"], record["max_J"] - max(high, 1.0), 0.0)
     if record["error"] > case.tolerance or record.get("stray", 0.0) > case.stray:
-        return "wrong" if accepted else WARNED if named else "unexplained"
+        said = not accepted or (bool(warned) and record["error"] <= case.tolerance)
+        return "wrong" if not said else WARNED if named else "unexplained"
     if any(record.get(what, 0.0) > bound(case, what) for what in ("error", "stray", "way")):
         return "worse"
     return RIGHT if accepted else DOUBTED if named else "unexplained"
@@ -144,6 +165,7 @@ LOCKS = "displacements alone lock where the material hardly changes its volume"
 CORNERS = "J strays at the corners between held and free faces, which are singular"
 ALONE = "no second solution: nodal cells need a lattice or voxels"
 FREE = "J at points is free where integration cells or patches keep the volume"
+UNJUDGED = "loads set point by point leave no second solution"
 UNSTABLE = "the polynomial loses ellipticity at this stretch; the homogeneous answer is right"
 
 
@@ -168,9 +190,7 @@ def bulk_moduli():
                 "tube",
                 (*small, f"material.K={bulk}", by(form)),
                 right={"radial_stress": exact.inner_stress(deck, float(bulk))},
-                tolerance=0.02,
                 volume=tube_volume(deck, float(bulk)),
-                stray=0.1 if form == "rkpm-gauss" else 0.01,
                 fast=form in METHODS[1:],
             )
             if (bulk, form) == ("1e3", "rkcm"):
@@ -198,9 +218,9 @@ def tube_volume(deck, bulk):
     return float(rings.min()), float(rings.max())
 
 
-def swells(material, stress):
+def swells(bulk, stress):
     """J of a bar under uniaxial tension: a third of the stress is the pressure."""
-    ratio = 1.0 + stress / (3.0 * material.bulk)
+    ratio = 1.0 + stress / (3.0 * bulk)
     return ratio, ratio
 
 
@@ -209,27 +229,29 @@ def large_strains():
     rubber = exact.Polynomial.from_deck(read_deck("shear_3d")["material"][0])
     swollen = exact.dilation(exact.Polynomial.from_deck(read_deck("dilation")["material"][0]), 6.0)
     tension, compression = exact.uniaxial(rubber, 6.0), exact.uniaxial(rubber, 0.1)
-    shear, longer = exact.simple_shear(rubber, 5.0), swells(rubber, tension)
+    shear, longer = exact.simple_shear(rubber, 5.0), swells(rubber.bulk, tension)
     kinds = (
         ("shear, gamma = 5", "shear_3d", (), shear, (1.0, 1.0)),
         ("tension to 6", "uniaxial_tension", (), tension, longer),
         ("tension to 6 in one step", "uniaxial_tension", ("load.steps=1",), tension, longer),
         ("compression to 0.1", "uniaxial_compression", (), compression,
-         swells(rubber, compression)),
+         swells(rubber.bulk, compression)),
         ("dilation to 6", "dilation", lattice((4, 4, 4)), swollen, (216.0, 216.0)),
     )  # fmt: skip
     for form, (name, deck, overrides, solution, volume) in product(FORMS, kinds):
         sheared = deck == "shear_3d"
+        off = sheared and form in WEAK
         yield Case(
             f"{name}, {form}",
             deck,
             (*overrides, by(form)),
             right={"shear_stress" if sheared else "stress": solution},
-            tolerance=0.02 if sheared else 1e-6,
             volume=volume,
-            stray=0.6 if sheared else 1e-6,
+            words=("J at points",) if off else (),
+            expected=WARNED if off else "",
             why=CORNERS if sheared and form != "rkcm" else "",
-            fast=deck != "uniaxial_compression" and not (sheared and "rkpm" in form),
+            fast=deck != "uniaxial_compression" and not off,
+            **({} if sheared else HOMOGENEOUS),
         )
 
 
@@ -243,7 +265,7 @@ def softening():
     for form in FORMS:
         case = Case(
             f"tension of softening rubber, {form}", "uniaxial_tension", (*small, *words, by(form)),
-            right={"stress": stress}, tolerance=1e-6, volume=swells(law, stress), stray=1e-6,
+            right={"stress": stress}, volume=swells(law.bulk, stress), **HOMOGENEOUS,
         )  # fmt: skip
         yield case.ends(DOUBTED, UNSTABLE, "loses ellipticity")
 
@@ -266,8 +288,6 @@ def muscle_loads():
             "muscle_block",
             (*small, *weights, *stiff, by(form)),
             right={"stress_zz": along_fibers(law, 1.0, 1.0)},
-            tolerance=0.02,
-            stray=0.05,
             fast=form != METHODS[1],
         )
         if stiff and form == "rkcm-mixed":
@@ -284,13 +304,16 @@ def fiber_curves():
     for form, curve, stretch in product(FORMS, ("published", "smooth"), (0.35, 1.7)):
         tables = stretched(method=form, move=stretch - 1.0, activation=0.5, steps=13, curve=curve)
         deck = on_lattice(tables, (4, 4, 4))
-        deck["material"][0]["fiber"] = [1, 0, 0]
+        law = deck["material"][0]
+        law["fiber"] = [1, 0, 0]
+        stress = along_fibers(law, stretch, 0.5)
         case = Case(
             f"fibers to {stretch}, {curve} curve, {form}",
             deck,
-            right={"stress": along_fibers(deck["material"][0], stretch, 0.5)},
-            tolerance=1e-6,
+            right={"stress": stress},
+            volume=swells(law["K"], stress),
             fast=form in (METHODS[0], "rkpm-gauss"),
+            **HOMOGENEOUS,
         )
         yield case.ends(DOUBTED, UNSTABLE, "loses ellipticity") if stretch > 1 else case
 
@@ -310,7 +333,7 @@ def tension(name, cloud, words=(), method="rkcm", answer=True):
     stress = exact.uniaxial(law, 1.2)
     return Case(
         name, stretched(method=method), cloud=cloud, right={"stress": stress} if answer else {},
-        tolerance=1e-6, volume=swells(law, stress), stray=1e-6, words=words,
+        volume=swells(law.bulk, stress), words=words, **HOMOGENEOUS,
     )  # fmt: skip
 
 
@@ -331,6 +354,9 @@ def clouds():
           for form in WEAK),
     ):  # fmt: skip
         yield tension(name, body, words, form, answer=False)
+    # accepted with 2 to 3 % of error at any number of points if it were solved
+    low = ("approximation.order=1", "approximation.support=2", "geometry.jitter=0.3")
+    yield Case("Poisson by functions of order 1, moved points", "poisson_1d", low, words=("order",))
 
 
 def lattices():
@@ -355,15 +381,16 @@ def curved():
     around = {"order": 2, "support": 3.0, "held": ("x0", "x1", "y0", "y1")}
     for form, jitter in product(FORMS, (0.0, 0.2, 0.4)):
         weak = form in WEAK
+        off = (form == "rkpm-gauss" and jitter > 0.0) or (form == "rkpm-scni" and jitter > 0.2)
         yield Case(
             f"curved solution, lattice moved by {jitter:g} h, {form}",
             overrides=(f"geometry.jitter={jitter:g}", by(form)),
             right={"u": 0.0},
-            tolerance=0.03,
-            # chosen: 1 + 3 (0.4) (X - 1/2)^2
+            # of the chosen solution, 1 + 3 (0.4) (X - 1/2)^2; J is compared place by place
             volume=(1.0, 1.3),
-            stray=2.0 if weak and jitter else 0.15,
-            why=FREE if weak else "",
+            words=("point by point",),
+            expected=WARNED if off else DOUBTED,
+            why=FREE if weak else UNJUDGED,
             manufactured=(
                 problem._replace(**(around if weak else {"order": 3, "support": 4.5})), form,
             ),
@@ -388,20 +415,20 @@ def beside(name, size, form, jitter=0.0):
     moved = f", lattice moved by {jitter:g} h" if jitter else ""
     points = "x".join(map(str, size))
     return Case(
-        f"{name}, {points}{moved}, {form}", tables, (by(form),), rival=name, tolerance=0.06,
-        stray=0.35, expected=WARNED, why=COARSE, fast=len(size) == 2,
+        f"{name}, {points}{moved}, {form}", tables, (by(form),), rival=name, tolerance=BESIDE,
+        expected=WARNED, why=COARSE, fast=len(size) == 2,
     )  # fmt: skip
 
 
 def beams():
     """Plane beams, on lattices and on moved points."""
     doubted, right = (DOUBTED, CAUTION), (RIGHT, RIMS)
-    off = (WARNED, STRONG, "the stress does")
+    off, coarse = (WARNED, STRONG, "the stress does"), (WARNED, COARSE, "probe inside")
     for name, jitter, gauss, nodal in (
         ("cantilever, dead traction", 0.0, right, right),
         ("cantilever, dead traction", 0.3, doubted, right),
-        ("clamped beam, end shear", 0.0, doubted, doubted),
-        ("clamped beam, end shear", 0.3, right, doubted),
+        ("clamped beam, end shear", 0.0, doubted, coarse),
+        ("clamped beam, end shear", 0.3, right, coarse),
     ):
         for form, end in zip(FORMS, (off, off, gauss, nodal), strict=True):
             yield beside(name, (17, 5), form, jitter).ends(*end)
@@ -425,8 +452,6 @@ def blocks():
             case = case._replace(why=PUBLISHED)
             if not coarse:
                 case = case.ends("", PUBLISHED, "stalls", "load")._replace(rival="")
-        elif form == "rkcm-mixed" and not coarse:
-            case = case.ends(DOUBTED, CAUTION)
         elif form != "rkpm-gauss" and coarse:
             case = case._replace(why=STIFF)
         yield case
@@ -443,7 +468,7 @@ def tissues():
     }.items():
         yield Case(
             f"{body.name}, {form}", body.tables, (by(form),), cloud, rival=body.name,
-            tolerance=0.06, stray=0.2, fast=False,
+            tolerance=BESIDE, fast=False,
         ).ends(*end)  # fmt: skip
 
 
@@ -490,9 +515,11 @@ def fibers():
     body = box((1.0, 1.0, 1.0), (4, 4, 4), (7, 7, 7), (1.0, 0.0, 0.0))
     flip = np.random.default_rng(3).choice([-1.0, 1.0], (len(body.fiber), 1))
     deck = stretched(move=0.1, activation=0.2, curve="smooth")
+    law = deck["material"][0]
+    stress = along_fibers(law, 1.1, 0.2)
     yield Case(
         "fibers of random sign", deck, cloud=replace(body, fiber=body.fiber * flip),
-        right={"stress": along_fibers(deck["material"][0], 1.1, 0.2)}, tolerance=1e-6,
+        right={"stress": stress}, volume=swells(law["K"], stress), **HOMOGENEOUS,
     ).ends(DOUBTED, ALONE, "no error estimate")  # fmt: skip
     for name, value in (
         ("a fiber that is NaN", np.nan),
