@@ -14,7 +14,7 @@ module rk_refine
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, lattice_words, list, other_number, solve_beside, &
       & solve_companion
-   use rk_deck, only : deck_type, joined
+   use rk_deck, only : deck_type, joined, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_stopped
@@ -75,6 +75,8 @@ module rk_refine
       class(recorder_type), pointer :: receiver => null()
       !> The run
       type(start_type) :: run
+      !> CPU time at which it is given up [s]
+      real(wp) :: deadline = huge(1.0_wp)
    contains
       procedure :: iteration
       procedure :: step
@@ -99,11 +101,12 @@ subroutine refine(self, deck, model, receiver, error)
    class(discretisation_type), allocatable :: problem
    type(start_type) :: run
    type(bars_type) :: bars
-   type(deck_type) :: finer
+   type(deck_type) :: coarser, finer
    real(wp) :: cost, start, before, growth, now, worst
    real(wp), allocatable :: left(:), share(:, :)
-   integer, allocatable :: cells(:), next(:), limit(:)
+   integer, allocatable :: before_cells(:), cells(:), next(:), limit(:)
    logical, allocatable :: counts(:)
+   character(len=word_length), allocatable :: graded(:)
    integer :: level, unknowns
    character(len=:), allocatable :: line
    character(len=long), allocatable :: words(:)
@@ -128,7 +131,8 @@ subroutine refine(self, deck, model, receiver, error)
       call new_problem(problem, scene, error)
       if (allocated(error)) return
       unknowns = problem%n
-      call solve(problem, scene, deck, model, receiver, run, bars, error)
+      call solve(problem, scene, deck, model, receiver, merge(start + cost, huge(1.0_wp), &
+         & allocated(self%start)), run, bars, error)
       if (.not. allocated(error)) then
          if (allocated(self%bars)) call bars_by_earlier(bars, self%bars, growth)
          worst = maxval(relative(bars), mask=counts)
@@ -143,7 +147,32 @@ subroutine refine(self, deck, model, receiver, error)
       deallocate (problem)
       if (receiver%stopped()) call fatal_error(error, err_stopped, 'stopped while the points ' &
          & //'were refined')
-      if (allocated(error)) return
+      if (allocated(error)) then
+         if (receiver%stopped()) return
+         if (allocated(self%start)) then
+            ! the answer before stands
+            self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
+               & //'met: the next points, '//list(cells)//' cells, have no answer within ' &
+               & //'refine.cost: '//error%message
+            deallocate (error)
+            call cpu_time(now)
+            self%seconds = now - start
+            self%points = joined(words_of(coarser, scene%cloud, before_cells))
+            deck = coarser
+            return
+         end if
+         ! points that nobody chose: singular rims are met with less force
+         call deck%get('geometry.graded', graded)
+         if (size(graded) == 0 .or. deck%given('geometry.graded')) return
+         deallocate (error)
+         words = words_of(deck, scene%cloud, cells)
+         words(size(words)) = 'geometry.graded=[]'
+         call deck%vary(words, finer, error)
+         if (allocated(error)) return
+         deck = finer
+         self%points = joined(words)
+         cycle
+      end if
       call cpu_time(now)
       line = 'refine '//to_text(level)//': '//list(merge(cells + 1, cells, &
          & allocated(scene%cloud%lattice)))//merge(' points', ' blocks', &
@@ -187,10 +216,12 @@ subroutine refine(self, deck, model, receiver, error)
       words = words_of(deck, scene%cloud, next)
       call deck%vary(words, finer, error)
       if (allocated(error)) return
+      coarser = deck
       deck = finer
       growth = maxval(real(next, wp)/cells)
       self%points = joined(words)
       before = now
+      before_cells = cells
    end do
    self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
       & //to_text(most_levels)//' lattices'
@@ -335,7 +366,7 @@ function words_of(deck, cloud, cells) result(words)
 end function words_of
 
 !> Solve a scene and its companion
-subroutine solve(problem, scene, deck, model, receiver, run, bars, error)
+subroutine solve(problem, scene, deck, model, receiver, deadline, run, bars, error)
    !> Problem
    class(discretisation_type), intent(inout) :: problem
    !> Its scene
@@ -346,6 +377,8 @@ subroutine solve(problem, scene, deck, model, receiver, run, bars, error)
    type(cloud_type), intent(in) :: model
    !> Receiver of the caller
    class(recorder_type), target, intent(inout) :: receiver
+   !> CPU time at which the solution is given up [s]
+   real(wp), intent(in) :: deadline
    !> All load steps
    type(start_type), intent(out) :: run
    !> Bars
@@ -358,6 +391,7 @@ subroutine solve(problem, scene, deck, model, receiver, run, bars, error)
    integer :: first
 
    recorder%receiver => receiver
+   recorder%deadline = deadline
    allocate (recorder%run%step(0), recorder%run%iteration(0), recorder%run%x(problem%n, 0))
    call solve_problem(problem, scene, '', recorder, timer, error)
    if (allocated(error)) return
@@ -538,8 +572,11 @@ end subroutine step
 logical function stopped(self)
    !> Receiver
    class(whole_run), intent(inout) :: self
+   real(wp) :: now
 
-   stopped = self%receiver%stopped()
+   call cpu_time(now)
+   stopped = now > self%deadline
+   if (.not. stopped) stopped = self%receiver%stopped()
 end function stopped
 
 end module rk_refine

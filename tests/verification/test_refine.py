@@ -60,7 +60,8 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     assert found["asked"] == 0.02 and found["met"] and 0 < found["reached"] <= 0.02
     assert found["points"] == summary["deck"]["geometry"]["source"]
     assert summary["steps"][-1]["probes"]["tip"] == pytest.approx(BEAM_TIP, rel=0.02)
-    assert found["sources"] == {"tip": "other points"}
+    # both lattices agree to less than the least bar, a thousandth of the value
+    assert found["sources"] == {"tip": "least share"}
     # the search's own solution is the answer: its iterations are those of the run
     lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert len(lines) == summary["steps"][-1]["iterations"] > 0

@@ -174,6 +174,7 @@ def _study(
             "points": scene.collocation_points,
             **found,
             "offline_s": found["offline_s"] + basis_s,
+            # (6.32)
             "energy": float(values[:r].sum() / values.sum()),
             "online_s_per_state": online,
             "speedup_vs_full": full.seconds / scene.steps / online,
