@@ -89,15 +89,13 @@ module rk_bars
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
-      !> What makes most of each bar at full load: "other points", "earlier points", "other form",
-      !> "all displacements", "voxels", "known solution", "least share"; blank where there is none,
-      !> shape (probes)
+      !> What makes most of each bar at full load: "other points", "other form", "all
+      !> displacements", "voxels", "known solution", "least share"; blank where there is none, shape
+      !> (probes)
       character(len=17), allocatable :: source(:)
    contains
       !> Bars of a probe at a load
       procedure :: at
-      !> Bars no smaller than those of the search that found the points
-      procedure :: at_least
       !> Whether the bar is more than a tenth of the size
       procedure :: unresolved
    end type bars_type
@@ -391,9 +389,9 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
    self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
-!> Bars that the answer on fewer points has proved: two solutions may agree by chance, three hardly.
-!> Where the probe has moved by more than its bar said, the new bar is too small by as much; and no
-!> error falls faster than the square of the spacing
+!> Bars of a search, widened by what its answer on fewer points proved: two solutions may agree by
+!> chance, three hardly. Where the probe has moved by more than its bar said, the new bar is too small
+!> by as much; and no error falls faster than the square of the spacing
 subroutine bars_by_earlier(self, earlier, growth)
    !> Bars with values
    type(bars_type), intent(inout) :: self
@@ -401,40 +399,20 @@ subroutine bars_by_earlier(self, earlier, growth)
    type(bars_type), intent(in) :: earlier
    !> Cells of one direction over those then, the largest of all directions [-]
    real(wp), intent(in) :: growth
-   type(bars_type) :: wider
    real(wp) :: moved
    integer :: i
 
    if (size(self%load) /= size(earlier%load)) return
-   wider = self
    do i = 1, size(self%change)
       if (ieee_is_nan(self%bar(1, i)) .or. ieee_is_nan(earlier%bar(1, i))) cycle
       associate (known => earlier%bars(:, i, :) > 0.0_wp)
          moved = maxval(abs(self%values(:, i, :) - earlier%values(:, i, :)) &
             & /merge(earlier%bars(:, i, :), 1.0_wp, known), mask=known)
-         wider%bars(:, i, :) = max(max(1.0_wp, moved)*self%bars(:, i, :), &
+         self%bars(:, i, :) = max(max(1.0_wp, moved)*self%bars(:, i, :), &
             & earlier%bars(:, i, :)/growth**2)
       end associate
    end do
-   call self%at_least(wider)
 end subroutine bars_by_earlier
-
-!> Bars no smaller than other ones at the same loads
-subroutine at_least(self, other)
-   !> Bars with values
-   class(bars_type), intent(inout) :: self
-   !> The other ones
-   type(bars_type), intent(in) :: other
-   integer :: i
-
-   if (size(self%load) /= size(other%load)) return
-   do i = 1, size(self%change)
-      if (.not. any(other%bars(:, i, :) > self%bars(:, i, :))) cycle
-      self%bars(:, i, :) = max(self%bars(:, i, :), other%bars(:, i, :))
-      self%bar(:, i) = self%bars(:, i, size(self%load))
-      self%source(i) = 'earlier points'
-   end do
-end subroutine at_least
 
 !> Least bar of a probe
 pure real(wp) function least(self, i, whole)

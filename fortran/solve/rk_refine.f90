@@ -61,9 +61,8 @@ module rk_refine
       real(wp) :: seconds = 0.0_wp
       !> Widest bar over the size of its probe that the answer has; negative where none is known [-]
       real(wp) :: reached = -1.0_wp
-      !> Solution on the points that were found, and its bars
+      !> Solution on the points that were found
       type(start_type), allocatable :: start
-      type(bars_type), allocatable :: bars
    contains
       !> What the answer has of what was wanted
       procedure :: look_back
@@ -101,6 +100,7 @@ subroutine refine(self, deck, model, receiver, error)
    class(discretisation_type), allocatable :: problem
    type(start_type) :: run
    type(bars_type) :: bars
+   type(bars_type), allocatable :: earlier
    type(deck_type) :: coarser, finer
    real(wp) :: cost, start, before, growth, now, worst
    real(wp), allocatable :: left(:), share(:, :)
@@ -118,6 +118,7 @@ subroutine refine(self, deck, model, receiver, error)
    self%points = ''
    call cpu_time(start)
    before = start
+   growth = 1.0_wp
    do level = 1, most_levels
       call new_scene(scene, deck, model, error)
       if (allocated(error)) return
@@ -134,14 +135,14 @@ subroutine refine(self, deck, model, receiver, error)
       call solve(problem, scene, deck, model, receiver, merge(start + cost, huge(1.0_wp), &
          & allocated(self%start)), run, bars, error)
       if (.not. allocated(error)) then
-         if (allocated(self%bars)) call bars_by_earlier(bars, self%bars, growth)
+         if (allocated(earlier)) call bars_by_earlier(bars, earlier, growth)
          worst = maxval(relative(bars), mask=counts)
          ! what voxels leave open no blocks will close
          left = relative(bars) - bars%open
          if (any(counts .and. left > self%wanted)) call shares(problem, run, deck, model, &
             & cells, bars, receiver, share)
          self%start = run
-         self%bars = bars
+         earlier = bars
       end if
       call free_discretisation(problem)
       deallocate (problem)

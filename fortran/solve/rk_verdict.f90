@@ -81,7 +81,7 @@ module rk_verdict
 contains
 
 !> Judge the answer of a run. What speaks against it joins the warnings of the run.
-subroutine judge(self, problem, deck, model, with_companion, receiver, outcome, searched)
+subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    !> Verdict
    type(verdict_type), intent(out) :: self
    !> Full problem
@@ -96,8 +96,6 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome, 
    class(recorder_type), target, intent(inout) :: receiver
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
-   !> Bars of the search that found the points
-   type(bars_type), intent(in), optional :: searched
    type(error_type), allocatable :: error
    type(companion_type) :: nearer
    character(len=:), allocatable :: from
@@ -168,7 +166,6 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome, 
          call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
       end if
    end if
-   if (present(searched)) call self%bars%at_least(searched)
    if (self%companion%other_form) then
       from = 'on the same points'
       if (self%companion%finer) from = 'with '//self%companion%lattice

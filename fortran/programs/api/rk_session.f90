@@ -113,7 +113,6 @@ subroutine update_session(handle, overrides, error)
    slot%deck = deck
    if (associated(slot%reduced)) deallocate (slot%reduced)
    if (allocated(slot%refinement%start)) deallocate (slot%refinement%start)
-   if (allocated(slot%refinement%bars)) deallocate (slot%refinement%bars)
 
 contains
 
@@ -261,7 +260,7 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
    else
       call solve_scene(slot%full, linear, slot%states, slot%outcome, error, start)
       call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, slot%states, &
-         & slot%outcome, slot%refinement%bars)
+         & slot%outcome)
       if (allocated(slot%refinement%reason)) slot%verdict%reasons = slot%verdict%reasons &
          & //slot%refinement%reason//new_line('a')
    end if

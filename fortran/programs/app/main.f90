@@ -131,8 +131,7 @@ contains
       if (config%start /= '' .and. output%repeated == 0) call output%say('starts from ' &
          & //config%start, level=0)
       call solve_scene(problem, '', output, outcome, failure, start)
-      call judge(verdict, problem, deck, model, config%estimate, output, outcome, &
-         & refinement%bars)
+      call judge(verdict, problem, deck, model, config%estimate, output, outcome)
       call output%tell_verdict(deck, verdict)
       if (resumed) then
          call refined_before(refinement, deck, scene, verdict%bars, error)
