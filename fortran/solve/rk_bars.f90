@@ -390,8 +390,8 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
 end subroutine set_bar
 
 !> Bars of a search, widened by what its answer on fewer points proved: two solutions may agree by
-!> chance, three hardly. Where the probe has moved by more than its bar said, the new bar is too small
-!> by as much; and no error falls faster than the square of the spacing
+!> chance, three hardly. Where the probe has moved by more than its bar said, the new bar is too
+!> small by as much; and no error falls faster than the square of the spacing
 subroutine bars_by_earlier(self, earlier, growth)
    !> Bars with values
    type(bars_type), intent(inout) :: self

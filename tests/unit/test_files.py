@@ -61,7 +61,9 @@ def lay(path: Path, how: str) -> Path:
 
 def _store(folder: Path) -> Store:
     """Store of a sweep of two points that nothing reads back."""
-    inputs: Any = SimpleNamespace(head={"points": [[0], [1]], "calls": []}, columns=set(), check=lambda: None)
+    inputs: Any = SimpleNamespace(
+        head={"points": [[0], [1]], "calls": []}, columns=set(), check=lambda: None
+    )
     return Store(folder, inputs, {"units": {}})
 
 
