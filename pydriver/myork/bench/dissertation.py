@@ -600,7 +600,7 @@ _ERRORS = {
     "5x5x9 points e1 at r = 1 is 3.8e-3, 7.7e-3, 1.56e-2 and 2.9e-2 with "
     "material.muscle.sigma_max = 30, 60, 120 and 240, and 1.1e-3 with load.activation = 0.3; "
     'material.curve = "smooth" and solver.tolerance = 1e-3 leave it as it is. e1 and e2 are '
-    "published alike, as an error of the amplitude makes them; ours is one of the shape, e2 above "
+    "published alike, perhaps as an error of the amplitude; ours is one of the shape, e2 above "
     "e1. At r = 10 all ten states are in the span of the modes; what is left is the tolerance of "
     "the iteration, here 1e-6, which the dissertation does not give: on 5x5x9 points e1 is 1.4e-9 "
     "with --set solver.tolerance=1e-4 and 1.6e-4 with 1e-3",
