@@ -1,4 +1,4 @@
-"""Boxes of points, to be bent, shaken or spoilt, and the deck that stretches them."""
+"""Boxes of points, to be bent, shaken or damaged, and the deck that stretches them."""
 
 from __future__ import annotations
 

@@ -113,15 +113,25 @@ static bool compares_on_the_way(Deck &deck) {
    return false;
 }
 
-static Value integers(const std::vector<std::int64_t> &numbers, const Origin &origin) {
+static void put(Value &item, std::int64_t number) {
+   item.kind = Value::Kind::integer;
+   item.integer = number;
+}
+
+static void put(Value &item, const std::string &word) {
+   item.kind = Value::Kind::text;
+   item.text = word;
+}
+
+// An array that nobody wrote
+template <typename T> static Value array_of(const std::vector<T> &items, const Origin &origin) {
    Value value;
    value.kind = Value::Kind::array;
    value.origin = origin;
    value.by_default = true;
-   for (std::int64_t number : numbers) {
+   for (const T &one : items) {
       Value item;
-      item.kind = Value::Kind::integer;
-      item.integer = number;
+      put(item, one);
       item.origin = origin;
       value.items.push_back(item);
    }
@@ -162,23 +172,8 @@ static bool first_points(Section &geometry, const Value *dimension) {
                                     double(most_first_cells[size.size() - 1]));
       source.push_back(1 + 2 * std::llround(0.5 * cells));
    }
-   geometry.values["source"] = integers(source, geometry.origin);
+   geometry.values["source"] = array_of(source, geometry.origin);
    return true;
-}
-
-static Value texts(const std::vector<std::string> &words, const Origin &origin) {
-   Value value;
-   value.kind = Value::Kind::array;
-   value.origin = origin;
-   value.by_default = true;
-   for (const std::string &word : words) {
-      Value item;
-      item.kind = Value::Kind::text;
-      item.text = word;
-      item.origin = origin;
-      value.items.push_back(item);
-   }
-   return value;
 }
 
 // Sides of a box at which motions along them are prescribed, and those which meet them and are
@@ -221,7 +216,7 @@ static void first_places(Section &geometry) {
    std::vector<std::int64_t> places;
    for (const Value &item : source->items)
       places.push_back(2 * item.integer - 1);
-   geometry.values["collocation"] = integers(places, geometry.origin);
+   geometry.values["collocation"] = array_of(places, geometry.origin);
 }
 
 // The table of the search: of decks that ask for an error, and of those whose points nobody chose
@@ -273,7 +268,7 @@ static void choose_points(Deck &deck) {
        !body.refused.count("graded")) {
       const std::vector<std::string> sides =
           singular_sides(deck, body.find("source")->items.size());
-      body.values["graded"] = texts(sides, body.origin);
+      body.values["graded"] = array_of(sides, body.origin);
    }
    ask_for_error(deck, chosen_here && nonlinear && !deck.entries("probe").empty());
 }

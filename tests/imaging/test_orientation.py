@@ -26,14 +26,14 @@ def test_the_right_axes_raise_no_doubt(phantom):
     assert len({entry.axes for entry in evidence}) == 24
 
 
-# What mends a table is the inverse of what spoilt it.
+# What mends a table is the inverse of what damaged it.
 @pytest.mark.parametrize(
-    ("spoilt", "mended"),
+    ("damaged", "mended"),
     [("-x y z", "-x y z"), ("x -y z", "x -y z"), ("x y -z", "x y -z"), ("x z y", "x z y"),
      ("y -x z", "-y x z")],
 )  # fmt: skip
-def test_anatomy_tells_which_axes_are_wrong(phantom, spoilt, mended):
-    doubt = check_orientation(wrong(phantom, spoilt), phantom.truth).doubt
+def test_anatomy_tells_which_axes_are_wrong(phantom, damaged, mended):
+    doubt = check_orientation(wrong(phantom, damaged), phantom.truth).doubt
     assert "contradict anatomy" in doubt
     assert f'image.gradient_axes = "{mended}"' in doubt
 

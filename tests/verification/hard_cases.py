@@ -499,8 +499,8 @@ def bad_points():
     bodies = {
         "one layer of points": (box((1.0, 1.0, 0.2), (5, 5, 1), (9, 9, 1)), "point"),
         "an island that nothing holds": (with_island(cube), "island"),
-        "a coordinate that is NaN": (spoilt(cube, "points"), "point"),
-        "a source point that is NaN": (spoilt(cube, "source"), "finite numbers"),
+        "a coordinate that is NaN": (damaged(cube, "points"), "point"),
+        "a source point that is NaN": (damaged(cube, "source"), "finite numbers"),
     }
     for (name, (body, word)), form in product(bodies.items(), METHODS):
         yield tension(f"{name}, {form}", body, (word,), form, answer=False)
@@ -556,7 +556,7 @@ def with_island(cloud):
     )
 
 
-def spoilt(cloud, name):
+def damaged(cloud, name):
     values = getattr(cloud, name).copy()
     values[len(values) // 2, 1] = np.nan
     return replace(cloud, **{name: values})
