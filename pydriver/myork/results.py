@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
+from itertools import product
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -34,6 +35,9 @@ _DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 # Components of scalars, vectors, symmetric and other tensors
 _WIDTHS = (1, 3, 6, 9)
+# Fields that are stresses, and those that are the same in all steps
+_STRESSES = ("cauchy", "principal_stress", "pressure")
+_CONSTANT = ("label", "fiber")
 # In the largest plane of a lattice, for each point
 _MOST_CELLS = 100
 
@@ -351,6 +355,99 @@ class Results:
         table.attrs["units"] = units
         return table
 
+    def to_frame(self, step: int = -1) -> Any:
+        """Points of a step with all fields, as a table.
+
+        Parameters
+        ----------
+        step : int
+            Number of the step; negative numbers count from the last one.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row a point: `x`, `y`, `z` at rest, and the fields, a column a component: `u_x`,
+            `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of these columns.
+
+        Raises
+        ------
+        InstallationError
+            Pandas is missing.
+        """
+        pandas = _optional("pandas", "pandas")
+        columns = dict(zip("xyz", self.points.T, strict=True))
+        units = dict.fromkeys("xyz", self.units["length"])
+        for name in self.fields:
+            values = self.field(name, step)
+            ends = [""] if values.ndim == 1 else [
+                "_" + "".join(pair) for pair in product(_parts(name), repeat=values.ndim - 1)
+            ]  # fmt: skip
+            found = zip(ends, values.reshape(len(values), -1).T, strict=True)
+            columns |= {f"{name}{end}": column for end, column in found}
+            units |= {f"{name}{end}": self._unit(name) for end in ends}
+        table = pandas.DataFrame(columns, index=pandas.RangeIndex(self.npoint, name="point"))
+        table.attrs["units"] = units
+        return table
+
+    def to_xarray(self, *names: str) -> Any:
+        """Fields of all steps as labelled arrays.
+
+        Parameters
+        ----------
+        *names : str
+            Some of `fields`; default all of them, with all steps in memory.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable a field over `step` (0 is at rest) and `point`, vectors with `i`, tensors
+            with `i` and `j` from x to z; principal stresses with `rank`. Label and fiber have no
+            step. Coordinates are `load`, `activation` and the points at rest, `x`, `y`, `z`; each
+            variable has its `attrs["units"]`.
+
+        Raises
+        ------
+        InstallationError
+            Xarray is missing.
+
+        Examples
+        --------
+        >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
+        ...     fields = results.to_xarray("u", "cauchy")
+        >>> fields.cauchy.sel(i="z", j="z").mean("point").plot(x="load")  # doctest: +SKIP
+        """
+        xarray = _optional("xarray", "xarray")
+        length = {"units": self.units["length"]}
+        coordinates: dict[str, Any] = {
+            axis: ("point", x, length) for axis, x in zip("xyz", self.points.T, strict=True)
+        }
+        coordinates |= {"load": ("step", self.loads), "activation": ("step", self.activations)}
+        coordinates |= {"step": np.arange(self.nstep)}
+        variables = {}
+        for name in names or self.fields:
+            once = name in _CONSTANT
+            steps = [self.field(name, step) for step in range(1 if once else self.nstep)]
+            inner = ("rank",) if name == "principal_stress" else ("i", "j")
+            axes = ("point", *inner[: steps[0].ndim - 1])
+            coordinates |= {axis: list(_parts(name)) for axis in axes[1:]}
+            variables[name] = (
+                axes if once else ("step", *axes),
+                steps[0] if once else np.stack(steps),
+                {"units": self._unit(name)},
+            )
+        return xarray.Dataset(variables, coordinates, {"title": self.path.parent.name})
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units `force` and `length` of the summary; empty texts where there is none."""
+        return {"force": "", "length": "", **read_summary(self.path.parent).get("units", {})}
+
+    def _unit(self, name: str) -> str:
+        """Unit of a field, empty for numbers without one."""
+        if name == "u":
+            return self.units["length"]
+        return "{force}/{length}^2".format(**self.units) if name in _STRESSES else ""
+
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
 
@@ -451,6 +548,11 @@ def _optional(name: str, extra: str) -> Any:
         raise InstallationError(
             f"this needs {name}: pip install 'myork[{extra}]' ({reason})"
         ) from None
+
+
+def _parts(name: str) -> str:
+    """Names of the components of a field in each direction."""
+    return "123" if name == "principal_stress" else "xyz"
 
 
 def _with_bar(step: dict[str, Any], name: str, units: dict[str, str]) -> str:

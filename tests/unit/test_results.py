@@ -142,14 +142,47 @@ def test_points_of_a_step_for_pyvista(sample: Path) -> None:
 
 def test_what_is_missing_names_its_cure(sample: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # None in the table of modules is an import that fails
-    for name, extra in (("pyvista", "viz"), ("pandas", "pandas")):
+    for name, extra, call in (
+        ("pyvista", "viz", Results.to_pyvista),
+        ("pandas", "pandas", Results.history),
+        ("pandas", "pandas", Results.to_frame),
+        ("xarray", "xarray", Results.to_xarray),
+    ):
         monkeypatch.setitem(sys.modules, name, None)
-        call = {"pyvista": Results.to_pyvista, "pandas": Results.history}[name]
         with (
             Results(sample) as results,
             pytest.raises(InstallationError, match=rf"needs {name}: pip install 'myork\[{extra}"),
         ):
             call(results)
+
+
+def test_fields_as_labelled_arrays(sample: Path) -> None:
+    with Results(sample) as results:
+        found, table = results.to_xarray(), results.to_frame(2)
+        assert set(found) == set(results.fields)
+        assert list(results.to_xarray("J")) == ["J"]
+        with pytest.raises(InputError, match="no field 'stress'"):
+            results.to_xarray("stress")
+        right = cauchy(LOADS[2])
+        assert_allclose(found["load"], LOADS, rtol=1e-15)
+        assert found.cauchy.dims == ("step", "point", "i", "j")
+        assert found.label.dims == ("point",) and found.fiber.dims == ("point", "i")
+        for i, row in zip("xyz", right, strict=True):
+            for j, value in zip("xyz", row, strict=True):
+                near = {"atol": 1e-9 * np.abs(right).max()}
+                assert_allclose(found.cauchy.sel(step=2, i=i, j=j), value, **near)
+                assert_allclose(table[f"cauchy_{i}{j}"], value, **near)
+        # F differs from its transpose: u_x grows with y
+        assert_allclose(found.F.sel(step=2, i="x", j="y"), LOADS[2], rtol=1e-9)
+        assert_allclose(table["F_xy"], LOADS[2], rtol=1e-9)
+        assert_allclose(table["u_x"], LOADS[2] * table["y"], atol=1e-10)
+        first = found.principal_stress.sel(step=2, rank="1")
+        assert_allclose(first, np.linalg.eigvalsh(right)[-1], rtol=1e-8)
+        assert_allclose(table["principal_stress_1"], first, rtol=0)
+        assert_array_equal(found.u.sel(step=3), results.field("u", 3))
+        assert found.u.attrs["units"] == table.attrs["units"]["u_y"] == found.x.attrs["units"]
+        assert found.u.attrs["units"] == "cm" and found.J.attrs["units"] == ""
+        assert found.pressure.attrs["units"] == table.attrs["units"]["cauchy_xy"] == "N/cm^2"
 
 
 def test_history_is_a_table(sample: Path, tmp_path: Path) -> None:
