@@ -201,6 +201,17 @@ def _resample(options: argparse.Namespace, console: Console) -> str:
     return f"image: {found}"
 
 
+def _export(options: argparse.Namespace, console: Console) -> str:
+    return "\n".join(
+        _load("stations.export:export")(
+            options.source,
+            options.output,
+            overrides=options.set,
+            out=options.out or Path("out", options.source.stem),
+        )  # fmt: skip
+    )
+
+
 def _bench(options: argparse.Namespace, console: Console) -> None:
     out = options.out or Path("out", "bench")
     record = _load("bench:run_benches")(options.names, out, quick=options.quick, progress=console)
@@ -794,6 +805,23 @@ _COMMANDS = {
         "  myork report out/coarse out/fine --out out/compared",
         (_option("folders", "DIR", "output folder of a command", Path, nargs="+"),),
         "put a copy of the page there",
+    ),
+    "export": _Command(
+        _export,
+        "the body as hexahedra for other programs: an input deck of Abaqus and CalculiX, or a mesh",
+        "  myork export inputs/cube_plates.toml -o cube.inp\n"
+        "  myork export out/muscle_block -o muscle_block.vtu",
+        (
+            _option("source", "DECK|DIR", "deck, or output folder of a solve", Path),
+            _DECK[1],
+            _option(
+                "-o --output", "FILE",
+                ".inp: sets, materials and conditions of a deck; other suffixes are those of "
+                "meshio (.vtu, .xdmf, .msh): the mesh, of results with the fields of the last step",
+                Path, required=True,
+            ),
+        ),
+        "folder with the model of the deck; default out/<deck>",
     ),
     "explain": _Command(
         _explain,

@@ -193,6 +193,98 @@ subroutine scene_surface(handle, room, n, triangle, stat, message)
    triangle(:, :min(n, room)) = found(:, :min(n, room))
 end subroutine scene_surface
 
+!> How the collocation points hang together: the place of each in a lattice, from 0, or -1 without
+!> one; its label and its fiber, a unit vector or zero
+subroutine scene_body(handle, nd, nc, place, label, fiber, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   use rk_surface, only : lattice_places
+   implicit none
+   integer, intent(in) :: handle, nd, nc
+   integer, intent(out) :: place(nd, nc), label(nc), stat
+   double precision, intent(out) :: fiber(3, nc)
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   integer, allocatable :: found(:, :)
+
+   place = -1
+   label = 0
+   fiber = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   label = slot%scene%cloud%label
+   fiber = slot%scene%cloud%fiber
+   found = lattice_places(slot%scene%cloud)
+   if (size(found, 2) == nc) place = found - spread(minval(found, dim=2), 2, nc)
+end subroutine scene_body
+
+!> Share of a label in the volume of each collocation point [-]
+subroutine scene_share(handle, label, nc, share, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, label, nc
+   double precision, intent(out) :: share(nc)
+   integer, intent(out) :: stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   integer :: k
+
+   share = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   associate (cloud => slot%scene%cloud)
+      if (allocated(cloud%fraction)) then
+         do k = 1, size(cloud%fraction_label)
+            if (cloud%fraction_label(k) == label) share = share + cloud%fraction(k, :)
+         end do
+      else
+         where (cloud%label == label) share = 1
+      end if
+   end associate
+end subroutine scene_share
+
+!> Collocation points of a boundary set, from 0, with the area of each: their number, none where
+!> there is no such set, and as many as there is room for
+subroutine scene_set(handle, name, room, n, point, area, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : find_slot, slot_type
+   use rk_pack, only : pack_error
+   implicit none
+   integer, intent(in) :: handle, room
+   character(len=*), intent(in) :: name
+   integer, intent(out) :: n, point(room), stat
+   double precision, intent(out) :: area(room)
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   integer :: e, set
+
+   n = 0
+   point = 0
+   area = 0
+   call find_slot(handle, slot, error)
+   call pack_error(error, stat, message)
+   if (stat /= 0) return
+   associate (cloud => slot%scene%cloud)
+      set = cloud%find_set(name)
+      if (set == 0) return
+      do e = 1, size(cloud%boundary_point)
+         if (.not. cloud%in_set(e, set)) cycle
+         n = n + 1
+         if (n > room) cycle
+         point(n) = cloud%boundary_point(e) - 1
+         area(n) = cloud%area(e)
+      end do
+   end associate
+end subroutine scene_set
+
 !> Number of points where scene_set_fields wants values
 subroutine scene_count_field_points(handle, n, stat, message)
    use rk_error, only : error_type

@@ -352,6 +352,55 @@ class Scene:
             n, found = self._ask(_core.scene_surface, n)
         return np.ascontiguousarray(found[:, :n].T)
 
+    def body(self) -> tuple[I32, F64, I32, F64]:
+        """How the points hang together, and what fills them.
+
+        Returns
+        -------
+        place : I32
+            Place of each point in a lattice, shape `(collocation_points, dimension)`; `(0,
+            dimension)` where there is none.
+        fiber : F64
+            Unit fiber vectors, or zeros, shape `(collocation_points, 3)` [-].
+        labels : I32
+            Labels of the body, shape `(n,)`.
+        share : F64
+            Share of each label in the volume of each point, shape `(n, collocation_points)` [-].
+        """
+        place, label, fiber = self._ask(_core.scene_body, self.dimension, self.collocation_points)
+        place = np.ascontiguousarray(place.T)
+        labels = np.unique(label)
+        share = [self._ask(_core.scene_share, one, self.collocation_points) for one in labels]
+        lattice = place[: len(place) if place.min(initial=0) >= 0 else 0]
+        return lattice, fiber.T, labels, np.array(share)
+
+    def set_points(self, name: str) -> tuple[I32, F64]:
+        """Points of a boundary set, and the area that belongs to each.
+
+        Parameters
+        ----------
+        name : str
+            A side, such as `x0`, or a set of the deck.
+
+        Returns
+        -------
+        point : I32
+            Rows of `points`, shape `(n,)`.
+        area : F64
+            Undeformed area, in plane scenes length, shape `(n,)` [length^(dimension-1)].
+
+        Raises
+        ------
+        InputError
+            There is no such set, or it has no points.
+        """
+        words = name.encode() or b" "
+        n, _, _ = self._ask(_core.scene_set, words, 1)
+        if n == 0:
+            raise errors.InputError(f"{name!r} is no boundary set with points of this scene")
+        _, point, area = self._ask(_core.scene_set, words, n)
+        return point, area
+
     def field_points(self) -> F64:
         """Points where `set_fields` wants values, shape `(field_points, dimension)` [length].
 
