@@ -30,4 +30,7 @@ def test_a_script_makes_its_picture(script: Path, tmp_path: Path) -> None:
     assert found.returncode == 0, found.stderr
     assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 5000
     said = found.stdout
+    if script.stem == "measured_fibers":
+        page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+        assert f"```text\n{said}```" in page, said
     assert said and not {"doubtful", "refused", "nan"} & set(said.replace(":", " ").split()), said
