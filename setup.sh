@@ -147,6 +147,7 @@ demo)
 test)
    shift
    has_browser || install_packages chromium
+   command -v ccx >/dev/null || install_packages calculix-ccx # what `myork export` is compared with
    # side by side, a file of tests in one process; -m in "$@" replaces the one here
    exec .venv/bin/python -m pytest -n "$(nproc)" --dist loadfile -m "not nightly" "$@"
    ;;
