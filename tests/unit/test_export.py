@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from myork import Results, Scene, run_deck
 from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
+from myork.model_file import write_model
 from myork.stations.export import cells_of, export
-from tests.scenes import LINEAR, MUSCLE, box, held, scene
+from tests.scenes import LINEAR, MUSCLE, box, held, scene, staircase
 
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
 ENDS = [
@@ -46,15 +47,16 @@ def blocks(text: str) -> dict[str, list[list[str]]]:
 def test_cells_have_all_their_corners() -> None:
     place = np.array([(x, y, z) for z in range(3) for y in range(3) for x in range(4)], np.int32)
     points = place * [0.5, 1.0, 2.0]
-    cells = cells_of(place + 7)
-    assert len(cells) == 3 * 2 * 2
+    cells, lacking = cells_of(place + 7)
+    assert (len(cells), lacking) == (3 * 2 * 2, 0)
     edges = points[cells] - points[cells[:, :1]]
     volume = np.linalg.det(edges[:, [1, 3, 4]])  # right-handed, first edge, last edge, up
     assert_allclose(volume, 1.0)
     # a missing point takes its cells along
     gone = ~(place == [1, 1, 1]).all(axis=1)
-    assert len(cells_of(place[gone])) == 12 - 8
-    flat = cells_of(place[place[:, 2] == 0][:, :2])
+    cells, lacking = cells_of(place[gone])
+    assert (len(cells), lacking) == (12 - 8, 8)
+    flat, _ = cells_of(place[place[:, 2] == 0][:, :2])
     assert_array_equal(flat[0], [0, 1, 5, 4])
 
 
@@ -131,6 +133,24 @@ def test_results_keep_their_fields(tmp_path: Path) -> None:
         export(tmp_path, tmp_path / "cube.inp")
     with pytest.raises(InputError, match=r"cube\.doc: meshio cannot write it"):
         export(tmp_path, tmp_path / "cube.doc")
+
+
+def test_cells_of_voxels_that_lack_a_corner_are_counted(tmp_path: Path) -> None:
+    cloud = staircase()
+    write_model(tmp_path / "model.h5", cloud)
+    soft = {key: CUBE[key] for key in ("title", "units", "scene", "approximation")} | {
+        "geometry": {"kind": "model"},
+        "material": [RUBBER],
+        "boundary": [{"set": cloud.set_names[0], "u_x": 0, "u_y": 0, "u_z": 0}],
+    }
+    says = export(written(soft, tmp_path / "deck.toml"), tmp_path / "deck.inp")
+    text = (tmp_path / "deck.inp").read_text()
+    cells, lacking = cells_of(cloud.voxels.index)
+    assert len(cells) and lacking
+    line = f"not in it: {lacking} cells at the surface, which lack a corner"
+    assert line in says and f"** {line}\n" in text
+    found = blocks(text)
+    assert_allclose(np.array(found["*NODE, NSET=ALL"], float)[:, 1:], cloud.points, atol=1e-12)
 
 
 def test_without_meshio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,12 +56,15 @@ class Body(NamedTuple):
         The label with the largest share in the corners of a cell, shape `(nc,)`.
     fields : dict
         Arrays by name, shape `(np, ...)`.
+    lacking : int
+        Cells at the surface of voxels that are left out, since they lack a corner.
     """
 
     points: F64
     cells: I64
     label: I32
     fields: dict[str, NDArray[Any]]
+    lacking: int
 
 
 def export(
@@ -97,7 +100,7 @@ def export(
             labels = np.unique(results.label)
             share = (results.label == labels[:, None]).astype(float)
             body = _body(source, results.points, results.lattice, labels, share, fields)
-        missing: list[str] = []
+        missing = _lacking(body)
     else:
         with Scene(source, overrides, out) as scene:
             place, fiber, labels, share = scene.body()
@@ -109,7 +112,7 @@ def export(
             if plain:
                 text, missing = input_deck(body, scene)
         if not plain:
-            missing = ["sets, materials and conditions: .inp files hold them"]
+            missing = ["sets, materials and conditions: .inp files hold them", *_lacking(body)]
     output.parent.mkdir(parents=True, exist_ok=True)
     if plain:
         write_text(output, text)
@@ -120,7 +123,7 @@ def export(
     ]
 
 
-def cells_of(place: I32) -> I64:
+def cells_of(place: I32) -> tuple[I64, int]:
     """Cells between neighbouring places of a lattice that have all their corners.
 
     Parameters
@@ -130,18 +133,22 @@ def cells_of(place: I32) -> I64:
 
     Returns
     -------
-    I64
+    cells : I64
         Points at the corners, shape `(nc, 4)` or `(nc, 8)`, in the order of VTK.
+    lacking : int
+        Cells that are left out, since they have at least half of their corners but not all.
     """
     low = place.min(axis=0)
-    at = np.full(place.max(axis=0) - low + 2, -1)  # the last place of each direction stays empty
+    at = np.full(place.max(axis=0) - low + 1, -1)
     at[tuple((place - low).T)] = np.arange(len(place))
     corners = [
         at[tuple(slice(c, n - 1 + c) for c, n in zip(corner, at.shape, strict=True))].ravel()
         for corner in _CORNERS[place.shape[1]]
     ]
     cells = np.stack(corners, axis=1)
-    return cells[(cells >= 0).all(axis=1)]
+    there = (cells >= 0).sum(axis=1)
+    whole = there == cells.shape[1]
+    return cells[whole], int((~whole & (2 * there >= cells.shape[1])).sum())
 
 
 def _body(
@@ -157,11 +164,16 @@ def _body(
             f"{source}: its points have no lattice in the plane or in space: boxes, annuli and "
             "models of voxels have one"
         )
-    cells = cells_of(place)
+    cells, lacking = cells_of(place)
     if len(cells) == 0:
         raise InputError(f"{source}: no cell has all its corners: take more points")
     most = labels[share[:, cells].sum(axis=2).argmax(axis=0)]
-    return Body(points, cells, most, fields)
+    return Body(points, cells, most, fields, lacking)
+
+
+def _lacking(body: Body) -> list[str]:
+    """Line about the cells that are left out, if there are any."""
+    return [f"{body.lacking} cells at the surface, which lack a corner"] if body.lacking else []
 
 
 def _write_mesh(output: Path, body: Body) -> None:
@@ -197,7 +209,7 @@ def input_deck(body: Body, scene: Scene) -> tuple[str, list[str]]:
         Open scene: its sets, materials and conditions.
     """
     deck: Mapping[str, Any] = scene.deck
-    missing: list[str] = []
+    missing = _lacking(body)
     used = [entry["set"] for entry in (*deck.get("boundary", ()), *deck.get("probe", ()))
             if "set" in entry]  # fmt: skip
     sets = {name: scene.set_points(name) for name in dict.fromkeys(used)}
