@@ -6,6 +6,7 @@
  *
  * Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10)
  */
+#include <ISO_Fortran_binding.h>
 #include <hdf5.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -31,6 +32,14 @@ static hid_t type_of(int kind)
    case KIND_INT8: return H5T_NATIVE_INT64;
    default: return H5T_NATIVE_UINT8;
    }
+}
+
+static int kind_of(CFI_type_t type)
+{
+   return type == CFI_type_double    ? KIND_REAL8
+        : type == CFI_type_int64_t   ? KIND_INT8
+        : type == CFI_type_int32_t   ? KIND_INT4
+                                     : KIND_UINT1;
 }
 
 struct reason { char text[400]; int heard, quoted; };
@@ -73,11 +82,6 @@ static int finish(int failed, const struct reason *reason, char *why, int nwhy)
    snprintf(why, (size_t)nwhy, "%s", failed ? reason->text : "");
    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
    return failed ? -1 : 0;
-}
-
-static void reverse(int rank, const int64_t *dims, hsize_t *reversed)
-{
-   for (int i = 0; i < rank; i++) reversed[i] = (hsize_t)dims[rank - 1 - i];
 }
 
 /* Open for reading, or create for writing */
@@ -206,16 +210,17 @@ static int append_rows(hid_t set, int kind, int rank, const hsize_t *shape, cons
 }
 
 /* Rows behind those already there; the first call creates the dataset */
-int rkh5_append(int64_t file, const char *path, int kind, int rank, const int64_t *dims,
-   const void *data, char *why, int nwhy)
+int rkh5_append(int64_t file, const char *path, const CFI_cdesc_t *values, char *why, int nwhy)
 {
    struct reason reason;
    hsize_t shape[MAX_RANK] = {0};
+   const int rank = values->rank, kind = kind_of(values->type);
    listen(&reason);
-   reverse(rank, dims, shape);
+   for (int i = 0; i < rank && i < MAX_RANK; i++)
+      shape[i] = (hsize_t)values->dim[rank - 1 - i].extent;
    hid_t set = rkh5_exists(file, path) ? H5Dopen2(file, path, H5P_DEFAULT)
                                        : create_dataset(file, path, kind, rank, shape);
-   int failed = set < 0 || append_rows(set, kind, rank, shape, data) < 0;
+   int failed = set < 0 || append_rows(set, kind, rank, shape, values->base_addr) < 0;
    if (set >= 0 && H5Dclose(set) < 0) failed = 1;
    return finish(failed, &reason, why, nwhy);
 }

@@ -2,7 +2,8 @@
 !>
 !> A Fortran array a(3,n) is a dataset of shape (n,3) for h5py and VTK: same memory, no
 !> transposition. A file is written under the name `path.part` and takes its real name when it is
-!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes.
+!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes. What
+!> reads or appends does nothing after an error: one look at it is enough for a run of such calls.
 !>
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
 !> called through h5.c
@@ -20,7 +21,7 @@ module rk_hdf5
    public :: h5_type
 
    !> Kinds of numbers, as in h5.c
-   integer(c_int), parameter :: kind_real = 1, kind_int = 2, kind_long = 3, kind_byte = 4
+   integer(c_int), parameter :: kind_real = 1, kind_int = 2, kind_byte = 4
    !> Room for the reason of a failure
    integer(c_int), parameter :: nwhy = 400
    !> Largest number of dimensions the shim handles
@@ -51,10 +52,8 @@ module rk_hdf5
       !> Whether a dataset or group exists
       procedure :: has
       !> Append along the last Fortran dimension; the first call creates the dataset
-      generic :: append => append_real1, append_real2, append_int1, append_int2, append_long1, &
-         append_byte1, append_text
-      procedure, private :: append_real1, append_real2, append_int1, append_int2
-      procedure, private :: append_long1, append_byte1, append_text
+      procedure :: append
+      procedure :: append_text
       !> Read a whole dataset
       generic :: read => read_real1, read_real2, read_int1, read_int2, read_text
       procedure, private :: read_real1, read_real2, read_int1, read_int2, read_text
@@ -115,9 +114,10 @@ subroutine flush_file(self, error)
    !> Open file
    class(h5_type), intent(inout) :: self
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(kind=c_char) :: why(nwhy)
 
+   if (allocated(error)) return
    if (rkh5_flush(self%handle, why, nwhy) /= 0) call write_error(self, "", why, error)
 end subroutine flush_file
 
@@ -174,89 +174,24 @@ function has(self, name)
    has = rkh5_exists(self%handle, c_text(name)) /= 0
 end function has
 
-!> Append real numbers to a list
-subroutine append_real1(self, name, values, error)
+!> Append numbers of any kind and shape along the last Fortran dimension
+subroutine append(self, name, values, error)
    !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   real(wp), intent(in), contiguous, target :: values(:)
+   !> Numbers: real, integers of 4 or 8 bytes, or bytes; all dimensions but the last one are the
+   !> same in every call
+   type(*), intent(in), contiguous :: values(..)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
+   character(kind=c_char) :: why(nwhy)
 
-   call append_any(self, name, kind_real, shape(values, i8), c_loc(values), error)
-end subroutine append_real1
-
-!> Append columns of real numbers to a table
-subroutine append_real2(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (m,n); m is the same in every call
-   real(wp), intent(in), contiguous, target :: values(:, :)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_real, shape(values, i8), c_loc(values), error)
-end subroutine append_real2
-
-!> Append integers to a list
-subroutine append_int1(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   integer, intent(in), contiguous, target :: values(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
-end subroutine append_int1
-
-!> Append columns of integers to a table
-subroutine append_int2(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (m,n); m is the same in every call
-   integer, intent(in), contiguous, target :: values(:, :)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
-end subroutine append_int2
-
-!> Append long integers to a list
-subroutine append_long1(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   integer(i8), intent(in), contiguous, target :: values(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_long, shape(values, i8), c_loc(values), error)
-end subroutine append_long1
-
-!> Append small integers, stored as unsigned bytes, to a list
-subroutine append_byte1(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers 0..127, shape (n)
-   integer(int8), intent(in), contiguous, target :: values(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_byte, shape(values, i8), c_loc(values), error)
-end subroutine append_byte1
+   if (allocated(error)) return
+   if (rkh5_append(self%handle, c_text(name), values, why, nwhy) /= 0) then
+      call write_error(self, name, why, error)
+   end if
+end subroutine append
 
 !> Append a text as bytes
 subroutine append_text(self, name, text, error)
@@ -265,33 +200,12 @@ subroutine append_text(self, name, text, error)
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Text, UTF-8
-   character(len=*), intent(in), target :: text
+   character(len=*), intent(in) :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
-   call append_any(self, name, kind_byte, [len(text, i8)], c_loc(text), error)
+   call self%append(name, transfer(text, [0_int8]), error)
 end subroutine append_text
-
-!> Append numbers of any kind and shape
-subroutine append_any(self, name, kind, dims, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Kind of the numbers
-   integer(c_int), intent(in) :: kind
-   !> Fortran shape
-   integer(i8), intent(in) :: dims(:)
-   !> First number
-   type(c_ptr), intent(in) :: values
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
-
-   if (rkh5_append(self%handle, c_text(name), kind, size(dims), dims, values, why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
-end subroutine append_any
 
 !> Read a list of real numbers
 subroutine read_real1(self, name, values, error)
@@ -302,7 +216,7 @@ subroutine read_real1(self, name, values, error)
    !> Numbers, shape (n)
    real(wp), allocatable, target, intent(out) :: values(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_real, dims, error)
@@ -320,7 +234,7 @@ subroutine read_real2(self, name, values, error)
    !> Numbers, shape (m,n)
    real(wp), allocatable, target, intent(out) :: values(:, :)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(2)
 
    call get_shape(self, name, kind_real, dims, error)
@@ -338,7 +252,7 @@ subroutine read_int1(self, name, values, error)
    !> Numbers, shape (n)
    integer, allocatable, target, intent(out) :: values(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_int, dims, error)
@@ -356,7 +270,7 @@ subroutine read_int2(self, name, values, error)
    !> Numbers, shape (m,n)
    integer, allocatable, target, intent(out) :: values(:, :)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(2)
 
    call get_shape(self, name, kind_int, dims, error)
@@ -374,7 +288,7 @@ subroutine read_text(self, name, text, error)
    !> Text, UTF-8
    character(len=:), allocatable, target, intent(out) :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_byte, dims, error)
@@ -394,11 +308,12 @@ subroutine get_shape(self, name, kind, dims, error)
    !> Shape
    integer(i8), intent(out) :: dims(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(kind=c_char) :: why(nwhy)
    integer(c_int64_t) :: found(max_rank)
    integer(c_int) :: rank
 
+   if (allocated(error)) return
    if (.not. self%has(name)) then
       call fatal_error(error, err_input, self%path//": dataset '"//name//"' is missing")
       return
@@ -424,7 +339,7 @@ subroutine read_any(self, name, kind, values, error)
    !> First number
    type(c_ptr), intent(in) :: values
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(kind=c_char) :: why(nwhy)
 
    if (rkh5_read(self%handle, c_text(name), kind, values, why, nwhy) /= 0) then
@@ -444,9 +359,10 @@ subroutine put_integers(self, object, name, values, error)
    !> Numbers, shape (n); one is stored as a scalar
    integer, intent(in), contiguous, target :: values(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(kind=c_char) :: why(nwhy)
 
+   if (allocated(error)) return
    if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_int, size(values), &
       c_loc(values), why, nwhy) /= 0) then
       call write_error(self, name, why, error)
@@ -464,9 +380,10 @@ subroutine put_text(self, object, name, text, error)
    !> Text, ASCII, not empty
    character(len=*), intent(in), target :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(kind=c_char) :: why(nwhy)
 
+   if (allocated(error)) return
    if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_byte, len(text), &
       c_loc(text), why, nwhy) /= 0) then
       call write_error(self, name, why, error)
@@ -484,11 +401,12 @@ subroutine get_attribute(self, object, name, text, error)
    !> Text
    character(len=:), allocatable, intent(out) :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(kind=c_char) :: why(nwhy), buffer(4096)
    integer(c_int) :: length
    integer :: i
 
+   if (allocated(error)) return
    if (rkh5_get_text(self%handle, c_text(object), c_text(name), buffer, size(buffer), length, &
       why, nwhy) /= 0) then
       call fatal_error(error, err_input, self%path//": text attribute '"//name//"' of '"// &

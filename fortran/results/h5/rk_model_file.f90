@@ -65,44 +65,27 @@ subroutine read_parts(cloud, file, path, error)
 
    cloud%nd = 3
    call file%get_attribute("/", "length_unit", cloud%length_unit, error)
-   if (allocated(error)) return
    call file%read("source", cloud%source, error)
-   if (allocated(error)) return
    call file%read("spacing", cloud%spacing, error)
-   if (allocated(error)) return
    call file%read("points", cloud%points, error)
-   if (allocated(error)) return
    call file%read("label", cloud%label, error)
-   if (allocated(error)) return
    call file%read("fiber", cloud%fiber, error)
-   if (allocated(error)) return
    call file%read("volume", cloud%volume, error)
-   if (allocated(error)) return
    call file%read("boundary_point", cloud%boundary_point, error)
-   if (allocated(error)) return
    call file%read("boundary_set", cloud%boundary_set, error)
-   if (allocated(error)) return
    call file%read("normal", cloud%normal, error)
-   if (allocated(error)) return
    call file%read("area", cloud%area, error)
-   if (allocated(error)) return
    call file%read("set_names", text, error)
-   if (allocated(error)) return
-   call split_lines(text, cloud%set_names)
    if (file%has("fraction")) then
       call file%read("fraction", cloud%fraction, error)
-      if (allocated(error)) return
       call file%read("fraction_label", cloud%fraction_label, error)
-      if (allocated(error)) return
    end if
-   if (file%has("activation")) then
-      call file%read("activation", cloud%activation, error)
-      if (allocated(error)) return
-   end if
-   call read_voxels(cloud%voxels, file, path, error)
+   if (file%has("activation")) call file%read("activation", cloud%activation, error)
+   if (file%has("voxels")) call read_voxels(cloud%voxels, file, path, error)
+   if (.not. allocated(error)) call split_lines(text, cloud%set_names)
 end subroutine read_parts
 
-!> Read the grid of the voxels, where the file has one
+!> Read the grid of the voxels
 subroutine read_voxels(voxels, file, path, error)
    !> Grid
    type(voxels_type), intent(inout) :: voxels
@@ -111,15 +94,12 @@ subroutine read_voxels(voxels, file, path, error)
    !> Name of the file
    character(len=*), intent(in) :: path
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    real(wp), allocatable :: edges(:), origin(:)
    integer, allocatable :: index(:, :)
 
-   if (.not. file%has("voxels")) return
    call file%read("voxels/index", index, error)
-   if (allocated(error)) return
    call file%read("voxels/size", edges, error)
-   if (allocated(error)) return
    call file%read("voxels/origin", origin, error)
    if (allocated(error)) return
    if (size(edges) /= 3 .or. size(origin) /= 3) then
@@ -129,7 +109,6 @@ subroutine read_voxels(voxels, file, path, error)
    end if
    voxels = voxels_type(index, edges, origin)
 end subroutine read_voxels
-
 
 !> Lines of a text, empty ones left out
 pure subroutine split_lines(text, lines)
