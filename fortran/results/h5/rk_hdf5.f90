@@ -8,13 +8,16 @@
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
 !> called through h5.c
 module rk_hdf5
-   use, intrinsic :: iso_c_binding, only : c_char, c_int, c_int64_t, c_loc, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_loc, &
+      c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only : int8
    use rk_h5_shim, only : rkh5_append, rkh5_close, rkh5_exists, rkh5_flush, rkh5_get_text, &
-      rkh5_open, rkh5_put_attribute, rkh5_read, rkh5_rename, rkh5_shape
+      rkh5_open, rkh5_put_attribute, rkh5_read, rkh5_shape
+   use rk_cstring, only : to_fortran
    use rk_error, only : err_file, err_input, error_type, fatal_error
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
+   use rk_text_file, only : rkf_rename
    implicit none
    private
 
@@ -22,8 +25,6 @@ module rk_hdf5
 
    !> Kinds of numbers, as in h5.c
    integer(c_int), parameter :: kind_real = 1, kind_int = 2, kind_byte = 4
-   !> Room for the reason of a failure
-   integer(c_int), parameter :: nwhy = 400
    !> Largest number of dimensions the shim handles
    integer, parameter :: max_rank = 4
 
@@ -74,7 +75,7 @@ subroutine create(self, path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
    logical :: folder
 
    self%path = trim(path)
@@ -86,10 +87,10 @@ subroutine create(self, path, error)
          "remove it or choose another output folder")
       return
    end if
-   if (rkh5_open(c_text(part_of(self%path)), 1_c_int, self%handle, why, nwhy) /= 0) then
-      call fatal_error(error, err_file, part_of(self%path)//": cannot be created: "// &
-         f_text(why)//"; choose an output folder that exists and can be written")
-   end if
+   why = rkh5_open(c_text(part_of(self%path)), 1_c_int, self%handle)
+   if (c_associated(why)) call fatal_error(error, err_file, part_of(self%path)// &
+      ": cannot be created: "//to_fortran(why)// &
+      "; choose an output folder that exists and can be written")
 end subroutine create
 
 !> Open an existing file for reading
@@ -100,13 +101,13 @@ subroutine open_read(self, path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
 
    self%path = trim(path)
    self%writing = .false.
-   if (rkh5_open(c_text(self%path), 0_c_int, self%handle, why, nwhy) /= 0) then
-      call fatal_error(error, err_file, self%path//": cannot be opened: "//f_text(why))
-   end if
+   why = rkh5_open(c_text(self%path), 0_c_int, self%handle)
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//": cannot be opened: "// &
+      to_fortran(why))
 end subroutine open_read
 
 !> Hand everything written so far to the operating system; a full disk shows here
@@ -115,10 +116,8 @@ subroutine flush_file(self, error)
    class(h5_type), intent(inout) :: self
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
-   if (rkh5_flush(self%handle, why, nwhy) /= 0) call write_error(self, "", why, error)
+   if (.not. allocated(error)) call check_write(self, "", rkh5_flush(self%handle), error)
 end subroutine flush_file
 
 !> Close; a new file takes its real name unless a write has failed or it is to be left unfinished
@@ -129,17 +128,14 @@ subroutine close_file(self, error, unfinished)
    type(error_type), allocatable, intent(out) :: error
    !> Keep the temporary name
    logical, intent(in), optional :: unfinished
-   character(kind=c_char) :: why(nwhy)
-   integer(c_int) :: stat
+   type(c_ptr) :: why
 
    if (self%handle < 0) return
-   stat = rkh5_close(self%handle, why, nwhy)
+   why = rkh5_close(self%handle)
    self%handle = -1_c_int64_t
    if (.not. self%writing) return
-   if (stat /= 0) then
-      call write_error(self, "", why, error)
-      return
-   end if
+   call check_write(self, "", why, error)
+   if (allocated(error)) return
    if (present(unfinished)) then
       if (unfinished) return
    end if
@@ -152,15 +148,17 @@ subroutine publish(self, error)
    class(h5_type), intent(in) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
 
    if (self%damaged) then
       call fatal_error(error, err_file, self%path//": not replaced, because writing "// &
          part_of(self%path)//" has failed")
-   else if (rkh5_rename(c_text(part_of(self%path)), c_text(self%path), why, nwhy) /= 0) then
-      call fatal_error(error, err_file, self%path//": cannot take the place of the file: "// &
-         f_text(why)//"; the results are in "//part_of(self%path))
+      return
    end if
+   why = rkf_rename(c_text(part_of(self%path)), c_text(self%path))
+   if (c_associated(why)) call fatal_error(error, err_file, self%path// &
+      ": cannot take the place of the file: "//to_fortran(why)//"; the results are in "// &
+      part_of(self%path))
 end subroutine publish
 
 !> Whether a dataset or group exists
@@ -185,12 +183,9 @@ subroutine append(self, name, values, error)
    type(*), intent(in), contiguous :: values(..)
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
-   if (rkh5_append(self%handle, c_text(name), values, why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
+   if (.not. allocated(error)) call check_write(self, name, rkh5_append(self%handle, &
+      c_text(name), values), error)
 end subroutine append
 
 !> Append a text as bytes
@@ -309,7 +304,7 @@ subroutine get_shape(self, name, kind, dims, error)
    integer(i8), intent(out) :: dims(:)
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
    integer(c_int64_t) :: found(max_rank)
    integer(c_int) :: rank
 
@@ -318,8 +313,9 @@ subroutine get_shape(self, name, kind, dims, error)
       call fatal_error(error, err_input, self%path//": dataset '"//name//"' is missing")
       return
    end if
-   if (rkh5_shape(self%handle, c_text(name), kind, rank, found, why, nwhy) /= 0) then
-      call fatal_error(error, err_input, self%path//": '"//name//"': "//f_text(why))
+   why = rkh5_shape(self%handle, c_text(name), kind, rank, found)
+   if (c_associated(why)) then
+      call fatal_error(error, err_input, self%path//": '"//name//"': "//to_fortran(why))
    else if (rank /= size(dims)) then
       call fatal_error(error, err_input, self%path//": '"//name//"' has "//to_text(int(rank))// &
          " dimension(s), but "//to_text(size(dims))//" are needed")
@@ -340,12 +336,11 @@ subroutine read_any(self, name, kind, values, error)
    type(c_ptr), intent(in) :: values
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
 
-   if (rkh5_read(self%handle, c_text(name), kind, values, why, nwhy) /= 0) then
-      call fatal_error(error, err_file, self%path//": '"//name//"' cannot be read: "// &
-         f_text(why))
-   end if
+   why = rkh5_read(self%handle, c_text(name), kind, values)
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//": '"//name// &
+      "' cannot be read: "//to_fortran(why))
 end subroutine read_any
 
 !> Set whole numbers as an attribute
@@ -360,13 +355,9 @@ subroutine put_integers(self, object, name, values, error)
    integer, intent(in), contiguous, target :: values(:)
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
-   if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_int, size(values), &
-      c_loc(values), why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
+   if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
+      c_text(object), c_text(name), kind_int, size(values), c_loc(values)), error)
 end subroutine put_integers
 
 !> Set a text as an attribute
@@ -381,13 +372,9 @@ subroutine put_text(self, object, name, text, error)
    character(len=*), intent(in), target :: text
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy)
 
-   if (allocated(error)) return
-   if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_byte, len(text), &
-      c_loc(text), why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
+   if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
+      c_text(object), c_text(name), kind_byte, len(text), c_loc(text)), error)
 end subroutine put_text
 
 !> Get a text attribute
@@ -402,15 +389,16 @@ subroutine get_attribute(self, object, name, text, error)
    character(len=:), allocatable, intent(out) :: text
    !> Error handling
    type(error_type), allocatable, intent(inout) :: error
-   character(kind=c_char) :: why(nwhy), buffer(4096)
+   type(c_ptr) :: why
+   character(kind=c_char) :: buffer(4096)
    integer(c_int) :: length
    integer :: i
 
    if (allocated(error)) return
-   if (rkh5_get_text(self%handle, c_text(object), c_text(name), buffer, size(buffer), length, &
-      why, nwhy) /= 0) then
+   why = rkh5_get_text(self%handle, c_text(object), c_text(name), buffer, size(buffer), length)
+   if (c_associated(why)) then
       call fatal_error(error, err_input, self%path//": text attribute '"//name//"' of '"// &
-         object//"': "//f_text(why))
+         object//"': "//to_fortran(why))
       return
    end if
    length = min(length, size(buffer))
@@ -420,24 +408,25 @@ subroutine get_attribute(self, object, name, text, error)
    end do
 end subroutine get_attribute
 
-!> A write has failed: the file will not take its real name
-subroutine write_error(self, name, why, error)
+!> Where a write has failed, the file will not take its real name
+subroutine check_write(self, name, why, error)
    !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
-   !> Reason given by the shim
-   character(kind=c_char), intent(in) :: why(:)
+   !> Reason of a failure, null for success
+   type(c_ptr), intent(in) :: why
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
 
+   if (.not. c_associated(why)) return
    self%damaged = .true.
    what = part_of(self%path)//": writing "
    if (len(name) > 0) what = what//"'"//name//"' "
-   call fatal_error(error, err_file, what//"failed: "//f_text(why)// &
+   call fatal_error(error, err_file, what//"failed: "//to_fortran(why)// &
       "; an earlier "//self%path//" is as it was")
-end subroutine write_error
+end subroutine check_write
 
 !> Name of a file while it is being written
 pure function part_of(path) result(part)
@@ -456,19 +445,5 @@ pure function c_text(text) result(chars)
 
    chars = trim(text)//c_null_char
 end function c_text
-
-!> Text from C
-pure function f_text(chars) result(text)
-   !> Characters up to a null
-   character(kind=c_char), intent(in) :: chars(:)
-   character(len=:), allocatable :: text
-   integer :: i
-
-   text = ""
-   do i = 1, size(chars)
-      if (chars(i) == c_null_char) exit
-      text = text//chars(i)
-   end do
-end function f_text
 
 end module rk_hdf5

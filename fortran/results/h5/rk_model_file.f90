@@ -8,6 +8,7 @@ module rk_model_file
    use rk_error, only : err_input, error_type, fatal_error
    use rk_hdf5, only : h5_type
    use rk_precision, only : wp
+   use rk_text, only : lines_of
    implicit none
    private
 
@@ -82,7 +83,7 @@ subroutine read_parts(cloud, file, path, error)
    end if
    if (file%has("activation")) call file%read("activation", cloud%activation, error)
    if (file%has("voxels")) call read_voxels(cloud%voxels, file, path, error)
-   if (.not. allocated(error)) call split_lines(text, cloud%set_names)
+   if (.not. allocated(error)) call lines_of(text, cloud%set_names)
 end subroutine read_parts
 
 !> Read the grid of the voxels
@@ -109,31 +110,5 @@ subroutine read_voxels(voxels, file, path, error)
    end if
    voxels = voxels_type(index, edges, origin)
 end subroutine read_voxels
-
-!> Lines of a text, empty ones left out
-pure subroutine split_lines(text, lines)
-   !> Text with newlines
-   character(len=*), intent(in) :: text
-   !> Lines, padded with blanks
-   character(len=*), allocatable, intent(inout) :: lines(:)
-   character(len=1), parameter :: newline = achar(10)
-   integer :: first, last, n
-
-   n = 1 + count(transfer(text, newline, len(text)) == newline)
-   if (allocated(lines)) deallocate (lines)
-   allocate (lines(n))
-   n = 0
-   first = 1
-   do while (first <= len(text))
-      last = index(text(first:), newline) + first - 2
-      if (last < first - 1) last = len(text)
-      if (last >= first) then
-         n = n + 1
-         lines(n) = text(first:last)
-      end if
-      first = last + 2
-   end do
-   lines = lines(:n)
-end subroutine split_lines
 
 end module rk_model_file
