@@ -8,7 +8,7 @@
 !> function results in static storage, and keys are made of such results
 subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, point, place, &
    & entry, entry_of, grid, fraction_label, set_names, length_unit, handle, stat, message)
-   use rk_cloud, only : check_arrays, cloud_type
+   use rk_cloud, only : cloud_type, take_arrays
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : open_session
@@ -48,12 +48,8 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    model%set_names = set_names
    model%length_unit = trim(length_unit)
    handle = 0
-   call check_arrays(model, error)
-   if (.not. allocated(error)) then
-      model%boundary_point = entry_of(1, :) + 1
-      model%boundary_set = entry_of(2, :) + 1
-      call open_session(path, text, overrides, model, handle, error)
-   end if
+   call take_arrays(model, error)
+   if (.not. allocated(error)) call open_session(path, text, overrides, model, handle, error)
    call pack_error(error, stat, message)
 end subroutine scene_open
 

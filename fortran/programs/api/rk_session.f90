@@ -69,7 +69,7 @@ subroutine update_session(handle, overrides, error)
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    type(deck_type) :: deck
-   type(scene_type) :: other
+   type(scene_type) :: other, kept
    logical :: materials
    integer :: k
 
@@ -98,10 +98,11 @@ subroutine update_session(handle, overrides, error)
          end associate
       end do
       materials = any([(index(overrides(k), 'material.') == 1, k=1, size(overrides))])
-      call swap()
+      call take(scene, kept)
+      call take(other, scene)
       call slot%full%renew(materials, error)
       if (allocated(error)) then
-         call swap()
+         call take(kept, scene)
          return
       end if
    end associate
@@ -111,31 +112,20 @@ subroutine update_session(handle, overrides, error)
 
 contains
 
-   !> Exchange what can be changed
-   subroutine swap()
-      type(scene_type) :: kept
+   !> Take from another scene what can be changed
+   subroutine take(from, to)
+      !> The other scene
+      type(scene_type), intent(in) :: from
+      !> Scene
+      type(scene_type), intent(inout) :: to
 
-      associate (scene => slot%scene)
-         kept%condition = scene%condition
-         kept%tissue = scene%tissue
-         kept%load = scene%load
-         kept%programme = scene%programme
-         kept%solver = scene%solver
-         kept%probe = scene%probe
-         scene%condition = other%condition
-         scene%tissue = other%tissue
-         scene%load = other%load
-         scene%programme = other%programme
-         scene%solver = other%solver
-         scene%probe = other%probe
-         other%condition = kept%condition
-         other%tissue = kept%tissue
-         other%load = kept%load
-         other%programme = kept%programme
-         other%solver = kept%solver
-         other%probe = kept%probe
-      end associate
-   end subroutine swap
+      to%condition = from%condition
+      to%tissue = from%tissue
+      to%load = from%load
+      to%programme = from%programme
+      to%solver = from%solver
+      to%probe = from%probe
+   end subroutine take
 
 end subroutine update_session
 

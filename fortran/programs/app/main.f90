@@ -10,7 +10,7 @@ program main
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
-   use rk_model_cloud, only : read_model_cloud
+   use rk_model_file, only : read_model_cloud
    use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type

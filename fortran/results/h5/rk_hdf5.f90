@@ -11,8 +11,6 @@ module rk_hdf5
    use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_loc, &
       c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only : int8
-   use rk_h5_shim, only : rkh5_append, rkh5_close, rkh5_exists, rkh5_flush, rkh5_get_text, &
-      rkh5_open, rkh5_put_attribute, rkh5_read, rkh5_shape
    use rk_cstring, only : to_fortran
    use rk_error, only : err_file, err_input, error_type, fatal_error
    use rk_precision, only : i8, wp
@@ -64,6 +62,85 @@ module rk_hdf5
       !> Get a text attribute
       procedure :: get_attribute
    end type h5_type
+
+   !> h5.c: a pointer that a function returns is null, or the reason of its failure as a C string;
+   !> names and paths are C strings
+   interface
+      !> Open a file for reading (writing = 0) or create it (writing = 1)
+      type(c_ptr) function rkh5_open(path, writing, file) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: writing
+         integer(c_int64_t), intent(out) :: file
+      end function rkh5_open
+
+      !> Hand everything written so far to the operating system
+      type(c_ptr) function rkh5_flush(file) bind(c)
+         import :: c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+      end function rkh5_flush
+
+      !> Close the file
+      type(c_ptr) function rkh5_close(file) bind(c)
+         import :: c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+      end function rkh5_close
+
+      !> 1 if a group or dataset exists, otherwise 0
+      integer(c_int) function rkh5_exists(file, path) bind(c)
+         import :: c_char, c_int, c_int64_t
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+      end function rkh5_exists
+
+      !> Append numbers along the last dimension; their descriptor says of which kind and shape
+      type(c_ptr) function rkh5_append(file, path, values) bind(c)
+         import :: c_char, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         type(*), intent(in) :: values(..)
+      end function rkh5_append
+
+      !> Fortran shape of a dataset whose numbers can be read as those of a kind; of more than four
+      !> dimensions only their number
+      type(c_ptr) function rkh5_shape(file, path, kind, rank, dims) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: kind
+         integer(c_int), intent(out) :: rank
+         integer(c_int64_t), intent(out) :: dims(*)
+      end function rkh5_shape
+
+      !> All numbers of a dataset
+      type(c_ptr) function rkh5_read(file, path, kind, data) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: kind
+         type(c_ptr), value :: data
+      end function rkh5_read
+
+      !> Set an attribute of a group or dataset: n numbers, or a text of n bytes
+      type(c_ptr) function rkh5_put_attribute(file, object, name, kind, n, values) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: object(*), name(*)
+         integer(c_int), value :: kind, n
+         type(c_ptr), value :: values
+      end function rkh5_put_attribute
+
+      !> Text attribute; a text longer than `size` is cut, its full length is in `length`
+      type(c_ptr) function rkh5_get_text(file, object, name, text, size, length) &
+         bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: object(*), name(*)
+         character(kind=c_char), intent(out) :: text(*)
+         integer(c_int), value :: size
+         integer(c_int), intent(out) :: length
+      end function rkh5_get_text
+   end interface
 
 contains
 

@@ -4,20 +4,53 @@
 !> Indices count from 0 in the file and from 1 here, but for those of voxels, whose grid has no
 !> first one.
 module rk_model_file
-   use rk_cloud, only : check_arrays, cloud_type, max_index, voxels_type
-   use rk_error, only : err_input, error_type, fatal_error
+   use rk_cloud, only : cloud_type, take_arrays, voxels_type
+   use rk_deck, only : deck_type
+   use rk_error, only : err_file, err_input, error_type, fatal_error
    use rk_hdf5, only : h5_type
    use rk_precision, only : wp
    use rk_text, only : lines_of
    implicit none
    private
 
-   public :: read_model
+   public :: read_model_cloud
 
    !> Mark of the files this module reads
    character(len=*), parameter :: format = "myork-model 3"
 
 contains
+
+!> Read the model file of a deck; nothing happens for decks with a geometry of their own
+subroutine read_model_cloud(cloud, deck, out, error)
+   !> Points
+   type(cloud_type), intent(out) :: cloud
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Output folder, looked into first
+   character(len=*), intent(in) :: out
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: kind, file, path, beside
+   logical :: found
+
+   call deck%get('geometry.kind', kind)
+   if (kind /= 'model') return
+   call deck%get('geometry.file', file)
+   path = file
+   if (index(file, '/') /= 1) path = out//'/'//file
+   inquire (file=path, exist=found)
+   if (.not. found .and. index(file, '/') /= 1) then
+      beside = deck%folder//'/'//file
+      inquire (file=beside, exist=found)
+      if (found) path = beside
+   end if
+   if (.not. found) then
+      call fatal_error(error, err_file, deck%where('geometry.file')//': geometry.file: no model ' &
+         & //file//' in '//out//' or beside the deck: run `myork build` first')
+      return
+   end if
+   call read_model(cloud, path, error)
+end subroutine read_model_cloud
 
 !> Read a model and check that its parts fit together
 subroutine read_model(cloud, path, error)
@@ -43,13 +76,8 @@ subroutine read_model(cloud, path, error)
    end if
    call file%close(ignored)
    if (allocated(error)) return
-   call check_arrays(cloud, error)
-   if (allocated(error)) then
-      error%message = path//": "//error%message//"; run 'myork build' again"
-      return
-   end if
-   cloud%boundary_point = cloud%boundary_point + 1
-   cloud%boundary_set = cloud%boundary_set + 1
+   call take_arrays(cloud, error)
+   if (allocated(error)) error%message = path//": "//error%message//"; run 'myork build' again"
 end subroutine read_model
 
 !> Read all datasets
