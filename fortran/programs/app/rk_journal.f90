@@ -164,7 +164,7 @@ subroutine read_journal(path, numbers, found, history, whole, damage)
    integer :: n, stat, unit
    character(len=:), allocatable :: lines
    character(len=:), allocatable, target :: text
-   real(wp), allocatable, target :: values(:)
+   real(wp), allocatable :: values(:)
 
    allocate (found%load(0), found%step(numbers, 0), found%x(0, 0), found%carried(0, 0), &
       & found%source(3, 0), found%points(3, 0))
@@ -190,20 +190,13 @@ subroutine read_journal(path, numbers, found, history, whole, damage)
       associate (kind => head(1), length => head(2), columns => head(3))
          ! a process that is killed leaves a part of its last record
          if (at + nhead + length + ncheck > bytes) exit
-         if (kind <= is_approximation .or. kind == is_line) then
-            if (allocated(text)) deallocate (text)
-            allocate (character(len=length) :: text)
-            read (unit, iostat=stat) text, tail
-            if (stat /= 0) exit
-            if (tail /= rkf_check(0_int64, c_loc(text), length)) damage = at
-         else
-            if (allocated(values)) deallocate (values)
-            allocate (values(length/8))
-            read (unit, iostat=stat) values, tail
-            if (stat /= 0) exit
-            if (tail /= rkf_check(0_int64, c_loc(values), length)) damage = at
-         end if
+         if (allocated(text)) deallocate (text)
+         allocate (character(len=length) :: text)
+         read (unit, iostat=stat) text, tail
+         if (stat /= 0) exit
+         if (tail /= rkf_check(0_int64, c_loc(text), length)) damage = at
          if (damage >= 0) exit
+         if (any(kind == [is_source, is_points, is_step])) values = transfer(text, [0.0_wp])
          at = at + nhead + length + ncheck
          select case (kind)
          case (is_deck)

@@ -152,19 +152,19 @@ logical function is_finished(path)
    !> File; one that is not there is not finished
    character(len=*), intent(in) :: path
    type(json_entry), allocatable :: entries(:)
-   logical :: damaged
+   logical :: converged, damaged, was_refused
    integer :: k
 
-   is_finished = .false.
+   converged = .false.
+   was_refused = .false.
    call read_entries(path, entries, damaged)
    do k = 1, size(entries)
-      if (entries(k)%key == 'converged') is_finished = entries(k)%value == 'true'
-   end do
-   do k = 1, size(entries)
+      if (entries(k)%key == 'converged') converged = entries(k)%value == 'true'
       ! a mark inside a text has a backslash before it
-      if (entries(k)%key == 'verdict') is_finished = is_finished .and. index(entries(k)%value, &
-         & '"'//trim(verdict_names(refused))//'"') == 0
+      if (entries(k)%key == 'verdict') was_refused = index(entries(k)%value, &
+         & '"'//trim(verdict_names(refused))//'"') > 0
    end do
+   is_finished = converged .and. .not. was_refused
 end function is_finished
 
 !> Whether the summary in a folder is that of a solve, finished or not
