@@ -59,11 +59,13 @@ class _Listed:
         steps = _values(data, "PixelSpacing")
         thick = _values(data, "SpacingBetweenSlices") or _values(data, "SliceThickness")
         time = _values(data, "EchoTime")
+        slices = len({_place(file) for file in self.files})
+        volumes = f" x {len(self.files) // slices}" if slices < len(self.files) else ""
         return [
             _text(data, "SeriesDescription")[:40] or "-",
             f"TE {time[0]:g} ms" if time else "-",
             self.kind,
-            f"{len(self.files)} slice" + ("s" if len(self.files) > 1 else ""),
+            f"{slices} slice" + ("s" if slices > 1 else "") + volumes,
             " x ".join(size),
             " x ".join(f"{step:.3g}" for step in [*steps[::-1], *thick[:1]]) + " mm",
         ]
