@@ -56,6 +56,8 @@ class Images:
         MR image; with fat it is water.
     fat : Image or None
         Fat of a Dixon sequence.
+    decay : Image or None
+        R2* of its water and fat [1/s].
     others : tuple of Image
         Further channels.
     tensor, measured : Image or None
@@ -76,6 +78,7 @@ class Images:
 
     anatomy: Image
     fat: Image | None = None
+    decay: Image | None = None
     others: tuple[Image, ...] = ()
     tensor: Image | None = None
     measured: Image | None = None

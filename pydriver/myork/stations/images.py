@@ -134,12 +134,13 @@ def _echoes(
     if mask is not None:
         body = mask.data > 0
     else:
-        body = body_mask(Image(first.data + magnitudes[1].data, first.affine), rim=0.0)
+        body = body_mask(Image(np.sum([m.data for m in magnitudes], axis=0), first.affine), rim=0.0)
     times, strength = _times(files, progress)
     found = water_and_fat(magnitudes, phases, body, times=times, strength=strength)
     return Images(
         Image(found.water, first.affine, f"water of {first.name}"),
         Image(found.fat, first.affine, f"fat of {first.name}"),
+        None if found.decay is None else Image(found.decay, first.affine, "R2*"),
         source=files.table["magnitude"][0],
         doubt=found.doubt,
     )
