@@ -5,6 +5,7 @@ NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`f
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from myork.imaging.dicom import load_dicom
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine
+from myork.imaging.headers import bids_name
 from myork.imaging.nifti import load_nifti, save_nifti
 from myork.imaging.plain import check_kind, read_text
 from myork.records import Image, Labels
@@ -74,7 +76,7 @@ def read_labels(path: Path) -> Labels:
     They may be stored as floating point numbers.
 
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
-    `{"name": label}`, where there is one.
+    `{"name": label}`, where there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
     """
     data, affine = _load(path, raw=True)
     if data.dtype == np.bool_:
@@ -95,7 +97,7 @@ def read_labels(path: Path) -> Labels:
             f"{path}: labels must not exceed {_LAST_LABEL}, the highest is {data.max()}; the file "
             "is not a label map or damaged"
         )
-    names = _read_names(_names_path(path))
+    names = _read_dseg(path) if bids_name(path)[1] == "dseg" else _read_names(_names_path(path))
     return Labels(data.astype(np.int32), affine, names, str(path))
 
 
@@ -205,6 +207,19 @@ def _read_names(path: Path) -> dict[int, str]:
             f"{_LAST_LABEL}"
         )
     return {label: name for name, label in table.items()}
+
+
+def _read_dseg(path: Path) -> dict[int, str]:
+    """Names of labels from the table beside a map of BIDS: columns `index` and `name`."""
+    file = path.with_name(path.name.split(".")[0] + ".tsv")
+    if not file.is_file():
+        return {}
+    rows = list(csv.DictReader(read_text(file).splitlines(), delimiter="\t"))
+    try:
+        names = {int(row["index"]): row["name"].strip() for row in rows}
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise InputError(f"{file}: columns index and name are needed, separated by tabs") from None
+    return {label: name for label, name in names.items() if label > 0}
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
