@@ -521,7 +521,7 @@ _COMMANDS = {
         out="folder that keeps what the checks wrote; default none",
     ),
     "segment": _Command(
-        _station("stations.segment:segment", "labels and fibers in {out}"),
+        _station("chain:segment_and_draw", "labels and fibers in {out}"),
         "images to label map, fibers and scores",
         "  myork segment inputs/mg_muscle.toml\n"
         "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from pydicom.uid import generate_uid
 
 from myork.chain import run_chain
@@ -63,7 +64,12 @@ def test_a_bids_subject_without_labels_has_tissues(tmp_path):
     tree(tmp_path / "sub-01", labels=False)
     deck, lines = deck_of_folder(tmp_path / "sub-01", tmp_path / "out")
     assert "no label map (_dseg)" in lines[-2]
-    run_chain(deck, tmp_path / "out")
+    assert main(["segment", str(deck), "-q", "--out", str(tmp_path / "out")]) == 0
+    for name in ("segmentation", "tissue"):
+        picture = imread(tmp_path / "out" / f"{name}.png")
+        # grey is the image, coloured the contours
+        coloured = np.ptp(picture[..., :3], axis=-1) > 0.3
+        assert 100 < coloured.sum() < 0.3 * coloured.size
     tissue = read_labels(tmp_path / "out" / "tissue.nii.gz")
     names = {name: label for label, name in tissue.names.items()}
     assert tissue.data[20, 20, 3] == names["muscle"] and tissue.data[20, 6, 3] == names["fat"]
