@@ -43,6 +43,8 @@ __all__ = ["Images", "Segmentation", "segment_images"]
 _SMOOTHING = 1.0
 # Weight of the misfit of fiber channels against that of the grey values
 _FIBER_WEIGHT = 5.0
+# What the blur of the threshold adds to the body [pixel]
+_SKIN = 1.0
 # Part of a label's seeds in the pixels that are taken off at the skin: they were meant
 _AT_RIM = 0.1
 # Regions in which the true image is even, for a bias field by level sets
@@ -283,7 +285,7 @@ def _body_of(images: Images) -> Mask:
     body = body_mask(images.whole)
     if images.seeds is not None:
         drawn = np.where(images.seeds.data > 0, images.seeds.data, 0)
-        whole = body_mask(images.whole, rim=0.0)
+        whole = body_mask(images.whole, rim=_SKIN)
         for number in np.unique(drawn[drawn > 0]):
             own = drawn == number
             at_rim = (own & whole & ~body).sum() > _AT_RIM * own.sum()
