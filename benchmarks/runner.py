@@ -74,6 +74,7 @@ VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "echoes": ("echoes",),
+    "families": ("families",),
     "forms": ("walls", "mixed"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),
