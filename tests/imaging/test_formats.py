@@ -17,6 +17,7 @@ from myork.imaging.headers import Header, read_header
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model_file import read_model
 from myork.records import Image, Labels
+from myork.stations.resample import resample
 from tests.images import built, even_directions, save
 
 # Turned by 30 degrees about z and with y downwards
@@ -364,3 +365,35 @@ def test_diffusion_series_of_the_makers(tmp_path, maker, write, axes):
     assert read_header(tmp_path / "scan:series=7") == Header(60.0, 3.0)
     with pytest.raises(InputError, match="gradients of 0 series in its 3 files"):
         read_diffusion(tmp_path / "scan:series=1")
+
+
+@pytest.mark.parametrize("axes", [((0, -2), (1, -1), (2, 5)), ((1, 1), (2, 4), (0, 2))])
+def test_masks_of_dafne_lie_on_the_image_they_were_drawn_in(tmp_path, axes):
+    """Rows run backwards and columns to the left, however the image is stored."""
+    affine, shape, slots = np.eye(4), [0, 0, 0], [0, 0, 0]
+    for column, (axis, step) in enumerate(axes):
+        affine[:3, column], shape[column], slots[axis] = 0, (6, 5, 4)[axis], column
+        affine[axis, column] = step
+    image = Image(np.random.default_rng(1).random(shape), affine)
+    write_image(tmp_path / "t1.nii.gz", image)
+    # voxels in the right, anterior, lowest corner, and one column to the left of it
+    world = image.world(np.stack(np.indices(shape), -1).reshape(-1, 3))
+    corner = np.array([world[:, 0].max(), world[:, 1].max(), world[:, 2].min()])
+    soleus, tibialis = np.zeros((2, 5, 6, 4))
+    soleus[0, 0, 0], tibialis[0, 1, 0] = 1, 1
+    np.savez(tmp_path / "rois.npz", Tibialis=tibialis, Soleus=soleus)
+    out = resample(tmp_path / "rois.npz", tmp_path / "t1.nii.gz", tmp_path / "out.nii.gz")
+    found = read_labels(out)
+    assert found.names == {1: "Soleus", 2: "Tibialis"} and found.data.shape == tuple(shape)
+    width = abs(dict(axes)[0])
+    for label, away in ((1, 0.0), (2, width)):
+        place = image.world(np.argwhere(found.data == label))
+        np.testing.assert_allclose(place, [corner - [away, 0, 0]])
+    with pytest.raises(InputError, match="masks of Dafne have no grid; bring them onto that"):
+        read_labels(tmp_path / "rois.npz")
+    np.savez(tmp_path / "rois.npz", Soleus=soleus[1:])
+    with pytest.raises(InputError, match=r"mask Soleus has shape \(4, 6, 4\); rows, columns and"):
+        read_labels(tmp_path / "rois.npz", image)
+    (tmp_path / "rois.npz").write_bytes(b"PK")
+    with pytest.raises(FileError, match="is not a readable NumPy archive"):
+        read_labels(tmp_path / "rois.npz", image)

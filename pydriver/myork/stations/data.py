@@ -190,7 +190,7 @@ class DeckFiles:
         path = self.path(key)
         if path is None:
             return None
-        found = read_labels(path) if progress is None else read_reference(path, progress)
+        found = read_reference(path, progress, like) if progress else read_labels(path, like)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
         return self.grid.of(found, like)
