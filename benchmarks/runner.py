@@ -73,6 +73,8 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
+    "echoes": ("echoes",),
+    "families": ("families",),
     "forms": ("walls", "mixed"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),

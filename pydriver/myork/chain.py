@@ -12,7 +12,27 @@ from myork.core.deck import load_deck
 from myork.errors import ConvergenceError, RefusedError
 from myork.summary import asked
 
-__all__ = ["run_chain"]
+__all__ = ["run_chain", "segment_and_draw"]
+
+
+def segment_and_draw(
+    deck: str | Path,
+    out: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    threads: int | None = None,
+    progress: ProgressCallback = silent,
+) -> dict[str, Any]:
+    """Run `segment` and draw its labels upon the image.
+
+    Parameters and what is returned are those of `myork.segment`.
+    """
+    from myork.report.image_figures import draw_labels
+    from myork.stations.segment import segment
+
+    found = segment(deck, out, overrides=overrides, threads=threads, progress=progress)
+    progress(f"labels on the image: {', '.join(map(str, draw_labels(Path(out))))}")
+    return found
 
 
 def run_chain(
@@ -57,10 +77,11 @@ def run_chain(
     from myork.report import make_report
     from myork.stations.build import build
     from myork.stations.explain import stations_of
-    from myork.stations.segment import segment
     from myork.stations.solve import run_deck
 
-    station: dict[str, Callable[..., Any]] = {"segment": segment, "build": build, "solve": run_deck}
+    station: dict[str, Callable[..., Any]] = {
+        "segment": segment_and_draw, "build": build, "solve": run_deck,
+    }  # fmt: skip
     with asked(Path(out)):
         names = stations_of(load_deck(deck, overrides))
     ended = None

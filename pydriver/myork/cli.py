@@ -139,9 +139,14 @@ def _station(place: str, says: str = "", **more: str) -> Callable[..., str]:
     """Command that runs a function of the deck and its folder; `more` are options it takes."""
 
     def run(options: argparse.Namespace, console: Console) -> str:
-        out = options.out or Path("out", options.deck.stem)
+        name = options.deck.resolve().name if options.deck.is_dir() else options.deck.stem
+        out = options.out or Path("out", name)
         out.mkdir(parents=True, exist_ok=True)
         with asked(out) if "verbosity" in more else nullcontext():
+            if options.deck.is_dir():
+                options.deck, lines = _load("stations.folder:deck_of_folder")(options.deck, out)
+                for line in lines:
+                    console(line)
             overrides = _overrides(options)
         function = _load(place)
         found = function(
@@ -454,7 +459,13 @@ def _vary(form: str, what: str, **settings: Any) -> _Option:
 
 _THREADS = _whole(1, 1024)
 _DECK = (
-    _option("deck", "DECK", "deck file (TOML)", Path),
+    _option(
+        "deck",
+        "DECK",
+        "deck file (TOML); run, segment, tensors and build take a folder of images as well, a BIDS "
+        "tree or DICOM, which makes the deck",
+        Path,
+    ),
     _several(
         "--set",
         "KEY=VALUE",
@@ -521,7 +532,7 @@ _COMMANDS = {
         out="folder that keeps what the checks wrote; default none",
     ),
     "segment": _Command(
-        _station("stations.segment:segment", "labels and fibers in {out}"),
+        _station("chain:segment_and_draw", "labels and fibers in {out}"),
         "images to label map, fibers and scores",
         "  myork segment inputs/mg_muscle.toml\n"
         "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
@@ -564,7 +575,9 @@ _COMMANDS = {
         _station("chain:run_chain", "report: {found}", verbosity="verbosity", error="error"),
         "all stations of a deck: segment, build, solve and report",
         "  myork run inputs/images/biceps.toml --data ~/images\n"
-        "  myork run inputs/mg_muscle.toml --set load.activation=0.2",
+        "  myork run inputs/mg_muscle.toml --set load.activation=0.2\n"
+        "  myork run study/sub-01\n"
+        "  myork run dicom --set image.anatomy=dicom:series=3",
         (*_DECK, _DATA, _NO_ERROR),
     ),
     "solve": _Command(

@@ -171,7 +171,12 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
         ),
         ({"anatomy": "m0.nii.gz"}, DIXON, "take image.anatomy out"),
         ({"fat": "m0.nii.gz"}, DIXON, "take image.fat out"),
-        ({}, DIXON | {"echo_times": [2.3, 4.6]}, "two echo times and a field above zero belong"),
+        (
+            {},
+            DIXON | {"echo_times": [2.3, 4.6]},
+            "2 echoes need 2 different echo times and a field",
+        ),
+        ({}, {key: names[:1] for key, names in DIXON.items()}, "1 echoes need"),
     ],
 )
 def test_echoes_that_do_not_make_water_and_fat(tmp_path, image, dixon, message):

@@ -10,6 +10,7 @@ from myork.errors import InputError
 from myork.imaging.diffusion import fit_tensors, lead_vector, tensor_components, turn_tensors
 from myork.imaging.geometry import canonical
 from myork.imaging.phantom import make_phantom
+from myork.model.averaging import best_average, tensor_logarithms, tensor_trust
 from myork.model.fibers import fiber_field, fibers_at_points
 from myork.records import Image, Labels
 from tests.images import angle, phantom_dwi
@@ -216,3 +217,40 @@ def test_bends_are_no_noise_of_neighbours(alike):
         return angle(fiber_field(image, label, width).fibers.data, way).mean()
 
     assert wrong(None) < 1.3 * min(wrong(width) for width in (0.9, 1.5, 2.4, 3.6, 4.8))
+
+
+def herringbone(snr, seed, lean=0.4, alike=0.0):
+    """Two families of fibers that lean against each other, one label; tensors with noise."""
+    x, y, _ = np.indices((30, 24, 12)) * np.array([1.5, 1.5, 5.0]).reshape(3, 1, 1, 1)
+    side = np.where(x < 21.0, lean, -lean)
+    way = np.stack([side, 0 * side, np.ones_like(side)], -1)
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    full = 1.4e-3 * np.eye(3) + 0.8e-3 * way[..., :, None] * way[..., None, :]
+    noise = np.random.default_rng(seed).normal(0, 1.0, (*x.shape, 6))
+    noise = ndimage.gaussian_filter(noise, (alike, alike, 0, 0))
+    data = tensor_components(full) + noise * 1.7e-3 / snr / noise.std()
+    inside = (np.hypot((x - 22) / 21, (y - 18) / 17) < 1).astype(np.int32)
+    return Image(data, np.diag([1.5, 1.5, 5.0, 1.0])), inside, way
+
+
+@pytest.mark.parametrize(
+    ("snr", "seed", "lean"), [(15.0, 11, 0.4), (25.0, 12, 0.4), (40.0, 13, 0.2)]
+)
+def test_families_of_fibers_in_one_label_are_not_blurred_into_each_other(snr, seed, lean):
+    image, inside, way = herringbone(snr, seed, lean)
+
+    def wrong(width, label=inside):
+        return angle(fiber_field(image, label, width).fibers.data, way)[inside > 0]
+
+    parted = wrong(None, np.where(way[..., 0] > 0, 1, 2) * inside)
+    assert wrong(None).mean() < 0.35 * wrong(3.0).mean()
+    assert wrong(None).mean() < parted.mean() + 0.3
+    assert np.quantile(wrong(None), 0.95) < 3.0
+
+
+def test_one_muscle_stays_one_family():
+    """Fibers that bend or lean one way alone: parting them makes predictions worse."""
+    image, inside, _ = herringbone(20.0, 3, 0.0)
+    logarithm, usable = tensor_logarithms(image, inside > 0)
+    trust = tensor_trust(logarithm, usable, inside)
+    assert best_average(logarithm, trust, inside, image.spacing).label.max() == 1

@@ -11,10 +11,14 @@ from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import ExplicitVRLittleEndian, generate_uid
 
 from myork.errors import FileError, InputError, InstallationError
+from myork.imaging.diffusion import read_diffusion, read_tensors
+from myork.imaging.gradients import GradientTable
+from myork.imaging.headers import Header, read_header
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model_file import read_model
 from myork.records import Image, Labels
-from tests.images import built, save
+from myork.stations.resample import resample
+from tests.images import built, even_directions, save
 
 # Turned by 30 degrees about z and with y downwards
 C, S = np.cos(np.radians(30)), np.sin(np.radians(30))
@@ -264,3 +268,132 @@ def test_kinds_of_dicom_images(tmp_path, elements, kind):
     assert image.data.shape == (2, 3, 3)
     with pytest.raises(InputError, match=rf"s:kind={kind} "):
         read_image(tmp_path / "s")
+
+
+OBLIQUE = np.array([[0, 0.6, -0.8, 0], [0, 0.8, 0.6, 0], [1.0, 0, 0, 0]])  # columns: LPS of i, j, k
+TENSOR = np.array([0.9, 1.1, 1.6, 0.1, -0.2, 0.3]) * 1e-3  # xx, yy, zz, xy, xz, yz
+
+
+def siemens(data, b, g):
+    block = data.private_block(0x0019, "SIEMENS MR HEADER", create=True)
+    block.add_new(0x0C, "IS", int(b))
+    if b:
+        block.add_new(0x0E, "FD", list(g * [-1, -1, 1]))
+
+
+def philips(data, b, g):
+    data.private_block(0x2001, "Philips Imaging DD 001", create=True).add_new(0x03, "FL", b)
+    block = data.private_block(0x2005, "Philips MR Imaging DD 001", create=True)
+    for element, value in zip((0xB0, 0xB1, 0xB2), g * [-1, -1, 1], strict=True):
+        block.add_new(element, "FL", value)
+
+
+def standard(data, b, g):
+    data.DiffusionBValue = b
+    data.DiffusionGradientOrientation = list(g * [-1, -1, 1])
+
+
+def ge(data, b, g):
+    """Columns are encoded by phase, and slices are axial: the frame of the image is the world."""
+    data.InPlanePhaseEncodingDirection = "COL"
+    data.private_block(0x0043, "GEMS_PARM_01", create=True).add_new(0x39, "IS", [int(b), 0, 0, 0])
+    block = data.private_block(0x0019, "GEMS_ACQU_01", create=True)
+    for element, value in zip((0xBB, 0xBC, 0xBD), g, strict=True):
+        block.add_new(element, "DS", f"{value:.6f}")
+
+
+def weighted(folder, maker, write, axes, uid, number=7):
+    """Seven volumes of three slices with the signal of one tensor in all voxels."""
+    folder.mkdir(exist_ok=True)
+    directions = np.vstack([np.zeros(3), even_directions(6)])
+    table = GradientTable(np.array([0.0, *[500.0] * 6]), directions)
+    signal = 2000.0 * np.exp(-table.design() @ TENSOR)
+    for volume in range(7):
+        for k in range(3):
+            data = mr_file(maker, uid, number, 3 * volume + k + 1)
+            data.ImageOrientationPatient = [*axes[:, 0], *axes[:, 1]]
+            data.ImagePositionPatient = list(axes[:, 2] * 5.0 * k - [10.0, 20.0, 0.0])
+            write(data, float(table.b[volume]), directions[volume])
+            data.PixelData = np.full((16, 12), round(signal[volume]), np.uint16).tobytes()
+            data.save_as(folder / f"{number}_{volume}_{k}.dcm", enforce_file_format=True)
+
+
+def mr_file(maker, uid, number, instance, rows=16, columns=12, **elements):
+    """A slice as a scanner writes it, without pixels."""
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = pydicom.uid.MRImageStorage
+    meta.MediaStorageSOPInstanceUID = generate_uid()
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    data = FileDataset(None, {}, file_meta=meta, preamble=bytes(128))
+    data.SOPClassUID = meta.MediaStorageSOPClassUID
+    data.SOPInstanceUID = meta.MediaStorageSOPInstanceUID
+    data.Manufacturer, data.Modality, data.PatientPosition = maker, "MR", "HFS"
+    data.ImageType = ["ORIGINAL", "PRIMARY", "M", "ND"]
+    data.StudyInstanceUID, data.SeriesInstanceUID = "1.2.3", uid
+    data.SeriesNumber, data.AcquisitionNumber, data.InstanceNumber = number, instance, instance
+    data.Rows, data.Columns, data.PixelSpacing = rows, columns, [2.0, 1.5]
+    data.SliceThickness = data.SpacingBetweenSlices = 5.0
+    data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"
+    data.BitsAllocated, data.BitsStored, data.HighBit = 16, 16, 15
+    data.PixelRepresentation, data.MagneticFieldStrength, data.EchoTime = 0, 3.0, 60.0
+    data.RepetitionTime = 3000.0
+    for key, value in elements.items():
+        setattr(data, key, value)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("maker", "write", "axes"),
+    [
+        ("SIEMENS", siemens, OBLIQUE),
+        ("Philips Medical Systems", philips, OBLIQUE),
+        ("SIEMENS", standard, OBLIQUE),
+        ("GE MEDICAL SYSTEMS", ge, np.eye(3)),
+    ],
+)
+def test_diffusion_series_of_the_makers(tmp_path, maker, write, axes):
+    weighted(tmp_path / "scan", maker, write, axes, generate_uid())
+    # a second series beside it has to be chosen
+    series(tmp_path / "scan", first=100, SeriesNumber=1)
+    with pytest.raises(InputError, match=r"(?s)holds 2 images.*scan:series=7 .*3 slices x 7"):
+        read_diffusion(tmp_path / "scan")
+    keys = {"dwi": "scan:series=7", "gradient_axes": "x y z"}
+    found = read_tensors(keys, tmp_path)
+    assert sorted(found.tensor.data.shape[:3]) == [3, 12, 16]
+    # signals are whole numbers near 1000
+    np.testing.assert_allclose(found.tensor.data - TENSOR, 0.0, atol=1e-5)
+    assert read_header(tmp_path / "scan:series=7") == Header(60.0, 3.0)
+    with pytest.raises(InputError, match="gradients of 0 series in its 3 files"):
+        read_diffusion(tmp_path / "scan:series=1")
+
+
+@pytest.mark.parametrize("axes", [((0, -2), (1, -1), (2, 5)), ((1, 1), (2, 4), (0, 2))])
+def test_masks_of_dafne_lie_on_the_image_they_were_drawn_in(tmp_path, axes):
+    """Rows run backwards and columns to the left, however the image is stored."""
+    affine, shape, slots = np.eye(4), [0, 0, 0], [0, 0, 0]
+    for column, (axis, step) in enumerate(axes):
+        affine[:3, column], shape[column], slots[axis] = 0, (6, 5, 4)[axis], column
+        affine[axis, column] = step
+    image = Image(np.random.default_rng(1).random(shape), affine)
+    write_image(tmp_path / "t1.nii.gz", image)
+    # voxels in the right, anterior, lowest corner, and one column to the left of it
+    world = image.world(np.stack(np.indices(shape), -1).reshape(-1, 3))
+    corner = np.array([world[:, 0].max(), world[:, 1].max(), world[:, 2].min()])
+    soleus, tibialis = np.zeros((2, 5, 6, 4))
+    soleus[0, 0, 0], tibialis[0, 1, 0] = 1, 1
+    np.savez(tmp_path / "rois.npz", Tibialis=tibialis, Soleus=soleus)
+    out = resample(tmp_path / "rois.npz", tmp_path / "t1.nii.gz", tmp_path / "out.nii.gz")
+    found = read_labels(out)
+    assert found.names == {1: "Soleus", 2: "Tibialis"} and found.data.shape == tuple(shape)
+    width = abs(dict(axes)[0])
+    for label, away in ((1, 0.0), (2, width)):
+        place = image.world(np.argwhere(found.data == label))
+        np.testing.assert_allclose(place, [corner - [away, 0, 0]])
+    with pytest.raises(InputError, match="masks of Dafne have no grid; bring them onto that"):
+        read_labels(tmp_path / "rois.npz")
+    np.savez(tmp_path / "rois.npz", Soleus=soleus[1:])
+    with pytest.raises(InputError, match=r"mask Soleus has shape \(4, 6, 4\); rows, columns and"):
+        read_labels(tmp_path / "rois.npz", image)
+    (tmp_path / "rois.npz").write_bytes(b"PK")
+    with pytest.raises(FileError, match="is not a readable NumPy archive"):
+        read_labels(tmp_path / "rois.npz", image)

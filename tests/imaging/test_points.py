@@ -222,6 +222,27 @@ def test_a_tip_is_no_sheet():
     assert len(points.thin_voxels(body[:, :, :1])) == 0
 
 
+def spindle(lowest):
+    """Ellipsoid of 20 slices whose lowest slice has about a part of the largest section."""
+    i, j, k = np.indices((24, 24, 20)) - np.array([11.5, 11.5, 9.5]).reshape(3, 1, 1, 1)
+    radius = 10.0 * np.sqrt(np.clip(1.0 - (1.0 - lowest) * (k / 9.5) ** 2, 0.0, None))
+    data = (np.hypot(i, j) < np.maximum(radius, 0.8)).astype(np.int32)
+    return Labels(data, np.diag([1.0, 1.0, 4.0, 1.0]), {1: "spindle"}, "spindle.nii")
+
+
+def test_a_tip_is_named_with_the_slices_to_take():
+    labels = spindle(0.0)
+    (warning,) = [w for w in build_cloud(labels, None, TABLE, "cm")[1] if "ends in a tip" in w]
+    area = labels.data.sum(axis=(0, 1))
+    full = np.flatnonzero(area >= 0.2 * area.max())
+    assert f"lower end has {area[0]} voxels in slice 0 and its upper end has {area[0]}" in warning
+    assert f"build.slices = [{full[0]}, {full[-1]}]" in warning
+    # what it says is what helps
+    cut = {**TABLE, "slices": [int(full[0]), int(full[-1])]}
+    for other, table in ((labels, cut), (spindle(0.2), TABLE), (box(), TABLE)):
+        assert not [w for w in build_cloud(other, None, table, "cm")[1] if "in a tip" in w]
+
+
 def test_one_slice_makes_a_plane_model():
     cloud, warnings = build_cloud(box((5, 4, 1)), None, TABLE, "cm")
     assert cloud.set_names == ("surface",)

@@ -431,3 +431,61 @@ def test_the_number_of_the_background_does_not_matter(tmp_path):
     for first, second, number in zip(*found, (1, 2), strict=True):
         assert np.mean(first != second) < 1e-3
         assert np.mean(first[lone]) < 0.02 and dice(first, label == number) > 0.95
+
+
+def bright_fat(folder, seed, contrast=3.0, rim=4.0, snr=20.0):
+    """Two muscles, parted by a line of fat, in fat as bright as in T1 images, with a bone."""
+    i, j, k = np.indices((70, 70, 3)) - np.array([34.5, 34.5, 1.0]).reshape(3, 1, 1, 1)
+    r, bone = np.hypot(i, j), np.hypot(i - 4, j - 9)
+    kind = np.select([r > 32, r > 32 - rim, bone < 4, bone < 6, np.abs(i) < 0.9], [0, 3, 4, 5, 3],
+                     np.where(i < 0, 1, 2))  # fmt: skip
+    clean = 100.0 * np.choose(kind, [0, 1, 1.05, contrast, contrast * 0.9, 0.15])
+    noise = np.random.default_rng(seed).normal(0, 100 / snr, (2, *kind.shape))
+    save(folder, AFFINE, leg=np.hypot(clean + noise[0], noise[1]) * (kind > 0))
+    return kind.astype(np.int32)
+
+
+@pytest.mark.parametrize("case", [dict(seed=1), dict(seed=2, contrast=2.2, rim=9.0, snr=12.0)])
+def test_seeds_of_muscles_alone_leave_the_rest_without_a_label(tmp_path, case):
+    kind = bright_fat(tmp_path, **case)
+    strokes = np.where(ndimage.uniform_filter((kind == 1) * 1.0, (9, 9, 1)) > 0.99, 1, 0)
+    strokes += np.where(ndimage.uniform_filter((kind == 2) * 1.0, (9, 9, 1)) > 0.99, 2, 0)
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
+    keys = dict(split="walk", tolerance=0.01, seeds="seeds.nii.gz")
+    (warning,) = parted(tmp_path, **keys)["warnings"]
+    assert "is like none of the seeds and becomes background" in warning
+    found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
+    assert min(dice(found == n, kind == n) for n in (1, 2)) > 0.95
+    # one muscle alone, and all else as it is drawn
+    strokes[strokes == 2] = 0
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
+    parted(tmp_path, **keys)
+    strokes[ndimage.uniform_filter((kind == 3) * 1.0, (3, 3, 1)) > 0.99] = 3
+    strokes[(kind == 4) | (kind == 5)] = 4
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
+    assert not parted(tmp_path, **keys)["warnings"]
+
+
+def test_a_band_of_fat_drawn_at_the_skin_is_kept(tmp_path):
+    kind = bright_fat(tmp_path, 3)
+    r = np.hypot(*(np.indices(kind.shape)[:2] - 34.5))
+    strokes = np.select(
+        [(r > 30) & (kind == 3), ndimage.uniform_filter((kind == 1) * 1.0, (9, 9, 1)) > 0.99,
+         ndimage.uniform_filter((kind == 2) * 1.0, (9, 9, 1)) > 0.99, kind > 3], [3, 1, 2, 4], 0
+    )  # fmt: skip
+    names = {1: "a", 2: "b", 3: "fat", 4: "bone"}
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, names))
+    found = parted(tmp_path, split="walk", tolerance=0.01, seeds="seeds.nii.gz")
+    assert not found["warnings"]
+    labels = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
+    # on the outermost pixels as well
+    ring = (kind == 3) & (r > 28)
+    assert (labels == 3)[ring & (r > 30)].mean() > 0.99
+    assert dice((labels == 3) & (r > 26), ring) > 0.97
+    # a background over the skin does not bring it back
+    names[3] = "background"
+    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, names))
+    assert (
+        "lie outside of the region"
+        in parted(tmp_path, split="walk", tolerance=0.01, seeds="seeds.nii.gz")["warnings"][0]
+    )

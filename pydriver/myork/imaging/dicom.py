@@ -13,7 +13,7 @@ from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
 from myork.types import F64
 
-__all__ = ["load_dicom"]
+__all__ = ["dicom_files", "load_dicom", "series_files"]
 
 
 # Names that promise a DICOM file
@@ -45,16 +45,7 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     choice : str
         Which of several images, see `chosen_files`.
     """
-    dicom = library("pydicom", "dicom", folder)
-    files: list[DicomFile] = []
-    for paths in (folder.iterdir(), folder.rglob("*")):
-        found = [_read(dicom, path) for path in sorted(paths) if path.is_file()]
-        files = [file for file in found if file is not None]
-        if files:
-            break
-    else:
-        raise FileError(f"{folder}: holds no DICOM images")
-    slices = [_slice(*file) for file in chosen_files(folder, files, choice)]
+    slices = [_slice(*file) for file in series_files(folder, choice)]
     _check_series(folder, slices)
     first = slices[0]
     along_row, along_column = first.axes
@@ -66,8 +57,8 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
         same = [slices[order[int(np.argmin(gaps)) + step]].path.name for step in (0, 1)]
         raise InputError(
             f"{folder}: {same[0]} and {same[1]} lie at the same position, so there are "
-            "several times, diffusion weightings or the like, which their headers do not "
-            "distinguish; keep the files of one image in a folder"
+            "several times, diffusion weightings or the like (those are for image.dwi), which "
+            "their headers do not distinguish; keep the files of one image in a folder"
         )
     if len(gaps) and np.ptp(gaps) > 0.05 * gaps.mean():
         raise InputError(
@@ -81,6 +72,22 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     affine[:3, 2] = normal * (gaps.mean() if len(gaps) else _thickness(first))
     affine[:3, 3] = slices[order[0]].place
     return np.stack(stack, axis=-1), FLIP @ affine
+
+
+def dicom_files(folder: Path) -> list[DicomFile]:
+    """All DICOM images of a folder, one at least; of the folders below where it holds none."""
+    dicom = library("pydicom", "dicom", folder)
+    for paths in (folder.iterdir(), folder.rglob("*")):
+        found = [_read(dicom, path) for path in sorted(paths) if path.is_file()]
+        files = [file for file in found if file is not None]
+        if files:
+            return files
+    raise FileError(f"{folder}: holds no DICOM images")
+
+
+def series_files(folder: Path, choice: str = "") -> list[DicomFile]:
+    """Files of the image of a folder that a choice leaves, see `chosen_files`."""
+    return chosen_files(folder, dicom_files(folder), choice)
 
 
 def _read(dicom: Any, path: Path) -> DicomFile | None:

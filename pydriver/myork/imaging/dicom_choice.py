@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from myork.errors import InputError
 
-__all__ = ["DicomFile", "chosen_files", "split_choice"]
+__all__ = ["DicomFile", "ListedImage", "chosen_files", "listed_images", "split_choice"]
 
 _KEYS = ("series", "echo", "kind")
 # Words of ImageType from the third on; what they leave to the scanner is taken as it is.
@@ -29,6 +29,9 @@ _SPECIES = {
 _PARTS = ("magnitude", "phase", "real", "imaginary")
 # Where GE says which of these parts an image is: 0 to 3
 _GE_PART = (0x0043, 0x102F)
+# Where Siemens, Philips and GE keep b values; GE adds a flag
+_WEIGHTS = ((0x0019, 0x100C), (0x2001, 0x1003), (0x0043, 0x1039))
+_GE_FLAG = 1e9
 
 
 class DicomFile(NamedTuple):
@@ -39,13 +42,40 @@ class DicomFile(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Listed:
-    """An image of a folder."""
+class ListedImage:
+    """An image of a folder.
+
+    Attributes
+    ----------
+    files : sequence of DicomFile
+        Its files.
+    series : tuple
+        Number and UID of its series.
+    echo : int
+        Number of the echo, from 1.
+    kind : str
+        Magnitude, phase, water and so on.
+    text : str
+        What chooses it, `series=5,echo=2`.
+    """
 
     files: Sequence[DicomFile]
-    series: tuple[str, str]  # number and UID
+    series: tuple[str, str]
     echo: int
     kind: str
+    text: str = ""
+
+    @property
+    def weighted(self) -> bool:
+        """Whether it is a diffusion series: several volumes, of which one has a b value."""
+        volumes = len(self.files) > len({_place(file) for file in self.files})
+        return volumes and any(_weighting(file.data) > 0 for file in self.files)
+
+    @property
+    def voxels(self) -> float:
+        """Number of its voxels."""
+        rows, columns = (_values(self.files[0].data, key) or [0] for key in ("Rows", "Columns"))
+        return len(self.files) * float(rows[0]) * float(columns[0])
 
     def fits(self, wanted: Mapping[str, str]) -> bool:
         """Whether it is what was asked for."""
@@ -59,11 +89,13 @@ class _Listed:
         steps = _values(data, "PixelSpacing")
         thick = _values(data, "SpacingBetweenSlices") or _values(data, "SliceThickness")
         time = _values(data, "EchoTime")
+        slices = len({_place(file) for file in self.files})
+        volumes = f" x {len(self.files) // slices}" if slices < len(self.files) else ""
         return [
             _text(data, "SeriesDescription")[:40] or "-",
             f"TE {time[0]:g} ms" if time else "-",
             self.kind,
-            f"{len(self.files)} slice" + ("s" if len(self.files) > 1 else ""),
+            f"{slices} slice" + ("s" if slices > 1 else "") + volumes,
             " x ".join(size),
             " x ".join(f"{step:.3g}" for step in [*steps[::-1], *thick[:1]]) + " mm",
         ]
@@ -96,14 +128,13 @@ def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[
         `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its number
         or its UID, echoes are counted from 1 by their times.
     """
-    images = _listed(files)
+    images = listed_images(files)
     wanted = _wanted(folder, choice)
     fitting = [image for image in images if image.fits(wanted)]
     if len(fitting) == 1:
         return list(fitting[0].files)
     shown = fitting or images
-    texts = _choices(images)
-    rows = [[f"{folder.name}:{texts[id(image)]}", *image.about()] for image in shown]
+    rows = [[f"{folder.name}:{image.text}", *image.about()] for image in shown]
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     lines = [
         "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
@@ -115,8 +146,14 @@ def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[
     raise InputError("\n  ".join([f"{folder}: {what}; write one of these in its place:", *lines]))
 
 
-def _listed(files: Sequence[DicomFile]) -> list[_Listed]:
-    """Images of files, by series, kind and echo."""
+def listed_images(files: Sequence[DicomFile]) -> list[ListedImage]:
+    """Images of files, by series, kind and echo.
+
+    Parameters
+    ----------
+    files : sequence of DicomFile
+        Files with pixels.
+    """
     # Some tools that take names out leave no UID, or the same for all.
     series: dict[tuple[str, str], list[DicomFile]] = {}
     for file in files:
@@ -126,22 +163,24 @@ def _listed(files: Sequence[DicomFile]) -> list[_Listed]:
     for name, own in series.items():
         places = {_place(file) for file in own}
         if len(places) == len(own):
-            images.append(_Listed(own, name, 1, _kind(own[0].data)))
+            images.append(ListedImage(own, name, 1, _kind(own[0].data)))
             continue
         parts: dict[tuple[str, float], list[DicomFile]] = {}
         for file in own:
             parts.setdefault((_kind(file.data), _echo(file.data)), []).append(file)
         times = sorted({time for _, time in parts})
         images += [
-            _Listed(parts[kind, time], name, times.index(time) + 1, kind)
+            ListedImage(parts[kind, time], name, times.index(time) + 1, kind)
             for kind, time in sorted(parts)
         ]
-    return sorted(images, key=lambda one: (_number(one.series[0]), one.series, one.echo, one.kind))
+    return _choices(
+        sorted(images, key=lambda one: (_number(one.series[0]), one.series, one.echo, one.kind))
+    )
 
 
-def _choices(images: Sequence[_Listed]) -> dict[int, str]:
-    """The shortest choice of each image, by its identity."""
-    found = {}
+def _choices(images: Sequence[ListedImage]) -> list[ListedImage]:
+    """Images with the shortest choice of each."""
+    found = []
     all_series = {image.series for image in images}
     for image in images:
         number, uid = image.series
@@ -150,7 +189,8 @@ def _choices(images: Sequence[_Listed]) -> dict[int, str]:
         words = [f"series={number if number and len(alike) == 1 else uid}"]
         words += [f"echo={image.echo}"] if len({one.echo for one in own}) > 1 else []
         words += [f"kind={image.kind}"] if len({one.kind for one in own}) > 1 else []
-        found[id(image)] = ",".join(words[1:] if len(all_series) == 1 and words[1:] else words)
+        text = ",".join(words[1:] if len(all_series) == 1 and words[1:] else words)
+        found.append(replace(image, text=text))
     return found
 
 
@@ -193,6 +233,20 @@ def _part(data: Any) -> str | None:
         return _PARTS[number]
     except Exception:  # not there, or not readable
         return None
+
+
+def _weighting(data: Any) -> float:
+    """Diffusion weighting [s/mm^2], of the standard or of a maker; 0 without."""
+    found = _values(data, "DiffusionBValue")
+    for key in _WEIGHTS:
+        try:
+            value = data[key].value
+            found = found or [float(np.ravel(value)[0]) % _GE_FLAG]
+        except Exception:  # not there, or not readable
+            continue
+    if not found and "DIFFUSION" in _words(data, "ImageType"):
+        return 1.0
+    return found[0] if found else 0.0
 
 
 def _echo(data: Any) -> float:

@@ -11,12 +11,15 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from myork.errors import InputError
+from myork.imaging.dicom_choice import split_choice
+from myork.imaging.dicom_diffusion import diffusion_series
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.io import read_image
@@ -24,6 +27,7 @@ from myork.records import Image
 from myork.types import F64, Mask
 
 __all__ = [
+    "Diffusion",
     "fit_tensors",
     "fractional_anisotropy",
     "full_tensors",
@@ -31,6 +35,7 @@ __all__ = [
     "lead_vector",
     "mean_diffusivity",
     "parse_axes",
+    "read_diffusion",
     "read_tensors",
     "tensor_components",
     "tensor_maps",
@@ -188,33 +193,71 @@ def parse_axes(text: str) -> F64:
     return matrix
 
 
-def read_tensors(table: Mapping[str, Any], folder: Path) -> Image | None:
+class Diffusion(NamedTuple):
+    """What a deck says of diffusion.
+
+    Attributes
+    ----------
+    tensor : Image
+        Tensors in the world frame, shape `(ni, nj, nk, 6)`.
+    mean : Image or None
+        Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None of a file of tensors.
+    """
+
+    tensor: Image
+    mean: Image | None
+
+
+def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
     """Tensors of a deck: from a file of tensors, or fitted to diffusion-weighted images.
 
     Parameters
     ----------
     table : mapping
-        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi` with .bval and .bvec
-        beside it under the same name; `gradient_axes`.
+        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi`, see `read_diffusion`;
+        `gradient_axes`.
     folder : Path
         Where the deck's relative paths start.
 
     Returns
     -------
-    Image or None
-        In the world frame, shape `(ni, nj, nk, 6)`; None where the deck names neither.
+    Diffusion or None
+        None where the deck names neither.
     """
-    if "dwi" not in table:
-        if "tensor" not in table:
-            return None
-        tensor = read_image(folder / table["tensor"], values=6)
-        return turn_tensors(tensor, parse_axes(table["gradient_axes"]), table["tensor_frame"])
-    path = folder / table["dwi"]
+    axes = parse_axes(table["gradient_axes"])
+    if "dwi" in table:
+        dwi, gradients = read_diffusion(folder / table["dwi"])
+        mean = Image(np.abs(np.nan_to_num(dwi.data)).mean(axis=-1), dwi.affine, dwi.name)
+        return Diffusion(turn_tensors(fit_tensors(dwi, gradients), axes), mean)
+    if "tensor" not in table:
+        return None
+    tensor = read_image(folder / table["tensor"], values=6)
+    return Diffusion(turn_tensors(tensor, axes, table["tensor_frame"]), None)
+
+
+def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
+    """Diffusion-weighted images and their gradients.
+
+    Parameters
+    ----------
+    path : Path
+        4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM images, see
+        `read_image`.
+
+    Returns
+    -------
+    tuple
+        Images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes.
+    """
+    folder, choice = split_choice(path)
+    if folder.is_dir():
+        with diffusion_series(folder, choice) as file:
+            dwi, gradients = read_diffusion(file)
+        return replace(dwi, name=str(path)), gradients
     dwi = read_image(path, values=None)
     stem = path.name.removesuffix(".gz").removesuffix(".nii")
     files = [path.with_name(f"{stem}.{kind}") for kind in ("bval", "bvec")]
-    gradients = read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
-    return turn_tensors(fit_tensors(dwi, gradients), parse_axes(table["gradient_axes"]))
+    return dwi, read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
 
 
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:

@@ -1,4 +1,4 @@
-"""Water and fat from magnitude and phase of two echoes (two-point Dixon).
+"""Water and fat from magnitude and phase of two or more echoes (Dixon).
 
 An echo is (W + c F) exp(i phase), where c is what chemical shift makes of the fat: 1 in phase and
 -1 in opposed phase, or that of the peaks of fat at any two echo times. The magnitudes of both
@@ -8,16 +8,22 @@ up to some millimetres apart vote for being alike or not, voxels join their stro
 groups join groups by the sum of their votes, so that marrow behind dark cortex is decided by all
 the pairs across it. What is left is one choice for each connected body: fat lies under the skin.
 
+Of more echoes the pair that parts best is taken so, which leaves the frequency of each voxel up to
+whole turns between both. All echoes choose the turns and the decay exp(-R2* t), by the misfit
+around each voxel, and water and fat are those of all of them; where they fit one way around better,
+this decides in place of the skin.
+
 References
 ----------
 Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two candidates at any
 echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29 (2011) 216-221 (water
-and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134 (peaks of fat)
+and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134 (peaks of fat and decay)
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +35,7 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
 
-__all__ = ["WaterFat", "echo", "fat_factors", "separate", "water_and_fat"]
+__all__ = ["WaterFat", "echo", "fat_factors", "separate", "separate_many", "water_and_fat"]
 
 
 # Peaks of fat: shift from water [ppm] and part of the signal
@@ -48,6 +54,12 @@ _SMALL = 0.02  # part of the body below which a group is decided by the phases a
 _UNLIKE = 0.1  # fraction of fat by which rim and inside must differ
 _BEYOND, _MANY = 1.5, 0.05  # ratio of echoes beyond what mixtures have, and part of the body there
 _LEAST = 0.25  # of the averages that water and fat are worth: noise is twice that of an echo
+_TOO_FEW = 0.08  # below it echoes are refused: of two, fat turns by less than 23 degrees
+_TURNS_TRIED = 2  # of the phase between the echoes of a pair
+_FITS = 3  # of water and fat, then frequency and decay
+_PAIRS_TRIED = 3  # of echoes
+_BADLY = 4.0  # ratio of misfits beyond which a fit is not that of this tissue
+_CLEARLY = 1.2  # ratio of misfits by which one way around is the better one
 
 
 class WaterFat(NamedTuple):
@@ -60,7 +72,10 @@ class WaterFat(NamedTuple):
     fraction : NDArray
         Fat of both together, 0 to 1, same shape [-].
     phase : NDArray
-        Smooth phase from the first echo to the second, same shape [radian].
+        Smooth phase from the first echo to the second (of more: of the pair that parts best), same
+        shape [radian].
+    decay : NDArray or None
+        R2* of both, of three echoes and more, same shape [1/s].
     doubt : str
         Why water and fat may be exchanged or wrong; empty where nothing speaks for it.
     """
@@ -69,6 +84,7 @@ class WaterFat(NamedTuple):
     fat: F64
     fraction: F64
     phase: F64
+    decay: F64 | None
     doubt: str
 
 
@@ -93,19 +109,18 @@ def echo(magnitude: F64, phase: F64) -> C128:
     return np.asarray(magnitude * np.exp(2j * np.pi * phase / fitting[0]))
 
 
-def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, complex]:
-    """What is left of a unit of fat at two echo times, seen from water.
+def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, ...]:
+    """What is left of a unit of fat at echo times, seen from water.
 
     Parameters
     ----------
     times : sequence
-        Echo times, shape `(2,)` [ms].
+        Echo times [ms].
     strength : float
         Field of the scanner [T].
     """
     turns = np.outer(times, _SHIFT) * (1e-3 * _GYROMAGNETIC * strength)
-    one, two = np.exp(2j * np.pi * turns) @ np.array(_PART)
-    return complex(one), complex(two)
+    return tuple(map(complex, np.exp(2j * np.pi * turns) @ np.array(_PART)))
 
 
 def water_and_fat(
@@ -116,29 +131,104 @@ def water_and_fat(
     times: Sequence[float] = (),
     strength: float = 0.0,
 ) -> WaterFat:
-    """Part two echoes, given by magnitude and phase, into water and fat.
+    """Part echoes, given by magnitude and phase, into water and fat.
 
     Parameters
     ----------
     magnitudes, phases : sequence of Image
-        Of both echoes, on one grid.
+        Of all echoes, two at least, on one grid.
     body : NDArray
         Voxels of the body, shape `(ni, nj, nk)`.
     times : sequence
-        Echo times; none: in phase first, then in opposed phase [ms].
+        Echo times; none, of two echoes: in phase first, then in opposed phase [ms].
     strength : float
         Field of the scanner, with times [T].
     """
-    factors = (complex(1.0), complex(-1.0))
-    if len(times) or strength > 0:
-        if len(times) != 2 or not strength > 0 or times[0] == times[1]:
+    factors: tuple[complex, ...] = (complex(1.0), complex(-1.0))
+    count = len(magnitudes)
+    if len(phases) != count:
+        raise InputError(
+            f"dixon: {count} magnitudes and {len(phases)} phases; each echo has one of both"
+        )
+    if len(times) or strength > 0 or count != 2:
+        if len(set(times)) != count or not strength > 0:
             raise InputError(
-                f"dixon: two echo times and a field above zero belong together, not {list(times)} "
-                f"ms and {strength:g} T; without both the first is in phase, the second opposed"
+                f"dixon: {count} echoes need {count} different echo times and a field above zero, "
+                f"not {list(times)} ms and {strength:g} T; without both the first of two is in "
+                "phase, the second opposed"
             )
         factors = fat_factors(times, strength)
-    one, two = (echo(m.data, p.data) for m, p in zip(magnitudes, phases, strict=True))
-    return separate(one, two, body, spacing=magnitudes[0].spacing, factors=factors)
+    echoes = [echo(m.data, p.data) for m, p in zip(magnitudes, phases, strict=True)]
+    spacing = magnitudes[0].spacing
+    if count == 2:
+        pair = factors[0], factors[1]
+        return separate(echoes[0], echoes[1], body, spacing=spacing, factors=pair)
+    return separate_many(echoes, body, spacing=spacing, factors=factors, times=times)
+
+
+def separate_many(
+    echoes: Sequence[C128],
+    body: Mask,
+    *,
+    spacing: ArrayLike,
+    factors: Sequence[complex],
+    times: Sequence[float],
+) -> WaterFat:
+    """Part three and more echoes into water and fat.
+
+    Parameters
+    ----------
+    echoes : sequence of NDArray
+        Complex echoes, shape `(ni, nj, nk)` each.
+    body : NDArray
+        Voxels of the body, same shape.
+    spacing : ArrayLike
+        Voxel sizes, shape `(3,)` [mm].
+    factors : sequence
+        Of fat in each echo, see `fat_factors` [-].
+    times : sequence
+        Echo times [ms].
+    """
+    pairs = list(combinations(range(len(echoes)), 2))
+    worth = [_averages((factors[i], factors[j])) for i, j in pairs]
+    gap = [abs(times[j] - times[i]) for i, j in pairs]
+    # of pairs that are nearly as good the one with the shortest gap: it leaves the fewest turns
+    order = sorted(range(len(pairs)), key=lambda n: (worth[n] < 0.8 * max(worth), gap[n]))
+    size, signal = np.asarray(spacing, float), _inside(echoes, body)
+    found, doubt = [], ""
+    for n in order[:_PAIRS_TRIED]:
+        i, j = pairs[n]
+        pair = _pair(signal[:, i], signal[:, j], body, size, (factors[i], factors[j]))
+        doubt = doubt or pair.doubt
+        for phase in (np.angle(pair.smooth), np.angle(pair.other)):
+            fit = _all_echoes(signal, phase, times[j] - times[i], times, factors, body, size)
+            found.append((*fit, phase))
+    misfit, water, fat, decay, phase = map(np.stack, zip(*found, strict=True))
+    fraction = fat / np.maximum(water + fat, 1e-30)
+    # which way around is one choice for each body that touches no other
+    piece, pieces = ndimage.label(body)
+    piece = piece[body]
+    whole = np.stack([np.bincount(piece, one) for one in misfit])
+    chosen, sure = np.zeros(pieces + 1, int), np.ones(pieces + 1, bool)
+    for number in range(1, pieces + 1):
+        own, mine = whole[:, number], piece == number
+        best = int(own.argmin())
+        other = np.abs(fraction[:, mine] - fraction[best, mine]).mean(axis=1) > _UNLIKE
+        sure[number] = not other.any() or own[other].min() > _CLEARLY * own[best]
+        # where echoes do not decide, the skin has in the first pair
+        chosen[number] = best if sure[number] or own[0] > _CLEARLY * own[best] else 0
+    pick = chosen[piece]
+    badly = np.take_along_axis(misfit, pick[np.newaxis], axis=0)[0] > _BADLY * misfit.min(axis=0)
+    pick = np.where(badly, misfit.argmin(axis=0), pick)[np.newaxis]
+    water, fat, decay, phase, misfit = (
+        np.take_along_axis(values, pick, axis=0)[0] for values in (water, fat, decay, phase, misfit)
+    )
+    doubts = (
+        "" if sure[piece].mean() > 1.0 - _SMALL else doubt,
+        _misfit_doubt(misfit),
+        _times_doubt(factors),
+    )
+    return _found(water, fat, phase, body, doubts, decay)
 
 
 def separate(
@@ -162,12 +252,35 @@ def separate(
     factors : tuple
         Of fat in both echoes, see `fat_factors`; by default in phase and in opposed phase [-].
     """
+    size = np.asarray(spacing, float)
+    one, two = _inside((first, second), body).T
+    pair = _pair(one, two, body, size, factors)
+    turned = np.stack([one, two * np.exp(-1j * np.angle(pair.smooth))], axis=-1)
+    water, fat = _fit(turned, np.array(factors), np.ones(turned.shape))[:2]
+    doubts = (pair.doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
+    return _found(water, fat, np.angle(pair.smooth), body, doubts)
+
+
+class _Pair(NamedTuple):
+    """Phases between two echoes; `other` is that of water and fat exchanged."""
+
+    smooth: C128
+    other: C128
+    doubt: str
+
+
+def _inside(echoes: Sequence[C128], body: Mask) -> C128:
+    """Signal in the body, shape `(nvoxel, necho)`."""
     if not body.any():
         raise InputError("dixon: the body is empty; check image.body")
-    size = np.asarray(spacing, float)
-    one, two = first[body], second[body]
-    if not (np.isfinite(one).all() and np.isfinite(two).all()):
+    signal = np.stack([one[body] for one in echoes], axis=-1)
+    if not np.isfinite(signal).all():
         raise InputError("dixon: magnitude or phase is not finite in the body; replace the values")
+    return signal
+
+
+def _pair(one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, complex]) -> _Pair:
+    """Smooth phasors from one echo to another beyond those of fat."""
     fractions = _fractions(np.abs(one), np.abs(two), factors)
     phasors = [_phasor(one, two, part, factors) for part in fractions]
     trust = np.minimum(np.abs(one), np.abs(two))
@@ -185,15 +298,68 @@ def separate(
         if np.array_equal(again, state):
             break
         state = again
-    water, fat = _signals(one, two * np.exp(-1j * np.angle(smooth)), factors)
-    doubts = (doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
+    other = np.asarray(np.where(state > 0, phasors[1], phasors[0]), complex)
+    return _Pair(smooth, _average(trust * other, body, size), doubt)
+
+
+def _all_echoes(
+    signal: C128,
+    phase: F64,
+    step: float,
+    times: Sequence[float],
+    factors: Sequence[complex],
+    body: Mask,
+    size: F64,
+) -> tuple[F64, F64, F64, F64]:
+    """Misfit around each voxel, water and fat in the first echo, R2* [1/s], shape `(nvoxel,)` each.
+
+    The phase over a time `step` leaves whole turns open; each number of them is fitted, and the
+    frequency and the decay follow from the slope of what is left, the mean around each voxel.
+    """
+    time, mixed = np.array(times) - min(times), np.array(factors)
+    fits = []
+    for turn in range(-_TURNS_TRIED, _TURNS_TRIED + 1):
+        # a slope of the logarithm: frequency and decay
+        slope = np.asarray(1j * (phase + 2.0 * np.pi * turn) / step, np.complex128)
+        for _ in range(_FITS):
+            grown = np.exp(slope[:, np.newaxis] * time)
+            even = signal * np.exp(-1j * slope.imag[:, np.newaxis] * time)
+            water, fat, turned, misfit = _fit(even, mixed, np.abs(grown))
+            model = np.asarray(
+                grown * (water[:, np.newaxis] + fat[:, np.newaxis] * mixed) * turned,
+                np.complex128,
+            )
+            slope = _slope(slope, signal, model, time, body, size)
+        fits.append(
+            (
+                _average(np.asarray(misfit + 0j, np.complex128), body, size).real,
+                water,
+                fat,
+                -1000.0 * slope.real,
+            )
+        )
+        if np.allclose(np.round(time / step), time / step, atol=1e-3):
+            break  # turns make no difference
+    best = np.argmin([fit[0] for fit in fits], axis=0)
+    misfit, water, fat, decay = (
+        np.take_along_axis(np.stack(values), best[np.newaxis], axis=0)[0]
+        for values in zip(*fits, strict=True)
+    )
+    return misfit, water, fat, decay
+
+
+def _found(
+    water: F64, fat: F64, phase: F64, body: Mask, doubts: Sequence[str], decay: F64 | None = None
+) -> WaterFat:
+    """Values in the body on the grid."""
     both = water + fat
     fraction = np.divide(fat, both, out=np.zeros_like(fat), where=both > 0)
     return WaterFat(
         water=_on_grid(water, body),
         fat=_on_grid(fat, body),
         fraction=_on_grid(fraction, body),
-        phase=_on_grid(np.angle(smooth), body),
+        phase=_on_grid(phase, body),
+        decay=None if decay is None else _on_grid(decay, body),
         doubt="; ".join(text for text in doubts if text),
     )
 
@@ -343,18 +509,36 @@ def _order_doubt(one: F64, two: F64, factors: tuple[complex, complex]) -> str:
     )
 
 
-def _times_doubt(factors: tuple[complex, complex]) -> str:
-    """Whether fat is too alike in both echoes for the noise not to grow."""
-    matrix = np.array([[1.0, factors[0]], [1.0, factors[1]]])
-    # 1 is the noise of one echo, 2 that of the mean of both
-    averages = 1.0 / np.linalg.norm(np.linalg.inv((matrix.conj().T @ matrix).real), 2)
-    if averages >= _LEAST:
+def _misfit_doubt(misfit: F64) -> str:
+    """What to say where echoes are no mixture of water and fat in a good part of the body."""
+    part = float((misfit > _BADLY * np.quantile(misfit, 0.2)).mean())
+    if part < _MANY:
         return ""
     return (
-        "dixon: fat has nearly the same phase in both echoes, which makes the noise of water and "
-        f"fat {averages**-0.5:.1f} times that of an echo; look at dixon.echo_times and "
-        "dixon.field_strength"
+        f"dixon: in {100.0 * part:.0f} % of the body the echoes are further from a mixture of "
+        "water and fat than elsewhere; look at the fraction of fat there, and at "
+        "dixon.echo_times and dixon.field_strength"
     )
+
+
+def _averages(factors: Sequence[complex]) -> float:
+    """How many echoes water and fat are worth in noise: 1 is that of one, 2 of the mean of two."""
+    matrix = np.stack([np.ones(len(factors)), np.array(factors)], axis=-1)
+    smallest = np.linalg.eigvalsh((matrix.conj().T @ matrix).real)[0]
+    return max(float(smallest), 1e-12)
+
+
+def _times_doubt(factors: Sequence[complex]) -> str:
+    """Whether fat is too alike in the echoes for the noise not to grow."""
+    averages = _averages(factors)
+    what = (
+        f"dixon: fat has nearly the same phase in {'both' if len(factors) == 2 else 'all'} echoes, "
+        f"which makes the noise of water and fat {averages**-0.5:.1f} times that of an echo; look "
+        "at dixon.echo_times and dixon.field_strength"
+    )
+    if averages < _TOO_FEW:
+        raise InputError(f"{what}; such echoes do not part water and fat")
+    return what if averages < _LEAST else ""
 
 
 def _average(values: C128, body: Mask, size: F64) -> C128:
@@ -370,13 +554,46 @@ def _average(values: C128, body: Mask, size: F64) -> C128:
     )
 
 
-def _signals(one: C128, two: C128, factors: tuple[complex, complex]) -> tuple[F64, F64]:
-    """Water and fat, not negative, by least squares with one phase for both (Bydder 2011)."""
-    matrix = np.array([[1.0, factors[0]], [1.0, factors[1]]])
-    normal = np.linalg.inv((matrix.conj().T @ matrix).real)
-    right = np.stack([one, two], -1) @ matrix.conj()
-    turned = np.exp(-0.5j * np.angle(((right @ normal) * right).sum(axis=-1)))
-    found = (right * turned[:, np.newaxis]).real @ normal
-    found *= np.where(found.sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    water, fat = np.maximum(found, 0.0).T
-    return water, fat
+def _fit(signal: C128, factors: C128, left: F64) -> tuple[F64, F64, C128, F64]:
+    """Water and fat, not negative, by least squares with one phase for both (Bydder 2011).
+
+    Parameters
+    ----------
+    signal, left : NDArray
+        Echoes of one frequency, and what decay leaves of each, shape `(nvoxel, necho)`.
+    factors : NDArray
+        Of fat in each echo, shape `(necho,)`.
+
+    Returns
+    -------
+    tuple
+        Water, fat, the phasor of both, shape `(nvoxel, 1)`, and the sum of squares that is left.
+    """
+    weight = left**2
+    a, b, c = weight.sum(-1), weight @ factors.real, weight @ np.abs(factors) ** 2
+    normal = np.stack([np.stack([c, -b], -1), np.stack([-b, a], -1)], -2)
+    normal /= np.maximum(a * c - b**2, 1e-12)[:, np.newaxis, np.newaxis]
+    right = np.stack([(left * signal).sum(-1), (left * signal) @ factors.conj()], -1)
+    half = np.einsum("vij,vj->vi", normal, right)
+    turned = np.exp(0.5j * np.angle((half * right).sum(axis=-1)))[:, np.newaxis]
+    found = np.einsum("vij,vj->vi", normal, (right * turned.conj()).real)
+    sign = np.where(found.sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    water, fat = np.maximum(found * sign, 0.0).T
+    model = left * (water[:, np.newaxis] + fat[:, np.newaxis] * factors) * turned * sign
+    return water, fat, turned * sign, (np.abs(signal - model) ** 2).sum(-1)
+
+
+def _slope(slope: C128, signal: C128, model: C128, time: F64, body: Mask, size: F64) -> C128:
+    """Frequency and decay with those of what a model leaves, the mean around each voxel."""
+    weight = np.abs(model) ** 2
+    ratio = signal * model.conj()
+    left = ratio * np.exp(-1j * np.angle(ratio.sum(-1, keepdims=True)))
+    known = (np.abs(left) > 0) & (weight > 0)
+    logarithm = np.log(np.divide(left, weight, out=np.ones_like(left), where=known))
+    whole = np.maximum(weight.sum(-1, keepdims=True), 1e-30)
+    away = time - (weight * time).sum(-1, keepdims=True) / whole
+    top = (weight * away * logarithm).sum(-1)
+    bottom = (weight * away**2).sum(-1)
+    more = _average(top, body, size) / np.maximum(_average(bottom + 0j, body, size).real, 1e-30)
+    new = slope + more
+    return np.asarray(np.minimum(new.real, 0.0) + 1j * new.imag, np.complex128)

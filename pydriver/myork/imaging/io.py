@@ -5,6 +5,7 @@ NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`f
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +20,10 @@ from myork.imaging.dicom import load_dicom
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine
+from myork.imaging.headers import bids_name
 from myork.imaging.nifti import load_nifti, save_nifti
 from myork.imaging.plain import check_kind, read_text
+from myork.imaging.rois import read_rois
 from myork.records import Image, Labels
 
 __all__ = [
@@ -68,14 +71,23 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     return Image(data, affine, str(path))
 
 
-def read_labels(path: Path) -> Labels:
+def read_labels(path: Path, like: Image | Labels | None = None) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
     They may be stored as floating point numbers.
 
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
-    `{"name": label}`, where there is one.
+    `{"name": label}`, where there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
+
+    Parameters
+    ----------
+    path : Path
+        Label map, or masks of Dafne (.npz), which have no grid of their own.
+    like : Image or Labels, optional
+        Image that masks of Dafne were drawn in.
     """
+    if path.suffix == ".npz":
+        return read_rois(path, like)
     data, affine = _load(path, raw=True)
     if data.dtype == np.bool_:
         data = data.astype(np.uint8)
@@ -95,11 +107,13 @@ def read_labels(path: Path) -> Labels:
             f"{path}: labels must not exceed {_LAST_LABEL}, the highest is {data.max()}; the file "
             "is not a label map or damaged"
         )
-    names = _read_names(_names_path(path))
+    names = _read_dseg(path) if bids_name(path)[1] == "dseg" else _read_names(_names_path(path))
     return Labels(data.astype(np.int32), affine, names, str(path))
 
 
-def read_reference(path: Path, progress: ProgressCallback) -> Labels:
+def read_reference(
+    path: Path, progress: ProgressCallback, like: Image | Labels | None = None
+) -> Labels:
     """Read a label map of others: one without names of its own takes those of its folder.
 
     Parameters
@@ -108,9 +122,11 @@ def read_reference(path: Path, progress: ProgressCallback) -> Labels:
         Label map; data sets have one `labels.json` for all maps of a folder.
     progress : callable
         Called with a warning where that file holds something else, which is then ignored.
+    like : Image or Labels, optional
+        As of `read_labels`.
     """
-    labels, own = read_labels(path), _names_path(path)
-    if own.is_file():
+    labels, own = read_labels(path, like), _names_path(path)
+    if own.is_file() or path.suffix == ".npz":
         return labels
     try:
         return replace(labels, names=_read_names(own.with_name("labels.json")))
@@ -205,6 +221,19 @@ def _read_names(path: Path) -> dict[int, str]:
             f"{_LAST_LABEL}"
         )
     return {label: name for name, label in table.items()}
+
+
+def _read_dseg(path: Path) -> dict[int, str]:
+    """Names of labels from the table beside a map of BIDS: columns `index` and `name`."""
+    file = path.with_name(path.name.split(".")[0] + ".tsv")
+    if not file.is_file():
+        return {}
+    rows = list(csv.DictReader(read_text(file).splitlines(), delimiter="\t"))
+    try:
+        names = {int(row["index"]): row["name"].strip() for row in rows}
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise InputError(f"{file}: columns index and name are needed, separated by tabs") from None
+    return {label: name for label, name in names.items() if label > 0}
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -23,6 +23,8 @@ __all__ = ["Body", "build_cloud"]
 
 # A cut plane with fewer points can hold the model only badly.
 _FEW_AT_END = 6
+# An end with less of the largest section is a tip; slices that are no tip have so much of it
+_TIP, _BLUNT = 0.05, 0.2
 # The tip of a bent bracket moves 2 % too little with 4 source points across, 1 % with 8.
 _FEW_ACROSS = 4
 
@@ -128,7 +130,7 @@ def build_cloud(
     if fibers is not None:
         fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
 
-    warnings += _doubts(coarse, boundary, step)
+    warnings += [*_tips(chosen), *_doubts(coarse, boundary, step)]
     shares, numbers = shares[:, shares.any(axis=0)], numbers[shares.any(axis=0)]
     fraction = shares / filled[:, np.newaxis]
     factor = length_factor(unit)
@@ -190,6 +192,28 @@ def _prepared(body: Body, table: Mapping[str, Any], progress: ProgressCallback) 
     return Body(labels, fibers, activation, fractions)
 
 
+def _tips(chosen: Labels) -> list[str]:
+    """Sentences about ends that are a small part of the largest section, with slices to take."""
+    body = chosen.data > 0
+    area = body.sum(axis=(0, 1))
+    filled = np.flatnonzero(area)
+    first, last = int(filled[0]), int(filled[-1])
+    low, high = points.blunt_ends(body, _BLUNT)
+    ends = [
+        f"{name} end has {area[k]} voxels in slice {k}"
+        for name, k in (("lower", first), ("upper", last))
+        if len(filled) > 2 and area[k] < _TIP * area.max()
+    ]
+    if not ends:
+        return []
+    return [
+        f"the muscle ends in a tip: its {' and its '.join(ends)}, of {area.max()} in the largest: "
+        "what is held there carries the whole force, with stresses that no points resolve; take "
+        f"build.slices = [{low}, {high}], whose ends have a fifth of it, or hold it along its "
+        "surface (springs of an aponeurosis, the set bone)"
+    ]
+
+
 def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str]:
     """Sentences about what may trouble the solution."""
     body = coarse.data > 0
@@ -200,8 +224,8 @@ def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str
         count = int((boundary.set == number).sum())
         if name != "surface" and count < _FEW_AT_END:
             warnings.append(
-                f"set {name} has {count} points only; cut the muscle where it is thicker "
-                "(build.slices) or lower build.collocation_stride"
+                f"set {name} has {count} points only; lower build.collocation_stride, or cut the "
+                "muscle where it is thicker (build.slices)"
             )
     warnings += _slender(coarse, step)
     thin = points.thin_voxels(body)

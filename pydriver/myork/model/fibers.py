@@ -18,7 +18,13 @@ from myork.errors import InputError
 from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.imaging.geometry import frame
 from myork.imaging.resampling import on_grid
-from myork.model.averaging import average_width, gathered, tensor_logarithms, tensor_trust
+from myork.model.averaging import (
+    LEAST_WEIGHT,
+    best_average,
+    gathered,
+    tensor_logarithms,
+    tensor_trust,
+)
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
@@ -30,10 +36,6 @@ __all__ = [
     "fibers_of_labels",
     "fill_from_own",
 ]
-
-
-# Gaussian weight below which a place counts as having no usable neighbour [-]
-LEAST_WEIGHT = 1e-8
 
 
 class FiberField(NamedTuple):
@@ -89,7 +91,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
         averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`.
     smoothing : float, optional
         Standard deviation of the Gaussian weights of the log-Euclidean average [mm]; None takes the
-        one that predicts tensors best.
+        one that predicts tensors best, within families of fibers, see `best_average`.
     """
     label = np.asarray(tissue).astype(np.int32)
     inside = label != 0
@@ -97,7 +99,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
     trust = tensor_trust(logarithm, usable, label)
     width = smoothing
     if width is None:
-        width = average_width(logarithm, trust, label, tensor.spacing)
+        label, width = best_average(logarithm, trust, label, tensor.spacing)
     sigma = width / tensor.spacing
     fiber = np.zeros((*inside.shape, 3))
     known = np.zeros(inside.shape, dtype=bool)

@@ -19,6 +19,7 @@ from myork.records import Labels
 from myork.types import F64, I32, Mask
 
 __all__ = [
+    "blunt_ends",
     "BONE",
     "changed_volumes",
     "coarsen",
@@ -220,6 +221,21 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
         )
     kept = np.where(np.isin(pieces, loose), 0, labels.data)
     return Labels(kept, labels.affine, labels.names, labels.name), sentences
+
+
+def blunt_ends(body: Mask, least: float) -> tuple[int, int]:
+    """First and last slice that hold at least a part of the largest section.
+
+    Parameters
+    ----------
+    body : NDArray
+        Voxels of the body, shape `(ni, nj, nk)`.
+    least : float
+        The part [-].
+    """
+    area = body.sum(axis=(0, 1))
+    full = np.flatnonzero(area >= least * area.max())
+    return int(full[0]), int(full[-1])
 
 
 def thin_voxels(body: Mask) -> Voxels:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,13 +16,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy import ndimage
 
+from myork.files import write_figure
 from myork.imaging.geometry import canonical
+from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.sketch import draw_strokes
 from myork.types import F64, I32
 
-__all__ = ["area_figure", "slice_figure"]
+__all__ = ["area_figure", "draw_labels", "slice_figure"]
 
 
 #: What is shown around the labels [mm]
@@ -83,6 +86,30 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
         handles.append(Line2D([], [], color=_FIBER_COLOUR, linewidth=2, label="fibers (in plane)"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
+
+
+def draw_labels(folder: Path) -> list[Path]:
+    """Draw the label maps that `segment` left in a folder upon the image, as PNG beside them.
+
+    Parameters
+    ----------
+    folder : Path
+        Output folder of `segment`.
+
+    Returns
+    -------
+    list of Path
+        `segmentation.png`, and `tissue.png` where there are tissues.
+    """
+    image, pictures = read_image(folder / "anatomy.nii.gz"), []
+    for name in ("segmentation", "tissue"):
+        labels, picture = folder / f"{name}.nii.gz", folder / f"{name}.png"
+        if labels.is_file():
+            write_figure(picture, slice_figure(read_labels(labels), image, None))
+            pictures.append(picture)
+        else:
+            picture.unlink(missing_ok=True)
+    return pictures
 
 
 def area_figure(labels: Labels, energy: Sequence[float]) -> Figure:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image, Labels
@@ -20,7 +21,7 @@ from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import piece_with_seed
 from myork.segmentation.walk import heights_of, random_walk
-from myork.types import F64
+from myork.types import F64, I32, Mask
 
 __all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules", "label_by_seeds"]
 
@@ -29,6 +30,10 @@ __all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules
 BACKGROUND = "background"
 # Its number while others are parted
 _LAST = np.iinfo(np.int32).max
+# Part of the region, like none of the seeds, that is more than vessels and walls between muscles
+_REST = 0.1
+# So many scatters off all seeds; the least scatter, of logarithms and of scaled values
+_UNLIKE, _LEAST_SCATTER = 5.0, 0.04
 
 
 def label_by_rules(
@@ -69,21 +74,42 @@ def label_by_seeds(
         )
     known = np.where(drawn & where, seeds.data, -1).astype(np.int32)
     numbers = np.unique(known[known > 0]).tolist()
-    if len(numbers) < 2:
+    names = {number: seeds.label_name(number) for number in numbers}
+    heights = heights_of(image.data, where, others)
+    rest = _unlike(heights, where, known)
+    part = float(rest.sum() / max(int(where.sum()), 1))
+    if BACKGROUND not in names.values() and part > _REST:
+        known[rest] = _LAST
+        warnings.append(
+            f"{seeds.name}: {100.0 * part:.0f} % of the region to segment is like none of the "
+            f"seeds and becomes {BACKGROUND}, without a label; draw seeds in it (fat, bone) to "
+            "have it labelled"
+        )
+    elif len(numbers) < 2:
         raise InputError(
             f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
             f"there are {numbers}; what is no muscle needs a label too"
         )
-    names = {number: seeds.label_name(number) for number in numbers}
     # What hardly any walk leaves goes to the last label: lone voxels and thin walls are no muscle.
     for number in [number for number, name in names.items() if name == BACKGROUND]:
         known[known == number] = _LAST
         del names[number]
-    heights, pull = heights_of(image.data, where, others), pull_of_outlines(known, image.spacing)
+    pull = pull_of_outlines(known, image.spacing)
     label = random_walk(heights, where, known, image.spacing, table["edge_weight"], pull)
     label = np.maximum(label, 0)
     label[label == _LAST] = 0
     return Labels(label, image.affine, names, "segmentation"), warnings
+
+
+def _unlike(heights: F64, where: Mask, known: I32) -> Mask:
+    """Voxels whose values none of the seeds has, patches of three pixels at least."""
+    unlike = where & (known < 0)
+    for number in np.unique(known[known > 0]):
+        own = heights[known == number]
+        middle = np.median(own, axis=0)
+        scale = np.maximum(1.4826 * np.median(np.abs(own - middle), axis=0), _LEAST_SCATTER)
+        unlike &= (np.abs(heights - middle) > _UNLIKE * scale).any(axis=-1)
+    return np.asarray(ndimage.binary_opening(unlike, np.ones((3, 3, 1))), np.bool_)
 
 
 def label_by_phase(table: Mapping[str, Any], image: Image, grey: F64, result: Regions) -> Labels:

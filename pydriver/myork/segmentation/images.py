@@ -15,6 +15,7 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.segmentation.assign import (
+    BACKGROUND,
     label_by_phase,
     label_by_reference,
     label_by_rules,
@@ -42,6 +43,10 @@ __all__ = ["Images", "Segmentation", "segment_images"]
 _SMOOTHING = 1.0
 # Weight of the misfit of fiber channels against that of the grey values
 _FIBER_WEIGHT = 5.0
+# What the blur of the threshold adds to the body [pixel]
+_SKIN = 1.0
+# Part of a label's seeds in the pixels that are taken off at the skin: they were meant
+_AT_RIM = 0.1
 # Regions in which the true image is even, for a bias field by level sets
 _EVEN = 3
 
@@ -56,6 +61,8 @@ class Images:
         MR image; with fat it is water.
     fat : Image or None
         Fat of a Dixon sequence.
+    decay : Image or None
+        R2* of its water and fat [1/s].
     others : tuple of Image
         Further channels.
     tensor, measured : Image or None
@@ -76,6 +83,7 @@ class Images:
 
     anatomy: Image
     fat: Image | None = None
+    decay: Image | None = None
     others: tuple[Image, ...] = ()
     tensor: Image | None = None
     measured: Image | None = None
@@ -206,8 +214,7 @@ def segment_images(
     if body is None:
         # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
         # badly, and its rim what lies under the skin.
-        body = body_mask(images.whole)
-        body = body if images.region is None else body | (images.region.data > 0)
+        body = _body_of(images)
     shade, record = _shading(images.whole, body, bias, progress)
     images = images if shade is None else images.divided(shade)
     image = images.anatomy
@@ -271,6 +278,20 @@ def segment_images(
     return Segmentation(
         images, body, shade, record, result, labels, shown, weights, fraction, warnings
     )
+
+
+def _body_of(images: Images) -> Mask:
+    """The body by threshold, with its rim where seeds are drawn there, and the user's region."""
+    body = body_mask(images.whole)
+    if images.seeds is not None:
+        drawn = np.where(images.seeds.data > 0, images.seeds.data, 0)
+        whole = body_mask(images.whole, rim=_SKIN)
+        for number in np.unique(drawn[drawn > 0]):
+            own = drawn == number
+            at_rim = (own & whole & ~body).sum() > _AT_RIM * own.sum()
+            if at_rim and images.seeds.label_name(int(number)) != BACKGROUND:
+                body = whole
+    return body if images.region is None else body | (images.region.data > 0)
 
 
 def _shading(

@@ -24,7 +24,7 @@ from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
-from myork.segmentation.regions import large_pieces
+from myork.segmentation.regions import body_mask, large_pieces
 from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
@@ -61,6 +61,10 @@ _SKIN = 3.0
 _PHASES = LevelSets(
     regions=2, start="otsu", mu=0.01, lambdas=(1.0,), tolerance=1e-4, iterations=300
 )
+
+
+# Part of the body that a threshold finds beyond the level set's skin
+_RIM = 0.018
 
 
 class Tissues(NamedTuple):
@@ -266,6 +270,12 @@ def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]
 
 def _beyond(anatomy: Image, body: Mask) -> list[str]:
     """Whether there is signal beyond the skin."""
+    rim = float((body_mask(anatomy, rim=1.0) & ~body).sum() / body.sum())
+    if rim > _RIM:
+        return [
+            f"tissue of {anatomy.name}: {100 * rim:.1f} % of the body by a threshold lies beyond "
+            "what was taken for the skin, which is dark here; image.body says what is inside"
+        ]
     away = _depth(~body, anatomy.spacing[:2])
     near, far = ((away > low) & (away < high) for low, high in ((_SKIN, 8.0), (15.0, np.inf)))
     if not near.any():

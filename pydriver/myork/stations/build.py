@@ -15,13 +15,15 @@ from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
 from myork.files import write_csv
 from myork.imaging.dicom_choice import split_choice
+from myork.imaging.diffusion import tensor_maps
 from myork.imaging.geometry import length_factor
-from myork.imaging.io import read_image
+from myork.imaging.io import read_image, renew_images
 from myork.model.architecture import COLUMNS, Maps, muscle_numbers
 from myork.model.cloud import Body, build_cloud
+from myork.model.fibers import fibers_of_labels
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model_file import write_model
-from myork.records import Image, PointCloud
+from myork.records import Image, Labels, PointCloud
 from myork.segmentation.images import Images
 from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
@@ -34,7 +36,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     """Build the model of a deck and write it to `model.h5`.
 
     The tables `build` and `units` are read, and where the deck names no labels the label map and
-    fibers that `segment` left in the folder.
+    fibers that `segment` left in the folder; beside labels without fibers the tensors of `image`.
     """
     table = deck["build"]
     measured = [f"build.{key}" for key in ("fibers", "tracts") if key in table]
@@ -46,6 +48,8 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     own = {"labels", "surface"} & set(table)
     files = DeckFiles(deck, "build", OneGrid(progress), {} if own else _made(deck, out))
     body = _of_surface(files) if "surface" in table else _of_images(files)
+    if body.fibers is None and "labels" in table and not table["flow"]:
+        body = body._replace(fibers=_of_diffusion(deck, body.labels, files.grid, out, progress))
     body = body._replace(activation=files.image("activation", body.labels))
     progress(f"points from {', '.join(path.name for path in files.read)}")
     sums = "\n".join(f"{path.name} {_check_sum(path)}" for path in files.read)
@@ -101,6 +105,21 @@ def _of_surface(files: DeckFiles) -> Body:
     if tracts is None:
         return Body(labels)
     return Body(labels, tract_fibers(read_tracts(tracts, unit), labels, str(tracts)))
+
+
+def _of_diffusion(
+    deck: Mapping[str, Any], labels: Labels, grid: OneGrid, out: Path, progress: ProgressCallback
+) -> Image | None:
+    """Fibers of the labels by the tensors of `image.dwi` or `image.tensor`; None without them."""
+    images = DeckFiles(deck, "image", grid)
+    found = images.tensors()
+    if found is None:
+        return None
+    progress(f"{found.tensor.name}: fibers from the diffusion tensors")
+    way = fibers_of_labels(found.tensor, labels, images.table.get("fiber_smoothing"))
+    grid.doubts += way.doubts()
+    renew_images(out, fibers=way.fibers, **tensor_maps(found.tensor))
+    return way.fibers
 
 
 def _of_images(files: DeckFiles) -> Body:

@@ -12,6 +12,7 @@ from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.damage import Damage, damaged_slices, missing_slices
 from myork.imaging.dicom_choice import split_choice
+from myork.imaging.diffusion import Diffusion, read_tensors
 from myork.imaging.geometry import Grid
 from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.resampling import on_grid
@@ -45,7 +46,7 @@ PATHS = (
 )
 
 #: Keys whose images a scanner has made: their slices are looked at one by one
-_MEASURED = ("anatomy", "dwi", "channels", "magnitude")
+_MEASURED = ("anatomy", "channels", "magnitude")
 
 
 class OneGrid:
@@ -165,6 +166,13 @@ class DeckFiles:
             found.append(self.grid.of(image, like or next(iter(found), None), way))
         return found
 
+    def tensors(self) -> Diffusion | None:
+        """Diffusion tensors of the table `image`, on their own grid; None without any."""
+        found = read_tensors(self.table, self.folder)
+        if found is not None and found.mean is not None:
+            self.grid.note(found.mean.name, damaged_slices(found.mean))
+        return found
+
     def labels(
         self, key: str, like: Image | None = None, progress: ProgressCallback | None = None
     ) -> Labels | None:
@@ -182,7 +190,7 @@ class DeckFiles:
         path = self.path(key)
         if path is None:
             return None
-        found = read_labels(path) if progress is None else read_reference(path, progress)
+        found = read_reference(path, progress, like) if progress else read_labels(path, like)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
         return self.grid.of(found, like)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ from scipy import ndimage
 
 from myork.console import ProgressCallback
 from myork.errors import InputError
-from myork.imaging.diffusion import read_tensors
 from myork.imaging.dixon import water_and_fat
+from myork.imaging.headers import read_header
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.records import Image, Labels
 from myork.segmentation.images import Images
@@ -41,7 +41,7 @@ def read_images(
         Called with a line of text at a time.
     """
     table, files = deck["image"], DeckFiles(deck, "image", grid)
-    found = _echoes(deck, files)
+    found = _echoes(deck, files, progress)
     if found is None and "anatomy" not in table:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
         stray += ["channels"] if table["channels"] else []
@@ -60,7 +60,8 @@ def read_images(
             anatomy = files.image("anatomy")
             assert anatomy is not None
             found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
-        like, measured = found.anatomy, read_tensors(table, files.folder)
+        like, diffusion = found.anatomy, files.tensors()
+        measured = diffusion and diffusion.tensor
         progress(f"{like.name}: {' x '.join(map(str, like.data.shape))} voxels")
         tensor = measured and grid.of(measured, like, "tensor-wise")
         truth = files.labels("truth", like, progress)
@@ -113,7 +114,9 @@ def _checked_body(labels: Labels, region: Labels | None) -> Mask:
     return body | (region.data > 0)
 
 
-def _echoes(deck: Mapping[str, Any], beside: DeckFiles) -> Images | None:
+def _echoes(
+    deck: Mapping[str, Any], beside: DeckFiles, progress: ProgressCallback
+) -> Images | None:
     """Water and fat of the echoes of `[dixon]`; None without them."""
     files = DeckFiles(deck, "dixon", beside.grid)
     if "magnitude" not in files.table:
@@ -131,17 +134,38 @@ def _echoes(deck: Mapping[str, Any], beside: DeckFiles) -> Images | None:
     if mask is not None:
         body = mask.data > 0
     else:
-        body = body_mask(Image(first.data + magnitudes[1].data, first.affine), rim=0.0)
-    found = water_and_fat(
-        magnitudes,
-        phases,
-        body,
-        times=files.table.get("echo_times", ()),
-        strength=files.table.get("field_strength", 0.0),
-    )
+        body = body_mask(Image(np.sum([m.data for m in magnitudes], axis=0), first.affine), rim=0.0)
+    times, strength = _times(files, progress)
+    found = water_and_fat(magnitudes, phases, body, times=times, strength=strength)
     return Images(
         Image(found.water, first.affine, f"water of {first.name}"),
         Image(found.fat, first.affine, f"fat of {first.name}"),
+        None if found.decay is None else Image(found.decay, first.affine, "R2*"),
         source=files.table["magnitude"][0],
         doubt=found.doubt,
     )
+
+
+def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float], float]:
+    """Echo times [ms] and field [T] of the deck, else of the headers; none where both lack them."""
+    table = files.table
+    times, strength = table.get("echo_times", ()), table.get("field_strength", 0.0)
+    if times and strength:
+        return times, strength
+    headers = [read_header(files.folder / name) for name in table["magnitude"]]
+    written = [one.echo_time for one in headers if one.echo_time is not None]
+    fields = {one.field for one in headers if one.field is not None}
+    if not times and len(written) == len(headers):
+        times = written
+    if not strength and len(fields) == 1:
+        strength = fields.pop()
+    if len(times) == 0 or not strength:
+        if written and not table.get("echo_times"):
+            files.grid.doubts.append(
+                f"the headers of dixon.magnitude hold {len(written)} echo times and no field: the "
+                "first echo is taken as in phase, the second as opposed; give dixon.field_strength"
+            )
+        return table.get("echo_times", ()), table.get("field_strength", 0.0)
+    text = ", ".join(f"{time:.4g}" for time in times)
+    progress(f"echo times {text} ms at {strength:.4g} T, of the headers where the deck has none")
+    return times, strength

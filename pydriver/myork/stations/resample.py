@@ -32,7 +32,7 @@ def resample(
     Parameters
     ----------
     image : Path
-        Image of one or several volumes, or label map.
+        Image of one or several volumes, label map, or masks of Dafne (.npz) drawn in `like`.
     like : Path
         Image that gives the grid.
     output : Path
@@ -51,7 +51,12 @@ def resample(
     """
     if way not in (None, *WAYS):
         raise InputError(f"--how {way}: is not known; one of {', '.join(WAYS)}")
-    grid, one = read_image(like, None), read_image(image, None)
+    grid = read_image(like, None)
+    if image.suffix == ".npz":
+        write_labels(output, read_labels(image, grid))
+        progress(f"{image}: masks on the grid of {like}")
+        return output
+    one = read_image(image, None)
     way = way or ("nearest" if _are_labels(one.data) else "linear")
     if way == "nearest" and one.data.shape[3] == 1:
         labels, move = on_grid(read_labels(image), grid)

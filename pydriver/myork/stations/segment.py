@@ -3,7 +3,8 @@
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
 `bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
 `segmentation.nii.gz` with `segmentation.json` (names), `fat.nii.gz` and `fat_fraction.nii.gz`
-(with fat only), `fractions.nii.gz` (parts of labels in each voxel, with `image.partial` only),
+(with fat only), `r2star.nii.gz` ([1/s], of three echoes and more), `fractions.nii.gz` (parts of
+labels in each voxel, with `image.partial` only),
 `fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
 `eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the phantom also its images and
 its truth (`write_phantom`).
@@ -67,7 +68,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     if images.source != "phantom":  # that has a fat image of its own
         maps["fat"] = found.images.fat
     maps["bias"] = None if found.field is None else Image(found.field, affine)
-    renew_images(out, fat_fraction=found.fraction, **maps)
+    renew_images(out, fat_fraction=found.fraction, r2star=found.images.decay, **maps)
     write_image(out / "anatomy.nii.gz", found.images.anatomy)
     write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
@@ -111,7 +112,8 @@ def _record(deck: Mapping[str, Any], found: Segmentation) -> LabelRecord:
             for one, weight in zip(images.channels, found.weights, strict=True)
         ]
     if found.fraction is not None:
-        record["maps"] = {"fat": "fat.nii.gz", "fat_fraction": "fat_fraction.nii.gz"}
+        names = ["fat", "fat_fraction", *(["r2star"] if images.decay is not None else [])]
+        record["maps"] = {name: f"{name}.nii.gz" for name in names}
     return record
 
 

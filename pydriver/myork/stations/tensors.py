@@ -16,7 +16,7 @@ import numpy as np
 
 from myork.console import ProgressCallback
 from myork.errors import InputError
-from myork.imaging.diffusion import known_tensors, read_tensors, tensor_maps
+from myork.imaging.diffusion import known_tensors, tensor_maps
 from myork.imaging.io import renew_images
 from myork.model.fibers import fiber_field
 from myork.records import Image
@@ -36,10 +36,11 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
     fibers.
     """
     files = DeckFiles(deck, "image", OneGrid(progress))
-    tensor = read_tensors(files.table, files.folder)
-    if tensor is None:
+    measured = files.tensors()
+    if measured is None:
         raise InputError("myork tensors needs image.dwi or image.tensor")
-    label = _mask(tensor, files)
+    tensor, mean = measured
+    label = _mask(tensor, mean, files)
     inside = label > 0
     progress(f"{tensor.name}: fibers in {int(inside.sum())} voxels")
     whole = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
@@ -64,15 +65,13 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
     return {"tensors": record, "grid": files.grid}
 
 
-def _mask(tensor: Image, files: DeckFiles) -> I32:
+def _mask(tensor: Image, mean: Image | None, files: DeckFiles) -> I32:
     """Labels of the user's mask; one label where there is none: the body, or all tensors."""
     for key in ("region", "body"):
         labels = files.labels(key, tensor)
         if labels is not None:
             return labels.data
     known = known_tensors(tensor.data)
-    images = files.image("dwi", values=None)
-    if images is not None:
-        mean = np.nan_to_num(images.data).mean(axis=-1)
-        known &= body_mask(Image(mean, images.affine, images.name), rim=0.0)
+    if mean is not None:
+        known &= body_mask(mean, rim=0.0)
     return np.asarray(known, np.int32)

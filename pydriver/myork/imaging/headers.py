@@ -1,0 +1,109 @@
+"""What headers say of a measurement: echo time and field, of DICOM or of JSON files (BIDS).
+
+References
+----------
+The Brain Imaging Data Structure, version 1.10: file names, the inheritance principle, metadata of
+magnetic resonance images
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from myork.errors import InputError
+from myork.imaging.dicom import series_files
+from myork.imaging.dicom_choice import split_choice
+from myork.imaging.plain import read_text
+
+__all__ = ["Header", "bids_name", "read_header"]
+
+
+class Header(NamedTuple):
+    """What a header says; None where it says nothing.
+
+    Attributes
+    ----------
+    echo_time : float or None
+        Time of the echo [ms].
+    field : float or None
+        Field of the scanner [T].
+    """
+
+    echo_time: float | None
+    field: float | None
+
+
+def read_header(path: Path) -> Header:
+    """Echo time and field of an image.
+
+    Parameters
+    ----------
+    path : Path
+        File, described by the JSON files of BIDS: of the same name beside it, or for several
+        images, in a folder above; or folder of DICOM images, see `read_image`.
+    """
+    folder, choice = split_choice(path)
+    if folder.is_dir():
+        data = series_files(folder, choice)[0].data
+        found = {key: data.get(key) for key in ("EchoTime", "MagneticFieldStrength")}
+        return Header(
+            _number(path, found, "EchoTime", 1.0),
+            _number(path, found, "MagneticFieldStrength", 1.0),
+        )
+    found = _sidecars(path)
+    return Header(
+        _number(path, found, "EchoTime", 1000.0), _number(path, found, "MagneticFieldStrength", 1.0)
+    )
+
+
+def bids_name(path: Path) -> tuple[dict[str, str], str]:
+    """Entities and suffix of a BIDS name: `sub-1_echo-2_MEGRE.nii` has `sub`, `echo` and MEGRE."""
+    *parts, suffix = path.name.split(".")[0].split("_")
+    pairs = (part.partition("-") for part in parts)
+    return {key: value for key, sign, value in pairs if sign}, suffix
+
+
+def _sidecars(path: Path) -> dict[str, Any]:
+    """Entries of all JSON files that describe an image; the nearest and most special one wins."""
+    entities, suffix = bids_name(path)
+    found: dict[str, Any] = {}
+    own = path.with_name(path.name.removesuffix(".gz")).with_suffix(".json")
+    for folder in reversed([path.parent, *path.parent.parents[:4]]):
+        fitting = [
+            (len(also), file)
+            for file in folder.glob(f"*{suffix}.json")
+            for also, kind in [bids_name(file)]
+            if kind == suffix and also.items() <= entities.items() and file != own
+        ]
+        for _, file in sorted(fitting):
+            found |= _table(file)
+    return found | (_table(own) if own.is_file() else {})
+
+
+def _table(file: Path) -> dict[str, Any]:
+    try:
+        table = json.loads(read_text(file))
+    except (ValueError, RecursionError) as reason:
+        raise InputError(f"{file}: is not readable JSON: {reason}") from None
+    return table if isinstance(table, dict) else {}
+
+
+def _number(path: Path, table: Mapping[str, Any], key: str, factor: float) -> float | None:
+    """A number above zero, scaled; None where it is missing."""
+    value = table.get(key)
+    if value is None:
+        return None
+    try:
+        number = float(value) * factor
+    except (TypeError, ValueError):
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise InputError(
+            f"{path}: {key} of its header is {value!r}, a number above zero is needed; correct it, "
+            "or give dixon.echo_times and dixon.field_strength"
+        )
+    return number

@@ -1,0 +1,195 @@
+"""A folder of images, a BIDS tree or DICOM files, in place of a deck: the deck that it makes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from myork.core.deck import text_of_tables
+from myork.errors import InputError
+from myork.files import write_text
+from myork.imaging.dicom import dicom_files
+from myork.imaging.dicom_choice import listed_images
+from myork.imaging.headers import bids_name
+
+__all__ = ["deck_of_folder"]
+
+#: Suffixes of BIDS that are an anatomy, the best one first
+_ANATOMY = ("T1w", "PDw", "T2w", "PDT2", "T2starw", "FLASH", "MEGRE", "MESE")
+_ENDS = ("bottom", "top")
+
+
+class _Found(NamedTuple):
+    """Images of a folder by what they are, the best one first; echoes by their times."""
+
+    anatomy: list[str]
+    dwi: list[str]
+    magnitude: list[str]
+    phase: list[str]
+    water: list[str]
+    fat: list[str]
+    labels: list[str]
+
+
+def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
+    """Write the deck that a folder of images makes.
+
+    Parameters
+    ----------
+    folder : Path
+        One subject (and visit) of a BIDS tree, or DICOM images.
+    out : Path
+        Folder of the results.
+
+    Returns
+    -------
+    tuple
+        The deck, in the folder of the results, and lines that say what became what.
+    """
+    folder = folder.resolve()
+    files = sorted(path for path in folder.rglob("*") if path.name.endswith((".nii", ".nii.gz")))
+    found = _of_bids(folder, files) if files else _of_dicom(folder)
+    tables, lines = _tables(found)
+    if not tables["image"] and "dixon" not in tables and not found.labels:
+        raise InputError(
+            f"{folder}: holds no image whose name or header says what it is; names end as those "
+            f"of BIDS do, in _{', _'.join(_ANATOMY)}, _dwi or _dseg; or write a deck (myork new "
+            "images)"
+        )
+    lines.insert(0, f"{folder}: what its names and headers say")
+    tables["title"] = f"Images of {folder.name}"
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / f"{folder.name}.toml"
+    comments = [f"# {line}" for line in (*lines, "written anew by each run of the folder: copy it")]
+    write_text(path, "\n".join([*comments, text_of_tables(tables)]))
+    return path, [*lines, f"deck: {path}"]
+
+
+def _of_bids(folder: Path, files: list[Path]) -> _Found:
+    """Images of a BIDS tree by the suffixes of their names."""
+    own: dict[tuple[str, ...], list[Path]] = {}
+    for path in files:
+        entities, _ = bids_name(path)
+        own.setdefault(tuple(f"{k}-{entities[k]}" for k in ("sub", "ses") if k in entities), [])
+    visits = sorted("/".join(one) for one in own if one)
+    if len(visits) > 1:
+        raise InputError(
+            f"{folder}: holds {len(visits)} subjects or visits; name the folder of one, such as "
+            f"{folder / visits[0]}"
+        )
+
+    def named(suffix: str, **entities: str) -> list[str]:
+        return [
+            str(path)
+            for path in files
+            for have, kind in [bids_name(path)]
+            if kind == suffix
+            and entities.items() <= have.items()
+            and (suffix == "dseg" or "derivatives" not in path.relative_to(folder).parts)
+        ]
+
+    magnitude, phase = (_by_echo(named("MEGRE", part=part)) for part in ("mag", "phase"))
+    return _Found(
+        anatomy=[path for suffix in _ANATOMY for path in named(suffix) if path not in phase],
+        dwi=named("dwi"),
+        magnitude=magnitude,
+        phase=phase,
+        water=[],
+        fat=[],
+        labels=named("dseg"),
+    )
+
+
+def _of_dicom(folder: Path) -> _Found:
+    """Images of a DICOM folder by their headers, the anatomy with the most voxels first."""
+    images = listed_images(dicom_files(folder))
+    kinds: dict[str, list[Any]] = {}
+    for one in images:
+        kinds.setdefault("dwi" if one.weighted else one.kind, []).append(one)
+    echoes: dict[Any, dict[str, list[Any]]] = {}
+    for one in images:
+        if one.kind in ("magnitude", "phase"):
+            echoes.setdefault(one.series, {}).setdefault(one.kind, []).append(one)
+    pairs = [
+        (parts["magnitude"], parts["phase"])
+        for parts in echoes.values()
+        if len(parts.get("magnitude", ())) == len(parts.get("phase", ())) > 1
+    ]
+    magnitude, phase = pairs[0] if pairs else ([], [])
+
+    def paths(found: Iterable[Any]) -> list[str]:
+        return [f"{folder}:{one.text}" for one in found]
+
+    plain = [one for one in images if one.kind not in ("phase", "fat") and not one.weighted]
+    plain.sort(key=lambda one: -one.voxels)
+    return _Found(
+        anatomy=paths(plain),
+        dwi=paths(kinds.get("dwi", ())),
+        magnitude=paths(magnitude),
+        phase=paths(phase),
+        water=paths(kinds.get("water", ())),
+        fat=paths(kinds.get("fat", ())),
+        labels=[],
+    )
+
+
+def _by_echo(paths: list[str]) -> list[str]:
+    return sorted(paths, key=lambda path: int(bids_name(Path(path))[0].get("echo", "1")))
+
+
+def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
+    """Tables of the deck, and what became what."""
+    image: dict[str, Any] = {}
+    tables: dict[str, Any] = {"scene": {"dimension": 3}, "image": image}
+    lines = []
+    if len(found.magnitude) == len(found.phase) > 1 and not found.labels:
+        tables["dixon"] = {"magnitude": found.magnitude, "phase": found.phase}
+        image["phase"] = "bright"
+        lines.append(f"water and fat of {len(found.phase)} echoes: {found.magnitude[0]} and so on")
+    elif found.water and found.fat and not found.labels:
+        image |= {"anatomy": found.water[0], "fat": found.fat[0], "phase": "bright"}
+        lines.append(f"water and fat of the scanner: {found.water[0]}, {found.fat[0]}")
+    elif found.anatomy:
+        image["anatomy"] = found.anatomy[0]
+        lines.append(f"anatomy: {_one_of(found.anatomy)}")
+    if found.dwi and (image or found.labels):
+        image["dwi"] = found.dwi[0]
+        lines.append(f"diffusion: {_one_of(found.dwi)}")
+    if found.labels:
+        tables |= _model(found)
+        lines.append(f"muscles: {_one_of(found.labels)}, held at both ends, activation 0.2")
+    else:
+        tables["tissue"] = {"find": True}
+        tables["build"] = {
+            "collocation_stride": [4, 4, 1], "source_stride": [4, 4, 1], "islands": "drop",
+            "ids": [1, 2], "flow": not found.dwi,
+        }  # fmt: skip
+        lines.append("muscles: no label map (_dseg), so tissues and no force")
+    return tables, lines
+
+
+def _model(found: _Found) -> dict[str, Any]:
+    """Tables of a muscle that contracts between both cut planes."""
+    clamped = {"u_x": 0, "u_y": 0, "u_z": 0}
+    return {
+        "build": {
+            "labels": found.labels[0],
+            "collocation_stride": [2, 2, 1],
+            "source_stride": [4, 4, 1],
+            "islands": "drop",
+            "flow": not found.dwi,
+        },  # fmt: skip
+        "geometry": {"kind": "model"},
+        "material": [
+            {"name": "muscle", "model": "muscle", "A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 5000}
+        ],
+        "boundary": [{"set": name, **clamped} for name in _ENDS],
+        "load": {"activation": 0.2},
+        "probe": [{"name": "force", "quantity": "force_z", "set": _ENDS[1]}],
+    }
+
+
+def _one_of(paths: list[str]) -> str:
+    more = f" (first of {len(paths)})" if len(paths) > 1 else ""
+    return f"{paths[0]}{more}"
