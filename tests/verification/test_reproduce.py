@@ -32,22 +32,11 @@ def numbers(last: dict[int, int]) -> list[str]:
     return [f"{chapter}.{n}" for chapter, most in last.items() for n in range(1, most + 1)]
 
 
-def spread(text: str) -> list[str]:
-    """Numbers of `3.1 to 3.9, 4.5`."""
-    found = []
-    for part in text.split(", "):
-        first, _, last = part.partition(" to ")
-        chapter, low = map(int, first.split("."))
-        high = int((last or first).split(".")[1])
-        found += [f"{chapter}.{n}" for n in range(low, high + 1)]
-    return found
-
-
 def test_every_table_and_figure_is_listed_once() -> None:
     """Each table has numbers; each figure has numbers, or a place where its content is seen."""
     assert sorted(name for name in TABLES if "-" not in name) == sorted(numbers(LAST_TABLES))
     figures = [name.removeprefix("figure-") for name in TABLES if "-" in name]
-    figures += [number for text in WITHOUT_NUMBERS for number in spread(text)]
+    figures += [number for text in WITHOUT_NUMBERS for number in module._spread(text)]
     assert sorted(figures) == sorted(numbers(LAST_FIGURES))
     shown = list_tables()
     assert all(re.search(rf"^{re.escape(name)} ", shown, re.M) for name in TABLES)
@@ -74,10 +63,7 @@ def test_published_times_give_the_published_shares(path: LoadPath) -> None:
 
 @pytest.mark.parametrize(
     ("muscle", "published"),
-    [
-        (phantoms.YOUNG, (98.93, 2.83, 20.86 + 37.3)),
-        (phantoms.OLD, (61.89, 6.15, 29.15 + 31.2)),
-    ],
+    [(phantoms.YOUNG, (98.93, 2.83, 20.86 + 37.3)), (phantoms.OLD, (61.89, 6.15, 29.15 + 31.2))],
 )
 def test_volumes_are_those_of_table_4_3(
     muscle: phantoms.Muscle, published: tuple[float, ...]

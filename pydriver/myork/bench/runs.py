@@ -50,27 +50,10 @@ PUBLISHED_BLOCK = (
 )
 
 _KEPT = (
-    "title",
-    "method",
-    "dimension",
-    "solver",
-    "source_points",
-    "collocation_points",
-    "dofs",
-    "rows",
-    "threads",
-    "converged",
-    "exact",
-    "errors",
-    "reference",
-    "timings_s",
-    "cpu_s",
-    "memory_peak_bytes",
-    "verdict",
-    "companion",
-    "work_mismatch",
-    "warnings",
-)
+    "title", "method", "dimension", "solver", "source_points", "collocation_points", "dofs", "rows",
+    "threads", "converged", "exact", "errors", "reference", "timings_s", "cpu_s",
+    "memory_peak_bytes", "verdict", "companion", "work_mismatch", "warnings",
+)  # fmt: skip
 
 
 class Ending(NamedTuple):
@@ -91,7 +74,7 @@ class Ending(NamedTuple):
     seconds: float
 
 
-def run_command(words: Sequence[str | Path], limit: float, folder: Path | None = None) -> Ending:
+def run_command(words: Sequence[str | Path], limit: float) -> Ending:
     """Run a command with one thread.
 
     Parameters
@@ -100,8 +83,6 @@ def run_command(words: Sequence[str | Path], limit: float, folder: Path | None =
         Program and arguments.
     limit : float
         Wall time after which it is ended [s].
-    folder : Path, optional
-        Working directory.
     """
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     started = time.perf_counter()
@@ -112,7 +93,6 @@ def run_command(words: Sequence[str | Path], limit: float, folder: Path | None =
         stderr=subprocess.PIPE,
         encoding="utf-8",
         errors="replace",
-        cwd=folder,
         env={**os.environ, **one},
         start_new_session=True,
     )

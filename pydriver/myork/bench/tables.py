@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = [
-    "Columns",
-    "Shown",
-    "entry_of",
-    "plot",
-    "table",
-]
+__all__ = ["Columns", "Shown", "entry_of", "plot", "table"]
 
 #: What is shown of a case: a key (`"solver.used"` or a tuple of keys of a mapping within), or a
 #: function of the case

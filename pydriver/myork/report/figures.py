@@ -37,11 +37,11 @@ DASHES = ("-", "--", ":", "-.")
 GREY = "#666666"
 
 
-def panels_of(count: int, height: float = 3.4, **keys: Any) -> tuple[Figure, list[Axes]]:
+def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
     """A figure with so many panels, three in a row; keys are those of `subplots`."""
     columns = min(count, 3)
     rows = -(-count // columns)
-    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, height * rows), layout="constrained")
+    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
     found = figure.subplots(rows, columns, squeeze=False, **keys).ravel()
     for axes in found:
         axes.grid(color="#E5E5E5")
