@@ -259,7 +259,7 @@ def programme(pull: list[float], excite: list[float], steps: int, method: str) -
         "scene": {"dimension": 3, "method": method},
         "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [4] * 3},
         "material": [
-            {"name": "muscle", "model": "muscle", "A10": 1, "K": 500, "fiber": [0.3, 0, 1]},
+            {"name": "muscle", "model": "muscle", "A10": 1, "K": 500, "fiber": [0.3, 0, 1]}
         ],
         "amplitude": [
             {"name": "pull", "time": time, "value": pull},

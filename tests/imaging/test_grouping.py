@@ -51,9 +51,7 @@ def test_pieces_take_the_label_most_of_their_voxels_have():
 
 @pytest.mark.parametrize(
     ("rules", "message"),
-    [
-        ([dict(name="a", seeds=[90, 0, 0])], "muscle.a: a seed .* lies outside of grid"),
-    ],
+    [([dict(name="a", seeds=[90, 0, 0])], "muscle.a: a seed .* lies outside of grid")],
 )
 def test_rules_that_cannot_be(rules, message):
     with pytest.raises(InputError, match=message):

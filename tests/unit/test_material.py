@@ -655,10 +655,7 @@ def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
         ({"model": "mooney-rivlin", "C1": 1, "C2": 1, "C3": 1}, "material.it.C3: only for model ="),
         ({"model": "yeoh", "C1": 1, "C2": 1, "C3": 1, "A10": 1}, "material.it.A10: only for mode"),
         ({"model": "energy"}, "material.it.energy: missing, a text is needed for model = energy"),
-        (
-            {"model": "fung", "mu": 1, "b": 1, "Jm": 1},
-            "material.it.Jm: only for model = gent or",
-        ),
+        ({"model": "fung", "mu": 1, "b": 1, "Jm": 1}, "material.it.Jm: only for model = gent or"),
         ({"model": "fung", "mu": 1, "b": 1, "fiber": [1, 0, 0]}, "material.it.fiber: only for mod"),
     ],
 )

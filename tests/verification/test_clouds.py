@@ -42,10 +42,7 @@ def pull(cloud: PointCloud, rate: float, activation: float) -> NDArray[Any]:
         step = 1e-5 * np.eye(3)[axis]
         p = [
             core_material.stress(
-                LAW,
-                rest,
-                fiber=direction(cloud.points + side * step, rate),
-                activation=activation,
+                LAW, rest, fiber=direction(cloud.points + side * step, rate), activation=activation
             )
             for side in (-1, 1)
         ]

@@ -208,10 +208,7 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
             r"geometry.labels: 'HALF' does not cover the box: the corner \(1.1, 0, 0\) lies at "
             r"voxel \(10.5, -0.5, -0.5\), and the map has 10 x 4 x 4; make the box smaller",
         ),
-        (
-            "geometry.labels_origin=[0,0,0]",
-            r"'HALF' does not cover the box: the corner \(1, 0",
-        ),
+        ("geometry.labels_origin=[0,0,0]", r"'HALF' does not cover the box: the corner \(1, 0"),
         ("units.length=inch", "units.length: must be mm, cm or m, not inch: geometry.labels lays"),
         ("geometry.labels=nowhere.nii", "geometry.labels: 'nowhere.nii' cannot be read: there is"),
     ],

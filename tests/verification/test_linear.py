@@ -145,8 +145,7 @@ def test_polynomials_are_reproduced(dimension: int, order: int, grows: bool) -> 
 @pytest.mark.parametrize("form", [LINEAR, QUADRATIC], ids=["linear", "quadratic"])
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
 @pytest.mark.parametrize(
-    ("nd", "problem"),
-    [*((nd, POISSON) for nd in (1, 2, 3)), (2, ELASTIC), (2, STIFF), (3, STIFF)],
+    ("nd", "problem"), [*((nd, POISSON) for nd in (1, 2, 3)), (2, ELASTIC), (2, STIFF), (3, STIFF)]
 )
 def test_patch(nd: int, problem: Any, form: Any, essential: str) -> None:
     """A linear solution, prescribed on some sides and as tractions on the others, also where the
@@ -273,8 +272,7 @@ def varied(nd: int, problem: dict[str, Any], n: int, method: str) -> dict[str, A
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("nd", "problem"),
-    [*((nd, POISSON) for nd in (1, 2, 3)), (1, BAR), (2, ELASTIC), (3, ELASTIC)],
+    ("nd", "problem"), [*((nd, POISSON) for nd in (1, 2, 3)), (1, BAR), (2, ELASTIC), (3, ELASTIC)]
 )
 @pytest.mark.parametrize(("method", "rate"), [("rkpm-gauss", 2.5), ("rkcm", 1.4)])
 def test_problems_with_varying_coefficients_converge(

@@ -26,13 +26,7 @@ from myork.core.checks import (
     unknowns_of,
 )
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
-from myork.core.deck import (
-    as_texts,
-    check_deck,
-    deck_values,
-    load_deck,
-    text_of_tables,
-)
+from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
 from myork.core.states import VERDICTS, Fields, States, states_of
 from myork.records import PointCloud
 from myork.results import RestartState

@@ -29,13 +29,7 @@ from myork.report.sources import Deformation
 from myork.report.surface import Panel, board
 from myork.types import F64, I32
 
-__all__ = [
-    "compared_figure",
-    "plane_figure",
-    "reduced_figure",
-    "slices_figure",
-    "surface_figure",
-]
+__all__ = ["compared_figure", "plane_figure", "reduced_figure", "slices_figure", "surface_figure"]
 
 
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one

@@ -126,10 +126,7 @@ def figure(picture: Figure | str, caption: str) -> Markup:
 
 
 def table(
-    head: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    caption: str = "",
-    notes: Sequence[str] = (),
+    head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", notes: Sequence[str] = ()
 ) -> Markup:
     """A table; its first column names the rows, and none of its head is a table without a head.
 

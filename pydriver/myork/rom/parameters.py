@@ -97,9 +97,7 @@ def numbers_of(items: Sequence[str]) -> dict[str, float]:
 
 
 def as_parameters(
-    ranges: Mapping[str, Sequence[float]],
-    deck: Mapping[str, Any],
-    key_of: Callable[[str], str],
+    ranges: Mapping[str, Sequence[float]], deck: Mapping[str, Any], key_of: Callable[[str], str]
 ) -> tuple[Parameter, ...]:
     """Parameters of a deck by their ranges; short names become keys.
 
