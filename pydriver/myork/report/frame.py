@@ -96,15 +96,7 @@ class Page(NamedTuple):
 
 
 def render(template: str, **values: Any) -> Markup:
-    """Fill in a template of this room.
-
-    Parameters
-    ----------
-    template : str
-        File name in `templates`.
-    **values
-        What it names; a name without a value is an error.
-    """
+    """Fill in a file of `templates`; a name without a value is an error."""
     return Markup(_environment().get_template(template).render(values))
 
 
