@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -250,6 +251,14 @@ def stop_behind(child: subprocess.Popen[str], step: int, number: int = signal.SI
             child.send_signal(number)
             break
     child.communicate()
+
+
+def wait_for(met: Callable[[], Any], seconds: float = 120.0) -> None:
+    """Wait for something that takes a second or two: a failure, not a measurement."""
+    end = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def voxels(

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from myork.files import alone_in
 from myork.report import make_report
 from myork.stations.solve import find_executable
 from myork.summary import failures, renewing, update_summary
-from tests.scenes import box, execute, held, scene, start
+from tests.scenes import box, execute, held, scene, start, wait_for
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
@@ -66,13 +65,6 @@ def files_of(out: Path) -> dict[str, bytes]:
 
 def summary_of(out: Path) -> dict:
     return json.loads((out / "summary.json").read_text())
-
-
-def wait_for(condition) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 @pytest.mark.slow

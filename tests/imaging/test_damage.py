@@ -61,6 +61,7 @@ def test_phantoms_have_no_damaged_slices() -> None:
     assert missing_slices(phantom.truth) == []
 
 
+@pytest.mark.slow
 def test_segment_and_build_name_the_slices(tmp_path: Path) -> None:
     data = stack(6)
     data[..., 7:9] = 0.0

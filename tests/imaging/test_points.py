@@ -12,7 +12,7 @@ from myork.imaging.phantom import make_phantom
 from myork.model import points
 from myork.model.cloud import build_cloud
 from myork.records import Image, Labels
-from tests.images import angle
+from tests.images import angle, reordered
 
 TABLE = table_defaults("build")
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}
@@ -119,27 +119,12 @@ def test_volume_and_surface_of_the_medial_gastrocnemius(mg, phantom):
     assert cloud.area[surface].sum() == pytest.approx(exact, rel=0.08)
 
 
-def turned(image, order, flips):
-    """The same image stored with other voxel axes."""
-    kind = type(image)
-    data = np.transpose(image.data, [*order, *range(3, image.data.ndim)])
-    affine = image.affine.copy()
-    affine[:3, :3] = affine[:3, order]
-    for axis in flips:
-        data = np.flip(data, axis)
-        affine[:3, 3] += affine[:3, axis] * (data.shape[axis] - 1)
-        affine[:3, axis] *= -1
-    if kind is Labels:
-        return Labels(data, affine, image.names, image.name)
-    return Image(data, affine, image.name)
-
-
 @pytest.mark.parametrize(
-    ("order", "flips"), [((0, 1, 2), (0,)), ((0, 1, 2), (0, 1, 2)), ((2, 0, 1), (1,))]
+    ("order", "flips"), [((0, 1, 2), (0,)), ((0, 1, 2), (0, 1, 2)), ((2, 0, 1), (0,))]
 )
 def test_storage_order_of_the_image_does_not_change_the_model(mg, phantom, order, flips):
     cloud, _ = mg
-    labels, fibers = turned(phantom.truth, order, flips), turned(phantom.fiber, order, flips)
+    labels, fibers = (reordered(own, order, flips) for own in (phantom.truth, phantom.fiber))
     again, _ = build_cloud(labels, fibers, MG, "cm")
     np.testing.assert_allclose(again.points, cloud.points, atol=1e-12)
     np.testing.assert_allclose(again.source, cloud.source, atol=1e-12)

@@ -27,7 +27,7 @@ from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
 from myork.sweeps import inputs, run
 from myork.sweeps.plan import make_plan
-from tests.scenes import box, held, scene
+from tests.scenes import box, held, scene, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
@@ -184,22 +184,15 @@ def test_workers_end_with_their_sweep(deck: Path, tmp_path: Path) -> None:
     ]  # fmt: skip
     sweeping = subprocess.Popen([sys.executable, "-m", "myork", *words], start_new_session=True)
     try:
-        wait_for(lambda: (out / "points.jsonl").exists() or sweeping.poll() is not None, 120)
+        wait_for(lambda: (out / "points.jsonl").exists() or sweeping.poll() is not None)
         workers = processes_below(sweeping.pid)
         assert len(workers) >= 2
         sweeping.kill()
         sweeping.wait()
-        wait_for(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers), 60)
+        wait_for(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers))
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(sweeping.pid, signal.SIGKILL)
-
-
-def wait_for(met: Callable[[], bool], seconds: float) -> None:
-    limit = time.monotonic() + seconds
-    while not met():
-        assert time.monotonic() < limit
-        time.sleep(0.02)
 
 
 @pytest.fixture
