@@ -26,7 +26,6 @@ PATIENCE = 120
 
 DECK = scene(
     "rkcm", box(17, 5, size=[4, 1]), title="Sheared sheet", load={"steps": 4},
-    units={"force": "N", "length": "cm"},
     material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
     boundary=[held("y0", 2), held("y1", 2, u_x=1)],
     probe=[{"name": "pull", "quantity": "force_x", "set": "y1"}],

@@ -257,10 +257,8 @@ def programme(pull: list[float], excite: list[float], steps: int, method: str) -
     return {
         **MUSCLE,
         "scene": {"dimension": 3, "method": method},
-        "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [4] * 3},
-        "material": [
-            {"name": "muscle", "model": "muscle", "A10": 1, "K": 500, "fiber": [0.3, 0, 1]}
-        ],
+        "geometry": box(3, 3, 3, places=[4] * 3),
+        "material": [MUSCLE["material"][0] | {"A10": 1, "K": 500, "fiber_angle": 17}],
         "amplitude": [
             {"name": "pull", "time": time, "value": pull},
             {"name": "excite", "time": time, "value": excite},

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from myork.bench.materials import RUBBER
 from myork.core.deck import table_defaults
-from myork.core.scene import Scene
 from myork.core.shape import shape_functions
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
@@ -13,6 +11,7 @@ from myork.model import points
 from myork.model.cloud import build_cloud
 from myork.records import Image, Labels
 from tests.images import angle, reordered
+from tests.scenes import RUBBER, held, scene, solved, voxels
 
 TABLE = table_defaults("build")
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}
@@ -279,25 +278,12 @@ def test_body_of_voxels_is_as_long_as_its_slices():
     Finite elements (8 x 8 x 16) give 21.4 N; measured 21.8 N, the error of five points across. A
     body that ended in the middles of its end slices would pull by a ninth more.
     """
-    labels = Labels(np.ones((5, 5, 10), np.int32), np.diag([2.0, 2.0, 2.0, 1.0]))
-    table = {**TABLE, "source_stride": [1, 1, 1]}
-    ends = [
-        {"set": name, "u_x": 0.0, "u_y": 0.0, "u_z": move}
-        for name, move in (("bottom", 0), ("top", 0.2))
-    ]
-    deck = {
-        "title": "block",
-        "scene": {"dimension": 3},
-        "units": {"force": "N", "length": "cm"},
-        "geometry": {"kind": "model"},
-        "material": [{**RUBBER, "K": 1e3}],
-        "boundary": ends,
-        "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
-    }
-    with Scene.from_tables(deck, build_cloud(labels, None, table, "cm")[0]) as scene:
-        found = scene.solve()
-        force = scene.probes(found.x[-1:], found.load[-1:])[0, 0, 0]
-    assert force == pytest.approx(21.4, rel=0.03)
+    deck = scene(
+        "auto", {}, material=[RUBBER], boundary=[held("bottom"), held("top", u_z=0.2)],
+        probe=[{"name": "force", "quantity": "force_z", "set": "top"}],
+    )  # fmt: skip
+    found = solved(deck, cloud=voxels(np.ones((5, 5, 10)), 2.0))
+    assert found.last()["force"] == pytest.approx(21.4, rel=0.03)
 
 
 def test_a_hole_of_one_voxel_keeps_the_points_around_it_apart():

@@ -23,7 +23,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     turn = {"u_z": -0.3, "rotation": 30, "axis": [0, 0, 1], "about": [0.5, 0.5, 2]}
     tables = scene(
         "rkpm-gauss", box(4, 4, 7, size=[1, 1, 2]), material=[RUBBER], load={"steps": 4},
-        units={"force": "N", "length": "cm"}, boundary=[held("z0"), {"set": "z1", **turn}],
+        boundary=[held("z0"), {"set": "z1", **turn}],
     )  # fmt: skip
     run_deck(tables, out, threads=1, error=False)
     return out

@@ -144,7 +144,7 @@ def solved(folder: Path, move: float, size: list[float]) -> Path:
     n = len(size)
     tables = scene(
         "auto", box(*[4] * n, size=size, places=[6] * n), material=[RUBBER],
-        units={"force": "N", "length": "cm"}, boundary=[held("x0", n), held("x1", n, u_x=move)],
+        boundary=[held("x0", n), held("x1", n, u_x=move)],
     )  # fmt: skip
     run_deck(tables, folder, threads=1, error=False)
     return folder

@@ -32,9 +32,8 @@ from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
 STRIP = text_of_tables(
-    {"title": "strip", "units": {"force": "N", "length": "cm"}}
-    | scene(
-        "auto", box(5, 3, size=[2, 1], places=(5, 3)),
+    scene(
+        "auto", box(5, 3, size=[2, 1], places=(5, 3)), title="strip",
         material=[{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 1000}],
         boundary=[held("x0", 2), held("x1", 2, u_x=0.2)],
         probe=[

@@ -17,7 +17,7 @@ from myork.core.deck import deck_key
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
-from myork.rom.parameters import numbers_of
+from myork.rom.parameters import numbers_of, parse_vary
 from myork.rom.probes import places_of
 from myork.types import F64, Mask
 
@@ -235,14 +235,10 @@ def ranges_of(
     """Ranges from texts `KEY=LOW:HIGH`, or `KEY` alone for the range of the training."""
     found = {}
     for item in items:
-        name, sign, text = item.partition("=")
-        key = forward.key_of(name.strip())
-        try:
-            low, high = (
-                (float(word) for word in text.split(":")) if sign else _trained(forward, key)
-            )
-        except ValueError:
-            low, high = 0.0, 0.0
+        given = parse_vary([item], option) if "=" in item else {item.strip(): None}
+        ((name, ends),) = given.items()
+        key = forward.key_of(name)
+        low, high = ends or forward.range_of(key) or (0.0, 0.0)
         if not (np.isfinite([low, high]).all() and low < high):
             raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1")
         if key in found:
@@ -260,8 +256,3 @@ def probe_of(forward: Forward, asked: str | None) -> str:
     if asked not in forward.units:
         raise InputError(f"--probe {asked}: there are {', '.join(forward.units)}")
     return asked
-
-
-def _trained(forward: Forward, key: str) -> tuple[float, float]:
-    found = forward.range_of(key)
-    return found if found is not None else (0.0, 0.0)
