@@ -6,6 +6,7 @@ import nibabel
 import numpy as np
 import pytest
 
+from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import check_same_grid
 from myork.imaging.gradients import GradientTable
@@ -70,28 +71,19 @@ def test_fibers_of_the_model_lean_as_the_phantoms_do(mg):
     assert np.median(lean[high]) == pytest.approx(19.0, abs=1.0)
 
 
-DECK = """title = "All muscles by two regions"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-[image]
-label = "muscle"
-phase = "dark"
-[bias]
-method = "none"
-[build]
-collocation_stride = [4, 4, 1]
-source_stride = [8, 8, 1]
-islands = "drop"
-"""
+#: All muscles by two regions
+DECK = {
+    "scene": {"dimension": 3},
+    "image": {"label": "muscle", "phase": "dark"},
+    "bias": {"method": "none"},
+    "build": {"collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "islands": "drop"},
+}
 
 
 @pytest.fixture
 def own(tmp_path):
     """A deck on files of one's own, and the folder they lie in."""
-    (tmp_path / "deck.toml").write_text(DECK)
+    (tmp_path / "deck.toml").write_text(text_of_tables(DECK))
     phantom = make_phantom()
     write_image(tmp_path / "t1.nii.gz", phantom.anatomy)
     write_image(tmp_path / "dti.nii.gz", phantom.tensor)

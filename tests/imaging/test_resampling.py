@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from myork.cli import main
+from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.imaging.diffusion import known_tensors, lead_vector
 from myork.imaging.geometry import corner_distance
@@ -193,29 +194,18 @@ def test_whole_numbers_of_any_type_are_labels(tmp_path, kind):
             read_labels(path)
 
 
-DECK = """title = "On several grids"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-[image]
-anatomy = "t1.nii.gz"
-tensor = "dti.nii.gz"
-reference = "old.nii.gz"
-region = "near.nii.gz"
-body = "body.nii.gz"
-truth = "truth.nii.gz"
-regions = 3
-iterations = 40
-[bias]
-method = "none"
-[build]
-collocation_stride = [4, 4, 1]
-source_stride = [8, 8, 1]
-islands = "drop"
-ids = [1]
-"""
+DECK = {
+    "scene": {"dimension": 3},
+    "image": {
+        "anatomy": "t1.nii.gz", "tensor": "dti.nii.gz", "reference": "old.nii.gz",
+        "region": "near.nii.gz", "body": "body.nii.gz", "truth": "truth.nii.gz",
+        "regions": 3, "iterations": 40,
+    },
+    "bias": {"method": "none"},
+    "build": {
+        "collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "islands": "drop", "ids": [1],
+    },
+}  # fmt: skip
 
 
 def chain(folder, t1, dti, labels, fibers):
@@ -229,7 +219,7 @@ def chain(folder, t1, dti, labels, fibers):
     write_image(folder / "t1.nii.gz", t1.anatomy)
     write_image(folder / "dti.nii.gz", dti)
     write_image(folder / "vectors.nii.gz", fibers)
-    (folder / "deck.toml").write_text(DECK)
+    (folder / "deck.toml").write_text(text_of_tables(DECK))
     found, lines = [], []
     options = ("build.labels=truth.nii.gz", "build.fibers=vectors.nii.gz")
     segment(folder / "deck.toml", folder / "out", progress=lines.append)
