@@ -90,7 +90,7 @@ def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     middle = [1.5, 1.5, 1.5]
     tables = scene(
         "rkpm-scni", {"kind": "model", "file": "model.h5"}, title="Muscle of voxels",
-        units={"force": "N", "length": "cm"}, approximation={"order": 1, "support": 1.6},
+        approximation={"order": 1, "support": 1.6},
         material=[{**muscle, "sigma_max": 30}], boundary=[held("bottom"), held("top", u_z=0.1)],
         load={"steps": 1, "activation": 0.5},
         probe=[

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -252,6 +253,14 @@ def stop_behind(child: subprocess.Popen[str], step: int, number: int = signal.SI
     child.communicate()
 
 
+def wait_for(met: Callable[[], Any], seconds: float = 120.0) -> None:
+    """Wait for something that takes a second or two: a failure, not a measurement."""
+    end = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
 def voxels(
     data: Any,
     edge: Any = 10.0,
@@ -283,9 +292,10 @@ def staircase() -> PointCloud:
 
 
 def derivative(function: Callable[[float], Any], step: float) -> F64:
-    """Of a function at 0, by central differences of fourth order."""
-    near, far = (function(k * step) - function(-k * step) for k in (1, 2))
-    return np.asarray((8 * near - far) / (12 * step))
+    """Of a function at 0, by central differences of eighth order."""
+    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+    total = sum(w * (function(k * step) - function(-k * step)) for k, w in weights.items())
+    return np.asarray(total) / step
 
 
 def check_weak_tangent(opened: Scene, symmetric: bool = True) -> None:

@@ -14,7 +14,6 @@ from functools import cached_property
 from html import escape
 from itertools import product
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import h5py
@@ -131,12 +130,7 @@ class Results:
     def __enter__(self) -> Results:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,14 @@ from myork.errors import FileError
 from myork.files import alone_in
 from myork.report import make_report
 from myork.stations.solve import find_executable
-from myork.summary import failures, renewing, update_summary
-from tests.scenes import box, execute, held, scene, start
+from myork.summary import failures, read_summary, renewing, update_summary
+from tests.scenes import box, execute, held, scene, start, wait_for
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
 
 DECK = scene(
     "rkcm", box(17, 5, size=[4, 1]), title="Sheared sheet", load={"steps": 4},
-    units={"force": "N", "length": "cm"},
     material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
     boundary=[held("y0", 2), held("y1", 2, u_x=1)],
     probe=[{"name": "pull", "quantity": "force_x", "set": "y1"}],
@@ -62,17 +60,6 @@ def files_of(out: Path) -> dict[str, bytes]:
         for name in ("results.vtkhdf", "history.csv", "run.log")
         if (out / name).is_file()
     }
-
-
-def summary_of(out: Path) -> dict:
-    return json.loads((out / "summary.json").read_text())
-
-
-def wait_for(condition) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 @pytest.mark.slow
@@ -136,7 +123,7 @@ def test_the_summary_is_that_of_the_run_that_was_asked_last(
         converged, state, why = told(out)
         assert not converged and state == "refused"
         assert message in why and why in ended.stderr
-        assert summary_of(out)["model"] == {"volume": {"rubber": 4.0}}, "stations before it stay"
+        assert read_summary(out)["model"] == {"volume": {"rubber": 4.0}}, "stations before it stay"
         assert {key: (out / "previous" / key).read_bytes() for key in good} == good
         assert (out / "previous" / "report.html").exists() and not (out / "report.html").exists()
         assert status == 1 or not files_of(out), "no results but those that are set aside"
@@ -144,7 +131,7 @@ def test_the_summary_is_that_of_the_run_that_was_asked_last(
     assert "✗ no solution" in page and f"No solution: {why}" in page
     assert solve(deck, out).returncode == 0
     assert told(out)[0] and not (out / "previous").exists()
-    assert summary_of(out)["model"] == {"volume": {"rubber": 4.0}}
+    assert read_summary(out)["model"] == {"volume": {"rubber": 4.0}}
 
 
 @pytest.mark.slow
@@ -217,7 +204,7 @@ def test_stations_before_a_solve_set_it_aside(deck: Path, tmp_path: Path) -> Non
     with renewing(out, "model"):
         update_summary(out, {"model": {"volume": 1.0}})
     assert files_of(out / "previous") == before and not files_of(out)
-    assert summary_of(out) == {"model": {"volume": 1.0}} and told(out / "previous")[0]
+    assert read_summary(out) == {"model": {"volume": 1.0}} and told(out / "previous")[0]
 
 
 @pytest.mark.parametrize(
@@ -263,7 +250,7 @@ def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
     run.stdout.close()
     assert run.stderr.read() == b""
     assert run.wait(PATIENCE) == 0
-    assert summary_of(out)["converged"] is True
+    assert read_summary(out)["converged"] is True
 
 
 @pytest.mark.slow
@@ -284,7 +271,7 @@ def test_a_solve_ends_with_the_command_that_started_it(
     parent.kill()
     parent.wait()
     wait_for(lambda: (out / "run.log").is_file())
-    summary = summary_of(out)
+    summary = read_summary(out)
     assert summary["converged"] is False and summary["steps"][-1]["load"] > 0.0
     wait_for(lambda: not Path(f"/proc/{solver}").exists())
 
@@ -336,16 +323,16 @@ def test_a_station_that_fails_marks_what_it_leaves(tmp_path: Path) -> None:
     update_summary(tmp_path, {"model": {"volume": 1.0}, "units": {}})
     with pytest.raises(ValueError, match="no such slice"), renewing(tmp_path, "model", "tissue"):
         raise ValueError("no such slice")
-    assert summary_of(tmp_path) == {
+    assert read_summary(tmp_path) == {
         "model": {"volume": 1.0, "failed": "no such slice"},
         "units": {},
     }
-    assert failures(summary_of(tmp_path)) == [
+    assert failures(read_summary(tmp_path)) == [
         "The model is that of an earlier run; the last one: no such slice"
     ]
     with renewing(tmp_path, "model"):
         update_summary(tmp_path, {"model": {"volume": 2.0}})
-    assert not failures(summary_of(tmp_path))
+    assert not failures(read_summary(tmp_path))
 
 
 @pytest.mark.slow
@@ -355,7 +342,7 @@ def test_a_full_disk_loses_nothing(deck: Path, tmp_path: Path) -> None:
 
     out = tmp_path / "out"
     assert solve(deck, out).returncode == 0
-    before, summary = files_of(out), summary_of(out)
+    before, summary = files_of(out), read_summary(out)
     failed = 0
     for size in np.geomspace(1, 2e5, 12).astype(int):
 
@@ -365,12 +352,12 @@ def test_a_full_disk_loses_nothing(deck: Path, tmp_path: Path) -> None:
 
         done = solve(deck, out, preexec_fn=limit)
         if done.returncode == 0:
-            assert summary_of(out)["steps"] == summary["steps"]
+            assert read_summary(out)["steps"] == summary["steps"]
             continue
         failed += 1
         assert done.returncode == 2, done.stderr
         assert "too large" in done.stderr
-        assert summary_of(out / "previous") == summary
+        assert read_summary(out / "previous") == summary
         assert files_of(out / "previous") == before
         assert not (out / "summary.json").exists() or not told(out)[0]
     assert failed >= 6

@@ -13,6 +13,7 @@ import pytest
 from myork.core.deck import text_of_tables
 from myork.results import Results
 from myork.stations.solve import find_executable
+from myork.summary import read_summary
 from tests.scenes import box, held, scene
 
 #: Longest wait for a solution of a second or two; a failure, not a measurement [s]
@@ -54,10 +55,6 @@ def run(program: str, *words: object) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def summary_of(out: Path) -> Any:
-    return json.loads((out / "summary.json").read_text(encoding="utf-8"))
-
-
 @pytest.mark.slow
 def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> None:
     """One does the work for the other, so that only the hand-over can differ: 1e-10 relative."""
@@ -67,7 +64,7 @@ def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> No
         done = run(program, inputs / "shear_3d.toml", option, folder, "--set", "load.steps=4")
         assert done.returncode == 0, done.stderr
         assert "step   4/4" in done.stdout
-        solved[program] = summary_of(folder)
+        solved[program] = read_summary(folder)
     one, other = solved["myork"], solved["myork-solve"]
     assert one["deck_sha256"] == other["deck_sha256"]
     assert len(one["steps"]) == len(other["steps"]) == 4
@@ -83,8 +80,8 @@ def test_short_and_long_options_of_the_executable(out: str, threads: str, tmp_pa
     deck.write_text("\n".join(line for line in lines if not line.startswith("title")), "utf-8")
     done = run("myork-solve", deck, out, folder, threads, "2", "-q", "--no-error")
     assert done.returncode == 0 and done.stdout == "", done.stderr
-    assert summary_of(folder)["threads"] == 2
-    assert summary_of(folder)["title"] == "pulled cube"
+    assert read_summary(folder)["threads"] == 2
+    assert read_summary(folder)["title"] == "pulled cube"
 
 
 @pytest.mark.parametrize("program", OUT)
@@ -96,8 +93,8 @@ def test_numbers_that_are_not_finite_are_no_answer(
     done = run(program, deck, OUT[program], out, "--set", "boundary.x1.traction=[0,1e300]")
     assert done.returncode == 1, done.stdout + done.stderr
     assert "not finite" in done.stderr
-    assert summary_of(out)["converged"] is False
-    assert any("not finite" in line for line in summary_of(out)["warnings"])
+    assert read_summary(out)["converged"] is False
+    assert any("not finite" in line for line in read_summary(out)["warnings"])
 
 
 @pytest.mark.parametrize("case", BAD_DECKS)
@@ -129,8 +126,9 @@ EARLIER = {
 
 
 def solve_into(folder: Path, deck: Path) -> subprocess.CompletedProcess[str]:
-    steps = ("--set", "load.steps=1", "--set", "geometry.source=[3,3,3]")
-    return run("myork-solve", deck, "-o", folder, *steps)
+    sizes = ("load.steps=1", "geometry.source=[3,3,3]", "geometry.collocation=[5,5,5]")
+    words = (word for size in sizes for word in ("--set", size))
+    return run("myork-solve", deck, "-o", folder, "--no-error", *words)
 
 
 @pytest.mark.parametrize("ascii", [True, False])
@@ -145,7 +143,7 @@ def test_the_executable_keeps_earlier_stations(
     path.write_text(json.dumps(found, ensure_ascii=ascii, indent=indent), encoding="utf-8")
     done = solve_into(tmp_path, inputs / "shear_3d.toml")
     assert done.returncode == 0, done.stderr
-    summary = summary_of(tmp_path)
+    summary = read_summary(tmp_path)
     assert {key: summary[key] for key in EARLIER} == EARLIER
     assert summary["title"] != "before" and len(summary["steps"]) == 1
     assert not {"rom", "errors", "message"} & set(summary)
@@ -165,7 +163,7 @@ def test_a_damaged_summary_is_dropped_with_a_word(
     done = solve_into(tmp_path, inputs / "shear_3d.toml")
     assert done.returncode == 0, done.stderr
     assert "the earlier summary.json is damaged" in done.stdout
-    summary = summary_of(tmp_path)
+    summary = read_summary(tmp_path)
     assert "model" not in summary and len(summary["steps"]) == 1
 
 
@@ -187,7 +185,7 @@ def test_interrupt_keeps_the_last_converged_state(
     process.send_signal(signal.SIGINT)
     _, message = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    summary = summary_of(tmp_path)
+    summary = read_summary(tmp_path)
     assert summary["converged"] is False
     attempted = re.search(
         r"stopped on the way to load (\S+); last converged load (\S+) \(", message

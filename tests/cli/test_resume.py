@@ -1,6 +1,5 @@
 """Runs that go on where another one ended, and runs that start from its states."""
 
-import json
 import random
 import shutil
 import signal
@@ -16,6 +15,7 @@ from myork import Results, Scene
 from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.stations.solve import run_deck
+from myork.summary import read_summary
 from tests.scenes import box, held, scene, start, stop_behind
 
 MUSCLE = scene(
@@ -67,7 +67,7 @@ def assert_equal(out: Path, whole: Path) -> None:
     np.testing.assert_allclose(*steps, rtol=1e-12)
     assert ours == theirs
     assert history(out) == history(whole)
-    found, expected = (json.loads((folder / "summary.json").read_text()) for folder in (out, whole))
+    found, expected = (read_summary(folder) for folder in (out, whole))
     if "used" not in found["solver"]:
         # every load step was done: nothing was solved
         del expected["solver"]["used"], expected["solver"]["why"]
@@ -257,10 +257,8 @@ def programme(pull: list[float], excite: list[float], steps: int, method: str) -
     return {
         **MUSCLE,
         "scene": {"dimension": 3, "method": method},
-        "geometry": {"kind": "box", "size": [1, 1, 1], "source": [3] * 3, "collocation": [4] * 3},
-        "material": [
-            {"name": "muscle", "model": "muscle", "A10": 1, "K": 500, "fiber": [0.3, 0, 1]},
-        ],
+        "geometry": box(3, 3, 3, places=[4] * 3),
+        "material": [MUSCLE["material"][0] | {"A10": 1, "K": 500, "fiber_angle": 17}],
         "amplitude": [
             {"name": "pull", "time": time, "value": pull},
             {"name": "excite", "time": time, "value": excite},
@@ -382,10 +380,7 @@ def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     assert "refine 1:" not in said and "resumed after load step" in said
     assert "the points of the run that is resumed" in said
     assert_equal(out, tmp_path / "whole")
-    found, before = (
-        json.loads((folder / "summary.json").read_text())["refine"]
-        for folder in (out, tmp_path / "whole")
-    )
+    found, before = (read_summary(folder)["refine"] for folder in (out, tmp_path / "whole"))
     assert found["met"] and before["met"] and not found["levels"]
     # and a run that ended is read again; another wish is another deck
     assert "refine 1:" not in run(deck, out, "--resume")

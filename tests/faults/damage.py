@@ -289,10 +289,7 @@ TEXT = st.one_of(
 FIELDS = _edits("field", st.tuples(st.sampled_from(header_dtype.names), st.sampled_from(REALS)))
 ELEMENT = _edits("element", st.tuples(st.sampled_from(ELEMENTS), st.sampled_from(VALUES)))
 _NUMBER = st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS))
-ARRAY = _edits(
-    "array",
-    st.sampled_from(sorted(ARRAYS)) | _NUMBER,
-)
+ARRAY = _edits("array", st.sampled_from(sorted(ARRAYS)) | _NUMBER)
 MODEL = st.one_of(
     _edits("array", st.sampled_from([*sorted(ODD_ARRAYS), *MOVES]) | _NUMBER),
     _edits("attribute", st.sampled_from(ATTRIBUTES)),

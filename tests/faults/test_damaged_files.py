@@ -475,19 +475,15 @@ COLOURS = np.zeros(DARK.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
 @pytest.mark.parametrize(
     ("key", "values", "message"),
     [
-        ("anatomy", with_one(np.nan), r"1 voxels are not finite, the first at voxel \(4, 5, 1\)"),
         ("anatomy", with_one(1e300), "1 values are beyond"),
         ("anatomy", with_one(1e20), "the file is damaged there"),
         ("anatomy", -disc(), "no value is above zero"),
         ("anatomy", np.ones_like(disc()), "contrast"),
         ("anatomy", disc() * 1j, "values are complex"),
         ("anatomy", COLOURS, "values are colours"),
-        ("anatomy", np.stack([disc()] * 2, -1)[:, :, :, None], "3-D image is needed"),
         ("anatomy", disc()[:1, :1, :1], "no body found"),
         ("reference", 0 * DARK, "the reference is empty"),
         ("reference", CORNER, "the segmentation is empty"),
-        ("reference", DARK / 3.0, "must hold whole numbers, but"),
-        ("reference", -DARK, "must not be negative"),
         ("reference", DARK.astype(np.int64) * 2**40, "must not exceed"),
         ("truth", 0 * DARK, "the truth is empty"),
         ("truth", DARK * 1j, "values are complex"),
@@ -496,7 +492,6 @@ COLOURS = np.zeros(DARK.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
             ("tensor", np.full((32, 32, 2, 6), value), "no usable diffusion tensor")
             for value in (np.nan, np.inf, 0.0, -1.0)
         ),
-        ("tensor", disc(), "4-D image with 6"),
     ],
 )
 def test_impossible_values(tmp_path: Path, key: str, values: np.ndarray, message: str) -> None:

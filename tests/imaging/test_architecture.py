@@ -140,9 +140,8 @@ def test_build_writes_a_table_of_the_muscles(phantom, tmp_path):
         assert float(row["MD [mm^2/s]"]) == pytest.approx(values.mean(), rel=1e-3)
         assert float(row["fat_fraction [-]"]) == pytest.approx(fat, rel=1e-3)
         assert row["PCSA [mm^2]"] == ""  # the stack cuts all of them
-    deck = {"units": {"force": "N", "length": "cm"}, "scene": {"dimension": 3}}
-    paths = {key: str(tmp_path / table[key]) for key in ("labels", "fibers")}
-    build({"title": "t", **deck, "build": {**table, **paths}}, out)
+    paths = {key: tmp_path / table[key] for key in ("labels", "fibers")}
+    build({"scene": {"dimension": 3}, "build": {**table, **paths}}, out)
     summary = json.loads((out / "summary.json").read_text())
     first = summary["model"]["muscles"][0]
     cubic = float(gastrocnemius["volume [mm^3]"])

@@ -63,12 +63,7 @@ def test_brightness_and_values_outside_do_not_matter(monkeypatch):
 
 def test_empty_mask():
     with pytest.raises(InputError, match="no voxel to estimate the field from"):
-        clustered_bias(
-            np.ones((8, 8, 1)),
-            np.zeros((8, 8, 1), bool),
-            spacing=(1, 1, 1),
-            regions=2,
-        )
+        clustered_bias(np.ones((8, 8, 1)), np.zeros((8, 8, 1), bool), spacing=(1, 1, 1), regions=2)
 
 
 def test_images_without_a_field_are_refused():

@@ -164,11 +164,7 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
 @pytest.mark.parametrize(
     ("image", "dixon", "message"),
     [
-        (
-            {},
-            {"magnitude": DIXON["magnitude"]},
-            "dixon.phase: missing",
-        ),
+        ({}, {"magnitude": DIXON["magnitude"]}, "dixon.phase: missing"),
         ({"anatomy": "m0.nii.gz"}, DIXON, "take image.anatomy out"),
         ({"fat": "m0.nii.gz"}, DIXON, "take image.fat out"),
         (

@@ -61,13 +61,12 @@ def test_phantoms_have_no_damaged_slices() -> None:
     assert missing_slices(phantom.truth) == []
 
 
+@pytest.mark.slow
 def test_segment_and_build_name_the_slices(tmp_path: Path) -> None:
     data = stack(6)
     data[..., 7:9] = 0.0
     nibabel.save(nibabel.Nifti1Image(data, AFFINE), tmp_path / "t1.nii")
-    units = {"force": "N", "length": "cm"}
-    deck = {"units": units, "image": {"anatomy": str(tmp_path / "t1.nii"), "regions": 2}}
-    found = segment(deck, tmp_path)
+    found = segment({"image": {"anatomy": tmp_path / "t1.nii", "regions": 2}}, tmp_path)
     (entry,) = found["damaged_slices"]
     assert entry == {
         "file": entry["file"], "slices": [7, 8], "why": "no signal", "station": "segment",
@@ -78,8 +77,8 @@ def test_segment_and_build_name_the_slices(tmp_path: Path) -> None:
     labels = np.ones((6, 6, 9), "i2")
     labels[..., 4] = 0
     nibabel.save(nibabel.Nifti1Image(labels, AFFINE), tmp_path / "labels.nii")
-    build({"units": units, "scene": {"dimension": 3},
-           "build": {"labels": str(tmp_path / "labels.nii"), "ids": [1]}}, tmp_path)  # fmt: skip
+    table = {"labels": tmp_path / "labels.nii", "ids": [1]}
+    build({"scene": {"dimension": 3}, "build": table}, tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert [own["slices"] for own in summary["damaged_slices"]] == [[7, 8], [4]]
     assert any("cuts the body in two" in text for text in summary["model"]["warnings"])

@@ -12,6 +12,7 @@ from myork.records import Labels
 from myork.stations.build import build
 from myork.stations.solve import run_deck
 from tests.images import angle, built, save
+from tests.scenes import held, scene
 
 
 def cone(top=72):
@@ -101,25 +102,13 @@ def test_force_of_a_prism_is_its_section_times_the_stress_of_its_fibers(tmp_path
     write_labels(
         tmp_path / "l.nii.gz", Labels(data, np.diag([2.0, 2.0, 5.0, 1.0]), {1: "a", 2: "b"})
     )
-    held = {"u_x": 0, "u_y": 0, "u_z": 0}
-    deck = {
-        "title": "prism",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3},
-        "build": {
-            "labels": str(tmp_path / "l.nii.gz"),
-            "extrude": 16,
-            "flow": True,
-            "source_stride": [2, 2, 2],
-        },
-        "geometry": {"kind": "model"},
-        "material": [
-            {"name": "muscle", "model": "muscle", "A10": 6.43, "K": 5000, "sigma_max": 30}
-        ],
-        "boundary": [{"set": "bottom", **held}, {"set": "top", **held}],
-        "load": {"activation": 0.3},
-        "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
-    }
+    table = {"labels": tmp_path / "l.nii.gz", "extrude": 16, "flow": True}
+    deck = scene(
+        "auto", {"kind": "model"}, build={**table, "source_stride": [2, 2, 2]},
+        material=[{"name": "muscle", "model": "muscle", "A10": 6.43, "K": 5000, "sigma_max": 30}],
+        boundary=[held("bottom"), held("top")], load={"activation": 0.3},
+        probe=[{"name": "force", "quantity": "force_z", "set": "top"}],
+    )  # fmt: skip
     build(deck, tmp_path / "out")
     model = read_model(tmp_path / "out" / "model.h5")
     np.testing.assert_allclose(np.abs(model.fiber @ [0, 0, 1.0]), 1.0, atol=1e-6)

@@ -9,7 +9,7 @@ from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
 from myork.segmentation.channels import fiber_channels
 from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules, rule_seeds
-from myork.segmentation.scores import label_scores
+from myork.segmentation.scores import dice, label_scores, pearson
 from myork.stations.segment import segment
 
 GRID = Image(np.zeros((8, 4, 1)), np.diag([2.0, 1.0, 1.0, 1.0]), "grid")
@@ -51,9 +51,7 @@ def test_pieces_take_the_label_most_of_their_voxels_have():
 
 @pytest.mark.parametrize(
     ("rules", "message"),
-    [
-        ([dict(name="a", seeds=[90, 0, 0])], "muscle.a: a seed .* lies outside of grid"),
-    ],
+    [([dict(name="a", seeds=[90, 0, 0])], "muscle.a: a seed .* lies outside of grid")],
 )
 def test_rules_that_cannot_be(rules, message):
     with pytest.raises(InputError, match=message):
@@ -159,3 +157,20 @@ def test_muscles_of_the_phantom_touch():
     truth = make_phantom(septum=0.0, growth=15.0).truth.data
     touching = (truth[1:] > 0) & (truth[:-1] > 0) & (truth[1:] != truth[:-1])
     assert touching.sum() > 500
+
+
+def test_dice_by_hand():
+    a = np.array([1, 1, 1, 0, 0, 0])
+    m = np.array([0, 1, 1, 1, 1, 0])
+    assert dice(a, m) == pytest.approx(2 * 2 / (3 + 4))
+    assert dice(a, a) == 1.0
+    assert dice(a, 1 - a) == 0.0
+    assert np.isnan(dice(a * 0, a * 0))
+
+
+def test_pearson_against_numpy_and_its_limits():
+    random = np.random.default_rng(0)
+    f, g = random.random((2, 5, 7))
+    assert pearson(f, g) == pytest.approx(np.corrcoef(f.ravel(), g.ravel())[0, 1], abs=1e-14)
+    assert pearson(f, 3 * f + 2) == pytest.approx(1.0)
+    assert np.isnan(pearson(f, f * 0 + 1))

@@ -18,6 +18,7 @@ from myork.segmentation.partial import label_parts
 from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.summary import read_summary
+from tests.scenes import scene
 
 # Anatomy, fat image and image of connective tissue: air, muscle, fat, connective tissue, bone
 SIGNALS = np.array([[0, 0, 0], [400, 40, 250], [1000, 1000, 120], [150, 60, 1000], [60, 20, 700]])
@@ -181,29 +182,24 @@ def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
     write_labels(tmp_path / "body.nii.gz", Labels(body, affine))
     write_labels(tmp_path / "seeds.nii.gz", Labels(seeds, affine, {1: "soft", 2: "stiff"}))
     moduli = {"soft": 3.0, "stiff": 12.0}
-    tables = {
-        "scene": {"dimension": 3},
-        "units": {"force": "N", "length": "cm"},
-        "image": {"anatomy": "a.nii.gz", "body": "body.nii.gz", "seeds": "seeds.nii.gz"}
-        | {"split": "walk", "partial": True},
-        "bias": {"method": "none"},
-        "geometry": {"kind": "model"},
-        "material": [
+    image = {"anatomy": "a.nii.gz", "body": "body.nii.gz", "seeds": "seeds.nii.gz"}
+    tables = scene(
+        "auto", {"kind": "model"}, image={**image, "split": "walk", "partial": True},
+        bias={"method": "none"},
+        material=[
             {"name": name, "model": "neo-hookean", "mu": mu, "K": 1e3 * mu, "label": number}
             for number, (name, mu) in enumerate(moduli.items(), 1)
         ],
-        "boundary": [
-            {"set": "bottom", "u_z": 0},
-            {"set": "top", "u_z": 2.4e-4},
-            {"set": "left", "u_x": 0},
-            {"set": "front", "u_y": 0},
+        boundary=[
+            {"set": "bottom", "u_z": 0}, {"set": "top", "u_z": 2.4e-4},
+            {"set": "left", "u_x": 0}, {"set": "front", "u_y": 0},
         ],
-        "set": [
+        set=[
             {"name": "left", "side": "surface", "where": "nx < -0.9"},
             {"name": "front", "side": "surface", "where": "ny < -0.9"},
         ],
-        "probe": [{"name": "F", "quantity": "force_z", "set": "top"}],
-    }
+        probe=[{"name": "F", "quantity": "force_z", "set": "top"}],
+    )  # fmt: skip
     deck, out = tmp_path / "bar.toml", tmp_path / "out"
     deck.write_text(text_of_tables(tables))
     section = 0.04 * np.array([(body - stiff * body)[..., 0].sum(), (stiff * body)[..., 0].sum()])

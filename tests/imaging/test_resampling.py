@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from myork.cli import main
+from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.imaging.diffusion import known_tensors, lead_vector
 from myork.imaging.geometry import corner_distance
@@ -23,7 +24,7 @@ from myork.report import make_report
 from myork.segmentation.scores import dice
 from myork.stations.build import build
 from myork.stations.segment import segment
-from tests.images import angle, built, segmented
+from tests.images import angle, built, reordered, segmented
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
 
@@ -35,18 +36,6 @@ def calves():
         make_phantom(size, spacing, snr=1e9, bias=0.0)
         for size, spacing in (((72, 72, 29), (1.7, 1.7, 3.0)), ((48, 48, 15), (2.5, 2.5, 6.0)))
     ]
-
-
-def reordered(image, axes=(2, 0, 1), flipped=(0, 2)):
-    """The same world, voxels in another order."""
-    data, affine = image.data, image.affine.copy()
-    for axis in flipped:
-        affine[:3, 3] += affine[:3, axis] * (data.shape[axis] - 1)
-        affine[:3, axis] *= -1
-        data = np.flip(data, axis)
-    affine[:3, :3] = affine[:3, list(axes)]
-    data = np.transpose(data, [*axes, *range(3, data.ndim)])
-    return replace(image, data=np.ascontiguousarray(data), affine=affine, name="other")
 
 
 def plane(shape, affine):
@@ -160,6 +149,7 @@ def test_what_a_grid_does_not_hold_is_said(calves):
     assert "the rest lies beyond it" in move.doubts[2]
 
 
+@pytest.mark.slow
 def test_noise_of_tensors_is_averaged_where_it_was_measured(calves):
     fine = make_phantom((180, 180, 9), (0.65, 0.65, 6.0))
     coarse = make_phantom((48, 48, 9), (2.5, 2.5, 6.0), snr=15)
@@ -204,29 +194,18 @@ def test_whole_numbers_of_any_type_are_labels(tmp_path, kind):
             read_labels(path)
 
 
-DECK = """title = "On several grids"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-[image]
-anatomy = "t1.nii.gz"
-tensor = "dti.nii.gz"
-reference = "old.nii.gz"
-region = "near.nii.gz"
-body = "body.nii.gz"
-truth = "truth.nii.gz"
-regions = 3
-iterations = 40
-[bias]
-method = "none"
-[build]
-collocation_stride = [4, 4, 1]
-source_stride = [8, 8, 1]
-islands = "drop"
-ids = [1]
-"""
+DECK = {
+    "scene": {"dimension": 3},
+    "image": {
+        "anatomy": "t1.nii.gz", "tensor": "dti.nii.gz", "reference": "old.nii.gz",
+        "region": "near.nii.gz", "body": "body.nii.gz", "truth": "truth.nii.gz",
+        "regions": 3, "iterations": 40,
+    },
+    "bias": {"method": "none"},
+    "build": {
+        "collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "islands": "drop", "ids": [1],
+    },
+}  # fmt: skip
 
 
 def chain(folder, t1, dti, labels, fibers):
@@ -240,7 +219,7 @@ def chain(folder, t1, dti, labels, fibers):
     write_image(folder / "t1.nii.gz", t1.anatomy)
     write_image(folder / "dti.nii.gz", dti)
     write_image(folder / "vectors.nii.gz", fibers)
-    (folder / "deck.toml").write_text(DECK)
+    (folder / "deck.toml").write_text(text_of_tables(DECK))
     found, lines = [], []
     options = ("build.labels=truth.nii.gz", "build.fibers=vectors.nii.gz")
     segment(folder / "deck.toml", folder / "out", progress=lines.append)

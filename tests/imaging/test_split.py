@@ -12,12 +12,7 @@ from myork.imaging.io import read_labels, read_reference, write_image, write_lab
 from myork.records import Image, Labels
 from myork.segmentation import walk
 from myork.segmentation.channels import smoothed_tensor
-from myork.segmentation.grouping import (
-    Muscle,
-    group_by_reference,
-    nearest_labels,
-    rule_seeds,
-)
+from myork.segmentation.grouping import Muscle, group_by_reference, nearest_labels, rule_seeds
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions

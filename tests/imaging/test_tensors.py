@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from myork.cli import main
+from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.io import write_image, write_labels
@@ -13,16 +14,6 @@ from myork.records import Image, Labels
 from myork.stations.tensors import write_tensors
 from myork.summary import read_summary
 from tests.images import angle, phantom_dwi, write_gradients
-
-DECK = """title = "leg"
-[units]
-force = "N"
-length = "cm"
-[scene]
-dimension = 3
-[image]
-dwi = "dwi.nii.gz"
-"""
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +29,7 @@ def series(calf):
 @pytest.mark.slow
 def test_command_needs_no_anatomy(calf, series, tmp_path):
     images, table = series
-    (tmp_path / "leg.toml").write_text(DECK)
+    (tmp_path / "leg.toml").write_text(text_of_tables({"image": {"dwi": "dwi.nii.gz"}}))
     write_image(tmp_path / "dwi.nii.gz", images)
     write_gradients(tmp_path, "dwi", table, images.affine)
     write_labels(tmp_path / "muscles.nii.gz", calf.truth)
@@ -69,22 +60,14 @@ def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
     write_image(tmp_path / "tensor.nii.gz", Image(data, np.eye(4)))
     write_labels(tmp_path / "all.nii.gz", Labels(np.ones((6, 4, 2), np.int32), np.eye(4)))
     write_labels(tmp_path / "none.nii.gz", Labels(np.zeros((6, 4, 2), np.int32), np.eye(4)))
-    deck = {
-        "title": "tensors",
-        "units": {"force": "N", "length": "cm"},
-        "scene": {"dimension": 3},
-        "image": {
-            "tensor": str(tmp_path / "tensor.nii.gz"),
-            "region": str(tmp_path / "all.nii.gz"),
-            "fiber_smoothing": 0.0,
-        },
-    }
+    image = {"tensor": tmp_path / "tensor.nii.gz", "region": tmp_path / "all.nii.gz"}
+    deck = {"image": {**image, "fiber_smoothing": 0.0}}
     told: list[str] = []
     record = write_tensors(deck, tmp_path / "out", progress=told.append)["tensors"]
     assert record["fa"] == pytest.approx(np.sqrt(1.5 * 2 / 14), rel=1e-5)
     assert (record["voxels"], record["filled"], record["far"]) == (48, 32, 32)
     assert any("up to 4 mm away" in line for line in told)
-    deck["image"]["region"] = str(tmp_path / "none.nii.gz")
+    deck["image"]["region"] = tmp_path / "none.nii.gz"
     with pytest.raises(InputError, match="no voxel to find fibers in"):
         write_tensors(deck, tmp_path / "out")
 

@@ -1,27 +1,40 @@
-"""An output folder with everything a report can show; the numbers are made up, not solved."""
+"""An output folder with everything a report can show; the numbers of its summary are made up."""
 
-import csv
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
-import h5py
 import nibabel
 import numpy as np
 import pytest
 
-from tests.report.grids import lattice_of, surface_of
+from myork.stations.solve import run_deck
+from tests.scenes import RUBBER, box, held, scene
 
 STEPS = 10
 UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
 
 
+@pytest.fixture(scope="session")
+def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A solved block that is twisted and shortened."""
+    out = tmp_path_factory.mktemp("block")
+    turn = {"u_z": -0.3, "rotation": 30, "axis": [0, 0, 1], "about": [0.5, 0.5, 2]}
+    tables = scene(
+        "rkpm-gauss", box(4, 4, 7, size=[1, 1, 2]), material=[RUBBER], load={"steps": 4},
+        boundary=[held("z0"), {"set": "z1", **turn}],
+    )  # fmt: skip
+    run_deck(tables, out, threads=1, error=False)
+    return out
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, block: Path) -> Path:
     """A converged demo: segmentation, full solution and reduced models."""
     write_segmentation(tmp_path)
-    write_results(tmp_path / "results.vtkhdf")
-    write_history(tmp_path / "history.csv")
+    for name in ("results.vtkhdf", "history.csv"):
+        shutil.copy(block / name, tmp_path)
     (tmp_path / "summary.json").write_text(json.dumps(summary()))
     return tmp_path
 
@@ -122,58 +135,6 @@ def summary() -> dict[str, Any]:
             "energy": (1000.0 * np.exp(-np.arange(30) / 6.0) + 400.0).tolist(),
         },
     }  # fmt: skip
-
-
-def write_results(path: Path, plane: bool = False) -> None:
-    """A twisted and shortened block, in the layout of fortran/results/h5/rk_results.f90."""
-    corners = np.meshgrid(
-        np.linspace(0, 1, 13), np.linspace(0, 1, 13), [0.0] if plane else np.linspace(0, 2, 25)
-    )
-    points = np.stack([part.ravel() for part in corners], axis=1)
-    loads = np.arange(STEPS + 1) / STEPS
-    n = len(points)
-    with h5py.File(path, "w") as file:
-        vtk, own = file.create_group("VTKHDF"), file.create_group("MyoRK")
-        vtk["Points"] = points
-        fields: dict[str, list[np.ndarray]] = {"u": [], "principal_stress": [], "J": []}
-        for load in loads:
-            angle = 0.6 * load * points[:, 2]
-            x, y = points[:, 0] - 0.5, points[:, 1] - 0.5
-            moved = np.stack(
-                [
-                    np.cos(angle) * x - np.sin(angle) * y + 0.5,
-                    np.sin(angle) * x + np.cos(angle) * y + 0.5 + 0.3 * load * points[:, 0],
-                    (1 - 0.15 * load) * points[:, 2],
-                ],
-                axis=1,
-            )
-            fields["u"].append(moved - points)
-            stress = load * (1 + points[:, 2] + x * y * 8)
-            fields["principal_stress"].append(np.stack([stress, stress / 2, -stress], axis=1))
-            fields["J"].append(1.0 + 0.02 * load * np.sin(6 * x) * np.cos(3 * points[:, 2]))
-        for name, steps in fields.items():
-            vtk[f"PointData/{name}"] = np.concatenate(steps)
-            vtk[f"Steps/PointDataOffsets/{name}"] = np.arange(len(loads)) * n
-        vtk["Steps"].attrs["NSteps"] = len(loads)
-        own["lattice"] = lattice_of(points)
-        own["surface"] = surface_of(own["lattice"][:])
-        own["load"] = loads
-        own["activation"] = 0.3 * loads
-
-
-def write_history(path: Path) -> None:
-    """Three iterations a step."""
-    names = "step,load,iteration,residual,gradient,step_norm,min_J,max_J,backward_error,solver"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*names.split(","), "seconds"])
-        for step in range(1, STEPS + 1):
-            for iteration in range(1, 4):
-                small = 10.0 ** (-3 * iteration)
-                writer.writerow(
-                    [step, step / STEPS, iteration, 0.1 + small, 50 * small, small,
-                     1 - 0.002 * step, 1 + 0.002 * step, 3e-13, "refined", 0.6]
-                )  # fmt: skip
 
 
 def write_segmentation(folder: Path) -> None:

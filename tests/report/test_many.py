@@ -14,6 +14,7 @@ from myork.report.sweep_figures import Column, Fit, tornado_figure, trend_figure
 from myork.report.sweep_page import read_sweep
 from myork.stations.solve import run_deck
 from tests.report.pages import Page, change_summary
+from tests.scenes import RUBBER, box, held, scene
 
 
 def force_of(sigma: float, angle: float) -> float:
@@ -140,28 +141,12 @@ def test_what_cannot_be_compared(folder: Path) -> None:
 
 def solved(folder: Path, move: float, size: list[float]) -> Path:
     """A rubber block of this size, one end of which is held and the other moved."""
-    axes = "xyz"[: len(size)]
-    run_deck(
-        {
-            "title": "Block",
-            "units": {"force": "N", "length": "cm"},
-            "scene": {"dimension": len(size)},
-            "geometry": {
-                "kind": "box",
-                "size": size,
-                "source": [4] * len(size),
-                "collocation": [6] * len(size),
-            },
-            "material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 500}],
-            "boundary": [
-                {"set": "x0", **{f"u_{axis}": 0 for axis in axes}},
-                {"set": "x1", **{f"u_{axis}": 0 for axis in axes}, "u_x": move},
-            ],
-        },
-        folder,
-        threads=1,
-        error=False,
-    )
+    n = len(size)
+    tables = scene(
+        "auto", box(*[4] * n, size=size, places=[6] * n), material=[RUBBER],
+        boundary=[held("x0", n), held("x1", n, u_x=move)],
+    )  # fmt: skip
+    run_deck(tables, folder, threads=1, error=False)
     return folder
 
 

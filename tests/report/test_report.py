@@ -26,7 +26,7 @@ from myork.report.sketch import NO_VALUE, limits_of
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, probe_table, rom_table
 from myork.summary import printed
-from tests.report.grids import lattice_of, surface_of
+from tests.report.grids import grid, lattice_of
 from tests.report.pages import Page, change_summary
 
 UNITS = {"length": "cm", "stress": "N/cm^2"}
@@ -100,8 +100,7 @@ def test_unfinished_run_is_told(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "badge"),
-    [("doubtful", "? doubtful"), ("refused", "✗ refused"), (None, "converged")],
+    ("state", "badge"), [("doubtful", "? doubtful"), ("refused", "✗ refused"), (None, "converged")]
 )
 def test_only_an_accepted_answer_is_green(folder: Path, state: str | None, badge: str) -> None:
     """Nor is one of which nobody asked."""
@@ -188,8 +187,8 @@ def test_refused_folders(folder: Path, tmp_path_factory: pytest.TempPathFactory)
 
 def test_history_columns(folder: Path) -> None:
     history = read_folder(folder).history
-    assert_array_equal(history["iteration"][:4], [1, 2, 3, 1])
-    assert history["solver"][0] == "refined"
+    assert history["iteration"][0] == 1 and set(history["step"]) == set(range(1, 5))
+    assert history["solver"].dtype.kind == "U"
     (folder / "history.csv").write_text("step,load,gradient\n1,0.5,\n1,0.5,1e-3\n")
     assert_array_equal(read_folder(folder).history["gradient"], [np.nan, 1e-3])
 
@@ -245,8 +244,7 @@ MM = {"length": "mm", "stress": "N/mm^2"}
 
 def block(plane: bool = False) -> Deformation:
     """A box of 1 x 2 x 3 that moves by (0.5, 0, 0)."""
-    corners = np.meshgrid(*(np.linspace(0, side, 4) for side in (1, 2, 0 if plane else 3)))
-    points = np.stack([part.ravel() for part in corners], axis=1)
+    points, surface = grid(*[4] * (3 - plane), size=[1, 2, 3][: 3 - plane])
     return Deformation(
         points=points,
         displacement=np.broadcast_to([0.5, 0.0, 0.0], points.shape),
@@ -254,7 +252,7 @@ def block(plane: bool = False) -> Deformation:
         volume_ratio=np.ones(len(points)),
         loads=np.array([0.0, 1.0]),
         activations=np.array([0.0, 0.3]),
-        surface=surface_of(lattice_of(points)),
+        surface=surface,
         lattice=lattice_of(points),
     )
 
@@ -435,17 +433,16 @@ def test_full_against_reduced() -> None:
 
 def reduced_fields(wrong: float) -> ReducedFields:
     """A sheet that is pulled, by models of 3 modes and of 1; the latter is off."""
-    x, y = np.meshgrid(np.linspace(0, 2, 9), np.linspace(0, 1, 5), indexing="ij")
-    points = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    points, surface = grid(9, 5, size=[2, 1])
     shares = np.array([1.0, 1.0, 1.0 + wrong])
-    moved = np.stack([0.2 * points[:, 0], 0.0 * points[:, 0], 0.0 * points[:, 0]], axis=1)
+    moved = points * [0.2, 0.0, 0.0]
     stress = 5.0 + points[:, 1]
     return ReducedFields(
         points,
         np.array([3, 1]),
         shares[:, None, None] * moved,
         shares[:, None] * stress,
-        surface_of(lattice_of(points)),
+        surface,
     )
 
 

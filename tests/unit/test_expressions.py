@@ -14,7 +14,6 @@ def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
     """Tables of a small plate, of one compressible rubber, with a probe at its middle."""
     return scene(
         "rkpm-gauss", box(6, 6), boundary=boundary, title="plate",
-        units={"force": "N", "length": "cm"},
         material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 10.0}],
         probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}],
     ) | other  # fmt: skip

@@ -106,16 +106,6 @@ def test_loads_change_where_pressures_are_unknowns():
         assert np.array_equal(found.x, fresh.solve(error=False).x)
 
 
-def test_a_scene_with_loads_of_its_own_is_not_changed():
-    tables = {key: value for key, value in TABLES.items() if key != "amplitude"}
-    tables["boundary"] = [TABLES["boundary"][0]]
-    with Scene.from_tables(tables) as opened:
-        n = len(opened.field_points())
-        opened.set_fields(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
-        with pytest.raises(InputError, match="set_fields"):
-            opened.update({"load.activation": 0.2})
-
-
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
 def test_loads_of_a_linear_problem_are_those_of_its_deck(method):
     tables = {
@@ -132,12 +122,14 @@ def test_loads_of_a_linear_problem_are_those_of_its_deck(method):
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-scni", "rkpm-gauss"])
 def test_loads_of_its_own_have_no_second_solution(method):
-    """Nothing can speak for such an answer: it is doubtful."""
+    """Nothing can speak for such an answer: it is doubtful; and it cannot be changed."""
     tables = {key: value for key, value in TABLES.items() if key != "amplitude"}
     tables |= {"boundary": [TABLES["boundary"][0]], "scene": {"dimension": 3, "method": method}}
     with Scene.from_tables(tables, threads=1) as opened:
         n = len(opened.field_points())
         opened.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+        with pytest.raises(InputError, match="set_fields"):
+            opened.update({"load.activation": 0.2})
         states = opened.solve()
     assert np.any(states.x) and np.isnan(states.probe_errors).all()
     assert states.verdict != "accepted"

@@ -26,7 +26,7 @@ DIRECTION = [0.0, 0.6, 0.8]
 #: A muscle in simple shear u_x = load y, u_z = 2 load y: homogeneous, and F differs from F^T
 DECK = scene(
     "rkpm-gauss", box(3, 3, 3, size=[1, 2, 3]), title="sample", approximation=LINEAR,
-    units={"force": "N", "length": "cm"}, material=[{**MUSCLE, "fiber": DIRECTION}],
+    material=[{**MUSCLE, "fiber": DIRECTION}],
     boundary=[
         {"set": f"{axis}{k}", "u_x": "y", "u_y": 0, "u_z": "2*y"} for axis in "xyz" for k in (0, 1)
     ],

@@ -11,22 +11,20 @@ import pytest
 
 from benchmarks.truths import bodies
 from myork import Scene
-from myork.core.deck import load_deck
+from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud
 from myork.tables import deck_text
-from tests.scenes import refused, tomllib
+from tests.scenes import box, held, refused, scene, solved, tomllib
 
 DECKS = sorted((Path(__file__).parents[2] / "inputs").glob("*.toml"))
-CUBE = {
-    "scene": {"dimension": 3, "method": "rkcm"},
-    "geometry": {"kind": "box", "size": [1, 1, 1], "source": [4] * 3, "collocation": [6] * 3},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
-    "boundary": [{"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0}, {"set": "z1", "u_z": 0.1}],
-    "load": {"steps": 2},
-    "probe": [{"name": "pull", "quantity": "force", "set": "z1"}],
-}
+CUBE = scene(
+    "rkcm", box(4, 4, 4, places=[6] * 3), load={"steps": 2},
+    material=[{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
+    boundary=[held("z0"), {"set": "z1", "u_z": 0.1}],
+    probe=[{"name": "pull", "quantity": "force", "set": "z1"}],
+)  # fmt: skip
 BOX = [("kind", "box"), ("size", [1] * 3), ("source", [3] * 3), ("collocation", [4] * 3)]
 #: The points of a body need no geometry
 PULLED = {key: CUBE[key] for key in ("scene", "material", "boundary", "load", "probe")}
@@ -62,9 +60,7 @@ def test_a_cube_in_ten_lines() -> None:
         + [{"set": "z1", "u_z": 0.2}],
         "probe": [{"name": "pull", "quantity": "force_z", "set": "z1"}],
     }
-    with Scene.from_tables(cube) as scene:
-        states = scene.solve(error=False)
-        pull = scene.probes(states.x, states.load)[-1, 0, 0]
+    pull = solved(cube).last()["pull"]
     # neo-Hookean in tension, incompressible: 2 A10 (l - 1/l^2); K = 50 times 2 A10 takes some off
     assert pull == pytest.approx(20 * (1.2 - 1 / 1.2**2), rel=0.03)
 
@@ -72,7 +68,7 @@ def test_a_cube_in_ten_lines() -> None:
 def test_a_dict_is_the_deck_that_it_spells(tmp_path: Path) -> None:
     """Solved with the same bits, whether from a file or not; and nothing is written."""
     path = tmp_path / "cube.toml"
-    path.write_text(deck_text({"title": "c", "units": {"force": "N", "length": "m"}, **CUBE}))
+    path.write_text(text_of_tables(CUBE))
     with (
         Scene(path, ["load.steps=1"]) as one,
         Scene.from_tables(CUBE, overrides=["load.steps=1"]) as two,
@@ -147,9 +143,9 @@ def test_no_entries_of_an_array_of_tables() -> None:
 )
 def test_a_dict_gets_the_message_of_the_deck(wrong: dict, tmp_path: Path) -> None:
     """All of it but the line, which a dict does not have."""
-    tables = {"title": "t", "units": {"force": "N", "length": "cm"}, **CUBE, **wrong}
+    tables = {**CUBE, **wrong}
     path = tmp_path / "deck.toml"
-    path.write_text(deck_text(tables))
+    path.write_text(text_of_tables(tables))
     with pytest.raises(InputError) as of_file:
         Scene(path)
     with pytest.raises(InputError) as of_dict:
@@ -216,18 +212,18 @@ def test_arrays_are_the_model_file_that_holds_them(tmp_path: Path) -> None:
     write_model(tmp_path / "model.h5", points)
     path = tmp_path / "deck.toml"
     with_file = {**PULLED, "geometry": {"kind": "model"}}
-    path.write_text(deck_text({"title": "t", "units": {"force": "N", "length": "cm"}, **with_file}))
+    path.write_text(text_of_tables(with_file))
     answers = []
-    for scene in (
+    for opened in (
         Scene(path),
         Scene.from_tables(PULLED, points),
         Scene.from_tables(with_file, read_model(tmp_path / "model.h5")),
         Scene.from_tables({**PULLED, "geometry": {"kind": "model", "file": tmp_path / "model.h5"}}),
     ):
-        with scene:
-            states = scene.solve(error=False)
+        with opened:
+            states = opened.solve(error=False)
             assert np.abs(states.x[-1]).max() > 0.05
-            fields = scene.fields(states.x[-1], 1.0)
+            fields = opened.fields(states.x[-1], 1.0)
             answers.append((states.x.tobytes(), fields.cauchy.tobytes()))
     assert len(set(answers)) == 1
 

@@ -19,7 +19,7 @@ from tests.scenes import box, execute, held, refused, scene
 
 METHODS = ("rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni")
 BLOCK: dict[str, Any] = {
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
+    "material": [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}]
 }
 
 

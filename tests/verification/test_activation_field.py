@@ -68,6 +68,7 @@ def test_halves_that_are_active_are_two_muscles() -> None:
     assert found[0] == pytest.approx(found[1], rel=0.03)
 
 
+@pytest.mark.slow
 def test_isometric_stress_of_a_field_along_the_muscle() -> None:
     """All sections carry one force: it lies between that of the least and of the most active."""
     table = [{"name": "rise", "x": [0, 2], "value": [0.2, 1]}]

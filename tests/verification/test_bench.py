@@ -173,20 +173,6 @@ def test_oscillation() -> None:
 
 #: Largest errors of the shear stress in the middle of the sheet of table 5.2, a little above what
 #: was measured: 0.0123 with the published weights, 0.0025 with MyoRK's, 0.0016, 0.0030 to 0.0045
-SHEET = {
-    "RKCM as published: QR": 0.015,
-    "RKCM, published weights": 0.015,
-    "RKCM, weights of MyoRK": 0.004,
-    "RKCM-mixed": 0.003,
-    "RKPM, 5 Gauss points, quadratic": 0.004,
-    "RKPM, 5 Gauss points, linear": 0.004,
-    "RKPM, 2 Gauss points, linear": 0.004,
-    "RKPM-SCNI, linear": 0.006,
-}
-
-
-#: Largest errors of the shear stress in the middle of the sheet of table 5.2, a little above what
-#: was measured: 0.0123 with the published weights, 0.0025 with MyoRK's, 0.0016, 0.0030 to 0.0045
 STRONG = ("approximation.order=2", "approximation.support=3", "approximation.kernel=quintic")
 LINEAR = ("approximation.order=1", "approximation.support=2", "approximation.kernel=cubic")
 BALANCED = ("solver.weight_essential=balanced", "solver.weight_traction=balanced")

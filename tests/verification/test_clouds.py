@@ -42,10 +42,7 @@ def pull(cloud: PointCloud, rate: float, activation: float) -> NDArray[Any]:
         step = 1e-5 * np.eye(3)[axis]
         p = [
             core_material.stress(
-                LAW,
-                rest,
-                fiber=direction(cloud.points + side * step, rate),
-                activation=activation,
+                LAW, rest, fiber=direction(cloud.points + side * step, rate), activation=activation
             )
             for side in (-1, 1)
         ]
@@ -129,14 +126,11 @@ def test_a_rotated_problem_has_the_rotated_answer() -> None:
         moved = {
             f"u_{axis}": float(u) for axis, u in zip("xyz", turn @ [0.03, 0.01, 0.03], strict=True)
         }
-        tables = {
-            "scene": {"dimension": 3, "method": "rkcm"},
-            "approximation": {"window": "radial", "support": 3.6},
-            "material": [muscle | {"curve": "smooth"}],
-            "boundary": [held("z0"), held("z1", **moved)],
-            "load": {"steps": 1, "activation": 0.1},
-            "solver": {"weight_essential": 1e4},
-        }
+        tables = scenes.scene(
+            "rkcm", {}, approximation={"window": "radial", "support": 3.6},
+            material=[muscle | {"curve": "smooth"}], boundary=[held("z0"), held("z1", **moved)],
+            load={"steps": 1, "activation": 0.1}, solver={"weight_essential": 1e4},
+        )  # fmt: skip
         turned = {
             name: getattr(model, name) @ turn.T for name in ("source", "points", "fiber", "normal")
         }

@@ -81,6 +81,7 @@ def test_loss_is_told_once(inputs: Path, tmp_path: Path) -> None:
     assert "the answer is not unique" in " ".join(summary["verdict"]["reasons"])
 
 
+@pytest.mark.slow
 def test_an_accepted_answer_is_not_called_ambiguous(inputs: Path, tmp_path: Path) -> None:
     """A glued end loses ellipticity in its corners alone, far from the probe."""
     summary, done = execute(inputs / "uniaxial_tension.toml", tmp_path, sets=(

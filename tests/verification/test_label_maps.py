@@ -61,7 +61,6 @@ def bar(geometry: dict[str, Any], material: list[dict[str, Any]], **other: Any) 
     """A bar of 1 x 0.2 x 0.2 cm that is pulled along x."""
     return scene(
         "auto", box(11, 3, 3, size=[1, 0.2, 0.2]) | geometry, material=material,
-        units={"force": "N", "length": "cm"},
         boundary=[held("x0"), {"set": "x1", "traction": [0.5, 0, 0]}],
         probe=[{"name": "end", "quantity": "u_x", "point": [1, 0.1, 0.1]}],
     ) | other  # fmt: skip
@@ -187,8 +186,7 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
     flat = [f'geometry.labels="{one}"', "geometry.labels_origin=[-0.046875,-0.046875,0]"]
     np.testing.assert_array_equal(states_of(path, *flat), expected)
     tables = {key: load_deck(path)[key] for key in ("scene", "units", "material", "boundary")}
-    geometry = {"kind": "box", "size": [3, 1.5], "source": [33, 17], "collocation": [65, 33]}
-    found = states_of(tables | {"geometry": geometry | {"labels": one}})
+    found = states_of(tables | {"geometry": box(33, 17, size=[3, 1.5], labels=one)})
     np.testing.assert_array_equal(found, expected)
 
 
@@ -208,10 +206,7 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
             r"geometry.labels: 'HALF' does not cover the box: the corner \(1.1, 0, 0\) lies at "
             r"voxel \(10.5, -0.5, -0.5\), and the map has 10 x 4 x 4; make the box smaller",
         ),
-        (
-            "geometry.labels_origin=[0,0,0]",
-            r"'HALF' does not cover the box: the corner \(1, 0",
-        ),
+        ("geometry.labels_origin=[0,0,0]", r"'HALF' does not cover the box: the corner \(1, 0"),
         ("units.length=inch", "units.length: must be mm, cm or m, not inch: geometry.labels lays"),
         ("geometry.labels=nowhere.nii", "geometry.labels: 'nowhere.nii' cannot be read: there is"),
     ],
@@ -239,10 +234,9 @@ def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
         key: load_deck(inputs / "label_section.toml")[key]
         for key in ("scene", "units", "material", "boundary")
     }
-    geometry = {"kind": "box", "size": [3, 1.5], "source": [9, 5], "collocation": [17, 9]}
-    geometry["labels"] = str(inputs / "images" / "two_muscles.nii.gz")
+    labels = inputs / "images" / "two_muscles.nii.gz"
     with pytest.raises(InputError, match="has 24 slices: say with labels_origin at which height"):
-        Scene.from_tables(tables | {"geometry": geometry})
+        Scene.from_tables(tables | {"geometry": box(9, 5, size=[3, 1.5], labels=labels)})
 
 
 @pytest.mark.parametrize(

@@ -315,7 +315,7 @@ def test_explain_and_report_name_them(write_deck: Callable[..., Path], tmp_path:
     tables = column("auto", [pad, {"name": "end", "where": "ny > 0.7"}], [
         {"set": "pad", "traction": [0, 0.01]},
     ], geometry=box(5, 9, size=[1, 2], places=(5, 9)))  # fmt: skip
-    deck = write_deck({"title": "pad", "units": {"force": "N", "length": "cm"}, **tables})
+    deck = write_deck(tables)
     lines: list[str] = []
     explain_deck(deck, progress=lines.append)
     line = next(line for line in lines if "pad: " in line)

@@ -16,7 +16,7 @@ import pytest
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from tests.dense import SOLVERS
-from tests.scenes import execute
+from tests.scenes import derivative, execute
 
 TOLERANCE = 1e-7
 
@@ -66,18 +66,12 @@ def random_state(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 def test_second_derivatives(case: str, inputs: Path) -> None:
     deck, overrides = SCENES[case]
     rng = np.random.default_rng(1)
-    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-    step = 1e-3
     with Scene(inputs / deck, overrides, threads=1) as scene:
         start = np.zeros(scene.dofs)
         x, direction = random_state(scene, rng), random_state(scene, rng)
-
-        def gradient(move: float) -> np.ndarray:
-            return scene.hessian(x + move * direction, 0.7, start=start)[0]
-
-        expected = sum(
-            weight * (gradient(m * step) - gradient(-m * step)) for m, weight in weights.items()
-        ) / np.array(step)
+        expected = derivative(
+            lambda move: scene.hessian(x + move * direction, 0.7, start=start)[0], 1e-3
+        )
         found = scene.hessian(x, 0.7, start=start)[1] @ direction
     np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE * abs(expected).max())
 

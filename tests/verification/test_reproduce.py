@@ -32,22 +32,11 @@ def numbers(last: dict[int, int]) -> list[str]:
     return [f"{chapter}.{n}" for chapter, most in last.items() for n in range(1, most + 1)]
 
 
-def spread(text: str) -> list[str]:
-    """Numbers of `3.1 to 3.9, 4.5`."""
-    found = []
-    for part in text.split(", "):
-        first, _, last = part.partition(" to ")
-        chapter, low = map(int, first.split("."))
-        high = int((last or first).split(".")[1])
-        found += [f"{chapter}.{n}" for n in range(low, high + 1)]
-    return found
-
-
 def test_every_table_and_figure_is_listed_once() -> None:
     """Each table has numbers; each figure has numbers, or a place where its content is seen."""
     assert sorted(name for name in TABLES if "-" not in name) == sorted(numbers(LAST_TABLES))
     figures = [name.removeprefix("figure-") for name in TABLES if "-" in name]
-    figures += [number for text in WITHOUT_NUMBERS for number in spread(text)]
+    figures += [number for text in WITHOUT_NUMBERS for number in module._spread(text)]
     assert sorted(figures) == sorted(numbers(LAST_FIGURES))
     shown = list_tables()
     assert all(re.search(rf"^{re.escape(name)} ", shown, re.M) for name in TABLES)
@@ -72,12 +61,10 @@ def test_published_times_give_the_published_shares(path: LoadPath) -> None:
     assert shares == pytest.approx(path.saved, abs=1.1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("muscle", "published"),
-    [
-        (phantoms.YOUNG, (98.93, 2.83, 20.86 + 37.3)),
-        (phantoms.OLD, (61.89, 6.15, 29.15 + 31.2)),
-    ],
+    [(phantoms.YOUNG, (98.93, 2.83, 20.86 + 37.3)), (phantoms.OLD, (61.89, 6.15, 29.15 + 31.2))],
 )
 def test_volumes_are_those_of_table_4_3(
     muscle: phantoms.Muscle, published: tuple[float, ...]
@@ -93,6 +80,7 @@ def test_volumes_are_those_of_table_4_3(
     assert (fiber.data.any(axis=-1) == (labels.data == 1)).all()
 
 
+@pytest.mark.nightly
 def test_old_muscle_loses_more_force_than_volume_where_fat_does_not_contract() -> None:
     """Where every point has its own fibers: the old muscle has more interface with tissue that does
     not contract. With the fibers of the nearest muscle force follows the volume. Both ends carry
@@ -115,6 +103,7 @@ def test_old_muscle_loses_more_force_than_volume_where_fat_does_not_contract() -
             assert force == pytest.approx(volume, abs=0.025)
 
 
+@pytest.mark.nightly
 def test_straighter_fibers_pull_more() -> None:
     """The reference has 1.69 times the force of the measured fibers."""
     angles = ("0", "10", "17", "measured")
@@ -126,6 +115,7 @@ def test_straighter_fibers_pull_more() -> None:
     assert pulls[0] / pulls[-1] == pytest.approx(1.69, rel=0.1)
 
 
+@pytest.mark.slow
 def test_coarse_sections_of_a_calf_pull_as_fine_ones() -> None:
     """Blocks of 15 and 10 mm are 4.9 and 1.7 % above those of 5 mm, 233.9 N."""
     deck = read_deck("leg_section")

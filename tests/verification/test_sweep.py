@@ -27,14 +27,13 @@ from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
 from myork.sweeps import inputs, run
 from myork.sweeps.plan import make_plan
-from tests.scenes import box, held, scene
+from tests.scenes import box, held, scene, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
 STRIP = text_of_tables(
-    {"title": "strip", "units": {"force": "N", "length": "cm"}}
-    | scene(
-        "auto", box(5, 3, size=[2, 1], places=(5, 3)),
+    scene(
+        "auto", box(5, 3, size=[2, 1], places=(5, 3)), title="strip",
         material=[{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 1000}],
         boundary=[held("x0", 2), held("x1", 2, u_x=0.2)],
         probe=[
@@ -184,22 +183,15 @@ def test_workers_end_with_their_sweep(deck: Path, tmp_path: Path) -> None:
     ]  # fmt: skip
     sweeping = subprocess.Popen([sys.executable, "-m", "myork", *words], start_new_session=True)
     try:
-        wait_for(lambda: (out / "points.jsonl").exists() or sweeping.poll() is not None, 120)
+        wait_for(lambda: (out / "points.jsonl").exists() or sweeping.poll() is not None)
         workers = processes_below(sweeping.pid)
         assert len(workers) >= 2
         sweeping.kill()
         sweeping.wait()
-        wait_for(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers), 60)
+        wait_for(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers))
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(sweeping.pid, signal.SIGKILL)
-
-
-def wait_for(met: Callable[[], bool], seconds: float) -> None:
-    limit = time.monotonic() + seconds
-    while not met():
-        assert time.monotonic() < limit
-        time.sleep(0.02)
 
 
 @pytest.fixture

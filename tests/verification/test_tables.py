@@ -98,7 +98,6 @@ def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
     (folder / name).write_text(lines)
     deck = folder / "rod.toml"
     tables = heat(linear={"problem": "poisson", "conductivity": "k(x)"})
-    tables = {"title": "rod", "units": {"force": "N", "length": "cm"}, **tables}
     deck.write_text(text_of_tables(tables | {"table": [{"name": "k", "file": "k.csv"}]}))
     return deck
 

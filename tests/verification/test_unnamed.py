@@ -56,6 +56,7 @@ DECKS: dict[str, tuple[dict[str, Any], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DECKS)
 def test_one_load_step_ends_where_eight_do(name: str) -> None:
     """Elastic bodies do not know the way; step and gradient end at 1e-6 of the first ones."""

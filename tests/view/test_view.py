@@ -12,10 +12,9 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -34,7 +33,7 @@ from myork.view import server as server_module
 from myork.view import still
 from myork.view.answers import FIELDS, Answers, verdict_of
 from myork.view.server import _Server
-from tests.scenes import contracting
+from tests.scenes import contracting, wait_for
 
 pytestmark = pytest.mark.nightly
 
@@ -404,13 +403,6 @@ def near(answers: Answers) -> Iterator[_Server]:
         server.turn.shutdown()
 
 
-def until(state: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
-    while not state():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def connected(server: _Server, content: bytes = b"") -> socket.socket:
     found = socket.create_connection(server.server_address[:2], timeout=30)
     found.sendall(content)
@@ -435,7 +427,7 @@ def test_connections_that_wait_are_ended(near: _Server, monkeypatch: pytest.Monk
     one = f"GET /{near.token}/ HTTP/1.1\r\nHost: localhost:{near.server_port}\r\n\r\n".encode()
     # answers of 50 MB: more than buffers take
     deaf.sendall(2000 * one)
-    until(lambda: not near._since)
+    wait_for(lambda: not near._since)
     assert answer(near.address, "surface")[0] == 200
     for each in (silent, half, deaf):
         each.close()
@@ -465,7 +457,7 @@ def test_who_has_left_gets_nothing_computed(near: _Server, monkeypatch: pytest.M
     question = f"GET /{near.token}/curves?p=0.4,0.1,30&probe=0 HTTP/1.1\r\n"
     question += f"Host: localhost:{near.server_port}\r\n\r\n"
     leaving, staying = (connected(near, question.encode()) for _ in range(2))
-    until(lambda: list(near._since.values()) == [np.inf, np.inf])
+    wait_for(lambda: list(near._since.values()) == [np.inf, np.inf])
     leaving.close()
     goes_on.set()
     assert staying.recv(12) == b"HTTP/1.1 200" and begun == [[0], [1], [2]]

@@ -6,15 +6,7 @@ from typing import NamedTuple
 
 from myork.bench.runs import lattice
 
-__all__ = [
-    "GALERKIN",
-    "MODES",
-    "MOTIONS",
-    "PATHS",
-    "RKCM",
-    "LoadPath",
-    "Motion",
-]
+__all__ = ["GALERKIN", "MODES", "MOTIONS", "PATHS", "RKCM", "LoadPath", "Motion"]
 
 _WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
 #: The published form: order, support, kernel and weights
@@ -39,32 +31,14 @@ class Motion(NamedTuple):
 #: Published numbers of modes of the motions
 MODES = (1, 5, 25)
 #: Tables 6.1 and 6.2
+_WAVE, _BAR = (3.202e-3, 4.791e-4, 5.597e-9), (5.776, 3.547e-2, 3.018e-7)
+_STRONG, _THIRD = "scene.method=rkcm", ("approximation.order=3", "approximation.support=3.5")
 MOTIONS = (
-    Motion(
-        "wave, order 2, 3h (table 6.1)",
-        "wave_1d",
-        ("scene.method=rkcm",),
-        (3.202e-3, 4.791e-4, 5.597e-9),
-    ),
-    Motion(
-        "the same, weights of (6.41)",
-        "wave_1d",
-        ("scene.method=rkcm", _WEIGHTS[0]),
-        (3.202e-3, 4.791e-4, 5.597e-9),
-    ),
-    Motion(
-        "the same, order 3, 3.5h",
-        "wave_1d",
-        ("scene.method=rkcm", _WEIGHTS[0], "approximation.order=3", "approximation.support=3.5"),
-        (3.202e-3, 4.791e-4, 5.597e-9),
-    ),
+    Motion("wave, order 2, 3h (table 6.1)", "wave_1d", (_STRONG,), _WAVE),
+    Motion("the same, weights of (6.41)", "wave_1d", (_STRONG, _WEIGHTS[0]), _WAVE),
+    Motion("the same, order 3, 3.5h", "wave_1d", (_STRONG, _WEIGHTS[0], *_THIRD), _WAVE),
     Motion("wave, Galerkin form", "wave_1d", ("scene.method=rkpm-gauss",)),
-    Motion(
-        "bar of two stiffnesses (table 6.2)",
-        "bar_1d",
-        ("scene.method=rkcm",),
-        (5.776, 3.547e-2, 3.018e-7),
-    ),
+    Motion("bar of two stiffnesses (table 6.2)", "bar_1d", (_STRONG,), _BAR),
     Motion("bar, Galerkin form", "bar_1d", ("scene.method=rkpm-gauss",)),
 )
 

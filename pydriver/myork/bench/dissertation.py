@@ -102,9 +102,7 @@ _RKPM = (
 # ---- chapter 4 -----------------------------------------------------------------------------------
 
 
-def _constants(
-    name: str, title: str, deck: str, values: dict[str, dict[str, float]], scale: float = 1.0
-) -> Table:
+def _constants(name: str, title: str, deck: str, values: dict[str, dict[str, float]]) -> Table:
     """A table of material constants, which are those of a deck."""
     rows = tuple(
         Row(f"{material}, {key} [N/cm²]", value, ("deck", f"material.{material}.{key}"))
@@ -114,14 +112,24 @@ def _constants(
     return Table(name, title, {"deck": Run("deck", deck)}, rows, 0.1)
 
 
+def _aged(name: str, value: float | None, key: str, blocks: str = "", note: str = "") -> Row:
+    """The old muscle over the young one."""
+    return Row(name, value, (f"old{blocks}", key, f"young{blocks}", key), note)
+
+
+_SIGMA = "sigma_max is not in the dissertation"
+_COARSE = "the same, blocks of 3.75 mm"
 _AGED = (
-    Row("muscle, young [cm³]", 98.93, ("young", "images.muscle"), "the phantom is made with it"),
-    Row("muscle, old [cm³]", 61.89, ("old", "images.muscle"), "the phantom is made with it"),
-    Row("IMAT, young [cm³]", 2.83, ("young", "images.fat"), "the phantom is made with it"),
-    Row("IMAT, old [cm³]", 6.15, ("old", "images.fat"), "the phantom is made with it"),
-    Row("IMCT, young [cm³]", 20.86, ("young", "images.imct"), "the phantom is made with it"),
-    Row("IMCT, old [cm³]", 29.15, ("old", "images.imct"), "the phantom is made with it"),
-    Row("muscle, old over young", 0.625, ("old", "images.muscle", "young", "images.muscle")),
+    *(
+        Row(f"{name}, {age} [cm³]", value, (age, f"images.{key}"), "the phantom is made with it")
+        for name, key, *values in (
+            ("muscle", "muscle", 98.93, 61.89),
+            ("IMAT", "fat", 2.83, 6.15),
+            ("IMCT", "imct", 20.86, 29.15),
+        )
+        for age, value in zip(("young", "old"), values, strict=True)
+    ),
+    _aged("muscle, old over young", 0.625, "images.muscle"),
     Row(
         "F_max, young [N]",
         68.76,
@@ -129,50 +137,31 @@ _AGED = (
         "neither the stress sigma_max of the fibers nor the muscles' lengths are in the "
         "dissertation; with sigma_max = 30 N/cm² forces are another, their ratio is what compares",
     ),
-    Row(
-        "F_max, old [N]",
-        37.74,
-        ("old", "force"),
-        "as for the young muscle: sigma_max is not in the dissertation",
-    ),
-    Row("F_max, old over young", 0.548, ("old", "force", "young", "force")),
-    Row(
-        "the same, blocks of 3.75 mm",
-        0.548,
-        ("old, 3 pixels", "force", "young, 3 pixels", "force"),
-    ),
-    Row(
+    Row("F_max, old [N]", 37.74, ("old", "force"), f"as for the young muscle: {_SIGMA}"),
+    _aged("F_max, old over young", 0.548, "force"),
+    _aged(_COARSE, 0.548, "force", ", 3 pixels"),
+    _aged(
         "the same, muscle beside fat with the nearest fiber",
         0.548,
-        ("old, nearest", "force", "young, nearest", "force"),
+        "force",
+        ", nearest",
         'with `approximation.interface_fibers = "nearest"`, the default of decks, as much '
         "contracts as there is muscle: the force falls with the muscle's volume, and not by more "
         "as published",
     ),
 )
 _PER_VOLUME = (
-    Row(
-        "force per total volume, young [N/cm³]",
-        0.430,
-        ("young", "force_per_volume"),
-        "sigma_max is not in the dissertation: proportional to it but for the passive stress",
+    *(
+        Row(
+            f"force per total volume, {age} [N/cm³]",
+            value,
+            (age, "force_per_volume"),
+            f"{_SIGMA}: proportional to it but for the passive stress",
+        )
+        for age, value in (("young", 0.430), ("old", 0.294))
     ),
-    Row(
-        "force per total volume, old [N/cm³]",
-        0.294,
-        ("old", "force_per_volume"),
-        "sigma_max is not in the dissertation: proportional to it but for the passive stress",
-    ),
-    Row(
-        "old over young",
-        0.294 / 0.430,
-        ("old", "force_per_volume", "young", "force_per_volume"),
-    ),
-    Row(
-        "the same, blocks of 3.75 mm",
-        0.294 / 0.430,
-        ("old, 3 pixels", "force_per_volume", "young, 3 pixels", "force_per_volume"),
-    ),
+    _aged("old over young", 0.294 / 0.430, "force_per_volume"),
+    _aged(_COARSE, 0.294 / 0.430, "force_per_volume", ", 3 pixels"),
 )
 _AGED_RUNS = {
     f"{name}{more}": Run("aged", "AGED", words, f"{name}{more if words == () else ''}")
@@ -231,7 +220,7 @@ _CHAPTER_4 = (
 # ---- chapter 5: linear problems ------------------------------------------------------------------
 
 
-def _rates(number: str, study: Study, note: str = "", cost_s: float = 1) -> Table:
+def _rates(number: str, study: Study, note: str = "") -> Table:
     """A figure of errors over spacings; without published rates those of theory (5.18)."""
     published = study.published or (3.0, 2.0)
     said = "" if study.published else ", theory (5.18)"
@@ -240,7 +229,7 @@ def _rates(number: str, study: Study, note: str = "", cost_s: float = 1) -> Tabl
         for norm, rate in zip(("L2", "H1"), published, strict=True)
     )
     run = Run("rates", study.deck, (), study)
-    return Table(f"figure-{number}", f"Convergence, {study.problem}", {"rates": run}, rows, cost_s)
+    return Table(f"figure-{number}", f"Convergence, {study.problem}", {"rates": run}, rows, 1)
 
 
 def _solution(
@@ -294,6 +283,19 @@ def _stress(
     )
 
 
+def _both(number: str, title: str, deck: str, probe: str, value: float, gauss: int) -> Table:
+    """Fields by both forms, the Galerkin one with Gauss points and transformation as published."""
+    words = {"RKCM": (), "RKPM": (*_RKPM, f"galerkin.gauss={gauss}")}
+    return Table(
+        f"figure-{number}",
+        f"{title} by RKCM and RKPM",
+        {form: Run("solve", deck, more) for form, more in words.items()},
+        tuple(Row(f"{form}, middle [N/cm²]", value, (form, f"probes.{probe}")) for form in words),
+        1 if deck == "shear_3d" else 5,
+        f"the figure shows fields; {value:.0f} is the exact value of the text",
+    )
+
+
 _HISTORY = ("rkcm", "history.4.probes.shear_stress")
 _NONLINEAR = (
     _constants(
@@ -317,21 +319,7 @@ _NONLINEAR = (
         ),
         0.5,
     ),
-    Table(
-        "figure-5.13",
-        "Shear stress of the sheared block by RKCM and RKPM",
-        {
-            "rkcm": Run("solve", "shear_3d"),
-            # 2 Gauss points, K = 1e8, transformation method
-            "rkpm": Run("solve", "shear_3d", (*_RKPM, "galerkin.gauss=2")),
-        },
-        (
-            Row("RKCM, middle [N/cm²]", 8198.0, ("rkcm", "probes.shear_stress")),
-            Row("RKPM, middle [N/cm²]", 8198.0, ("rkpm", "probes.shear_stress")),
-        ),
-        1,
-        "the figure shows fields; 8198 is the exact value of the text",
-    ),
+    _both("5.13", "Shear stress of the sheared block", "shear_3d", "shear_stress", 8198.0, 2),
     Table(
         "figure-5.16",
         "Axial stress in tension and compression",
@@ -349,21 +337,7 @@ _NONLINEAR = (
         ),
         3,
     ),
-    Table(
-        "figure-5.17",
-        "Axial stress in compression by RKCM and RKPM",
-        {
-            "rkcm": Run("solve", "uniaxial_compression"),
-            # 4 Gauss points, transformation method
-            "rkpm": Run("solve", "uniaxial_compression", (*_RKPM, "galerkin.gauss=4")),
-        },
-        (
-            Row("RKCM, middle [N/cm²]", -7309.0, ("rkcm", "probes.stress")),
-            Row("RKPM, middle [N/cm²]", -7309.0, ("rkpm", "probes.stress")),
-        ),
-        5,
-        "the figure shows fields; -7309 is the exact value of the text",
-    ),
+    _both("5.17", "Axial stress in compression", "uniaxial_compression", "stress", -7309.0, 4),
     _stress(
         "5.20",
         "Stress in equibiaxial tension",
@@ -371,9 +345,7 @@ _NONLINEAR = (
         "stress",
         (
             Row(
-                "stretch 2, closed form (5.118) [N/cm²]",
-                lambda: exact.equibiaxial(_RIGID, 2.0),
-                (),
+                "stretch 2, closed form (5.118) [N/cm²]", lambda: exact.equibiaxial(_RIGID, 2.0), ()
             ),
         ),
         3,
@@ -407,26 +379,17 @@ _NONLINEAR = (
         "figure-5.30",
         "Muscle block with fixed ends by RKCM and RKPM",
         {
-            "rkcm": Run(
-                "solve", "muscle_block", (*RKCM, 'material.curve="published"', "load.steps=10")
-            ),
-            "rkpm": Run(
-                "solve",
-                "muscle_block",
-                (*_RKPM, "galerkin.gauss=2", 'material.curve="published"', "load.steps=10"),
-            ),
+            form: Run(
+                "solve", "muscle_block", (*words, 'material.curve="published"', "load.steps=10")
+            )
+            for form, words in (("rkcm", RKCM), ("rkpm", (*_RKPM, "galerkin.gauss=2")))
         },
-        (
-            Row(
-                "stress in the middle, RKCM over RKPM: one curve",
-                1.0,
-                ("rkcm", "probes.stress_zz", "rkpm", "probes.stress_zz"),
-            ),
-            Row(
-                "reaction, RKCM over RKPM: one curve",
-                1.0,
-                ("rkcm", "probes.reaction", "rkpm", "probes.reaction"),
-            ),
+        tuple(
+            Row(f"{name}, RKCM over RKPM: one curve", 1.0, ("rkcm", key, "rkpm", key))
+            for name, key in (
+                ("stress in the middle", "probes.stress_zz"),
+                ("reaction", "probes.reaction"),
+            )
         ),
         80,
         "the figure has no numbers in the text, which says that both methods agree very well; "
@@ -497,10 +460,7 @@ _PERFORMANCE = (
     _performance(
         "5.2",
         (17, 5),
-        {
-            "RKCM": (0.517, 0.216, 0.1439, 0.1319),
-            "RKPM": (5.247, 0.4579, 4.675, 0.009997),
-        },
+        {"RKCM": (0.517, 0.216, 0.1439, 0.1319), "RKPM": (5.247, 0.4579, 4.675, 0.009997)},
         1,
     ),
     _performance(
@@ -521,12 +481,7 @@ _PERFORMANCE = (
             Row(
                 f"{size} model, RKCM over RKPM: one curve",
                 1.0,
-                (
-                    f"RKCM {size}",
-                    "probes.shear_stress",
-                    f"RKPM {size}",
-                    "probes.shear_stress",
-                ),
+                (f"RKCM {size}", "probes.shear_stress", f"RKPM {size}", "probes.shear_stress"),
             )
             for size in ("coarse", "fine")
         ),
@@ -650,14 +605,7 @@ _PATH_TABLES = tuple(
 #: Tables and figures with numbers, by the names that `myork reproduce` takes
 TABLES = {
     table.name: table
-    for table in (
-        *_CHAPTER_4,
-        *_LINEAR,
-        *_NONLINEAR,
-        *_PERFORMANCE,
-        *_MOTION_TABLES,
-        *_PATH_TABLES,
-    )
+    for table in (*_CHAPTER_4, *_LINEAR, *_NONLINEAR, *_PERFORMANCE, *_MOTION_TABLES, *_PATH_TABLES)
 }
 
 #: Figures without a number in figure or text, and where their content is seen

@@ -176,14 +176,9 @@ def tube(
 
 
 def inner_stress(deck: Mapping[str, Any], bulk: float | None = None) -> float:
-    """Radial Cauchy stress on the inner surface of a deck's tube, maybe of another bulk modulus.
+    """Radial Cauchy stress on the inner surface of a deck's tube [stress].
 
-    Parameters
-    ----------
-    deck : mapping
-        Tables of the deck.
-    bulk : float, optional
-        Bulk modulus in place of the deck's, may be infinite [stress].
+    A bulk modulus in place of the deck's may be infinite [stress].
     """
     geometry = deck["geometry"]
     moved = next(b["radial"] for b in deck["boundary"] if "radial" in b)

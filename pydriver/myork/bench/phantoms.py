@@ -113,18 +113,9 @@ GASTROCNEMIUS: dict[str, Any] = {
 def strided_cloud(
     labels: Labels, fiber: Image | None, stride: Sequence[int] = (), **keys: Any
 ) -> PointCloud:
-    """Points of a label map as `build` makes them.
+    """Points of a label map as `build` makes them with these keys.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    fiber : Image or None
-        Fibers on the same grid.
-    stride : sequence of int
-        Voxels along the edges of a block, which is a source and a collocation point.
-    **keys
-        Of `[build]`.
+    `stride` is voxels along the edges of a block, which is a source and a collocation point.
     """
     strides = dict.fromkeys(("collocation_stride", "source_stride"), list(stride)) if stride else {}
     return build_cloud(labels, fiber, {**table_defaults("build"), **strides, **keys}, "cm")[0]
@@ -133,12 +124,7 @@ def strided_cloud(
 def aged_cloud(muscle: Muscle, block: int) -> PointCloud:
     """Points of a muscle of three materials, for the deck `AGED`.
 
-    Parameters
-    ----------
-    muscle : Muscle
-        Whose it is.
-    block : int
-        Pixels along the edge of a block; each block is a source point.
+    `block` is pixels along the edge of a block; each block is a source point.
     """
     labels, fiber = labelled(muscle)
     return strided_cloud(labels, fiber, (block, block, 1), ids=[1, 2, 3], merge="sample")
@@ -166,12 +152,8 @@ def labelled(muscle: Muscle) -> tuple[Labels, Image]:
 def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
     """Points of the phantom's medial gastrocnemius, for the deck `GASTROCNEMIUS`.
 
-    Parameters
-    ----------
-    block : int
-        Pixels along the edge of a block.
-    fiber : ArrayLike, optional
-        One direction for all fibers, shape `(3,)`; the phantom's without it.
+    `block` is pixels along the edge of a block, `fiber` one direction for all fibers, shape `(3,)`;
+    the phantom's without it.
     """
     phantom = make_phantom()
     fibers = phantom.fiber

@@ -50,27 +50,10 @@ PUBLISHED_BLOCK = (
 )
 
 _KEPT = (
-    "title",
-    "method",
-    "dimension",
-    "solver",
-    "source_points",
-    "collocation_points",
-    "dofs",
-    "rows",
-    "threads",
-    "converged",
-    "exact",
-    "errors",
-    "reference",
-    "timings_s",
-    "cpu_s",
-    "memory_peak_bytes",
-    "verdict",
-    "companion",
-    "work_mismatch",
-    "warnings",
-)
+    "title", "method", "dimension", "solver", "source_points", "collocation_points", "dofs", "rows",
+    "threads", "converged", "exact", "errors", "reference", "timings_s", "cpu_s",
+    "memory_peak_bytes", "verdict", "companion", "work_mismatch", "warnings",
+)  # fmt: skip
 
 
 class Ending(NamedTuple):
@@ -91,18 +74,8 @@ class Ending(NamedTuple):
     seconds: float
 
 
-def run_command(words: Sequence[str | Path], limit: float, folder: Path | None = None) -> Ending:
-    """Run a command with one thread.
-
-    Parameters
-    ----------
-    words : sequence
-        Program and arguments.
-    limit : float
-        Wall time after which it is ended [s].
-    folder : Path, optional
-        Working directory.
-    """
+def run_command(words: Sequence[str | Path], limit: float) -> Ending:
+    """Run a command with one thread; it is ended after a wall time of `limit` [s]."""
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     started = time.perf_counter()
     child = subprocess.Popen(
@@ -112,7 +85,6 @@ def run_command(words: Sequence[str | Path], limit: float, folder: Path | None =
         stderr=subprocess.PIPE,
         encoding="utf-8",
         errors="replace",
-        cwd=folder,
         env={**os.environ, **one},
         start_new_session=True,
     )
@@ -139,12 +111,9 @@ def read_deck(deck: Deck, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def lattice(source: Sequence[int], collocation: Sequence[int] = ()) -> tuple[str, str]:
-    """Overrides for source points along each edge, collocation points at half their spacing.
+    """Overrides for source points along each edge, and collocation points.
 
-    Parameters
-    ----------
-    source, collocation : sequence of int
-        Points along each edge; without collocation points one is put between each two sources.
+    Without these, one is put between each two source points.
     """
     sizes = source, collocation or [2 * n - 1 for n in source]
     words = ("[" + ",".join(str(n) for n in size) + "]" for size in sizes)

@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = [
-    "Columns",
-    "Shown",
-    "entry_of",
-    "plot",
-    "table",
-]
+__all__ = ["Columns", "Shown", "entry_of", "plot", "table"]
 
 #: What is shown of a case: a key (`"solver.used"` or a tuple of keys of a mapping within), or a
 #: function of the case
@@ -22,17 +16,7 @@ Columns = Sequence[tuple[str, Shown]]
 
 
 def table(caption: str, columns: Columns, cases: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Table with a line a case; what a case has not stays empty.
-
-    Parameters
-    ----------
-    caption : str
-        Text above the table.
-    columns : Columns
-        What it shows.
-    cases : sequence of mapping
-        Records of the cases.
-    """
+    """Table with a line a case; what a case has not stays empty."""
     return {
         "caption": caption,
         "head": [head for head, _ in columns],
@@ -48,20 +32,9 @@ def plot(
     y: Shown,
     by: str = "curve",
 ) -> dict[str, Any]:
-    """Curves through the cases that have a value to show.
+    """Curves through the cases, in their order, that have a value to show.
 
-    Parameters
-    ----------
-    title : str
-        Text above the curves.
-    axes : tuple of str
-        Labels of the axes, with units.
-    cases : sequence of mapping
-        Records of the cases, in the order of their curves.
-    x, y : Shown
-        What is shown.
-    by : str
-        Key that distinguishes the curves and names them.
+    `axes` are labels with units; the key `by` distinguishes the curves and names them.
     """
     series = []
     for name in dict.fromkeys(case[by] for case in cases):

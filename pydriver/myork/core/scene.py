@@ -9,7 +9,6 @@ import warnings
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,13 +25,7 @@ from myork.core.checks import (
     unknowns_of,
 )
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
-from myork.core.deck import (
-    as_texts,
-    check_deck,
-    deck_values,
-    load_deck,
-    text_of_tables,
-)
+from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
 from myork.core.states import VERDICTS, Fields, States, states_of
 from myork.records import PointCloud
 from myork.results import RestartState
@@ -216,12 +209,7 @@ class Scene:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -1,4 +1,8 @@
-"""Pictures of bodies: surfaces, alone and side by side, plane bodies and planes through them."""
+"""Pictures of bodies: surfaces, alone and side by side, plane bodies and planes through them.
+
+A `Deformation` is the last state of a run; `units` are those of its summary, keys `length` and
+`stress`.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +33,7 @@ from myork.report.sources import Deformation
 from myork.report.surface import Panel, board
 from myork.types import F64, I32
 
-__all__ = [
-    "compared_figure",
-    "plane_figure",
-    "reduced_figure",
-    "slices_figure",
-    "surface_figure",
-]
+__all__ = ["compared_figure", "plane_figure", "reduced_figure", "slices_figure", "surface_figure"]
 
 
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
@@ -56,19 +54,8 @@ def surface_figure(
 ) -> Figure:
     """Surface of a body in space: displacement, stress, fibers or volume ratio, two views.
 
-    Parameters
-    ----------
-    deformation : Deformation
-        Last state.
-    units : Mapping
-        Units of the summary, keys `length` and `stress`.
-    tissues : sequence of str
-        Names of the labels of the points, in their order.
-
-    Returns
-    -------
-    Figure
-        A picture a field and a view, with one scale for all; of points where there is no surface.
+    A picture a field and a view, with one scale for all; of points where there is no surface.
+    `tissues` are names of the labels of the points, in their order.
     """
     points, moved, titles = deformation.points, deformation.moved, _titles(units)
     body = Panel(points, moved, deformation.surface)
@@ -107,41 +94,17 @@ def surface_figure(
 def compared_figure(
     deformations: Sequence[Deformation], names: Sequence[str], units: Mapping[str, str]
 ) -> Figure:
-    """Bodies side by side: displacement and stress, one view and one scale for all.
+    """Bodies side by side, all plane or all in space: displacement and stress, a column a run.
 
-    Parameters
-    ----------
-    deformations : sequence of Deformation
-        Last states, all plane or all in space.
-    names : sequence of str
-        Of the runs.
-    units : Mapping
-        Units of the summaries, keys `length` and `stress`.
-
-    Returns
-    -------
-    Figure
-        A column a run.
+    One view and one scale for all.
     """
     return board(_compared(deformations, names, units), _length(units))[0]
 
 
 def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) -> Figure:
-    """A reduced model beside the full one, and their difference: displacement and stress.
+    """A reduced model, from 0, beside the full one: displacement and stress.
 
-    Parameters
-    ----------
-    fields : ReducedFields
-        States of the full model and of its reduced ones.
-    model : int
-        Which of the reduced models, from 0.
-    units : Mapping
-        Units of the summary, keys `length` and `stress`.
-
-    Returns
-    -------
-    Figure
-        Full and reduced fields in one scale; the difference in its own, on the full model's body.
+    Both in one scale; their difference in its own, on the full model's body.
     """
     none = np.empty(0)
     full, reduced = (
@@ -237,17 +200,7 @@ def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
 def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     """A plane body, deformed: displacement with its arrows, stress with its crosses, J.
 
-    Parameters
-    ----------
-    deformation : Deformation
-        Last state.
-    units : Mapping
-        Units of the summary, keys `length` and `stress`.
-
-    Returns
-    -------
-    Figure
-        Three panels with equal scales; the undeformed outline is grey.
+    Three panels with equal scales; the undeformed outline is grey.
     """
     points, moved = deformation.points[:, :2], deformation.moved[:, :2]
     across, up = np.ptp(np.vstack([points, moved]), axis=0)
@@ -266,19 +219,9 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
 
 
 def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
-    """Three planes through the middle of a body: displacement, fibers, principal stresses.
+    """Three planes through the middle of an undeformed body, a row each.
 
-    Parameters
-    ----------
-    deformation : Deformation
-        Last state.
-    units : Mapping
-        Units of the summary, keys `length` and `stress`.
-
-    Returns
-    -------
-    Figure
-        A row a plane, on the undeformed body.
+    Displacement, fibers, principal stresses.
     """
     length = _length(units)
     kinds = ("size", "fiber", "stress") if _has_fibers(deformation) else ("size", "stress")

@@ -37,11 +37,11 @@ DASHES = ("-", "--", ":", "-.")
 GREY = "#666666"
 
 
-def panels_of(count: int, height: float = 3.4, **keys: Any) -> tuple[Figure, list[Axes]]:
+def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
     """A figure with so many panels, three in a row; keys are those of `subplots`."""
     columns = min(count, 3)
     rows = -(-count // columns)
-    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, height * rows), layout="constrained")
+    figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
     found = figure.subplots(rows, columns, squeeze=False, **keys).ravel()
     for axes in found:
         axes.grid(color="#E5E5E5")
@@ -74,21 +74,11 @@ def probe_figure(
     reference: Mapping[str, Any] = MappingProxyType({}),
     exact: Mapping[str, Any] = MappingProxyType({}),
 ) -> Figure:
-    """Probes against activation where it changes, otherwise against load.
+    """Probes against activation where it changes, otherwise against load, a panel each.
 
-    Parameters
-    ----------
-    series : Sequence of Series
-        One, whose components differ in colour, or several, which do.
-    units : Mapping
-        Unit of each probe by its name.
-    reference, exact : Mapping
-        As in the summary; drawn as open circles and as a star at the last step.
-
-    Returns
-    -------
-    Figure
-        One panel for each probe, with estimated errors as bands.
+    Estimated errors are bands. Components of a single series differ in colour, else the series do.
+    `units` has the unit of each probe by its name; `reference` and `exact` are of the summary: open
+    circles, and a star at the last step.
     """
     figure, panels = panels_of(len(units))
     active = any(step.get("activation") for own in series for step in own.steps)
@@ -149,10 +139,7 @@ def _draw_series(axes: Axes, own: Series, name: str, across: str, number: int | 
 def rom_series(rom: Mapping[str, Any]) -> list[Series]:
     """Probes of the full solution as a line, those of the reduced models as markers on it.
 
-    Parameters
-    ----------
-    rom : Mapping
-        `rom` of the summary: `full` with `load` and `probes`, and `models`, each with its `probes`.
+    `rom` is that of the summary: `full` with `load` and `probes`, and `models` with their `probes`.
     """
     load = rom["full"]["load"]
 
@@ -194,17 +181,9 @@ def _bars(steps: Sequence[Mapping[str, Any]], name: str, part: int) -> F64:
 
 
 def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
-    """Convergence of all iterations, and the range of J.
+    """Convergence of all iterations, and the range of J, from the columns of `history.csv`.
 
-    Parameters
-    ----------
-    history : Mapping
-        Columns of `history.csv`.
-
-    Returns
-    -------
-    Figure
-        Left the norms on a logarithmic scale, right the smallest and largest J.
+    Left the norms on a logarithmic scale, right the smallest and largest J.
     """
     figure = Figure(figsize=(11.0, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -244,15 +223,7 @@ def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
 def rom_figure(rom: Mapping[str, Any]) -> Figure:
     """Decay of the modes, error against number of modes, error against speed-up.
 
-    Parameters
-    ----------
-    rom : Mapping
-        `rom` of the summary.
-
-    Returns
-    -------
-    Figure
-        Three panels on logarithmic scales.
+    Of `rom` of the summary, on logarithmic scales.
     """
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     decay, errors, speed = figure.subplots(1, 3)

@@ -96,15 +96,7 @@ class Page(NamedTuple):
 
 
 def render(template: str, **values: Any) -> Markup:
-    """Fill in a template of this room.
-
-    Parameters
-    ----------
-    template : str
-        File name in `templates`.
-    **values
-        What it names; a name without a value is an error.
-    """
+    """Fill in a file of `templates`; a name without a value is an error."""
     return Markup(_environment().get_template(template).render(values))
 
 
@@ -126,10 +118,7 @@ def figure(picture: Figure | str, caption: str) -> Markup:
 
 
 def table(
-    head: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    caption: str = "",
-    notes: Sequence[str] = (),
+    head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", notes: Sequence[str] = ()
 ) -> Markup:
     """A table; its first column names the rows, and none of its head is a table without a head.
 

@@ -39,20 +39,9 @@ _HEIGHTS = (0.15, 0.5, 0.85)
 def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> Figure:
     """Three axial slices and a coronal one, with the contour of each label and fibers.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    image : Image or None
-        Image behind it, on the same grid; without it the labels are filled.
-    fibers : Image or None
-        Fiber vectors in the world frame, on the same grid.
-
-    Returns
-    -------
-    Figure
-        Four panels around the labels, one for a single slice; lengths in mm of the world, as seeds
-        are given, from the corner of the image where that lies askew.
+    Image and fiber vectors (world frame) have the grid of the labels; without an image these are
+    filled. Panels lie around the labels, one for a single slice; lengths in mm of the world, as
+    seeds are given, from the corner of the image where that lies askew.
     """
     body = _Body.of(labels, image, fibers)
     filled = np.flatnonzero(body.labels.any(axis=(0, 1)))
@@ -115,17 +104,7 @@ def draw_labels(folder: Path) -> list[Path]:
 def area_figure(labels: Labels, energy: Sequence[float]) -> Figure:
     """Cross-sectional area of each label along the stack, and the energy of the segmentation.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    energy : Sequence of float
-        Energy in each iteration [-]; empty where it was not recorded.
-
-    Returns
-    -------
-    Figure
-        One curve for each label; a second panel for the energy.
+    The energy [-] of each iteration is empty where it was not recorded.
     """
     shown = canonical(labels)
     where, spacing = shown.data, shown.spacing

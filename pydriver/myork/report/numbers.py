@@ -24,19 +24,9 @@ _MINUS = "\u2212"
 
 
 def number(value: Any, digits: int = 4) -> Markup:
-    """A number as HTML, powers of ten written out; what is not one becomes a dash.
+    """A number with significant digits as HTML, powers of ten written out.
 
-    Parameters
-    ----------
-    value : Any
-        Number, list of numbers (written in brackets) or None.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    Markup
-        HTML.
+    A list stands in brackets; what is not a number becomes a dash.
     """
     if isinstance(value, (list, tuple)):
         return Markup("({})").format(Markup(", ").join(number(part, digits) for part in value))

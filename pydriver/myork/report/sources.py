@@ -118,17 +118,7 @@ class RunFolder:
 
 
 def read_folder(path: Path) -> RunFolder:
-    """Read whatever of a run is in a folder.
-
-    Parameters
-    ----------
-    path : Path
-        Output folder of any command.
-
-    Returns
-    -------
-    RunFolder
-        Its content.
+    """Read whatever of a run is in an output folder.
 
     Raises
     ------

@@ -89,14 +89,10 @@ class Panel(NamedTuple):
 
 
 def board(cells: Sequence[Sequence[Panel]], length: str) -> tuple[Figure, NDArray[np.object_]]:
-    """Rows of pictures to one scale, with the axes of each.
+    """Rows of pictures, of one length, to one scale, with the axes of each.
 
-    Parameters
-    ----------
-    cells : sequence of sequence of Panel
-        Pictures in rows of one length. Those of a row or a column that have one bar share it.
-    length : str
-        Unit of the length that stands in the first picture.
+    Those of a row or a column that have one bar share it; `length` is the unit of the ruler in the
+    first picture.
     """
     every = [panel for row in cells for panel in row]
     places = np.vstack([part for panel in every for part in (panel.rest, panel.positions)])
@@ -126,16 +122,8 @@ def board(cells: Sequence[Sequence[Panel]], length: str) -> tuple[Figure, NDArra
 def show(axes: Axes, panel: Panel, middle: F64, half: F64) -> None:
     """Draw a body by parallel projection into axes without a frame.
 
-    Parameters
-    ----------
-    axes : Axes
-        Where it is drawn.
-    panel : Panel
-        What is drawn.
-    middle : F64
-        Place in the middle of the picture, shape `(3,)` [length].
-    half : F64
-        Half its width and height [length].
+    `middle` is the place in the middle of the picture, shape `(3,)` [length], `half` half its width
+    and height [length].
     """
     axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
     axes.set_axis_off()

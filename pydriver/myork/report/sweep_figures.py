@@ -151,17 +151,7 @@ def _terms(places: F64, degree: int) -> F64:
 
 
 def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str]) -> Figure:
-    """A probe over each key.
-
-    Parameters
-    ----------
-    keys : sequence of Column
-        What was varied; words stand side by side.
-    probe : Column
-        What came out.
-    verdicts : sequence of str
-        Of each point.
-    """
+    """A probe over each key with the verdicts of its points; words stand side by side."""
     figure, panels = panels_of(len(keys), sharey=True)
     y = np.array(probe.values, float)
     bars = np.array(probe.errors or np.full(len(y), np.nan), float)
@@ -192,13 +182,7 @@ def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str])
 
 
 def tornado_figure(fits: Sequence[Fit]) -> Figure:
-    """Effect of each key on each probe, the largest on top.
-
-    Parameters
-    ----------
-    fits : sequence of Fit
-        A polynomial a probe.
-    """
+    """Effect of each key on each probe by its polynomial, the largest on top."""
     columns = min(len(fits), 2)
     rows = -(-len(fits) // columns)
     high = 1.3 + 0.42 * max(len(fit.keys) for fit in fits)
@@ -231,15 +215,7 @@ def tornado_figure(fits: Sequence[Fit]) -> Figure:
 
 
 def response_figure(fit: Fit, verdicts: Sequence[str]) -> Figure:
-    """A probe over the two keys that matter most.
-
-    Parameters
-    ----------
-    fit : Fit
-        Its polynomial.
-    verdicts : sequence of str
-        Of each point of the sweep.
-    """
+    """A probe by its polynomial over the two keys that matter most, and the points."""
     across, up = fit.strongest()
     line = np.linspace(-1.0, 1.0, 61)
     a, b = np.meshgrid(line, line)

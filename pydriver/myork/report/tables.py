@@ -39,12 +39,7 @@ _STAGES = {
 def run_table(summaries: Sequence[Mapping[str, Any]], names: Sequence[str] = ()) -> Markup:
     """What was solved and how: method, sizes, solver, backward error.
 
-    Parameters
-    ----------
-    summaries : Sequence of Mapping
-        Summaries, a column each.
-    names : Sequence of str
-        Heads of the columns; none for a single run.
+    A column a summary; `names` are their heads, none for a single run.
     """
     rows = [[name, *(cell(own) for own in summaries)] for name, cell in _FACTS.items()]
     shown = [row for row in rows if any(cell != DASH for cell in row[1:])]
@@ -110,20 +105,7 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> Markup:
-    """Values of all probes, a line a step.
-
-    Parameters
-    ----------
-    steps : Sequence of Mapping
-        `steps` of the summary.
-    units : Mapping
-        Unit of each probe by its name.
-
-    Returns
-    -------
-    Markup
-        HTML.
-    """
+    """Values of all probes, a line a step of the summary; `units` by names of probes."""
     head = ["load [-]", *(labelled(name, unit) for name, unit in units.items())]
     rows = [
         [

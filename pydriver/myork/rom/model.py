@@ -85,11 +85,7 @@ class ReducedState:
     """
 
     def __init__(
-        self,
-        parameters: dict[str, float],
-        batch: Batch,
-        shapes: F64,
-        probe_units: dict[str, str],
+        self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str]
     ) -> None:
         def plain(value: Any) -> Any:
             return value.tolist() if np.ndim(value) else float(value)
@@ -254,23 +250,6 @@ class ReducedModel:
         self._arrays["head"] = json.dumps(self.head)
         write_arrays(path, self._arrays)
         return path
-
-    def with_all_cells(self) -> ReducedModel:
-        """The same model with nothing sampled: what its sample of cells is compared with.
-
-        Raises
-        ------
-        InputError
-            A large model keeps a sample of its cells for the forces as well.
-        """
-        if len(self._arrays["force/weight"]) < self.head["cells"]["all"]:
-            raise InputError("this reduced model does not hold all cells of the full one")
-        r, m = self.modes, int(self.head["indicator_modes"])
-        whole = _cells(self._arrays, "force")
-        few = np.concatenate([np.arange(r), np.arange(m, whole.h.shape[2])])
-        own = {f"online/{key}": value for key, value in whole.modes(few)._asdict().items()}
-        every = {f"indicator/{key}": value for key, value in whole._asdict().items()}
-        return ReducedModel({**self._arrays, **own, **every}, self._solver.threads)
 
     def set_certificate(self, certificate: dict[str, Any]) -> None:
         """Keep what was measured on unseen states."""

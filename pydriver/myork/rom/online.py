@@ -126,12 +126,7 @@ class Solver:
     """
 
     def __init__(
-        self,
-        model: Model,
-        whole: Cells,
-        wanted: I64,
-        threads: int,
-        least: float = 1e-300,
+        self, model: Model, whole: Cells, wanted: I64, threads: int, least: float = 1e-300
     ) -> None:
         self.model = model
         self._record = record(model, model.cells)
@@ -221,12 +216,7 @@ class Solver:
 
 
 def conditions_of(
-    values: F64,
-    kinds: Any,
-    laws: Laws,
-    columns: int,
-    extra: int,
-    share: F64 | None = None,
+    values: F64, kinds: Any, laws: Laws, columns: int, extra: int, share: F64 | None = None
 ) -> Conditions:
     """Conditions of states by the values of the parameters.
 

@@ -69,8 +69,8 @@ class Parameter(NamedTuple):
         return {"load": 1, "rotation": 2}.get(self.kind, 0)
 
 
-def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Ranges from texts `KEY=LOW:HIGH`."""
+def parse_vary(items: Sequence[str], option: str = "--vary") -> dict[str, tuple[float, float]]:
+    """Ranges from texts `KEY=LOW:HIGH` of an option."""
     found: dict[str, tuple[float, float]] = {}
     for item in items:
         match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+)", item)
@@ -79,7 +79,7 @@ def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
             found[match[1]] = (float(match[2]), float(match[3]))
         except (AssertionError, ValueError):
             raise InputError(
-                f"--vary {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1"
+                f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1"
             ) from None
     return found
 
@@ -97,9 +97,7 @@ def numbers_of(items: Sequence[str]) -> dict[str, float]:
 
 
 def as_parameters(
-    ranges: Mapping[str, Sequence[float]],
-    deck: Mapping[str, Any],
-    key_of: Callable[[str], str],
+    ranges: Mapping[str, Sequence[float]], deck: Mapping[str, Any], key_of: Callable[[str], str]
 ) -> tuple[Parameter, ...]:
     """Parameters of a deck by their ranges; short names become keys.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from myork.core.scene import Scene
 from myork.types import F64
 
-__all__ = ["force_names", "is_stress", "named_probes", "probe_columns"]
+__all__ = ["force_names", "is_stress", "named_probes", "places_of", "probe_columns"]
 
 #: Quantities of a point that follow from its deformation and pressure
 _STRESSES = {f"cauchy_{a}{b}" for a in "xyz" for b in "xyz"} | {"J", "pressure", "principal_max"}
@@ -20,6 +20,15 @@ def probe_columns(probe: Mapping[str, Any], dimension: int) -> list[str]:
     """Names of the numbers of a probe: its own, or one for each component of a vector."""
     ends = [f"_{axis}" for axis in "xyz"[:dimension]] if probe["quantity"] in _VECTORS else [""]
     return [probe["name"] + end for end in ends]
+
+
+def places_of(probes: Sequence[Mapping[str, Any]], dimension: int) -> dict[str, tuple[int, int]]:
+    """Probe and component of each number, by the names of `probe_columns`."""
+    return {
+        name: (i, k)
+        for i, probe in enumerate(probes)
+        for k, name in enumerate(probe_columns(probe, dimension))
+    }
 
 
 def named_probes(scene: Scene, x: F64, load: F64) -> dict[str, Any]:

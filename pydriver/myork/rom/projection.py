@@ -277,12 +277,7 @@ def with_volume(
 
 
 def volume_directions(
-    cells: Cells,
-    rows: sparse.csr_matrix,
-    total: F64,
-    slopes: F64,
-    states: F64,
-    kept: int,
+    cells: Cells, rows: sparse.csr_matrix, total: F64, slopes: F64, states: F64, kept: int
 ) -> Directions:
     """Directions in which volume changes along states, shape `(s, n)`.
 

@@ -82,12 +82,7 @@ def force_lifts(model: Model, setting: Setting, values: F64, amplitudes: F64) ->
 
 
 def sample_forces(
-    model: Model,
-    setting: Setting,
-    values: F64,
-    amplitudes: F64,
-    lifts: F64,
-    tolerance: float,
+    model: Model, setting: Setting, values: F64, amplitudes: F64, lifts: F64, tolerance: float
 ) -> tuple[I64, F64, float]:
     """Cells with weights that keep the stationary forces; `lifts` are those of `force_lifts`."""
     r = model.r

@@ -8,13 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.galerkin import (
-    GalerkinParts,
-    LoadParts,
-    galerkin_parts,
-    load_parts,
-    probe_sets,
-)
+from myork.core.galerkin import GalerkinParts, LoadParts, galerkin_parts, load_parts, probe_sets
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.rom import projection

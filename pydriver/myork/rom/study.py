@@ -232,12 +232,7 @@ class PathStates(NamedTuple):
 
 
 def reduced_path(
-    scene: Scene,
-    full: PathStates,
-    modes: F64,
-    projection: str = "auto",
-    *,
-    published: bool = False,
+    scene: Scene, full: PathStates, modes: F64, projection: str = "auto", *, published: bool = False
 ) -> tuple[dict[str, Any], Fields]:
     """Project a scene on modes and solve all its load steps; errors, times and the last fields.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +17,8 @@ from myork.core.deck import deck_key
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
-from myork.rom.parameters import numbers_of
-from myork.rom.probes import probe_columns
+from myork.rom.parameters import numbers_of, parse_vary
+from myork.rom.probes import places_of
 from myork.types import F64, Mask
 
 __all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
@@ -55,11 +56,18 @@ class Forward(ABC):
 
     is_reduced = False
 
-    def __init__(self) -> None:
+    def __init__(
+        self,
+        probes: Sequence[Mapping[str, Any]] = (),
+        dimension: int = 3,
+        units: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self.states = 0
         self.cpu_s = 0.0
-        self.units: dict[str, str] = {}
-        self.forces: list[str] = []
+        self._places = places_of(probes, dimension)
+        named = {name: probes[i] for name, (i, _) in self._places.items()}
+        self.units = {name: units[probe["name"]] for name, probe in named.items()}
+        self.forces = [name for name, probe in named.items() if "force" in probe["quantity"]]
 
     @abstractmethod
     def key_of(self, name: str) -> str:
@@ -98,15 +106,9 @@ class _Reduced(Forward):
     is_reduced = True
 
     def __init__(self, path: Path, fixed: Sequence[str], threads: int) -> None:
-        super().__init__()
-        self._rom = ReducedModel.load(path, threads=threads)
+        self._rom = rom = ReducedModel.load(path, threads=threads)
+        super().__init__(rom.head["probes"], rom.head["dimension"], rom.probe_units)
         self._fixed = {self._rom.key_of(name): v for name, v in numbers_of(fixed).items()}
-        for probe in self._rom.head["probes"]:
-            force = probe["quantity"].startswith("force")
-            for name in probe_columns(probe, self._rom.head["dimension"]):
-                self.units[name] = probe["unit"]
-                if force:
-                    self.forces.append(name)
 
     def key_of(self, name: str) -> str:
         return self._rom.key_of(name)
@@ -141,21 +143,15 @@ class _Full(Forward):
         threads: int | None,
         progress: ProgressCallback,
     ) -> None:
-        super().__init__()
         self._open = lambda more: Scene(deck, [*overrides, *more], out, threads=threads)
         self._key_of = lambda name: deck_key(deck, name, overrides)
         self._progress = progress
-        self._scene = self._open([])
+        self._scene = scene = self._open([])
+        super().__init__(scene.deck.get("probe", []), scene.dimension, scene.probe_units)
         self._has: dict[str, float] = {}
         self._steps = self._scene.deck["load"]["steps"]
         self._known: list[tuple[F64, F64]] = []
         self._keys: tuple[str, ...] = ()
-        for probe in self._scene.deck.get("probe", []):
-            force = "force" in probe["quantity"]
-            for name in probe_columns(probe, self._scene.dimension):
-                self.units[name] = self._scene.probe_units[probe["name"]]
-                if force:
-                    self.forces.append(name)
 
     def key_of(self, name: str) -> str:
         return self._key_of(name)
@@ -181,9 +177,8 @@ class _Full(Forward):
                 continue
             good[i] = True
             value = self._scene.probes(x[None], np.ones(1))[0]
-            for j, probe in enumerate(self._scene.deck["probe"]):
-                for k, name in enumerate(probe_columns(probe, self._scene.dimension)):
-                    found[name][i] = value[j, k]
+            for name, at in self._places.items():
+                found[name][i] = value[at]
             self._progress(f"solve {i + 1}/{len(values)}")
         return Values(found, good)
 
@@ -240,14 +235,10 @@ def ranges_of(
     """Ranges from texts `KEY=LOW:HIGH`, or `KEY` alone for the range of the training."""
     found = {}
     for item in items:
-        name, sign, text = item.partition("=")
-        key = forward.key_of(name.strip())
-        try:
-            low, high = (
-                (float(word) for word in text.split(":")) if sign else _trained(forward, key)
-            )
-        except ValueError:
-            low, high = 0.0, 0.0
+        given = parse_vary([item], option) if "=" in item else {item.strip(): None}
+        ((name, ends),) = given.items()
+        key = forward.key_of(name)
+        low, high = ends or forward.range_of(key) or (0.0, 0.0)
         if not (np.isfinite([low, high]).all() and low < high):
             raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1")
         if key in found:
@@ -265,8 +256,3 @@ def probe_of(forward: Forward, asked: str | None) -> str:
     if asked not in forward.units:
         raise InputError(f"--probe {asked}: there are {', '.join(forward.units)}")
     return asked
-
-
-def _trained(forward: Forward, key: str) -> tuple[float, float]:
-    found = forward.range_of(key)
-    return found if found is not None else (0.0, 0.0)

@@ -47,11 +47,7 @@ class Inputs:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        out: Path,
-        model: Path | None = None,
-        model_probes: Sequence[str] = (),
+        self, plan: Plan, out: Path, model: Path | None = None, model_probes: Sequence[str] = ()
     ) -> None:
         self._paths = {"deck": plan.deck} | ({} if model is None else {"--model": model})
         # what is read and found depends on words and whole numbers: files, methods, names

@@ -31,7 +31,7 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
-from myork.rom.probes import probe_columns
+from myork.rom.probes import places_of
 from myork.stations.explain import explain_deck
 from myork.sweeps.inputs import Inputs
 from myork.sweeps.plan import Plan, make_plan
@@ -188,11 +188,8 @@ def sweep(
 
 def _units(deck: Mapping[str, Any]) -> dict[str, str]:
     """Unit of each column of the probes."""
-    return {
-        column: deck["probe_units"][probe["name"]]
-        for probe in deck["probe"]
-        for column in probe_columns(probe, deck["scene"]["dimension"])
-    }
+    names = places_of(deck["probe"], deck["scene"]["dimension"])
+    return {name: deck["probe_units"][deck["probe"][i]["name"]] for name, (i, _) in names.items()}
 
 
 def _share(part: str, count: int) -> range:
@@ -260,11 +257,9 @@ def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]
                 row["verdict"] = states.verdict
                 row["message"] = "; ".join(states.reasons)
                 values = scene.probes(states.x[-1:], states.load[-1:])[0]
-                for i, probe in enumerate(scene.deck.get("probe", [])):
-                    bars = states.probe_errors[-1, i]
-                    for k, name in enumerate(probe_columns(probe, scene.dimension)):
-                        row["probes"][name] = float(values[i, k])
-                        row["errors"][name] = float(bars[k])
+                for name, at in places_of(scene.deck.get("probe", []), scene.dimension).items():
+                    row["probes"][name] = float(values[at])
+                    row["errors"][name] = float(states.probe_errors[-1][at])
             except ConvergenceError as ended:
                 row["message"] = str(ended)
     except (MyorkError, OSError) as wrong:
