@@ -13,8 +13,9 @@ prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it 
 `tuned`, the cases on which settings were chosen, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
-its meshes is the truth, with what is not known of it. One thread; processor times include the
-set-up of a scene. Most tables take minutes.
+its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
+where they are installed (Debian: `apt install python3-dolfinx calculix-ccx`). One thread; processor
+times include the set-up of a scene. Most tables take minutes.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.problems import Problem, probe_kind
 from benchmarks.truths.finite_elements import solve_deck
+from benchmarks.truths.peers import compiled_peers
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
 from myork.bench.exact import inner_stress
 from myork.bench.machine import machine
@@ -174,7 +176,7 @@ def rows_of(
         How many of the problem's sizes; all by default.
     timed : bool
         Solve in this process without output and error bars, short solves repeated: the least time
-        counts.
+        counts. Compiled peers solve the meshes of a `Problem` as well.
 
     Returns
     -------
@@ -202,6 +204,8 @@ def rows_of(
             }
         )
     meshes = list(rows)
+    if timed and isinstance(problem, Problem):
+        rows += _compiled(problem, truths, progress)
     chosen = {size: forms(size) if callable(forms) else forms for size in problem.sizes[:sizes]}
     for name in dict.fromkeys(name for own in chosen.values() for name, _ in own):
         for size, own in chosen.items():
@@ -220,6 +224,24 @@ def rows_of(
             peer = _cheapest(meshes, found)
             rows.append({**_named(problem, name, text), **case, **found, "peer": peer})
     return truths, rows
+
+
+def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> list[dict[str, Any]]:
+    """Rows of dolfinx and CalculiX, or of their absence."""
+    progress(f"{problem.name}: dolfinx and CalculiX")
+    deck = read_deck(sized_tables(problem.tables, problem.sizes[0]))
+    return [
+        {
+            **_named(problem, row["form"], lattice_text(row.get("elements", ()))),
+            "rival": True,
+            "unknowns": row.get("dofs"),
+            "memory": row.get("memory"),
+            "outcome": row.get("outcome", "converged"),
+            **_times(row.get("cpu_s"), None),
+            **truths.errors(row.get("probes", {}), {}),
+        }
+        for row in compiled_peers(deck, problem.elements)
+    ]
 
 
 def _named(problem: Problem | Body, form: str, size: str) -> dict[str, Any]:
