@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -403,7 +404,7 @@ class _Entry(NamedTuple):
     lines: tuple[str, ...]
 
 
-def _race(progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> dict[str, Any]:
     """CPU time for a wanted error: MyoRK and finite elements, one after the other."""
     rows: list[dict[str, Any]] = []
     races: list[dict[str, Any]] = []
@@ -411,6 +412,8 @@ def _race(progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     # felupe imports what it needs: that is no part of a solution
     solve_rivals(BY_NAME["tube"]._replace(elements=((1, 4),)), silent)
     for entry in _entries(quick):
+        if only and entry.problem.name not in only:
+            continue
         truths, own = rows_of(entry.problem, entry.forms, progress, timed=True)
         rows += own
         for line in entry.lines:
@@ -564,10 +567,19 @@ PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] 
 
 
 def view(
-    name: str, progress: ProgressCallback, quick: bool, solved: dict[Any, Any]
+    name: str,
+    progress: ProgressCallback,
+    quick: bool,
+    solved: dict[Any, Any],
+    only: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """A view of rows, which are solved where `solved` lacks them; `cases` are the rows."""
+    """A view of rows, which are solved where `solved` lacks them; `cases` are the rows.
+
+    Of a race some problems `only`, all without any.
+    """
     solve, shown = PIVOTS[name]
+    if name == "race":
+        solve = partial(solve, only=only)
     if solve not in solved:
         solved[solve] = solve(progress, quick)
     rows = solved[solve]

@@ -1,6 +1,6 @@
 """One runner: a row for each problem, form and size, with error, bar, verdict, cost and peer.
 
-    python benchmarks/runner.py NAME... [--quick] [--out DIR]
+    python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
 
 solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify` or `race` (`methods` and
 `curves` are other views of those of `trust`), and writes `NAME.md`, a view of them, and
@@ -449,13 +449,15 @@ def main(*words: str) -> None:
     )
     parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *modules])
     parser.add_argument("--quick", action="store_true", help="small cases only")
+    parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
+                        help="this problem of the race; may be repeated")  # fmt: skip
     parser.add_argument("--out", type=Path, default=_RESULTS, help="folder; docs/results")
     options = parser.parse_args(words)
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        shown = view(name, print, options.quick, solved)
-        write_text(options.out / f"{name}.md", _markdown(name, shown, options.quick))
+        shown = view(name, print, options.quick, solved, options.only)
+        write_text(options.out / f"{name}.md", _markdown(name, shown, options))
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
         file = options.out / "results.json"
@@ -473,10 +475,11 @@ def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
     return row["problem"], row["form"], row["size"]
 
 
-def _markdown(name: str, shown: Mapping[str, Any], quick: bool) -> str:
+def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) -> str:
     """A page of results."""
     about = machine()
-    call = f"python benchmarks/runner.py {name}{' --quick' if quick else ''}"
+    call = f"python benchmarks/runner.py {name}{' --quick' if options.quick else ''}"
+    call += "".join(f" --only {problem!r}" for problem in options.only)
     lines = [
         f"# {shown['title']}",
         "",

@@ -28,7 +28,7 @@ _NODES = np.array(
 )  # fmt: skip
 #: Load steps that are tried
 _STEPS = (1, 4, 16)
-_LIMIT = 300.0
+_LIMIT = 100.0
 
 
 def solve_calculix(deck: Mapping[str, Any], elements: Sequence[int]) -> dict[str, Any]:

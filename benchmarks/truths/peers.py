@@ -26,7 +26,7 @@ DOLFINX = "/usr/bin/python3"
 #: Forms of dolfinx that race
 _FORMS = ("Q2", "Q3", "Q2/Q1", "Q2/P1", "Q3/P2")
 #: Longest time of a form on all its meshes [s]
-_LIMIT = 900.0
+_LIMIT = 150.0
 
 
 def compiled_peers(
