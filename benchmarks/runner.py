@@ -1,6 +1,6 @@
 """One runner: a row for each problem, form and size, with error, bar, verdict, cost and peer.
 
-    python benchmarks/runner.py NAME... [--quick] [--out DIR]
+    python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
 
 solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify` or `race` (`methods` and
 `curves` are other views of those of `trust`), and writes `NAME.md`, a view of them, and
@@ -13,8 +13,9 @@ prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it 
 `tuned`, the cases on which settings were chosen, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
-its meshes is the truth, with what is not known of it. One thread; processor times include the
-set-up of a scene. Most tables take minutes.
+its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
+where they are installed (Debian: `apt install python3-dolfinx calculix-ccx`). One thread; processor
+times include the set-up of a scene. Most tables take minutes.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.problems import Problem, probe_kind
 from benchmarks.truths.finite_elements import solve_deck
+from benchmarks.truths.peers import compiled_peers
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
 from myork.bench.exact import inner_stress
 from myork.bench.machine import machine
@@ -176,7 +178,7 @@ def rows_of(
         How many of the problem's sizes; all by default.
     timed : bool
         Solve in this process without output and error bars, short solves repeated: the least time
-        counts.
+        counts. Compiled peers solve the meshes of a `Problem` as well.
 
     Returns
     -------
@@ -204,6 +206,8 @@ def rows_of(
             }
         )
     meshes = list(rows)
+    if timed and isinstance(problem, Problem):
+        rows += _compiled(problem, truths, progress)
     chosen = {size: forms(size) if callable(forms) else forms for size in problem.sizes[:sizes]}
     for name in dict.fromkeys(name for own in chosen.values() for name, _ in own):
         for size, own in chosen.items():
@@ -222,6 +226,24 @@ def rows_of(
             peer = _cheapest(meshes, found)
             rows.append({**_named(problem, name, text), **case, **found, "peer": peer})
     return truths, rows
+
+
+def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> list[dict[str, Any]]:
+    """Rows of dolfinx and CalculiX, or of their absence."""
+    progress(f"{problem.name}: dolfinx and CalculiX")
+    deck = read_deck(sized_tables(problem.tables, problem.sizes[0]))
+    return [
+        {
+            **_named(problem, row["form"], lattice_text(row.get("elements", ()))),
+            "rival": True,
+            "unknowns": row.get("dofs"),
+            "memory": row.get("memory"),
+            "outcome": row.get("outcome", "converged"),
+            **_times(row.get("cpu_s"), None),
+            **truths.errors(row.get("probes", {}), {}),
+        }
+        for row in compiled_peers(deck, problem.elements)
+    ]
 
 
 def _named(problem: Problem | Body, form: str, size: str) -> dict[str, Any]:
@@ -429,13 +451,15 @@ def main(*words: str) -> None:
     )
     parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *modules])
     parser.add_argument("--quick", action="store_true", help="small cases only")
+    parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
+                        help="this problem of the race; may be repeated")  # fmt: skip
     parser.add_argument("--out", type=Path, default=_RESULTS, help="folder; docs/results")
     options = parser.parse_args(words)
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        shown = view(name, print, options.quick, solved)
-        write_text(options.out / f"{name}.md", _markdown(name, shown, options.quick))
+        shown = view(name, print, options.quick, solved, options.only)
+        write_text(options.out / f"{name}.md", _markdown(name, shown, options))
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
         file = options.out / "results.json"
@@ -453,10 +477,11 @@ def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
     return row["problem"], row["form"], row["size"]
 
 
-def _markdown(name: str, shown: Mapping[str, Any], quick: bool) -> str:
+def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) -> str:
     """A page of results."""
     about = machine()
-    call = f"python benchmarks/runner.py {name}{' --quick' if quick else ''}"
+    call = f"python benchmarks/runner.py {name}{' --quick' if options.quick else ''}"
+    call += "".join(f" --only {problem!r}" for problem in options.only)
     lines = [
         f"# {shown['title']}",
         "",

@@ -15,7 +15,7 @@ module rk_gradient
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
-   use rk_solid_products, only : solid_force, solid_gradient
+   use rk_solid_products, only : plane_force, plane_gradient, solid_force, solid_gradient
    implicit none
    private
 
@@ -79,11 +79,11 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    integer, intent(in), optional :: follows(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
-   real(wp), allocatable :: plain(:, :), taken(:, :, :)
+   real(wp), allocatable :: plain(:, :), common(:, :), taken(:, :, :)
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
    logical, allocatable :: seen(:)
-   integer :: fields, nd, np, n, pass, q, s
+   integer :: fields, nd, np, n, shared, pass, cell, q, s
    integer(i8) :: entries, values
    logical :: lifted
 
@@ -102,7 +102,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    call group_by(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
       & /cells%per_cell, s=1, size(cells%set))], surfaces)
    allocate (self%start(np + 1), self%first(fields, np))
-   allocate (plain(nd, ns), taken(nd, fields, ns), touched(ns), seen(ns))
+   allocate (plain(nd, ns), common(nd, ns), taken(nd, fields, ns), touched(ns), seen(ns))
    seen = .false.
    plain = 0.0_wp
    taken = 0.0_wp
@@ -110,15 +110,23 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    do pass = 1, 2
       entries = 0
       values = 0
-      do q = 1, np
+      do cell = 1, np/cells%per_cell
          n = 0
-         lifted = .false.
-         call gather_point(q)
-         self%start(q) = entries
-         if (pass == 2) call keep(q)
-         entries = entries + n
-         values = values + merge(fields*n, n, lifted)
-         seen(touched(:n)) = .false.
+         if (cells%closed) call gather_cell()
+         shared = n
+         if (pass == 2) common(:, :shared) = plain(:, touched(:shared))
+         do q = (cell - 1)*cells%per_cell + 1, cell*cells%per_cell
+            n = shared
+            if (pass == 2) plain(:, touched(:shared)) = common(:, :shared)
+            lifted = .false.
+            call gather_point()
+            self%start(q) = entries
+            if (pass == 2) call keep()
+            entries = entries + n
+            values = values + merge(fields*n, n, lifted)
+            seen(touched(shared + 1:n)) = .false.
+         end do
+         seen(touched(:shared)) = .false.
       end do
       self%start(np + 1) = entries
       if (pass == 1) allocate (self%local(entries), self%value(nd, values))
@@ -127,42 +135,41 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
 
 contains
 
-   !> Gradients at a point, by facets and surface of its cell where that is closed, and what lifted
-   !> values take off
-   subroutine gather_point(q)
-      !> Integration point
-      integer, intent(in) :: q
+   !> What all points of a closed cell have: the mean by the divergence theorem over its facets and
+   !> surface in place of the mean by quadrature
+   subroutine gather_cell()
       real(wp) :: volume, weight
-      integer :: cell, d, i, k, o
+      integer :: i, k, o
       integer(i8) :: e
 
-      cell = 1 + (q - 1)/cells%per_cell
       o = (cell - 1)*cells%per_cell
       weight = sum(cells%weight(o + 1:o + cells%per_cell))
       volume = weight
-      if (allocated(cells%filled)) volume = volume/cells%filled(q)
+      if (allocated(cells%filled)) volume = volume/cells%filled(o + 1)
+      do e = facets%offset(cell) + 1, facets%offset(cell + 1)
+         i = (facets%index(e) + 1)/2
+         call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1)*cells%area(:, i)/volume)
+      end do
+      do e = surfaces%offset(cell) + 1, surfaces%offset(cell + 1)
+         i = surfaces%index(e)
+         call gather(surface, i, cells%outward(:, i)/volume)
+      end do
+      if (cells%smoothed) return
+      do k = o + 1, o + cells%per_cell
+         call gather_gradient(inside, k, -cells%weight(k)/weight)
+      end do
+   end subroutine gather_cell
+
+   !> Gradients at a point beside those of its cell, and what lifted values take off
+   subroutine gather_point()
+      integer :: d, i
+      integer(i8) :: e
+
       if (cells%smoothed) then
          ! stabilisation couples all source points that cover the middle, facets may miss some
          call gather(inside, q, [(0.0_wp, d=1, nd)])
-      else
+      else if (pass == 2 .or. .not. cells%closed) then
          call gather_gradient(inside, q, 1.0_wp)
-      end if
-      if (cells%closed) then
-         do e = facets%offset(cell) + 1, facets%offset(cell + 1)
-            i = (facets%index(e) + 1)/2
-            call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1) &
-               & *cells%area(:, i)/volume)
-         end do
-         do e = surfaces%offset(cell) + 1, surfaces%offset(cell + 1)
-            i = surfaces%index(e)
-            call gather(surface, i, cells%outward(:, i)/volume)
-         end do
-         ! the mean by quadrature gives way to the mean by the divergence theorem
-         if (.not. cells%smoothed) then
-            do k = o + 1, o + cells%per_cell
-               call gather_gradient(inside, k, -cells%weight(k)/weight)
-            end do
-         end if
       end if
       do e = lifts%offset(q) + 1, lifts%offset(q + 1)
          i = surface_of(lifts%index(e))
@@ -171,9 +178,7 @@ contains
    end subroutine gather_point
 
    !> Keep what was gathered at a point, and forget it
-   subroutine keep(q)
-      !> Integration point
-      integer, intent(in) :: q
+   subroutine keep()
       integer :: d, k
 
       self%local(entries + 1:entries + n) = touched(:n)
@@ -381,7 +386,6 @@ pure subroutine gradient_at(self, q, x, factor, h)
    real(wp), intent(in) :: factor(:)
    !> Gradient u_i,A with the lifting, shape (fields, nd) [-]
    real(wp), intent(out) :: h(:, :)
-   real(wp) :: flat(2, self%fields)
    integer(i8) :: e
    integer :: i, k
 
@@ -392,15 +396,9 @@ pure subroutine gradient_at(self, q, x, factor, h)
          & + 1:), self%value(:, self%first(1, q) + 1:), x, h)
       return
    end if
-   if (self%nd == 2) then
-      flat = 0.0_wp
-      do e = self%start(q) + 1, self%start(q + 1)
-         k = int(e - self%start(q))
-         do i = 1, self%fields
-            flat(:, i) = flat(:, i) + x(i, self%local(e))*self%value(:2, self%first(i, q) + k)
-         end do
-      end do
-      h = h + transpose(flat)
+   if (self%fields == 2) then
+      call plane_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
+         & self%value(:, self%first(1, q) + 1:), self%value(:, self%first(2, q) + 1:), x, h)
       return
    end if
    do e = self%start(q) + 1, self%start(q + 1)
@@ -439,7 +437,7 @@ pure subroutine add_force(self, q, p, force)
    real(wp), intent(in) :: p(:, :)
    !> Forces on the group's source points, shape (fields, members) [force]
    real(wp), contiguous, intent(inout) :: force(:, :)
-   integer(i8) :: at, e
+   integer(i8) :: e
    integer :: i, k
 
    if (self%fields == 3 .and. self%first(1, q) == self%first(self%fields, q)) then
@@ -447,15 +445,10 @@ pure subroutine add_force(self, q, p, force)
          & self%value(:, self%first(1, q) + 1:), p(:3, :3), force)
       return
    end if
-   if (self%nd == 2) then
-      do e = self%start(q) + 1, self%start(q + 1)
-         k = int(e - self%start(q))
-         do i = 1, self%fields
-            at = self%first(i, q) + k
-            force(i, self%local(e)) = force(i, self%local(e)) + p(i, 1)*self%value(1, at) &
-               & + p(i, 2)*self%value(2, at)
-         end do
-      end do
+   if (self%fields == 2) then
+      call plane_force(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
+         & self%value(:, self%first(1, q) + 1:), self%value(:, self%first(2, q) + 1:), &
+         & p(:2, :2), force)
       return
    end if
    do e = self%start(q) + 1, self%start(q + 1)
@@ -478,26 +471,28 @@ pure subroutine add_work(self, q, p, factor, rows)
    !> Factor of each row, shape (b)
    real(wp), intent(in) :: factor(:)
    !> Rows by the displacements of the group's source points, shape (fields*members, b)
-   real(wp), intent(inout) :: rows(:, :)
-   real(wp) :: work(size(rows, 1))
-   integer(i8) :: at, e
-   integer :: b, i, k, row
+   real(wp), contiguous, intent(inout) :: rows(:, :)
+   real(wp) :: work(self%fields, size(rows, 1)/self%fields)
+   integer :: b
 
    ! one column after the other: rows are far apart
    work = 0.0_wp
-   do e = self%start(q) + 1, self%start(q + 1)
-      k = int(e - self%start(q))
-      do i = 1, self%fields
-         row = self%fields*(self%local(e) - 1) + i
-         at = self%first(i, q) + k
-         work(row) = p(i, 1)*self%value(1, at)
-         if (self%nd > 1) work(row) = work(row) + p(i, 2)*self%value(2, at)
-         if (self%nd > 2) work(row) = work(row) + p(i, 3)*self%value(3, at)
-      end do
-   end do
+   call self%add_force(q, p, work)
    do b = 1, size(factor)
-      rows(:, b) = rows(:, b) + factor(b)*work
+      call add_row(size(rows, 1), factor(b), work, rows(:, b))
    end do
+
+contains
+
+   !> row = row + factor work
+   pure subroutine add_row(n, weight, given, row)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: weight, given(n)
+      real(wp), intent(inout) :: row(n)
+
+      row = row + weight*given
+   end subroutine add_row
+
 end subroutine add_work
 
 !> Add the stiffness of tangent moduli at the points of a group, cell by cell

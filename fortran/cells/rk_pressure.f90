@@ -52,6 +52,8 @@ module rk_pressure
       !> Blended pressure
       procedure :: at => pressure_at
       procedure, private :: slope
+      !> Its curvature in each group
+      procedure :: bends
       procedure, private :: curvature
    end type pressure_type
 
@@ -248,6 +250,20 @@ pure function curvature(self, g, coefficient) result(h)
    end do
 end function curvature
 
+!> Curvatures of all groups, shape (nd, nd, groups) [stress/length^2]
+pure function bends(self, coefficient) result(bend)
+   !> Polynomials, which are written with them
+   class(pressure_type), intent(in) :: self
+   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
+   real(wp), intent(in) :: coefficient(:, :)
+   real(wp) :: bend(size(self%centre, 1), size(self%centre, 1), size(self%count))
+   integer :: g
+
+   do g = 1, size(self%count)
+      bend(:, :, g) = self%curvature(g, coefficient)
+   end do
+end function bends
+
 !> Pressure at a point of a group [stress]
 pure real(wp) function pressure_value(self, g, q, coefficient)
    !> Polynomials
@@ -290,7 +306,7 @@ pure function along_step(self, g, cells, bulk, f, base) result(value)
 end function along_step
 
 !> Blended pressure at a place: a partition of unity of the groups' polynomials
-pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
+pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Collocation point nearest to the place
@@ -299,6 +315,9 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
    real(wp), intent(in) :: x(:)
    !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: coefficient(:, :)
+   !> Their curvatures, which are found where they are absent, shape (nd, nd, groups)
+   !> [stress/length^2]
+   real(wp), intent(in), optional :: bend(:, :, :)
    real(wp) :: s(3), h(3, 3), weight, total, local
    integer(i8) :: k
    integer :: j, nd
@@ -317,7 +336,11 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
                & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s(:nd)))
          end do
          if (allocated(self%share)) then
-            h(:nd, :nd) = self%curvature(g, coefficient)
+            if (present(bend)) then
+               h(:nd, :nd) = bend(:, :, g)
+            else
+               h(:nd, :nd) = self%curvature(g, coefficient)
+            end if
             local = local + 0.5_wp*(dot_product(x - self%centre(:, g), matmul(h(:nd, :nd), x &
                & - self%centre(:, g))) - sum(h(:nd, :nd)*self%moment(:, :, g)))
          end if

@@ -1,11 +1,12 @@
-!> Products of gradients of solids with displacements and stresses, with lengths and strides that
-!> the compiler knows: they are most of the work of bodies whose tangent is never formed.
+!> Products of gradients with displacements and stresses, with lengths and strides that the compiler
+!> knows: they are most of the work of solids whose tangent is never formed, and much of that of
+!> plane bodies.
 module rk_solid_products
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: solid_force, solid_gradient
+   public :: plane_force, plane_gradient, solid_force, solid_gradient
 
 contains
 
@@ -58,5 +59,48 @@ pure subroutine solid_force(n, local, value, p, force)
       force(:, local(e)) = own
    end do
 end subroutine solid_force
+
+!> Add the displacement gradient of a plane body, whose components may have gradients of their own
+pure subroutine plane_gradient(n, local, first, second, x, h)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions for both components, shape (2, n) each [1/length]
+   real(wp), intent(in) :: first(2, *), second(2, *)
+   !> Coefficients of the group's source points, shape (2, members) [length]
+   real(wp), intent(in) :: x(2, *)
+   !> Gradient u_i,A, shape (2, 2) [-]
+   real(wp), intent(inout) :: h(2, 2)
+   real(wp) :: row(2, 2)
+   integer :: e
+
+   row = 0.0_wp
+   do e = 1, n
+      row(:, 1) = row(:, 1) + x(1, local(e))*first(:, e)
+      row(:, 2) = row(:, 2) + x(2, local(e))*second(:, e)
+   end do
+   h = h + transpose(row)
+end subroutine plane_gradient
+
+!> Add the forces of a stress in a plane body
+pure subroutine plane_force(n, local, first, second, p, force)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions for both components, shape (2, n) each [1/length]
+   real(wp), intent(in) :: first(2, *), second(2, *)
+   !> Stress times weight, shape (2, 2), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(2, 2)
+   !> Forces on the group's source points, shape (2, members) [force]
+   real(wp), intent(inout) :: force(2, *)
+   integer :: e
+
+   do e = 1, n
+      force(1, local(e)) = force(1, local(e)) + p(1, 1)*first(1, e) + p(1, 2)*first(2, e)
+      force(2, local(e)) = force(2, local(e)) + p(2, 1)*second(1, e) + p(2, 2)*second(2, e)
+   end do
+end subroutine plane_force
 
 end module rk_solid_products

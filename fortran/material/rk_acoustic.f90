@@ -10,11 +10,11 @@
 !>            for the directions
 module rk_acoustic
    use rk_precision, only : pi, wp
-   use rk_tensor, only : vector_product
+   use rk_tensor, only : add_cross_form, cross, vector_product
    implicit none
    private
 
-   public :: least_acoustic
+   public :: least_acoustic, surely_above
 
    !> Directions of the first search, about 0.3 apart on the half sphere
    integer, parameter :: directions = 60
@@ -24,6 +24,9 @@ module rk_acoustic
    real(wp), parameter :: first_turn = 0.15_wp
    !> Eliminations of the motion that changes the volume: a fixed point of few
    integer, parameter :: eliminations = 3
+   !> What a bound must clear beyond what is asked, as eliminations end before the last digit, and
+   !> stiffness that stands for a kept volume, both of the shear modulus [-]
+   real(wp), parameter :: clearance = 0.02_wp, stiffening = 100.0_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
    integer :: d
    real(wp), parameter :: around(directions) = [(pi*(d - 1)/directions, d=1, directions)]
@@ -92,6 +95,73 @@ contains
    end subroutine keep_better
 
 end function least_acoustic
+
+!> Whether the eigenvalues of all acoustic tensors are above a level, by a bound that most points
+!> of a body reach and that costs a fraction of the search: the form C4 + s dcof F/dF is positive
+!> definite. Motions m N do not change the cofactors, so that any s will do; the one taken gives
+!> rotations the stiffness of a linear elastic solid
+pure logical function surely_above(nd, c4, f, rigid, level, modulus)
+   !> Space dimension; in the plane directions and motions stay in it
+   integer, intent(in) :: nd
+   !> Tangent C4(i, A, k, B) [stress]
+   real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Deformation gradient [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> The volume is kept
+   logical, intent(in) :: rigid
+   !> Level, of the shear modulus at rest [-]
+   real(wp), intent(in) :: level
+   !> Shear modulus at rest [stress]
+   real(wp), intent(in) :: modulus
+   real(wp) :: minors(3, 3, 3, 3), a(nd*nd, nd*nd), x(nd*nd, nd*nd), turn(3, 3)
+   real(wp) :: w(nd*nd), kept, resisted, length, cofactor(nd*nd), small
+   integer :: i, j, k, n
+
+   surely_above = .false.
+   if (.not. (abs(level) < huge(1.0_wp) .and. modulus > 0.0_wp)) return
+   n = nd*nd
+   minors = 0.0_wp
+   call add_cross_form(1.0_wp, f, minors)
+   a = reshape(c4(:nd, :nd, :nd, :nd), [n, n])
+   x = reshape(minors(:nd, :nd, :nd, :nd), [n, n])
+   kept = 0.0_wp
+   resisted = 0.0_wp
+   length = 0.0_wp
+   do k = 1, merge(1, 3, nd == 2)
+      ! rotations about the third axis first
+      i = 1 + mod(k - 1, 3)
+      j = 1 + mod(k, 3)
+      turn = 0.0_wp
+      turn(i, :) = -f(j, :)
+      turn(j, :) = f(i, :)
+      w = reshape(turn(:nd, :nd), [n])
+      kept = kept + dot_product(w, matmul(a, w))
+      resisted = resisted + dot_product(w, matmul(x, w))
+      length = length + dot_product(w, w)
+   end do
+   if (.not. abs(resisted) > 0.0_wp) return
+   a = a + (modulus*length - kept)/resisted*x
+   if (rigid) then
+      turn = 0.5_wp*cross(f, f)
+      cofactor = reshape(turn(:nd, :nd), [n])
+      do k = 1, n
+         a(:, k) = a(:, k) + stiffening*modulus*cofactor(k)*cofactor
+      end do
+   end if
+   small = 0.0_wp
+   do k = 1, n
+      a(k, k) = a(k, k) - (level + clearance)*modulus
+      small = max(small, epsilon(1.0_wp)*n*abs(a(k, k)))
+   end do
+   ! Cholesky: all pivots are positive
+   do k = 1, n
+      if (.not. a(k, k) > small) return
+      do j = k + 1, n
+         a(j:, j) = a(j:, j) - a(j:, k)*(a(j, k)/a(k, k))
+      end do
+   end do
+   surely_above = .true.
+end function surely_above
 
 !> Two unit vectors across a direction
 pure subroutine sides_of(n, nd, side)

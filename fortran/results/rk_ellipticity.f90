@@ -1,7 +1,7 @@
 !> Where a state is nearest to losing its ellipticity, at the collocation points.
 module rk_ellipticity
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
-   use rk_acoustic, only : least_acoustic
+   use rk_acoustic, only : least_acoustic, surely_above
    use rk_discretisation, only : discretisation_type
    use rk_precision, only : wp
    use rk_states, only : field_state, point_state
@@ -39,7 +39,7 @@ subroutine find_ellipticity(problem, state, worst)
    type(ellipticity_type), intent(out) :: worst
    type(point_state) :: local
    real(wp), allocatable :: least(:), j(:)
-   real(wp) :: p(3, 3), c4(3, 3, 3, 3)
+   real(wp) :: p(3, 3), c4(3, 3, 3, 3), modulus, floor
    logical :: fixed, mixed
    integer :: ip, nd
 
@@ -47,16 +47,21 @@ subroutine find_ellipticity(problem, state, worst)
    mixed = problem%has_pressure()
    allocate (least(size(problem%scene%cloud%points, 2)), j(size(problem%scene%cloud%points, 2)), &
       & worst%broken(size(problem%scene%cloud%points, 2)))
-   !$omp parallel do default(none) schedule(static) private(ip, local, p, c4, fixed) &
-   !$omp shared(problem, state, worst, least, j, nd, mixed)
+   least = huge(1.0_wp)
+   floor = huge(1.0_wp)
+   ! what is surely above a thread's least is neither lost nor the worst: nothing depends on threads
+   !$omp parallel do default(none) schedule(static) private(ip, local, p, c4, fixed, modulus) &
+   !$omp firstprivate(floor) shared(problem, state, worst, least, j, nd, mixed)
    do ip = 1, size(least)
       call problem%at_point(state, ip, local)
       j(ip) = local%j
       worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))
       fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
       call problem%mixture%tangent(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
-      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(local%f, local%f), fixed) &
-         & /problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
+      modulus = problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
+      if (surely_above(nd, c4, local%f, fixed, max(floor, 0.0_wp), modulus)) cycle
+      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(local%f, local%f), fixed)/modulus
+      floor = min(floor, least(ip))
    end do
    !$omp end parallel do
    worst%point = minloc(least, dim=1)

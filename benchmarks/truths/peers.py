@@ -1,0 +1,140 @@
+"""Compiled finite elements beside MyoRK: dolfinx 0.5 and CalculiX 2.20, as processes of their own.
+
+Debian's packages `python3-dolfinx` and `calculix-ccx`. What is not installed is a row that says so.
+Both take boxes and annuli of one material.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BPoly, PPoly
+
+from benchmarks.truths.calculix import solve_calculix
+
+__all__ = ["DOLFINX", "compiled_peers"]
+
+#: Python of the system, for which Debian installs dolfinx
+DOLFINX = "/usr/bin/python3"
+#: Forms of dolfinx that race
+_FORMS = ("Q2", "Q3", "Q2/Q1", "Q2/P1", "Q3/P2")
+#: Longest time of a form on all its meshes [s]
+_LIMIT = 150.0
+
+
+def compiled_peers(
+    deck: Mapping[str, Any], elements: Sequence[Sequence[int]]
+) -> list[dict[str, Any]]:
+    """Solve a deck on its meshes by every compiled peer.
+
+    Parameters
+    ----------
+    deck : mapping
+        All tables of the deck; a box or an annulus of one material.
+    elements : sequence of sequence of int
+        Elements along each edge, rising.
+
+    Returns
+    -------
+    list of dict
+        `form`, and of each mesh `elements`, `dofs`, `cpu_s` [s], `memory` [byte], `probes`; an
+        `outcome` where there is none.
+    """
+    rows = []
+    for form in _FORMS:
+        name = f"dolfinx {form}"
+        rows += [{"form": name, **row} for row in _dolfinx(deck, elements, form)]
+    table = deck["material"][0]
+    if table["model"] == "muscle":
+        rows.append({"form": "CalculiX C3D20R", "outcome": "has no such material"})
+    elif not shutil.which("ccx"):
+        rows.append({"form": "CalculiX C3D20R", "outcome": "not installed: calculix-ccx"})
+    else:
+        found = (solve_calculix(deck, count) for count in elements)
+        rows += [{"form": "CalculiX C3D20R", **row} for row in found]
+    return rows
+
+
+def _dolfinx(
+    deck: Mapping[str, Any], elements: Sequence[Sequence[int]], form: str
+) -> list[dict[str, Any]]:
+    """Rows of one form, as far as they came within the limit."""
+    table = deck["material"][0]
+    job = {
+        "deck": deck,
+        "elements": [list(count) for count in elements],
+        "form": form,
+        "curves": _curves(table) if table["model"] == "muscle" else None,
+    }
+    script = Path(__file__).with_name("dolfinx_solver.py")
+    one = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+    if not Path(DOLFINX).is_file():
+        return [{"outcome": "not installed: python3-dolfinx"}]
+    try:
+        ended = subprocess.run(
+            [DOLFINX, str(script)], input=json.dumps(job, default=str), text=True,
+            capture_output=True, timeout=_LIMIT, env={**kept, **one}, check=False,
+        )  # fmt: skip
+        printed, fault = ended.stdout, ended.stderr
+    except subprocess.TimeoutExpired as late:
+        printed = late.stdout.decode() if isinstance(late.stdout, bytes) else late.stdout or ""
+        fault = f"ended after {_LIMIT:g} s"
+    rows = [json.loads(line) for line in printed.splitlines() if line.startswith("{")]
+    if len(rows) < len(elements):
+        last = (fault.strip().splitlines() or ["no answer"])[-1]
+        missing = last.startswith("ModuleNotFoundError")
+        rows.append({"outcome": "not installed: python3-dolfinx" if missing else last})
+    return rows
+
+
+def _curves(table: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
+    """Active and passive force of a muscle's fibers, piece by piece (`rk_fiber.f90`)."""
+    gamma, rate = float(table["gamma1"]), float(table["gamma2"])
+    growth = gamma * np.exp(0.4 * rate)
+    active = [
+        {"centre": centre, "c": [top, 0.0, bend]}
+        for centre, top, bend in ((0, 0, 0), (0.4, 0, 9), (1.0, 1, -4), (1.6, 0, 9), (0, 0, 0))
+    ]
+    passive = [
+        {"centre": 0.0, "c": [0.0]},
+        {"centre": 1.0, "c": [-gamma], "amplitude": gamma, "rate": rate},
+        {"centre": 1.4, "c": [growth - gamma, growth * rate]},
+    ]
+    smooth = table["curve"] == "smooth"
+    return [
+        _blended(active, ((0.4, 0, 0.15), (0.6, 0.05, 0.05), (1.4, 0.05, 0.05), (1.6, 0.15, 0)),
+                 smooth),
+        _blended(passive, ((1.0, 0, 0.15), (1.4, 0.05, 0.05)), smooth),
+    ]  # fmt: skip
+
+
+def _blended(
+    branches: Sequence[dict[str, Any]], breaks: Sequence[tuple[float, float, float]], smooth: bool
+) -> list[dict[str, Any]]:
+    """Branches with polynomials of degree 7 across their breaks."""
+    pieces = [{"start": -1e9, **branches[0]}]
+    for (at, below, above), before, after in zip(breaks, branches, branches[1:], strict=False):
+        first, last = (at - below, at + above) if smooth else (at, at)
+        if last > first:
+            ends = [_derivatives(before, first), _derivatives(after, last)]
+            across = PPoly.from_bernstein_basis(BPoly.from_derivatives([first, last], ends))
+            pieces.append({"start": first, "centre": first, "c": across.c[::-1, 0].tolist()})
+        pieces.append({"start": last, **after})
+    return pieces
+
+
+def _derivatives(branch: Mapping[str, Any], at: float) -> list[float]:
+    """Force of a branch and its first three derivatives."""
+    t = at - branch["centre"]
+    powers = np.polynomial.Polynomial(branch["c"])
+    rate = branch.get("rate", 0.0)
+    grown = branch.get("amplitude", 0.0) * np.exp(rate * t)
+    return [float((powers.deriv(k) if k else powers)(t) + grown * rate**k) for k in range(4)]
