@@ -1,7 +1,7 @@
 /* Text files whose failures are reported. Fortran's run-time library does not report what a full disk
  * says when it empties its buffer, so texts that must not be lost are written here.
  *
- * Every function returns 0, or -1 with the reason in `why`, a C string cut to `nwhy` characters.
+ * Every function returns NULL, or the reason of its failure, which holds until the next call.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -12,17 +12,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static int finish(int failed, char *why, int nwhy)
-{
-   snprintf(why, (size_t)nwhy, "%s", failed ? strerror(errno) : "");
-   return failed ? -1 : 0;
-}
+static const char *finish(int failed) { return failed ? strerror(errno) : NULL; }
 
-/* Open a name for output, new and empty or as it is: a descriptor, or -1. All output of the core is
- * opened here. Whoever can write to the folder may have put a link or a pipe there; what it leads to
+/* Open a name for output, new and empty or as it is. All output of the core is opened here. Whoever can write to the folder may have put a link or a pipe there; what it leads to
  * is not ours to write, so such a name is refused. */
-int rkf_output(const char *path, int keep, char *why, int nwhy)
+const char *rkf_output(const char *path, int keep, int *file)
 {
+   static _Thread_local char why[120];
    struct stat info;
    const char *what = NULL;
    if (lstat(path, &info) == 0) {
@@ -32,31 +28,31 @@ int rkf_output(const char *path, int keep, char *why, int nwhy)
       else if (!keep) unlink(path);
    }
    if (what) {
-      snprintf(why, (size_t)nwhy, "%s; remove it or choose another folder", what);
-      return -1;
+      snprintf(why, sizeof why, "%s; remove it or choose another folder", what);
+      return why;
    }
-   int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | (keep ? 0 : O_EXCL), 0666);
-   finish(file < 0, why, nwhy);
-   return file;
+   *file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | (keep ? 0 : O_EXCL), 0666);
+   return finish(*file < 0);
 }
 
 /* A file with its first bytes kept, or a new one where `kept` is negative */
-int rkf_create(const char *path, int64_t kept, FILE **file, char *why, int nwhy)
+const char *rkf_create(const char *path, int64_t kept, FILE **file)
 {
-   int number = rkf_output(path, kept >= 0, why, nwhy);
+   int number;
+   const char *why = rkf_output(path, kept >= 0, &number);
    *file = NULL;
-   if (number < 0) return -1;
+   if (why) return why;
    if (kept < 0 || (ftruncate(number, kept) == 0 && lseek(number, 0, SEEK_END) == kept))
       *file = fdopen(number, "w");
-   finish(*file == NULL, why, nwhy);
-   if (*file == NULL) close(number);
-   return *file == NULL ? -1 : 0;
+   why = finish(*file == NULL);
+   if (why) close(number);
+   return why;
 }
 
 /* What was written is with the operating system when this returns */
-int rkf_write(FILE *file, const char *text, size_t length, char *why, int nwhy)
+const char *rkf_write(FILE *file, const char *text, size_t length)
 {
-   return finish(fwrite(text, 1, length, file) != length || fflush(file) != 0, why, nwhy);
+   return finish(fwrite(text, 1, length, file) != length || fflush(file) != 0);
 }
 
 /* CRC-32 of bytes that follow others, 0 for the first: the polynomial 0xEDB88320 of IEEE 802.3 */
@@ -76,23 +72,22 @@ int64_t rkf_check(int64_t before, const void *bytes, int64_t length)
 }
 
 /* A record of a journal: its head of three numbers, their check, both parts of its body, their check */
-int rkf_record(FILE *file, const int64_t *head, const void *one, int64_t none, const void *two, int64_t ntwo,
-               char *why, int nwhy)
+const char *rkf_record(FILE *file, const int64_t *head, const void *one, int64_t none, const void *two, int64_t ntwo)
 {
    int64_t checks[2] = {rkf_check(0, head, 24), rkf_check(rkf_check(0, one, none), two, ntwo)};
    int whole = fwrite(head, 8, 3, file) == 3 && fwrite(checks, 8, 1, file) == 1 &&
                fwrite(one, 1, (size_t)none, file) == (size_t)none &&
                fwrite(two, 1, (size_t)ntwo, file) == (size_t)ntwo &&
                fwrite(checks + 1, 8, 1, file) == 1 && fflush(file) == 0;
-   return finish(!whole, why, nwhy);
+   return finish(!whole);
 }
 
-int rkf_close(FILE *file, char *why, int nwhy)
+const char *rkf_close(FILE *file)
 {
-   return finish(fclose(file) != 0, why, nwhy);
+   return finish(fclose(file) != 0);
 }
 
-int rkf_rename(const char *from, const char *to, char *why, int nwhy)
+const char *rkf_rename(const char *from, const char *to)
 {
-   return finish(rename(from, to) != 0, why, nwhy);
+   return finish(rename(from, to) != 0);
 }

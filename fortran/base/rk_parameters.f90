@@ -2,7 +2,8 @@
 !> deck or from a caller in memory.
 !>
 !> Who makes itself asks for what it knows, within limits; what nobody asked for is an error. So
-!> the names of parameters stand with those who use them, and nobody carries them on the way.
+!> the names of parameters stand with those who use them, and nobody carries them on the way. After
+!> an error nothing is looked for, so that a run of calls needs one look at it.
 module rk_parameters
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : err_input, error_type, fatal_error
@@ -103,7 +104,7 @@ subroutine get_number(self, key, number, error, above, least, infinite)
    !> Number
    real(wp), intent(out) :: number
    !> Error handling: missing, no number, or out of its limits
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    !> The number must be greater
    real(wp), intent(in), optional :: above
    !> The number must be greater or equal
@@ -114,6 +115,7 @@ subroutine get_number(self, key, number, error, above, least, infinite)
    integer :: i
 
    number = 0.0_wp
+   if (allocated(error)) return
    call self%find(key, i, error)
    if (allocated(error)) return
    if (self%value(i)%is_text) then
@@ -145,11 +147,12 @@ subroutine get_text(self, key, text, choices, error)
    !> Words it may be; any without them
    character(len=*), intent(in), optional :: choices(:)
    !> Error handling: missing, no text, or none of the words
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: words
    integer :: i
 
    text = ''
+   if (allocated(error)) return
    call self%find(key, i, error)
    if (allocated(error)) return
    if (self%value(i)%is_text) then
@@ -196,10 +199,11 @@ subroutine check_all_asked(self, error)
    !> Values
    class(parameters_type), intent(in) :: self
    !> Error handling: names the first such key
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: known
    integer :: i
 
+   if (allocated(error)) return
    known = ''
    do i = 1, size(self%value)
       if (self%value(i)%asked) known = known//' '//self%value(i)%key
@@ -220,7 +224,7 @@ subroutine find(self, key, number, error)
    !> Number of the value
    integer, intent(out) :: number
    !> Error handling: missing
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(self%value)) allocate (self%value(0))
    do number = 1, size(self%value)

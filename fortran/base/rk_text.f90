@@ -4,7 +4,7 @@ module rk_text
    implicit none
    private
 
-   public :: line, to_text, to_power
+   public :: line, lines_of, to_text, to_power
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
@@ -118,5 +118,24 @@ pure function line(text, number) result(found)
    end do
    found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
 end function line
+
+!> Lines of a text up to the first empty one
+pure subroutine lines_of(text, lines)
+   !> Text
+   character(len=*), intent(in) :: text
+   !> Lines, padded with blanks
+   character(len=*), allocatable, intent(inout) :: lines(:)
+   integer :: i, n
+
+   n = 0
+   do while (len(line(text, n + 1)) > 0)
+      n = n + 1
+   end do
+   if (allocated(lines)) deallocate (lines)
+   allocate (lines(n))
+   do i = 1, n
+      lines(i) = line(text, i)
+   end do
+end subroutine lines_of
 
 end module rk_text

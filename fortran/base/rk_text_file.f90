@@ -4,16 +4,15 @@
 !> then an earlier file stays as it was. Every write reaches the operating system at once, and a
 !> full disk is an error.
 module rk_text_file
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_null_char, &
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int64_t, c_null_char, &
       & c_null_ptr, c_ptr, c_size_t
+   use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
    implicit none
    private
 
    public :: text_file, save_text, load_text
-
-   !> Room for the reason of a failure
-   integer(c_int), parameter :: nwhy = 200
+   public :: rkf_create, rkf_close, rkf_rename
 
    !> A file being written
    type :: text_file
@@ -35,34 +34,27 @@ module rk_text_file
       procedure :: publish
    end type text_file
 
+   !> files.c: null, or the reason of a failure as a C string
    interface
-      integer(c_int) function rkf_create(path, kept, handle, why, nwhy) bind(c)
-         import :: c_char, c_int, c_int64_t, c_ptr
+      type(c_ptr) function rkf_create(path, kept, handle) bind(c)
+         import :: c_char, c_int64_t, c_ptr
          character(kind=c_char), intent(in) :: path(*)
          integer(c_int64_t), value :: kept
          type(c_ptr), intent(out) :: handle
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
       end function rkf_create
-      integer(c_int) function rkf_write(handle, text, length, why, nwhy) bind(c)
-         import :: c_char, c_int, c_ptr, c_size_t
+      type(c_ptr) function rkf_write(handle, text, length) bind(c)
+         import :: c_char, c_ptr, c_size_t
          type(c_ptr), value :: handle
          character(kind=c_char), intent(in) :: text(*)
          integer(c_size_t), value :: length
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
       end function rkf_write
-      integer(c_int) function rkf_close(handle, why, nwhy) bind(c)
-         import :: c_char, c_int, c_ptr
+      type(c_ptr) function rkf_close(handle) bind(c)
+         import :: c_ptr
          type(c_ptr), value :: handle
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
       end function rkf_close
-      integer(c_int) function rkf_rename(from, to, why, nwhy) bind(c)
-         import :: c_char, c_int
+      type(c_ptr) function rkf_rename(from, to) bind(c)
+         import :: c_char, c_ptr
          character(kind=c_char), intent(in) :: from(*), to(*)
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
       end function rkf_rename
    end interface
 
@@ -76,12 +68,10 @@ subroutine create(self, path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    self%path = path
    self%damaged = .false.
-   call check(self, rkf_create(path//'.part'//c_null_char, -1_c_int64_t, self%handle, why, &
-      & nwhy), why, error)
+   call check(self, rkf_create(path//'.part'//c_null_char, -1_c_int64_t, self%handle), error)
    if (allocated(error)) error%message = self%path//'.part'//error%message(len(self%path) + 1:)
 end subroutine create
 
@@ -93,11 +83,9 @@ subroutine line(self, text, error)
    character(len=*), intent(in) :: text
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    if (.not. c_associated(self%handle)) return
-   call check(self, rkf_write(self%handle, text//new_line('a'), len(text, c_size_t) + 1, why, &
-      & nwhy), why, error)
+   call check(self, rkf_write(self%handle, text//new_line('a'), len(text, c_size_t) + 1), error)
 end subroutine line
 
 !> Close; the file keeps its temporary name
@@ -106,10 +94,9 @@ subroutine close_file(self, error)
    class(text_file), intent(inout) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    if (.not. c_associated(self%handle)) return
-   call check(self, rkf_close(self%handle, why, nwhy), why, error)
+   call check(self, rkf_close(self%handle), error)
    self%handle = c_null_ptr
 end subroutine close_file
 
@@ -119,11 +106,9 @@ subroutine publish(self, error)
    class(text_file), intent(inout) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    if (self%damaged) return
-   call check(self, rkf_rename(self%path//'.part'//c_null_char, self%path//c_null_char, why, &
-      & nwhy), why, error)
+   call check(self, rkf_rename(self%path//'.part'//c_null_char, self%path//c_null_char), error)
 end subroutine publish
 
 !> Write a text to a file, which is there completely or not at all
@@ -168,26 +153,17 @@ subroutine load_text(path, text)
 end subroutine load_text
 
 !> Turn the answer of C into an error
-subroutine check(self, status, why, error)
+subroutine check(self, why, error)
    !> File
    class(text_file), intent(inout) :: self
-   !> 0 for success
-   integer(c_int), intent(in) :: status
-   !> Reason
-   character(kind=c_char), intent(in) :: why(:)
+   !> Reason of a failure, null for success
+   type(c_ptr), intent(in) :: why
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: reason
-   integer :: i
 
-   if (status == 0) return
+   if (.not. c_associated(why)) return
    self%damaged = .true.
-   reason = ''
-   do i = 1, size(why)
-      if (why(i) == c_null_char) exit
-      reason = reason//why(i)
-   end do
-   call fatal_error(error, err_file, self%path//': cannot be written: '//reason)
+   call fatal_error(error, err_file, self%path//': cannot be written: '//to_fortran(why))
 end subroutine check
 
 end module rk_text_file

@@ -13,7 +13,7 @@
 
 extern "C" {
 
-// The same as entry_view and deck_view in rk_deck_c.f90
+// The same as entry_view and deck_view in rk_deck.f90
 struct EntryView {
    const char *key, *where, *address, *text;
    const double *numbers;

@@ -8,7 +8,6 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <deque>
 #include <iterator>
@@ -373,26 +372,27 @@ int rk_expression_uses(const char *text, const char *name) {
    return rk::expression_uses(text, name) ? 1 : 0;
 }
 
-// Tape of an energy with constants whose names have blanks between. How many values it has, at most
-// `most`, or 0 with a message of at most `room` characters
-int rk_energy_tape(const char *text, const char *constants, int most, int *operation, int *left,
-                   int *right, double *number, int *result, int room, char *message) {
+// Tape of an energy with constants whose names have blanks between, of `most` values at most; why it
+// has none, or ""
+const char *rk_energy_tape(const char *text, const char *constants, int most, int *count, int *operation,
+                           int *left, int *right, double *number, int *result) {
+   thread_local std::string fault;
    std::istringstream words(constants);
    const std::vector<std::string> names{std::istream_iterator<std::string>(words), {}};
-   rk::Tape tape = rk::energy_tape(text, names);
-   const auto count = static_cast<int>(tape.operation.size());
-   if (tape.fault.empty() && count > most)
-      tape.fault = "is too long: " + std::to_string(count) + " numbers, names and operations, of at most " +
-                   std::to_string(most);
-   std::snprintf(message, static_cast<std::size_t>(room), "%s", tape.fault.c_str());
-   if (!tape.fault.empty())
-      return 0;
+   const rk::Tape tape = rk::energy_tape(text, names);
+   *count = static_cast<int>(tape.operation.size());
+   fault = tape.fault;
+   if (fault.empty() && *count > most)
+      fault = "is too long: " + std::to_string(*count) + " numbers, names and operations, of at most " +
+              std::to_string(most);
+   if (!fault.empty())
+      return fault.c_str();
    std::copy(tape.operation.begin(), tape.operation.end(), operation);
    std::copy(tape.left.begin(), tape.left.end(), left);
    std::copy(tape.right.begin(), tape.right.end(), right);
    std::copy(tape.number.begin(), tape.number.end(), number);
    *result = tape.result;
-   return count;
+   return fault.c_str();
 }
 
 } // extern "C"

@@ -3,15 +3,13 @@
 !> Keys are "table.key", for an array of tables "table.1.key" with the entry's number. The TOML
 !> parser and all checks are C++ (deck.h); what is kept here are plain values and their places.
 module rk_deck
-   use, intrinsic :: iso_c_binding, only : c_double, c_f_pointer, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
-   use rk_deck_c, only : deck_view, entry_view, rk_deck_close, rk_deck_defaults, rk_deck_look, &
-      & rk_deck_open, rk_deck_resolve
    use rk_error, only : err_input, error_type, fatal_error
    use rk_expression, only : expression_type, value_type
    use rk_json, only : json_type
    use rk_precision, only : wp
-   use rk_text, only : line, to_text
+   use rk_text, only : line, lines_of, to_text
    implicit none
    private
 
@@ -88,6 +86,51 @@ module rk_deck
          & get_texts, get_expression, get_value, get_values, set_expression
       procedure, private :: find
    end type deck_type
+
+   !> An entry as deck_c.cpp has it; all pointers live until rk_deck_close
+   type, bind(c) :: entry_view
+      type(c_ptr) :: key, where, address, text, numbers
+      !> How many numbers; kind; number, from 0, of the entry that has this place by its key
+      integer(c_int) :: count, kind, sorted
+   end type entry_view
+
+   !> A deck as deck_c.cpp has it
+   type, bind(c) :: deck_view
+      type(c_ptr) :: message, name, text, sha256, folder, entries
+      integer(c_int) :: count, status
+   end type deck_view
+
+   interface
+      function rk_deck_open(path, text, overrides, command) result(handle) bind(c)
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: path(*), text(*), overrides(*), command(*)
+         type(c_ptr) :: handle
+      end function rk_deck_open
+
+      function rk_deck_defaults(table, key, value) result(handle) bind(c)
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: table(*), key(*), value(*)
+         type(c_ptr) :: handle
+      end function rk_deck_defaults
+
+      function rk_deck_look(handle) result(view) bind(c)
+         import :: c_ptr
+         type(c_ptr), value :: handle
+         type(c_ptr) :: view
+      end function rk_deck_look
+
+      function rk_deck_resolve(handle, key) result(full) bind(c)
+         import :: c_char, c_ptr
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(in) :: key(*)
+         type(c_ptr) :: full
+      end function rk_deck_resolve
+
+      subroutine rk_deck_close(handle) bind(c)
+         import :: c_ptr
+         type(c_ptr), value :: handle
+      end subroutine rk_deck_close
+   end interface
 
 contains
 
@@ -591,15 +634,9 @@ subroutine get_texts(self, key, value)
    !> Its values
    character(len=word_length), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
-   integer :: i
 
    call self%get(key, lines)
-   value = [character(len=word_length) ::]
-   i = 1
-   do while (len(line(lines, i)) > 0)
-      value = [character(len=word_length) :: value, line(lines, i)]
-      i = i + 1
-   end do
+   call lines_of(lines, value)
 end subroutine get_texts
 
 !> Write all values, tables as objects and arrays of tables as arrays of objects

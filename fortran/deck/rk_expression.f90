@@ -4,7 +4,8 @@
 !> The deck's check has refused what is not an expression; muParser evaluates the others. Energies
 !> are differentiated, so they come as the operations of which they consist.
 module rk_expression
-   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char, c_ptr
+   use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
    use rk_text, only : to_text
@@ -83,15 +84,14 @@ module rk_expression
          character(kind=c_char), intent(in) :: text(*), name(*)
          integer(c_int) :: uses
       end function c_uses
-      function c_tape(text, constants, most, operation, left, right, number, result, room, &
-         & message) result(count) bind(c, name='rk_energy_tape')
-         import :: c_char, c_double, c_int
+      function c_tape(text, constants, most, count, operation, left, right, number, result) &
+         & result(fault) bind(c, name='rk_energy_tape')
+         import :: c_char, c_double, c_int, c_ptr
          character(kind=c_char), intent(in) :: text(*), constants(*)
-         integer(c_int), value :: most, room
-         integer(c_int), intent(out) :: operation(*), left(*), right(*), result
+         integer(c_int), value :: most
+         integer(c_int), intent(out) :: count, operation(*), left(*), right(*), result
          real(c_double), intent(out) :: number(*)
-         character(kind=c_char), intent(out) :: message(*)
-         integer(c_int) :: count
+         type(c_ptr) :: fault
       end function c_tape
    end interface
 
@@ -268,19 +268,12 @@ subroutine new_tape(tape, text, constants, values, fault)
    integer(c_int), dimension(most) :: operation, left, right
    integer(c_int) :: n, result
    real(wp) :: number(most)
-   character(len=1000) :: message
-   character(kind=c_char) :: letters(len(message))
-   integer :: i
+   character(len=:), allocatable :: why
 
-   n = c_tape(text//c_null_char, constants//c_null_char, int(most, c_int), operation, left, right, &
-      & number, result, int(len(message), c_int), letters)
-   if (n == 0) then
-      message = ''
-      do i = 1, len(message)
-         if (letters(i) == c_null_char) exit
-         message(i:i) = letters(i)
-      end do
-      fault = "'"//text//"' "//trim(message)
+   why = to_fortran(c_tape(text//c_null_char, constants//c_null_char, int(most, c_int), n, &
+      & operation, left, right, number, result))
+   if (len(why) > 0) then
+      fault = "'"//text//"' "//why
       return
    end if
    tape%operation = int(operation(:n))

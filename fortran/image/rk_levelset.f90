@@ -128,7 +128,7 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    !> Weights of the voxels, shape (columns, rows, slices) [-]
    real(wp), intent(in), contiguous, target :: weight(:, :, :)
    !> Level sets, shape (columns, rows, slices, level sets) [-]
-   real(wp), intent(inout) :: phi(:, :, :, :)
+   real(wp), intent(inout), contiguous, target :: phi(:, :, :, :)
    !> Energy at the start and after each iteration, shape (options%iterations+1) [-]
    real(wp), intent(out) :: energy(:)
    !> Mean values, shape (channels, regions) [-]
@@ -142,10 +142,10 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    real(wp), allocatable :: level(:, :, :), inside(:, :, :)
    !> Of `bend_row`, same shape, empty without gamma
    real(wp), allocatable :: bent(:, :, :)
-   real(wp), pointer :: values(:, :), weights(:)
+   real(wp), pointer :: values(:, :), weights(:), image(:, :)
    logical, allocatable :: looked(:, :)
    real(wp) :: dt, next_means(size(means, 1), size(means, 2)), next_energy, lowest
-   integer :: iteration, attempt, now, next, voxels, levels
+   integer :: iteration, attempt, now, next, voxels, levels, n, row, first
 
    energy = 0.0_wp
    means = 0.0_wp
@@ -157,9 +157,16 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    levels = size(phi, 4)
    values(1:size(weight), 1:size(channels, 4)) => channels
    weights(1:size(weight)) => weight
+   image(1:size(weight), 1:levels) => phi
+   n = size(phi, 1)
    allocate (level(grid%places, levels, 2), inside(grid%places, levels, 2), &
       bent(merge(grid%places, 0, options%gamma > 0.0_wp), levels, 2), source=0.0_wp)
-   call pad(phi, level(:, :, 1))
+   do row = 1, size(grid%rows)
+      first = n*(row - 1) + 1
+      associate (to => first + grid%rows(row)%shift)
+         level(to:to + n - 1, :, 1) = image(first:first + n - 1, :)
+      end associate
+   end do
    level(:, :, 2) = level(:, :, 1)
 
    now = 1
@@ -200,48 +207,12 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
       looked = level(:, :, now) > 0.0_wp
    end do iterate
    energy(iterations + 2:) = lowest
-   call unpad(level(:, :, now), phi)
-
-contains
-
-   !> Copy level sets into padded arrays
-   subroutine pad(from, to)
-      !> Level sets, shape (columns, rows, slices, level sets) [-]
-      real(wp), intent(in) :: from(:, :, :, :)
-      !> The same, shape (places, level sets) [-]
-      real(wp), intent(inout) :: to(:, :)
-      integer :: j, k, l, first
-
-      do l = 1, levels
-         do k = 1, size(from, 3)
-            do j = 1, size(from, 2)
-               first = 1 + (j - 1 + size(from, 2)*(k - 1))*size(from, 1) + &
-                  grid%rows(j + size(from, 2)*(k - 1))%shift
-               to(first:first + size(from, 1) - 1, l) = from(:, j, k, l)
-            end do
-         end do
-      end do
-   end subroutine pad
-
-   !> Copy level sets out of padded arrays
-   subroutine unpad(from, to)
-      !> Level sets, shape (places, level sets) [-]
-      real(wp), intent(in) :: from(:, :)
-      !> The same, shape (columns, rows, slices, level sets) [-]
-      real(wp), intent(inout) :: to(:, :, :, :)
-      integer :: j, k, l, first
-
-      do l = 1, levels
-         do k = 1, size(to, 3)
-            do j = 1, size(to, 2)
-               first = 1 + (j - 1 + size(to, 2)*(k - 1))*size(to, 1) + &
-                  grid%rows(j + size(to, 2)*(k - 1))%shift
-               to(:, j, k, l) = from(first:first + size(to, 1) - 1, l)
-            end do
-         end do
-      end do
-   end subroutine unpad
-
+   do row = 1, size(grid%rows)
+      first = n*(row - 1) + 1
+      associate (from => first + grid%rows(row)%shift)
+         image(first:first + n - 1, :) = level(from:from + n - 1, :, now)
+      end associate
+   end do
 end subroutine evolve_block
 
 !> One step of all level sets

@@ -105,7 +105,6 @@ subroutine new_material(item, parameters, error)
    end select
    item%material%name = parameters%name
    call item%material%set(parameters, error)
-   if (allocated(error)) return
    call parameters%check_all_asked(error)
 end subroutine new_material
 
@@ -122,7 +121,6 @@ subroutine set_polynomial(self, parameters, error)
    integer :: i, j
 
    call parameters%get('model', model, names, error)
-   if (allocated(error)) return
    select case (model)
    case ('neo-hookean')
       half = 'mu/2'
@@ -131,23 +129,20 @@ subroutine set_polynomial(self, parameters, error)
    case ('mooney-rivlin')
       half = 'C1 + C2'
       call parameters%get('C1', self%a(1, 0), error)
-      if (.not. allocated(error)) call parameters%get('C2', self%a(0, 1), error)
+      call parameters%get('C2', self%a(0, 1), error)
    case ('yeoh')
       half = 'C1'
       do i = 1, 3
          call parameters%get('C'//to_text(i), self%a(i, 0), error)
-         if (allocated(error)) exit
       end do
    case default
       half = 'A10 + A01'
-      each: do i = 0, 3
+      do i = 0, 3
          do j = merge(1, 0, i == 0), 3 - i
             call parameters%get('A'//to_text(i)//to_text(j), self%a(i, j), error)
-            if (allocated(error)) exit each
          end do
-      end do each
+      end do
    end select
-   if (allocated(error)) return
    ! an infinite K keeps the volume
    call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
    if (allocated(error)) return
@@ -214,15 +209,10 @@ subroutine set_muscle(self, parameters, error)
    logical :: smooth
 
    call self%polynomial_type%set(parameters, error)
-   if (allocated(error)) return
    call parameters%get('sigma_max', self%sigma_max, error, least=0.0_wp)
-   if (allocated(error)) return
    call parameters%get('lambda_o', self%lambda_o, error, above=0.0_wp)
-   if (allocated(error)) return
    call parameters%get('gamma1', self%gamma1, error, least=0.0_wp)
-   if (allocated(error)) return
    call parameters%get('gamma2', self%gamma2, error, above=0.0_wp)
-   if (allocated(error)) return
    call parameters%get('curve', curve, ['published', 'smooth   '], error)
    if (allocated(error)) return
    smooth = curve == 'smooth'
@@ -290,9 +280,7 @@ subroutine set_written(self, parameters, error)
    integer :: i
 
    call parameters%get('model', model, error=error)
-   if (.not. allocated(error)) call parameters%get('K', self%bulk, error, above=0.0_wp, &
-      & infinite=.true.)
-   if (allocated(error)) return
+   call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
    select case (model)
    case ('gent')
       text = '-mu*Jm/2*ln(1 - (I1 - 3)/Jm)'
@@ -302,8 +290,8 @@ subroutine set_written(self, parameters, error)
       text = 'mu/2*(I1 - 3) + k1/(2*k2)*(exp(k2*max(I4 - 1, 0)^2) - 1)'
    case default
       call parameters%get('energy', text, error=error)
-      if (allocated(error)) return
    end select
+   if (allocated(error)) return
    call parameters%other_numbers(constants, values)
    call new_tape(tape, text, constants, values, fault)
    if (.not. allocated(fault)) then

@@ -11,7 +11,7 @@ module rk_cloud
    implicit none
    private
 
-   public :: cloud_type, voxels_type, check_arrays, check_cloud
+   public :: cloud_type, voxels_type, check_cloud, take_arrays
 
    !> Greatest index of a voxel; no image has more voxels along an edge
    integer, parameter, public :: max_index = 1000000
@@ -253,10 +253,10 @@ function nearest_source(self) result(owner)
 end function nearest_source
 
 !> Refuse arrays from a file or from Python that do not fit together, or that point to what is not
-!> there
-subroutine check_arrays(self, error)
-   !> Model with nd = 3, whose indices count from 0 still: one more may be no integer
-   type(cloud_type), intent(in) :: self
+!> there; indices count from 0 before, one more of which may be no integer, and from 1 after it
+subroutine take_arrays(self, error)
+   !> Model with nd = 3
+   type(cloud_type), intent(inout) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: nb, np
@@ -282,6 +282,9 @@ subroutine check_arrays(self, error)
       call need_finite('fraction', any(.not. abs(self%fraction) <= huge(1.0_wp), dim=1))
    end if
    if (allocated(self%voxels%index)) call check_voxels(self%voxels)
+   if (allocated(error)) return
+   self%boundary_point = self%boundary_point + 1
+   self%boundary_set = self%boundary_set + 1
 
 contains
 
@@ -415,7 +418,7 @@ contains
       if (.not. allocated(error)) call fatal_error(error, err_input, what)
    end subroutine complain
 
-end subroutine check_arrays
+end subroutine take_arrays
 
 !> Refuse what no later station could make sense of
 subroutine check_cloud(self, error)

@@ -102,7 +102,7 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
    integer, allocatable :: number(:)
    real(wp), allocatable :: traction(:, :, :)
    logical, allocatable :: fixed(:, :)
-   real(wp) :: value(factors, 3), length
+   real(wp) :: value(factors, 3)
    integer :: a, b, e, i, nd, n
 
    nd = cloud%nd
@@ -146,7 +146,28 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
          end do
       end associate
    end do
+   call mean_normals(self, cloud, number, fixed, traction, error)
+end subroutine find_boundary
 
+!> Normals and tractions of the components that are not prescribed, means of the faces that meet,
+!> and where held faces meet free ones
+subroutine mean_normals(self, cloud, number, fixed, traction, error)
+   !> Boundary points with their prescribed components
+   type(boundary_type), intent(inout) :: self
+   !> Points
+   type(cloud_type), intent(in) :: cloud
+   !> Boundary point of each collocation point, shape (nc)
+   integer, intent(in) :: number(:)
+   !> Prescribed components of each boundary entry, shape (3, nb)
+   logical, intent(in) :: fixed(:, :)
+   !> Its tractions, shape (factors, 3, nb)
+   real(wp), intent(in) :: traction(:, :, :)
+   !> Error handling: a body one point thin
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: length
+   integer :: b, e, i, nd
+
+   nd = cloud%nd
    ! a face held along itself meets one that is not; symmetry planes, held across only, do no harm
    self%singular = .false.
    do e = 1, size(cloud%boundary_point)
@@ -159,7 +180,7 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
          self%traction(:, i, b) = self%traction(:, i, b) + traction(:, i, e)
       end do
    end do
-   do b = 1, n
+   do b = 1, size(self%point)
       do i = 1, nd
          if (self%essential(i, b)) cycle
          length = norm2(self%normal(:, i, b))
@@ -174,7 +195,7 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
          self%traction(:, i, b) = self%traction(:, i, b)/length
       end do
    end do
-end subroutine find_boundary
+end subroutine mean_normals
 
 !> First load factor for which two displacements are not the same, 0 where they are
 pure integer function contradiction(one, other)

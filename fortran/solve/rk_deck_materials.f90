@@ -29,13 +29,9 @@ subroutine read_materials(scene, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   type(material_item) :: item
-   type(parameters_type) :: parameters
-   character(len=:), allocatable :: at
-   real(wp), allocatable :: direction(:)
    integer, allocatable :: material_of(:)
    integer :: k, n
-   logical :: regions, by_label
+   logical :: regions
 
    n = deck%count('material')
    regions = has_regions(deck)
@@ -48,43 +44,8 @@ subroutine read_materials(scene, deck, error)
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
       & source=0)
    do k = 1, n
-      at = 'material.'//to_text(k)
-      associate (tissue => scene%tissue(k))
-         call deck%get(at//'.name', tissue%name)
-         by_label = regions .or. deck%has(at//'.label')
-         if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
-            & tissue%label)
-         call read_parameters(deck, at, tissue%name, parameters)
-         call new_material(item, parameters, error)
-         if (allocated(error)) then
-            error%message = deck%where(at//'.model')//': '//error%message
-            return
-         end if
-         call move_alloc(item%material, tissue%material)
-         call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
-         if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
-            & tissue, by_label)
-         if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
-            if (regions) then
-               call deck%complain(at//merge('.label', '.where', deck%has(at//'.label')), &
-                  & 'no point lies there, or later materials fill it', error)
-            else
-               call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
-                  & error)
-            end if
-            return
-         end if
-         if (tissue%material%fibered) then
-            call read_direction(deck, at, scene%cloud%nd, direction)
-            call set_fibers(scene, k, direction, deck, at, error)
-            call read_activation(scene, deck, at, k, error)
-         else
-            call clear_fibers(scene, k)
-            if (deck%has(at//'.fiber') .or. deck%has(at//'.fiber_angle')) call deck%complain( &
-               & at//'.energy', 'has no I4, so that its fibers would do nothing', error)
-         end if
-         if (allocated(error)) return
-      end associate
+      call read_tissue(scene, k, deck, regions, material_of, error)
+      if (allocated(error)) return
    end do
    if (allocated(scene%cloud%activation) .and. index(scene%method, 'rkcm') == 1) &
       & call deck%complain('geometry.file', 'its activations vary from point to point, and ' &
@@ -99,6 +60,64 @@ subroutine read_materials(scene, deck, error)
       call set_parts(scene, material_of, deck, error)
    end if
 end subroutine read_materials
+
+!> A material: its law, the points that it fills, its fibers and what drives them
+subroutine read_tissue(scene, k, deck, regions, material_of, error)
+   !> Scene with points
+   type(scene_type), intent(inout) :: scene
+   !> Number of the material
+   integer, intent(in) :: k
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Whether materials have parts of the body by expressions or a label map
+   logical, intent(in) :: regions
+   !> Material of each fraction, shape (nf); not allocated where points have none
+   integer, allocatable, intent(inout) :: material_of(:)
+   !> Error handling
+   type(error_type), allocatable, intent(inout) :: error
+   type(material_item) :: item
+   type(parameters_type) :: parameters
+   character(len=:), allocatable :: at
+   real(wp), allocatable :: direction(:)
+   logical :: by_label
+
+   at = 'material.'//to_text(k)
+   associate (tissue => scene%tissue(k))
+      call deck%get(at//'.name', tissue%name)
+      by_label = regions .or. deck%has(at//'.label')
+      if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
+         & tissue%label)
+      call read_parameters(deck, at, tissue%name, parameters)
+      call new_material(item, parameters, error)
+      if (allocated(error)) then
+         error%message = deck%where(at//'.model')//': '//error%message
+         return
+      end if
+      call move_alloc(item%material, tissue%material)
+      call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
+      if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
+         & tissue, by_label)
+      if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
+         if (regions) then
+            call deck%complain(at//merge('.label', '.where', deck%has(at//'.label')), &
+               & 'no point lies there, or later materials fill it', error)
+         else
+            call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
+               & error)
+         end if
+         return
+      end if
+      if (tissue%material%fibered) then
+         call read_direction(deck, at, scene%cloud%nd, direction)
+         call set_fibers(scene, k, direction, deck, at, error)
+         call read_activation(scene, deck, at, k, error)
+      else
+         call clear_fibers(scene, k)
+         if (deck%has(at//'.fiber') .or. deck%has(at//'.fiber_angle')) call deck%complain( &
+            & at//'.energy', 'has no I4, so that its fibers would do nothing', error)
+      end if
+   end associate
+end subroutine read_tissue
 
 !> Whether some point has a fraction of a material
 pure logical function has_part(scene, material_of, k)

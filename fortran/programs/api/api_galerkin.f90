@@ -4,24 +4,20 @@
 
 !> Integration points, groups, surface points, tissues of all points together, tissues
 subroutine galerkin_sizes(handle, sizes, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    use rk_precision, only : wp
    implicit none
    integer, intent(in) :: handle
    integer, intent(out) :: sizes(5), stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    integer, allocatable :: tissue(:)
    real(wp), allocatable :: fraction(:), fiber(:, :)
    integer :: nc, q
 
    sizes = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    nc = size(full%scene%cloud%points, 2)
    sizes = [size(full%cells%weight), size(full%cells%first) - 1, size(full%cells%set), 0, &
@@ -34,21 +30,17 @@ end subroutine galerkin_sizes
 
 !> Boundary sets of the probes, 0 of those at points
 subroutine galerkin_probe_sets(handle, n, sets, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    implicit none
    integer, intent(in) :: handle, n
    integer, intent(out) :: sets(n), stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    integer :: k
 
    sets = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    do k = 1, min(n, size(full%scene%probe))
       sets(k) = full%scene%probe(k)%set
@@ -59,24 +51,20 @@ end subroutine galerkin_probe_sets
 !> integrals of the groups' polynomials; set, prescribed components and penalty of surface points
 subroutine galerkin_cells(handle, nd, np, ng, ms, weight, first, local_bulk, bulk, count, basis, &
    & total, set, essential, penalty, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    implicit none
    integer, intent(in) :: handle, nd, np, ng, ms
    double precision, intent(out) :: weight(np), local_bulk(np), bulk(ng), basis(nd + 1, np)
    double precision, intent(out) :: total(nd + 1, ng), penalty(ms)
    integer, intent(out) :: first(ng + 1), count(ng), set(ms), essential(nd, ms), stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    integer :: nc
 
    weight = 0; local_bulk = 0; bulk = 0; basis = 0; total = 0; penalty = 0
    first = 0; count = 0; set = 0; essential = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    nc = size(full%scene%cloud%points, 2)
    weight = full%cells%weight
@@ -93,25 +81,21 @@ end subroutine galerkin_cells
 
 !> Tissues of the points: those before each point, tissue, fraction and fiber of each entry
 subroutine galerkin_tissues(handle, np, ne, first, tissue, fraction, fiber, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    use rk_precision, only : wp
    implicit none
    integer, intent(in) :: handle, np, ne
    double precision, intent(out) :: fraction(ne), fiber(3, ne)
    integer, intent(out) :: first(np + 1), tissue(ne), stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    integer, allocatable :: of(:)
    real(wp), allocatable :: part(:), along(:, :)
    integer :: nc, q
 
    first = 0; tissue = 0; fraction = 0; fiber = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    nc = size(full%scene%cloud%points, 2)
    do q = 1, np
@@ -130,7 +114,7 @@ subroutine galerkin_laws(handle, nt, a, fibers, state, stat, message)
    use rk_energies, only : muscle_type, polynomial_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
+   use rk_handles, only : look_up
    use rk_pack, only : pack_error
    implicit none
    integer, intent(in) :: handle, nt
@@ -143,8 +127,7 @@ subroutine galerkin_laws(handle, nt, a, fibers, state, stat, message)
 
    a = 0; state = 0
    fibers = spread([1d0, 0d0, 1d0, 1d0, 0d0, 1d0, 0d0], 2, nt)
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    ! from the last axis towards x
    if (full%gradient%nd == 2) fibers(5:, :) = spread([0d0, 0d0, -1d0], 2, nt)
@@ -171,10 +154,8 @@ end subroutine galerkin_laws
 !> Displacement gradients u_i,A at the integration points, A running first, of displacements by
 !> their coefficients
 subroutine galerkin_gradients(handle, n, np, k, x, gradient, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    use rk_precision, only : wp
    implicit none
    !f2py threadsafe
@@ -183,15 +164,13 @@ subroutine galerkin_gradients(handle, n, np, k, x, gradient, stat, message)
    double precision, intent(out) :: gradient(9, np, k)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    real(wp), allocatable :: u(:, :)
    real(wp) :: h(3, 3), none(0)
    integer :: g, j, nd, q
 
    gradient = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    nd = full%gradient%nd
    do g = 1, size(full%cells%first) - 1
@@ -213,25 +192,21 @@ end subroutine galerkin_gradients
 !> What the scene prescribes at full load: displacements of surface points, forces of their
 !> tractions, gradients u_i,A that the displacements make, A running first, forces on the unknowns
 subroutine galerkin_loads(handle, nd, n, np, ms, value, push, given, force, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    use rk_precision, only : wp
    implicit none
    integer, intent(in) :: handle, nd, n, np, ms
    double precision, intent(out) :: value(nd, ms), push(nd, ms), given(9, np), force(n)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    real(wp), allocatable :: factor(:)
    real(wp) :: h(3, 3)
    integer :: a, q
 
    value = 0; push = 0; given = 0; force = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    factor = full%scene%factors(1.0_wp)
    force = matmul(full%force, factor)
@@ -249,10 +224,8 @@ end subroutine galerkin_loads
 !> What penalty and stabilisation make of displacements, and their product with the mass of density
 !> one
 subroutine galerkin_products(handle, n, k, x, stiff, mass, stat, message)
-   use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up
    use rk_precision, only : wp
    implicit none
    !f2py threadsafe
@@ -261,7 +234,6 @@ subroutine galerkin_products(handle, n, k, x, stiff, mass, stat, message)
    double precision, intent(out) :: stiff(n, k), mass(n, k)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(galerkin_problem), pointer :: full
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
@@ -269,8 +241,7 @@ subroutine galerkin_products(handle, n, k, x, stiff, mass, stat, message)
    integer :: i, j, l, nd, q
 
    stiff = 0; mass = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    nd = full%gradient%nd
    do j = 1, k
@@ -302,7 +273,7 @@ subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weig
    & local_bulk, count, tissue, fraction, fiber, stat, message)
    use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
-   use rk_handles, only : find_galerkin
+   use rk_handles, only : look_up
    use rk_pack, only : pack_error
    use rk_precision, only : wp
    use rk_shape, only : shape_type
@@ -326,8 +297,7 @@ subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weig
 
    gradient = 0; weight = 0; pressure = 0; local_bulk = 0
    count = 0; tissue = 0; fraction = 0; fiber = 0
-   call find_galerkin(handle, full, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, full, stat, message)
    if (stat /= 0) return
    place(:, 1) = full%scene%probe(probe)%point(:nd)
    ip = minloc(sum((full%scene%cloud%points - spread(place(:, 1), 2, &

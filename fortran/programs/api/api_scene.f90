@@ -8,7 +8,7 @@
 !> function results in static storage, and keys are made of such results
 subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, point, place, &
    & entry, entry_of, grid, fraction_label, set_names, length_unit, handle, stat, message)
-   use rk_cloud, only : check_arrays, cloud_type
+   use rk_cloud, only : cloud_type, take_arrays
    use rk_error, only : error_type
    use rk_pack, only : pack_error
    use rk_session, only : open_session
@@ -48,12 +48,8 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    model%set_names = set_names
    model%length_unit = trim(length_unit)
    handle = 0
-   call check_arrays(model, error)
-   if (.not. allocated(error)) then
-      model%boundary_point = entry_of(1, :) + 1
-      model%boundary_set = entry_of(2, :) + 1
-      call open_session(path, text, overrides, model, handle, error)
-   end if
+   call take_arrays(model, error)
+   if (.not. allocated(error)) call open_session(path, text, overrides, model, handle, error)
    call pack_error(error, stat, message)
 end subroutine scene_open
 
@@ -90,39 +86,31 @@ end subroutine scene_close
 !> What the search for points has changed in the deck, an override "table.key=value" a line; blank
 !> where nothing was searched
 subroutine scene_found(handle, words, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle
    character(len=512), intent(out) :: words
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    words = ''
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    if (allocated(slot%refinement%points)) words = slot%refinement%points
 end subroutine scene_found
 
 !> Sizes: dimension, source points, collocation points, unknowns, equations, probes, steps, stencils
 subroutine scene_sizes(handle, sizes, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle
    integer, intent(out) :: sizes(8), stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    sizes = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%points, 2), &
       & slot%full%n, slot%full%m, size(slot%scene%probe), &
@@ -133,9 +121,9 @@ end subroutine scene_sizes
 !> that are assembled in full (assembled = 1) or not; gives the number of equations that are left
 subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, message)
    use rk_error, only : error_type
+   use rk_handles, only : look_up, slot_type
    use rk_pack, only : pack_error
-   use rk_reduced, only : reduction_type
-   use rk_session, only : reduce_session
+   use rk_reduced, only : new_reduced, reduction_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, n, r, assembled
@@ -144,49 +132,48 @@ subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, 
    integer, intent(out) :: rows, stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
 
-   call reduce_session(handle, modes, reduction_type(projection, assembled /= 0), rows, error)
+   rows = 0
+   call look_up(handle, slot, stat, message)
+   if (stat /= 0) return
+   if (associated(slot%reduced)) deallocate (slot%reduced)
+   call new_reduced(slot%reduced, slot%full, modes, reduction_type(projection, assembled /= 0), &
+      & error)
+   if (.not. allocated(error)) rows = slot%reduced%m
    call pack_error(error, stat, message)
 end subroutine scene_reduce
 
 !> Collocation points
 subroutine scene_points(handle, nd, nc, place, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle, nd, nc
    double precision, intent(out) :: place(nd, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    place = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat == 0) place = slot%scene%cloud%points
 end subroutine scene_points
 
 !> Triangles of the surface, or of a plane body itself: their number, and as many as there is room
 !> for, points from 0
 subroutine scene_surface(handle, room, n, triangle, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    use rk_surface, only : lattice_places, surface_triangles
    implicit none
    integer, intent(in) :: handle, room
    integer, intent(out) :: n, triangle(3, room), stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer, allocatable :: found(:, :)
 
    n = 0
    triangle = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    found = surface_triangles(lattice_places(slot%scene%cloud)) - 1
    n = size(found, 2)
@@ -195,45 +182,37 @@ end subroutine scene_surface
 
 !> Number of points where scene_set_fields wants values
 subroutine scene_count_field_points(handle, n, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle
    integer, intent(out) :: n, stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    double precision, allocatable :: place(:, :)
    double precision :: none(3, 0), no_stress(3, 3, 0)
 
    n = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
-   if (stat > 0) return
+   call look_up(handle, slot, stat, message)
+   if (stat /= 0) return
    call slot%full%set_point_loads(none, none, no_stress, place)
    n = size(place, 2)
 end subroutine scene_count_field_points
 
 !> Points where scene_set_fields wants values
 subroutine scene_field_points(handle, nd, n, place, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle, nd, n
    double precision, intent(out) :: place(nd, n)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    double precision, allocatable :: points(:, :)
    double precision :: none(3, 0), no_stress(3, 3, 0)
 
    place = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
-   if (stat > 0) return
+   call look_up(handle, slot, stat, message)
+   if (stat /= 0) return
    call slot%full%set_point_loads(none, none, no_stress, points)
    place = points
 end subroutine scene_field_points
@@ -241,17 +220,25 @@ end subroutine scene_field_points
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
 !> and at the field points; the last two count where the deck has conditions of their kind
 subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, message)
-   use rk_error, only : error_type
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_handles, only : look_up, slot_type
    use rk_pack, only : pack_error
-   use rk_session, only : set_session_fields
    implicit none
    integer, intent(in) :: handle, nc
    double precision, intent(in) :: body_force(3, nc), displacement(3, nc), stress(3, 3, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
 
-   call set_session_fields(handle, body_force, displacement, stress, error)
+   call look_up(handle, slot, stat, message)
+   if (stat /= 0) return
+   if (slot%full%linear) then
+      call fatal_error(error, err_input, 'the loads of a linear problem are those of its deck: ' &
+         & //'give linear.source and the boundary as expressions instead of set_fields')
+   else
+      call slot%full%set_point_loads(body_force, displacement, stress)
+   end if
    call pack_error(error, stat, message)
 end subroutine scene_set_fields
 
@@ -298,20 +285,16 @@ end subroutine scene_progress
 !> Shape functions in words: coefficients belong to them
 subroutine scene_approximation(handle, text, stat, message)
    use rk_deck_scene, only : approximation_text
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle
    character(len=200), intent(out) :: text
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    text = ''
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat == 0) text = approximation_text(slot%deck)
 end subroutine scene_approximation
 
@@ -377,21 +360,17 @@ end subroutine scene_states
 !> Warnings of the last solve, also of one that failed, each with its line feed. `length` is that of
 !> the whole text; where it is above `capacity` the caller asks again with more.
 subroutine scene_warnings(handle, capacity, text, length, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle, capacity
    character(len=capacity), intent(out) :: text
    integer, intent(out) :: length, stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
    text = ''
    length = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0 .or. .not. allocated(slot%outcome%warnings)) return
    length = len(slot%outcome%warnings)
    text = slot%outcome%warnings
@@ -403,9 +382,7 @@ end subroutine scene_warnings
 subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, text, length, stat, &
    & message)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    use rk_probes, only : quantity_size
    implicit none
    integer, intent(in) :: handle, np, k, capacity
@@ -414,7 +391,6 @@ subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, tex
    double precision, intent(out) :: bar(3, np, k)
    character(len=capacity), intent(out) :: text
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer :: i, j, n
 
@@ -422,8 +398,7 @@ subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, tex
    bar = ieee_value(1.0d0, ieee_quiet_nan)
    text = ''
    length = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0 .or. .not. allocated(slot%verdict%reasons)) return
    verdict = slot%verdict%state
    length = len(slot%verdict%reasons)
@@ -455,10 +430,8 @@ end subroutine scene_field_list
 !> All fields at all collocation points for one state of the full problem, one under the other in
 !> the order of the list
 subroutine scene_fields(handle, n, nc, rows, x, load, values, stat, message)
-   use rk_error, only : error_type
    use rk_fields, only : compute_fields
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    use rk_point_field, only : point_field
    use rk_states, only : field_state
    implicit none
@@ -468,15 +441,13 @@ subroutine scene_fields(handle, n, nc, rows, x, load, values, stat, message)
    double precision, intent(out) :: values(rows, nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    type(field_state) :: state
    type(point_field), allocatable :: fields(:)
    integer :: k, row
 
    values = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    call slot%full%state(x, load, state)
    call compute_fields(slot%full, state, fields)
@@ -491,8 +462,10 @@ end subroutine scene_fields
 !> step that starts at `start`
 subroutine scene_hessian(handle, reduced, n, start, x, load, gradient, second, stat, message)
    use rk_error, only : error_type
+   use rk_operator, only : row_operator
    use rk_pack, only : pack_error
-   use rk_session, only : hessian_session
+   use rk_problem, only : problem_type
+   use rk_session, only : evaluate_session
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, reduced, n
@@ -501,19 +474,28 @@ subroutine scene_hessian(handle, reduced, n, start, x, load, gradient, second, s
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   class(problem_type), pointer :: problem
+   class(row_operator), pointer :: op
+   double precision, allocatable :: r(:)
 
    gradient = 0
    second = 0
-   call hessian_session(handle, reduced /= 0, start, x, load, gradient, second, error)
+   call evaluate_session(handle, reduced /= 0, start, x, load, problem, r, error)
    call pack_error(error, stat, message)
+   if (stat /= 0) return
+   op => problem%operator()
+   call op%apply_transposed(r, gradient)
+   call problem%hessian(x, load, r, second)
 end subroutine scene_hessian
 
 !> Residual and linearised rows times a direction, of the full (reduced = 0) or the reduced problem;
 !> the row weights are those of a load step that starts at `start`
 subroutine scene_linearise(handle, reduced, n, m, start, x, load, dx, r, y, stat, message)
    use rk_error, only : error_type
+   use rk_operator, only : row_operator
    use rk_pack, only : pack_error
-   use rk_session, only : linearise_session
+   use rk_problem, only : problem_type
+   use rk_session, only : evaluate_session
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, reduced, n, m
@@ -522,18 +504,27 @@ subroutine scene_linearise(handle, reduced, n, m, start, x, load, dx, r, y, stat
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   class(problem_type), pointer :: problem
+   class(row_operator), pointer :: op
+   double precision, allocatable :: residual(:)
 
    r = 0
    y = 0
-   call linearise_session(handle, reduced /= 0, start, x, load, dx, r, y, error)
+   call evaluate_session(handle, reduced /= 0, start, x, load, problem, residual, error)
    call pack_error(error, stat, message)
+   if (stat /= 0) return
+   r = residual
+   op => problem%operator()
+   call op%apply(dx, y)
 end subroutine scene_linearise
 
 !> Values of all probes, three numbers each, for states of the full problem
 subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    use rk_error, only : error_type
+   use rk_handles, only : look_up, slot_type
    use rk_pack, only : pack_error
-   use rk_session, only : probe_session
+   use rk_probes, only : new_probes, probe_value, probes_type
+   use rk_states, only : field_state
    implicit none
    !f2py threadsafe
    integer, intent(in) :: handle, n, k, np
@@ -542,8 +533,21 @@ subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+   type(field_state) :: state
+   type(probes_type) :: probes
+   integer :: i, j
 
    value = 0
-   call probe_session(handle, x, load, value, error)
+   call look_up(handle, slot, stat, message)
+   if (stat /= 0) return
+   call new_probes(probes, slot%scene, error)
    call pack_error(error, stat, message)
+   if (stat /= 0) return
+   do j = 1, k
+      call slot%full%state(x(:, j), load(j), state)
+      do i = 1, size(slot%scene%probe)
+         call probe_value(slot%full, probes, i, state, value(:, i, j))
+      end do
+   end do
 end subroutine scene_probes

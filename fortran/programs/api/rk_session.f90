@@ -5,24 +5,19 @@ module rk_session
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
-   use rk_lstsq, only : row_operator
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
-   use rk_probes, only : new_probes, probe_value, probes_type
    use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : start_type
-   use rk_reduced, only : new_reduced, reduction_type
    use rk_refine, only : refine
    use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_scene, only : scene_type
-   use rk_states, only : field_state
    use rk_text, only : to_text
    use rk_verdict, only : judge, verdict_type
    implicit none
    private
 
-   public :: open_session, update_session, set_session_fields, reduce_session, solve_session
-   public :: hessian_session, linearise_session, probe_session
+   public :: open_session, update_session, solve_session, evaluate_session
 
 contains
 
@@ -74,7 +69,7 @@ subroutine update_session(handle, overrides, error)
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    type(deck_type) :: deck
-   type(scene_type) :: other
+   type(scene_type) :: other, kept
    logical :: materials
    integer :: k
 
@@ -103,10 +98,11 @@ subroutine update_session(handle, overrides, error)
          end associate
       end do
       materials = any([(index(overrides(k), 'material.') == 1, k=1, size(overrides))])
-      call swap()
+      call take(scene, kept)
+      call take(other, scene)
       call slot%full%renew(materials, error)
       if (allocated(error)) then
-         call swap()
+         call take(kept, scene)
          return
       end if
    end associate
@@ -116,79 +112,22 @@ subroutine update_session(handle, overrides, error)
 
 contains
 
-   !> Exchange what can be changed
-   subroutine swap()
-      type(scene_type) :: kept
+   !> Take from another scene what can be changed
+   subroutine take(from, to)
+      !> The other scene
+      type(scene_type), intent(in) :: from
+      !> Scene
+      type(scene_type), intent(inout) :: to
 
-      associate (scene => slot%scene)
-         kept%condition = scene%condition
-         kept%tissue = scene%tissue
-         kept%load = scene%load
-         kept%programme = scene%programme
-         kept%solver = scene%solver
-         kept%probe = scene%probe
-         scene%condition = other%condition
-         scene%tissue = other%tissue
-         scene%load = other%load
-         scene%programme = other%programme
-         scene%solver = other%solver
-         scene%probe = other%probe
-         other%condition = kept%condition
-         other%tissue = kept%tissue
-         other%load = kept%load
-         other%programme = kept%programme
-         other%solver = kept%solver
-         other%probe = kept%probe
-      end associate
-   end subroutine swap
+      to%condition = from%condition
+      to%tissue = from%tissue
+      to%load = from%load
+      to%programme = from%programme
+      to%solver = from%solver
+      to%probe = from%probe
+   end subroutine take
 
 end subroutine update_session
-
-!> Set what varies over the points and has no place in a deck, at full load
-subroutine set_session_fields(handle, body_force, displacement, stress, error)
-   !> Handle
-   integer, intent(in) :: handle
-   !> Body force per undeformed volume, shape (3, n) [force/length^3]
-   real(wp), intent(in) :: body_force(:, :)
-   !> Displacement of the essential components, shape (3, n) [length]
-   real(wp), intent(in) :: displacement(:, :)
-   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
-   real(wp), intent(in) :: stress(:, :, :)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
-
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
-   if (slot%full%linear) then
-      call fatal_error(error, err_input, 'the loads of a linear problem are those of its deck: ' &
-         & //'give linear.source and the boundary as expressions instead of set_fields')
-      return
-   end if
-   call slot%full%set_point_loads(body_force, displacement, stress)
-end subroutine set_session_fields
-
-!> Make the reduced problem of a scene
-subroutine reduce_session(handle, modes, way, rows, error)
-   !> Handle
-   integer, intent(in) :: handle
-   !> Modes, shape (n, r)
-   real(wp), intent(in) :: modes(:, :)
-   !> How it is projected and assembled
-   type(reduction_type), intent(in) :: way
-   !> Equations of the reduced problem
-   integer, intent(out) :: rows
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
-
-   rows = 0
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
-   if (associated(slot%reduced)) deallocate (slot%reduced)
-   call new_reduced(slot%reduced, slot%full, modes, way, error)
-   if (.not. allocated(error)) rows = slot%reduced%m
-end subroutine reduce_session
 
 !> Full or reduced problem of a handle
 subroutine find_problem(handle, reduced, slot, problem, error)
@@ -295,94 +234,5 @@ subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
    if (.not. state%valid) call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
       & //to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst))
 end subroutine evaluate_session
-
-!> Residual and linearised rows times a direction
-subroutine linearise_session(handle, reduced, start, x, load, dx, r, y, error)
-   !> Handle
-   integer, intent(in) :: handle
-   !> Of the reduced problem
-   logical, intent(in) :: reduced
-   !> Unknowns at the start of the load step, which fix the row weights, shape (n)
-   real(wp), contiguous, intent(in) :: start(:)
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Direction, shape (n)
-   real(wp), contiguous, intent(in) :: dx(:)
-   !> Residual, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> Linearised rows times the direction, shape (m)
-   real(wp), contiguous, intent(inout) :: y(:)
-   !> Error handling: closed scene, no reduced model, J <= 0
-   type(error_type), allocatable, intent(out) :: error
-   class(problem_type), pointer :: problem
-   class(row_operator), pointer :: op
-   real(wp), allocatable :: residual(:)
-
-   call evaluate_session(handle, reduced, start, x, load, problem, residual, error)
-   if (allocated(error)) return
-   r = residual
-   op => problem%operator()
-   call op%apply(dx, y)
-end subroutine linearise_session
-
-!> Gradient and second derivatives of r.r/2
-subroutine hessian_session(handle, reduced, start, x, load, gradient, second, error)
-   !> Handle
-   integer, intent(in) :: handle
-   !> Of the reduced problem
-   logical, intent(in) :: reduced
-   !> Unknowns at the start of the load step, which fix the row weights, shape (n)
-   real(wp), contiguous, intent(in) :: start(:)
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> A^T r, shape (n)
-   real(wp), contiguous, intent(inout) :: gradient(:)
-   !> Upper triangle, shape (n, n)
-   real(wp), contiguous, intent(inout) :: second(:, :)
-   !> Error handling: closed scene, no reduced model, J <= 0
-   type(error_type), allocatable, intent(out) :: error
-   class(problem_type), pointer :: problem
-   class(row_operator), pointer :: op
-   real(wp), allocatable :: r(:)
-
-   call evaluate_session(handle, reduced, start, x, load, problem, r, error)
-   if (allocated(error)) return
-   op => problem%operator()
-   call op%apply_transposed(r, gradient)
-   call problem%hessian(x, load, r, second)
-end subroutine hessian_session
-
-!> Values of all probes for states of the full problem
-subroutine probe_session(handle, x, load, value, error)
-   !> Handle
-   integer, intent(in) :: handle
-   !> Unknowns, shape (n, states)
-   real(wp), contiguous, intent(in) :: x(:, :)
-   !> Loads, shape (states)
-   real(wp), intent(in) :: load(:)
-   !> Values, shape (3, probes, states)
-   real(wp), intent(inout) :: value(:, :, :)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
-   type(field_state) :: state
-   type(probes_type) :: probes
-   integer :: i, k
-
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
-   call new_probes(probes, slot%scene, error)
-   if (allocated(error)) return
-   do k = 1, size(load)
-      call slot%full%state(x(:, k), load(k), state)
-      do i = 1, size(slot%scene%probe)
-         call probe_value(slot%full, probes, i, state, value(:, i, k))
-      end do
-   end do
-end subroutine probe_session
 
 end module rk_session

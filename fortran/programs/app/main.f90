@@ -10,7 +10,7 @@ program main
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
-   use rk_model_cloud, only : read_model_cloud
+   use rk_model_file, only : read_model_cloud
    use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type
@@ -32,6 +32,15 @@ program main
    type(cloud_type) :: model
    type(scene_type), target :: scene
    type(error_type), allocatable :: error
+   class(discretisation_type), allocatable, target :: problem
+   type(output_type) :: output
+   type(refinement_type) :: refinement
+   type(start_type), allocatable :: start
+   type(json_entry), allocatable :: earlier(:)
+   !> Wall time of the shape functions [s]
+   real(wp) :: shape_s
+   !> Whether an earlier summary is damaged, and whether the points are those of an ended run
+   logical :: damaged, resumed = .false.
    !> Whether the output folder is ours, and whether its summary is that of this run
    logical :: claimed = .false., written = .false.
    integer(i8) :: clock
@@ -57,26 +66,17 @@ program main
    if (config%explain) then
       call explain(deck, model, scene)
    else
-      call run()
+      call set_up()
+      call begin()
+      call solve()
    end if
 
 contains
 
-   !> Solve and write
-   subroutine run()
-      class(discretisation_type), allocatable, target :: problem
-      type(output_type) :: output
-      type(outcome_type) :: outcome
-      type(verdict_type) :: verdict
+   !> The problem on the points of the deck, or on those that are found for it
+   subroutine set_up()
       type(search_type) :: search
-      type(refinement_type) :: refinement
-      type(error_type), allocatable :: failure
-      type(start_type), allocatable :: start
-      type(json_entry), allocatable :: earlier(:)
-      real(wp) :: shape_s
-      character(len=:), allocatable :: damage, history, message
-      logical :: damaged, finished, resumed
-      integer(i8) :: began, journal
+      integer(i8) :: began
 
       call make_folder(config%out, error)
       call leave_on(error)
@@ -88,18 +88,23 @@ contains
       call leave_on(error)
       shape_s = tick(began)
       call catch_signals()
-      resumed = .false.
-      if (deck%has('refine')) then
-         search%verbosity = config%verbosity
-         if (config%resume) call resume_points(config%out, deck, resumed, error)
-         if (.not. allocated(error) .and. .not. resumed) call refine(refinement, deck, model, &
-            & search, error)
-         call leave_on(error)
-         call free_discretisation(problem)
-         call new_scene(scene, deck, model, error)
-         if (.not. allocated(error)) call new_problem(problem, scene, error)
-         call leave_on(error)
-      end if
+      if (.not. deck%has('refine')) return
+      search%verbosity = config%verbosity
+      if (config%resume) call resume_points(config%out, deck, resumed, error)
+      if (.not. allocated(error) .and. .not. resumed) call refine(refinement, deck, model, &
+         & search, error)
+      call leave_on(error)
+      call free_discretisation(problem)
+      call new_scene(scene, deck, model, error)
+      if (.not. allocated(error)) call new_problem(problem, scene, error)
+      call leave_on(error)
+   end subroutine set_up
+
+   !> The state at which it begins, its files, and what is said before it is solved
+   subroutine begin()
+      character(len=:), allocatable :: damage, history
+      integer(i8) :: journal
+
       history = ''
       damage = ''
       journal = 0
@@ -130,6 +135,16 @@ contains
          & //to_text(output%repeated), level=0)
       if (config%start /= '' .and. output%repeated == 0) call output%say('starts from ' &
          & //config%start, level=0)
+   end subroutine begin
+
+   !> Solve, judge and write
+   subroutine solve()
+      type(outcome_type) :: outcome
+      type(verdict_type) :: verdict
+      type(error_type), allocatable :: failure
+      character(len=:), allocatable :: message
+      logical :: finished
+
       call solve_scene(problem, '', output, outcome, failure, start)
       call judge(verdict, problem, deck, model, config%estimate, output, outcome)
       call output%tell_verdict(deck, verdict)
@@ -167,7 +182,7 @@ contains
          & //to_text(verdict%companion%seconds, 3)//' s, '
       message = message//to_text(1.0e-6_wp*peak_bytes(), 3)//' MB, results in '//config%out
       if (config%verbosity >= 0) call tell(verdict%sentence()//': '//message)
-   end subroutine run
+   end subroutine solve
 
    !> Have the output folder alone, with a summary that says that this run has not ended
    subroutine claim()

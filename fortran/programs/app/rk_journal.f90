@@ -13,6 +13,7 @@ module rk_journal
    use rk_error, only : error_type, fatal_error, err_file
    use rk_precision, only : wp
    use rk_restart, only : restart_type
+   use rk_text_file, only : rkf_close, rkf_create
    implicit none
    private
 
@@ -24,8 +25,6 @@ module rk_journal
 
    !> Bytes of a head with its check, and of a check
    integer(int64), parameter :: nhead = 32, ncheck = 8
-   !> Room for the reason of a failure
-   integer(c_int), parameter :: nwhy = 200
 
    !> Journal being written
    type :: journal_type
@@ -47,29 +46,13 @@ module rk_journal
    end type journal_type
 
    interface
-      integer(c_int) function rkf_create(path, kept, handle, why, nwhy) bind(c)
-         import :: c_char, c_int, c_int64_t, c_ptr
-         character(kind=c_char), intent(in) :: path(*)
-         integer(c_int64_t), value :: kept
-         type(c_ptr), intent(out) :: handle
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
-      end function rkf_create
-      integer(c_int) function rkf_record(handle, head, one, none, two, ntwo, why, nwhy) bind(c)
-         import :: c_char, c_int, c_int64_t, c_ptr
+      type(c_ptr) function rkf_record(handle, head, one, none, two, ntwo) bind(c)
+         import :: c_int64_t, c_ptr
          type(c_ptr), value :: handle
          integer(c_int64_t), intent(in) :: head(3)
          type(c_ptr), value :: one, two
          integer(c_int64_t), value :: none, ntwo
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
       end function rkf_record
-      integer(c_int) function rkf_close(handle, why, nwhy) bind(c)
-         import :: c_char, c_int, c_ptr
-         type(c_ptr), value :: handle
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
-      end function rkf_close
       integer(c_int64_t) function rkf_check(before, bytes, length) bind(c)
          import :: c_int64_t, c_ptr
          integer(c_int64_t), value :: before
@@ -94,11 +77,10 @@ subroutine open_journal(self, path, behind, error)
    integer(int64), intent(in) :: behind
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    self%path = path
    call self%check(rkf_create(path//c_null_char, merge(behind, -1_int64, behind > 0), &
-      & self%handle, why, nwhy), why, error)
+      & self%handle), error)
 end subroutine open_journal
 
 !> Add a text
@@ -111,11 +93,10 @@ subroutine add_text(self, kind, text, error)
    character(len=*), intent(in), target :: text
    !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    if (.not. c_associated(self%handle)) return
    call self%check(rkf_record(self%handle, [kind, len(text, int64), 0_int64], c_loc(text), &
-      & len(text, int64), c_null_ptr, 0_int64, why, nwhy), why, error)
+      & len(text, int64), c_null_ptr, 0_int64), error)
 end subroutine add_text
 
 !> Add a table of numbers, and another one
@@ -130,12 +111,11 @@ subroutine add_numbers(self, kind, values, more, error)
    real(wp), contiguous, intent(in), target :: more(:, :)
    !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
 
    if (.not. c_associated(self%handle)) return
    associate (n => 8*size(values, kind=int64), m => 8*size(more, kind=int64))
       call self%check(rkf_record(self%handle, [kind, n + m, size(more, 2, int64)], &
-         & c_loc(values), n, c_loc(more), m, why, nwhy), why, error)
+         & c_loc(values), n, c_loc(more), m), error)
    end associate
 end subroutine add_numbers
 
@@ -143,28 +123,26 @@ end subroutine add_numbers
 subroutine remove_journal(self)
    !> Journal; nothing happens to a closed one
    class(journal_type), intent(inout) :: self
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
    integer(c_int) :: ignored
 
    if (.not. c_associated(self%handle)) return
-   ignored = rkf_close(self%handle, why, nwhy)
+   why = rkf_close(self%handle)
    self%handle = c_null_ptr
    ignored = unlink(self%path//c_null_char)
 end subroutine remove_journal
 
 !> Turn the answer of C into an error
-subroutine check(self, status, why, error)
+subroutine check(self, why, error)
    !> Journal
    class(journal_type), intent(in) :: self
-   !> 0 for success
-   integer(c_int), intent(in) :: status
-   !> Reason
-   character(kind=c_char), intent(in), target :: why(nwhy)
+   !> Reason of a failure, null for success
+   type(c_ptr), intent(in) :: why
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
-   if (status /= 0) call fatal_error(error, err_file, self%path//': cannot be written: ' &
-      & //to_fortran(c_loc(why)))
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//': cannot be written: ' &
+      & //to_fortran(why))
 end subroutine check
 
 !> Read a journal up to its last whole step
@@ -186,7 +164,7 @@ subroutine read_journal(path, numbers, found, history, whole, damage)
    integer :: n, stat, unit
    character(len=:), allocatable :: lines
    character(len=:), allocatable, target :: text
-   real(wp), allocatable, target :: values(:)
+   real(wp), allocatable :: values(:)
 
    allocate (found%load(0), found%step(numbers, 0), found%x(0, 0), found%carried(0, 0), &
       & found%source(3, 0), found%points(3, 0))
@@ -212,20 +190,13 @@ subroutine read_journal(path, numbers, found, history, whole, damage)
       associate (kind => head(1), length => head(2), columns => head(3))
          ! a process that is killed leaves a part of its last record
          if (at + nhead + length + ncheck > bytes) exit
-         if (kind <= is_approximation .or. kind == is_line) then
-            if (allocated(text)) deallocate (text)
-            allocate (character(len=length) :: text)
-            read (unit, iostat=stat) text, tail
-            if (stat /= 0) exit
-            if (tail /= rkf_check(0_int64, c_loc(text), length)) damage = at
-         else
-            if (allocated(values)) deallocate (values)
-            allocate (values(length/8))
-            read (unit, iostat=stat) values, tail
-            if (stat /= 0) exit
-            if (tail /= rkf_check(0_int64, c_loc(values), length)) damage = at
-         end if
+         if (allocated(text)) deallocate (text)
+         allocate (character(len=length) :: text)
+         read (unit, iostat=stat) text, tail
+         if (stat /= 0) exit
+         if (tail /= rkf_check(0_int64, c_loc(text), length)) damage = at
          if (damage >= 0) exit
+         if (any(kind == [is_source, is_points, is_step])) values = transfer(text, [0.0_wp])
          at = at + nhead + length + ncheck
          select case (kind)
          case (is_deck)

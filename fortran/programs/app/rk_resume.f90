@@ -9,7 +9,7 @@ module rk_resume
    use rk_precision, only : wp
    use rk_recorder, only : start_type, step_type
    use rk_restart, only : read_restart, restart_type
-   use rk_text, only : line, to_text
+   use rk_text, only : line, lines_of, to_text
    use rk_text_file, only : load_text
    implicit none
    private
@@ -108,7 +108,7 @@ subroutine resume_points(folder, deck, resumed, error)
    character(len=:), allocatable :: path, history, damage
    character(len=512), allocatable :: words(:)
    integer(int64) :: journal
-   integer :: k, own
+   integer :: own
 
    resumed = .false.
    call read_run(folder, found, path, history, journal, damage, error)
@@ -120,12 +120,7 @@ subroutine resume_points(folder, deck, resumed, error)
       return
    end if
    resumed = .true.
-   allocate (words(0))
-   k = 1
-   do while (line(found%overrides(own + 1:), k) /= '')
-      words = [character(len=512) :: words, line(found%overrides(own + 1:), k)]
-      k = k + 1
-   end do
+   call lines_of(found%overrides(own + 1:), words)
    call deck%vary(words, finer, error)
    if (.not. allocated(error)) deck = finer
 end subroutine resume_points

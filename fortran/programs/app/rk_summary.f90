@@ -110,9 +110,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       call json%end_object()
       call json%put('cpu_s', cpu_seconds())
       call json%put('memory_peak_bytes', peak_bytes())
-      call json%begin_array('warnings')
-      call write_lines(json, outcome%warnings)
-      call json%end_array()
+      call put_lines(json, 'warnings', outcome%warnings)
       call put_kept(json, earlier)
       call json%begin_object('deck')
       call deck%write_json(json)
@@ -154,19 +152,19 @@ logical function is_finished(path)
    !> File; one that is not there is not finished
    character(len=*), intent(in) :: path
    type(json_entry), allocatable :: entries(:)
-   logical :: damaged
+   logical :: converged, damaged, was_refused
    integer :: k
 
-   is_finished = .false.
+   converged = .false.
+   was_refused = .false.
    call read_entries(path, entries, damaged)
    do k = 1, size(entries)
-      if (entries(k)%key == 'converged') is_finished = entries(k)%value == 'true'
-   end do
-   do k = 1, size(entries)
+      if (entries(k)%key == 'converged') converged = entries(k)%value == 'true'
       ! a mark inside a text has a backslash before it
-      if (entries(k)%key == 'verdict') is_finished = is_finished .and. index(entries(k)%value, &
-         & '"'//trim(verdict_names(refused))//'"') == 0
+      if (entries(k)%key == 'verdict') was_refused = index(entries(k)%value, &
+         & '"'//trim(verdict_names(refused))//'"') > 0
    end do
+   is_finished = converged .and. .not. was_refused
 end function is_finished
 
 !> Whether the summary in a folder is that of a solve, finished or not
@@ -222,10 +220,8 @@ subroutine set_aside(folder, whole, begins, deck, scene, message, error)
    call json%put(reason)
    call json%end_array()
    call json%end_object()
-   call json%begin_array('steps')
-   call json%end_array()
-   call json%begin_array('warnings')
-   call json%end_array()
+   call put_lines(json, 'steps', '')
+   call put_lines(json, 'warnings', '')
    call put_kept(json, earlier)
    call json%end_object()
    call json%save(folder//'/summary.json', unwritten)
@@ -298,9 +294,7 @@ subroutine write_refinement(json, refinement, problem, verdict)
    call json%put('met', refinement%met)
    call json%put('reason', refinement%reason)
    call json%put('cpu_s', refinement%seconds)
-   call json%begin_array('levels')
-   call write_lines(json, refinement%levels)
-   call json%end_array()
+   call put_lines(json, 'levels', refinement%levels)
    call json%begin_object('sources')
    if (allocated(verdict%bars%change)) then
       do i = 1, size(verdict%bars%change)
@@ -311,22 +305,26 @@ subroutine write_refinement(json, refinement, problem, verdict)
    call json%end_object()
 end subroutine write_refinement
 
-!> Each line as an item
-subroutine write_lines(json, text)
-   !> JSON inside an array
+!> An array of lines
+subroutine put_lines(json, key, text)
+   !> JSON inside an object
    type(json_type), intent(inout) :: json
+   !> Name of the array
+   character(len=*), intent(in) :: key
    !> Lines, each with its line feed
    character(len=*), intent(in) :: text
    integer :: first, length
 
+   call json%begin_array(key)
    first = 1
    do
       length = index(text(first:), new_line('a'))
-      if (length == 0) return
+      if (length == 0) exit
       call json%put(text(first:first + length - 2))
       first = first + length
    end do
-end subroutine write_lines
+   call json%end_array()
+end subroutine put_lines
 
 !> Error against the known solution
 subroutine write_norms(json, norms)
@@ -492,9 +490,7 @@ subroutine write_verdict(json, verdict)
 
    call json%begin_object('verdict')
    call json%put('state', trim(verdict_names(verdict%state)))
-   call json%begin_array('reasons')
-   call write_lines(json, verdict%reasons)
-   call json%end_array()
+   call put_lines(json, 'reasons', verdict%reasons)
    call json%end_object()
    associate (companion => verdict%companion)
       if (.not. allocated(companion%seen%value)) return

@@ -1,6 +1,7 @@
 !> Signals, folders, memory and version, from system.c.
 module rk_system
-   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_loc, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_null_char, &
+      & c_ptr
    use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
@@ -13,9 +14,6 @@ module rk_system
    public :: make_folder, lock_folder, move_solution, drop_previous, usage_text, version_text, tell
    public :: process_number
 
-   !> Room for the reason of a failure
-   integer(c_int), parameter :: nwhy = 300
-
    interface
       !> Install the handlers
       subroutine catch_signals() bind(c, name='rk_catch_signals')
@@ -23,21 +21,18 @@ module rk_system
       !> Settings of the process: limits, and the parent to end with
       subroutine prepare_process() bind(c, name='rk_prepare_process')
       end subroutine prepare_process
-      function c_lock_folder(path, owner, why, nwhy) result(status) bind(c, name='rk_lock_folder')
-         import :: c_char, c_int
+      function c_lock_folder(path, owner) result(why) bind(c, name='rk_lock_folder')
+         import :: c_char, c_int, c_ptr
          character(kind=c_char), intent(in) :: path(*)
          integer(c_int), intent(out) :: owner
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int), value :: nwhy
-         integer(c_int) :: status
+         type(c_ptr) :: why
       end function c_lock_folder
-      function c_set_aside(path, finished, kept, whole, begins, why, nwhy) result(status) &
+      function c_set_aside(path, finished, kept, whole, begins) result(why) &
             & bind(c, name='rk_set_aside')
-         import :: c_char, c_int
+         import :: c_char, c_int, c_ptr
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: finished, kept, whole, begins, nwhy
-         character(kind=c_char), intent(out) :: why(*)
-         integer(c_int) :: status
+         integer(c_int), value :: finished, kept, whole, begins
+         type(c_ptr) :: why
       end function c_set_aside
       subroutine c_drop_previous(path, all) bind(c, name='rk_drop_previous')
          import :: c_char, c_int
@@ -61,16 +56,11 @@ module rk_system
          import :: c_double
          real(c_double) :: seconds
       end function c_cpu_seconds
-      function c_make_folder(path) result(status) bind(c, name='rk_make_folder')
-         import :: c_char, c_int
+      function c_make_folder(path) result(why) bind(c, name='rk_make_folder')
+         import :: c_char, c_ptr
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_int) :: status
+         type(c_ptr) :: why
       end function c_make_folder
-      function c_error_text(number) result(text) bind(c, name='rk_error_text')
-         import :: c_int, c_ptr
-         integer(c_int), value :: number
-         type(c_ptr) :: text
-      end function c_error_text
       function c_usage_text() result(text) bind(c, name='rk_usage_text')
          import :: c_ptr
          type(c_ptr) :: text
@@ -104,11 +94,11 @@ subroutine make_folder(path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   integer(c_int) :: status
+   type(c_ptr) :: why
 
-   status = c_make_folder(path//c_null_char)
-   if (status /= 0) call fatal_error(error, err_file, 'folder '//path &
-      & //' cannot be used for output: '//to_fortran(c_error_text(status)))
+   why = c_make_folder(path//c_null_char)
+   if (c_associated(why)) call fatal_error(error, err_file, 'folder '//path &
+      & //' cannot be used for output: '//to_fortran(why))
 end subroutine make_folder
 
 !> Claim a folder until the program ends: two runs would mix their files
@@ -117,16 +107,17 @@ subroutine lock_folder(path, error)
    character(len=*), intent(in) :: path
    !> Error handling: another process has it
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char), target :: why(nwhy)
+   type(c_ptr) :: why
    integer(c_int) :: owner
 
-   if (c_lock_folder(path//c_null_char, owner, why, nwhy) == 0) return
+   why = c_lock_folder(path//c_null_char, owner)
+   if (.not. c_associated(why)) return
    if (owner > 0) then
       call fatal_error(error, err_file, 'folder '//path//' is in use by another run (process ' &
          & //to_text(int(owner))//'): wait for its end or name another folder')
    else
       call fatal_error(error, err_file, path//'/.lock: cannot be written: ' &
-         & //to_fortran(c_loc(why)))
+         & //to_fortran(why))
    end if
 end subroutine lock_folder
 
@@ -142,12 +133,12 @@ subroutine move_solution(path, finished, kept, whole, begins, error)
    logical, intent(in) :: begins
    !> Error handling: a name that cannot be used
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char), target :: why(nwhy)
+   type(c_ptr) :: why
 
-   if (c_set_aside(path//c_null_char, merge(1, 0, finished), merge(1, 0, kept), &
-      & merge(1, 0, whole), merge(1, 0, begins), why, nwhy) == 0) return
-   call fatal_error(error, err_file, path//': the results in it cannot be set aside: ' &
-      & //to_fortran(c_loc(why)))
+   why = c_set_aside(path//c_null_char, merge(1, 0, finished), merge(1, 0, kept), &
+      & merge(1, 0, whole), merge(1, 0, begins))
+   if (c_associated(why)) call fatal_error(error, err_file, path//': the results in it cannot be ' &
+      & //'set aside: '//to_fortran(why))
 end subroutine move_solution
 
 !> Remove what was set aside for results that have their names now

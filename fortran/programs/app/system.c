@@ -84,29 +84,26 @@ void rk_prepare_process(void) {
 }
 
 /* base/files.c: open a name for output that is neither a link nor a pipe */
-int rkf_output(const char *path, int keep, char *why, int nwhy);
+const char *rkf_output(const char *path, int keep, int *file);
 
-/* Claim a folder for this process until it ends: 0, or -1 with the process that has it, or with the
-   reason. File systems without locks are accepted. */
-int rk_lock_folder(const char *path, int *owner, char *why, int nwhy) {
+/* Claim a folder for this process until it ends: NULL, or the reason why not, with the process that
+   has it where one has. File systems without locks are accepted. */
+const char *rk_lock_folder(const char *path, int *owner) {
    char name[PATH_MAX];
+   int file;
    *owner = 0;
-   if (snprintf(name, sizeof name, "%s/.lock", path) >= (int)sizeof name) {
-      snprintf(why, (size_t)nwhy, "%s", strerror(ENAMETOOLONG));
-      return -1;
-   }
-   int file = rkf_output(name, 1, why, nwhy);
-   if (file < 0) return -1;
+   if (snprintf(name, sizeof name, "%s/.lock", path) >= (int)sizeof name) return strerror(ENAMETOOLONG);
+   const char *why = rkf_output(name, 1, &file);
+   if (why) return why;
    if (flock(file, LOCK_EX | LOCK_NB) != 0) {
       char text[32] = "";
       int busy = errno == EWOULDBLOCK;
       if (busy && read(file, text, sizeof text - 1) > 0) *owner = atoi(text);
-      snprintf(why, (size_t)nwhy, "another process has it");
       close(file);
-      return busy ? -1 : 0;
+      return busy ? "another process has it" : NULL;
    }
    if (ftruncate(file, 0) == 0) dprintf(file, "%ld\n", (long)getpid());
-   return 0;   /* the file stays open, and with it the lock, until the process ends */
+   return NULL;   /* the file stays open, and with it the lock, until the process ends */
 }
 
 /* Files of a solution beside its summary; files.py has the same. */
@@ -156,8 +153,9 @@ void rk_drop_previous(const char *path, int all) {
    run that was asked now; with `whole` its other files as well, unless its own run has not finished
    and may be resumed. Where a new one `begins` they go then, too: to `previous`, unless a finished
    solution is `kept` there. Results are moved first and their summary last, so that the next call
-   goes on where this one was ended. 0, or -1 with the reason. */
-int rk_set_aside(const char *path, int finished, int kept, int whole, int begins, char *why, int nwhy) {
+   goes on where this one was ended. NULL, or the reason of a failure. */
+const char *rk_set_aside(const char *path, int finished, int kept, int whole, int begins) {
+   const char *why = NULL;
    int folder = open_folder(AT_FDCWD, path), results = has(folder, solution[0]), failed = folder < 0;
    if (!failed && !has(folder, waiting) && (finished || results))
       failed = move(folder, summary, folder, waiting);
@@ -171,15 +169,15 @@ int rk_set_aside(const char *path, int finished, int kept, int whole, int begins
       for (int k = 0; k < FILES && !failed; k++) failed = move(folder, solution[k], away, solution[k]);
       failed = failed || move(folder, waiting, away, summary);
       if (failed && (errno == ELOOP || errno == ENOTDIR))
-         snprintf(why, (size_t)nwhy, "%s in it is not a folder; remove it", previous);
+         why = "previous in it is not a folder; remove it";
       else if (failed)
-         snprintf(why, (size_t)nwhy, "%s", strerror(errno));
+         why = strerror(errno);
       if (away >= 0) close(away);
    } else if (failed) {
-      snprintf(why, (size_t)nwhy, "%s", strerror(errno));
+      why = strerror(errno);
    }
    if (folder >= 0) close(folder);
-   return failed ? -1 : 0;
+   return why;
 }
 
 int rk_interrupted(void) { return interrupted != 0; }
@@ -199,12 +197,12 @@ double rk_peak_bytes(void) {
    return 1024.0 * (double)usage.ru_maxrss;
 }
 
-/* Make a folder and those above it; 0 where it exists afterwards. */
-int rk_make_folder(const char *path) {
+/* Make a folder and those above it; NULL where it exists afterwards, or the reason why not. */
+const char *rk_make_folder(const char *path) {
    char *copy = strdup(path);
    struct stat info;
    int status = 0;
-   if (copy == NULL) return ENOMEM;
+   if (copy == NULL) return strerror(ENOMEM);
    for (char *slash = copy + 1; *slash != '\0'; slash++) {
       if (*slash != '/') continue;
       *slash = '\0';
@@ -217,7 +215,7 @@ int rk_make_folder(const char *path) {
    else
       status = access(copy, W_OK) == 0 ? 0 : errno;
    free(copy);
-   return status;
+   return status ? strerror(status) : NULL;
 }
 
 /* OpenMP threads that wait by spinning starve a machine that is shared; the library reads its
@@ -253,8 +251,6 @@ static void refuse_little_memory(int argc, char **argv) {
 __attribute__((section(".preinit_array"), used)) static void (*const before_libraries)(int, char **) =
    refuse_little_memory;
 #endif
-
-const char *rk_error_text(int number) { return strerror(number); }
 
 const char *rk_usage_text(void) { return usage; }
 

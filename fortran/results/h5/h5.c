@@ -1,11 +1,12 @@
 /* HDF5 behind plain C calls, the only file that names H5* routines (used by rk_hdf5.f90).
  *
  * Fortran hands over sizes in its own order; they are reversed here, so that a(3,n) becomes an
- * HDF5 dataset of shape (n,3) without moving a number. Every function returns 0, or -1 with the
- * reason in `why` (a C string cut to `nwhy` characters); nothing is printed.
+ * HDF5 dataset of shape (n,3) without moving a number. Every function returns NULL, or the reason of
+ * its failure, which holds until the next call; nothing is printed.
  *
  * Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10)
  */
+#include <ISO_Fortran_binding.h>
 #include <hdf5.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -14,7 +15,7 @@
 #include <unistd.h>
 
 /* base/files.c: open a name for output that is neither a link nor a pipe */
-int rkf_output(const char *path, int keep, char *why, int nwhy);
+const char *rkf_output(const char *path, int keep, int *file);
 
 enum { KIND_REAL8 = 1, KIND_INT4 = 2, KIND_INT8 = 3, KIND_UINT1 = 4 };
 enum { MAX_RANK = 4 };
@@ -33,91 +34,88 @@ static hid_t type_of(int kind)
    }
 }
 
-struct reason { char text[400]; int heard, quoted; };
+static int kind_of(CFI_type_t type)
+{
+   return type == CFI_type_double    ? KIND_REAL8
+        : type == CFI_type_int64_t   ? KIND_INT8
+        : type == CFI_type_int32_t   ? KIND_INT4
+                                     : KIND_UINT1;
+}
+
+static _Thread_local struct { char text[400]; int heard, quoted; } reason;
 
 /* The innermost complaint says most; one that quotes the operating system says all. */
-static herr_t pick_reason(unsigned n, const H5E_error2_t *entry, void *data)
+static herr_t pick_reason(unsigned n, const H5E_error2_t *entry, void *unused)
 {
-   struct reason *reason = data;
+   (void)unused;
    const char *quote = entry->desc ? strstr(entry->desc, "error message = '") : NULL;
-   if (reason->quoted || !entry->desc) return 0;
+   if (reason.quoted || !entry->desc) return 0;
    if (quote) {
-      snprintf(reason->text, sizeof reason->text, "%s", quote + strlen("error message = '"));
-      reason->text[strcspn(reason->text, "'")] = '\0';
-      reason->quoted = 1;
+      snprintf(reason.text, sizeof reason.text, "%s", quote + strlen("error message = '"));
+      reason.text[strcspn(reason.text, "'")] = '\0';
+      reason.quoted = 1;
    } else if (n == 0) {
-      snprintf(reason->text, sizeof reason->text, "%s", entry->desc);
+      snprintf(reason.text, sizeof reason.text, "%s", entry->desc);
    }
    return 0;
 }
 
 /* HDF5 calls this when one of its functions fails; the first failure is the reason */
-static herr_t hear(hid_t stack, void *data)
+static herr_t hear(hid_t stack, void *unused)
 {
-   struct reason *reason = data;
-   if (!reason->heard) H5Ewalk2(stack, H5E_WALK_UPWARD, pick_reason, reason);
-   reason->heard = 1;
+   (void)unused;
+   if (!reason.heard) H5Ewalk2(stack, H5E_WALK_UPWARD, pick_reason, NULL);
+   reason.heard = 1;
    return 0;
 }
 
 /* First and last call of every function that may fail */
-static void listen(struct reason *reason)
+static void listen(void)
 {
-   snprintf(reason->text, sizeof reason->text, "HDF5 gave no reason");
-   reason->heard = reason->quoted = 0;
-   H5Eset_auto2(H5E_DEFAULT, hear, reason);
+   snprintf(reason.text, sizeof reason.text, "HDF5 gave no reason");
+   reason.heard = reason.quoted = 0;
+   H5Eset_auto2(H5E_DEFAULT, hear, NULL);
 }
 
-static int finish(int failed, const struct reason *reason, char *why, int nwhy)
+static const char *finish(int failed)
 {
-   snprintf(why, (size_t)nwhy, "%s", failed ? reason->text : "");
    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-   return failed ? -1 : 0;
-}
-
-static void reverse(int rank, const int64_t *dims, hsize_t *reversed)
-{
-   for (int i = 0; i < rank; i++) reversed[i] = (hsize_t)dims[rank - 1 - i];
+   return failed ? reason.text : NULL;
 }
 
 /* Open for reading, or create for writing */
-int rkh5_open(const char *path, int writing, int64_t *file, char *why, int nwhy)
+const char *rkh5_open(const char *path, int writing, int64_t *file)
 {
-   struct reason reason;
    struct stat info;
    /* opening a pipe would wait for its other end */
-   if (!writing && stat(path, &info) == 0 && !S_ISREG(info.st_mode)) {
-      snprintf(why, (size_t)nwhy, "it is not a regular file");
-      return -1;
-   }
+   if (!writing && stat(path, &info) == 0 && !S_ISREG(info.st_mode)) return "it is not a regular file";
    if (writing) {   /* HDF5 would follow a link */
-      int made = rkf_output(path, 0, why, nwhy);
-      if (made < 0) return -1;
+      int made;
+      const char *why = rkf_output(path, 0, &made);
+      if (why) return why;
       close(made);
    }
    H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
-   listen(&reason);
+   listen();
    hid_t access = H5Pcreate(H5P_FILE_ACCESS);
    H5Pset_fclose_degree(access, H5F_CLOSE_STRONG);   /* with whatever a failed call left open */
    H5Pset_file_locking(access, 1, 1);                /* file systems without locks are accepted */
    *file = writing ? H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access)
                    : H5Fopen(path, H5F_ACC_RDONLY, access);
    H5Pclose(access);
-   return finish(*file < 0, &reason, why, nwhy);
+   return finish(*file < 0);
 }
 
-int rkh5_flush(int64_t file, char *why, int nwhy)
+const char *rkh5_flush(int64_t file)
 {
-   struct reason reason;
-   listen(&reason);
-   return finish(H5Fflush(file, H5F_SCOPE_LOCAL) < 0, &reason, why, nwhy);
+   listen();
+   return finish(H5Fflush(file, H5F_SCOPE_LOCAL) < 0);
 }
 
-int rkh5_close(int64_t file, char *why, int nwhy)
+const char *rkh5_close(int64_t file)
 {
-   struct reason reason;
-   listen(&reason);
-   return finish(H5Fclose(file) < 0, &reason, why, nwhy);
+   listen();
+   return finish(H5Fclose(file) < 0);
 }
 
 int rkh5_exists(int64_t file, const char *path)
@@ -206,42 +204,42 @@ static int append_rows(hid_t set, int kind, int rank, const hsize_t *shape, cons
 }
 
 /* Rows behind those already there; the first call creates the dataset */
-int rkh5_append(int64_t file, const char *path, int kind, int rank, const int64_t *dims,
-   const void *data, char *why, int nwhy)
+const char *rkh5_append(int64_t file, const char *path, const CFI_cdesc_t *values)
 {
-   struct reason reason;
    hsize_t shape[MAX_RANK] = {0};
-   listen(&reason);
-   reverse(rank, dims, shape);
+   const int rank = values->rank, kind = kind_of(values->type);
+   listen();
+   for (int i = 0; i < rank && i < MAX_RANK; i++)
+      shape[i] = (hsize_t)values->dim[rank - 1 - i].extent;
    hid_t set = rkh5_exists(file, path) ? H5Dopen2(file, path, H5P_DEFAULT)
                                        : create_dataset(file, path, kind, rank, shape);
-   int failed = set < 0 || append_rows(set, kind, rank, shape, data) < 0;
+   int failed = set < 0 || append_rows(set, kind, rank, shape, values->base_addr) < 0;
    if (set >= 0 && H5Dclose(set) < 0) failed = 1;
-   return finish(failed, &reason, why, nwhy);
+   return finish(failed);
 }
 
 /* Complaints of our own, in place of those of the library */
-static void complain(struct reason *reason, const char *text)
+static void complain(const char *text)
 {
-   snprintf(reason->text, sizeof reason->text, "%s", text);
-   reason->heard = 1;
+   snprintf(reason.text, sizeof reason.text, "%s", text);
+   reason.heard = 1;
 }
 
 /* Whether the numbers of a dataset can be read as those of a kind: whole numbers are real ones, the
  * reverse would lose digits */
-static int fits(hid_t set, int kind, struct reason *reason)
+static int fits(hid_t set, int kind)
 {
    hid_t type = H5Dget_type(set);
    H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
    if (type >= 0) H5Tclose(type);
    if (class == H5T_INTEGER || (class == H5T_FLOAT && kind == KIND_REAL8)) return 1;
-   complain(reason, kind == KIND_REAL8 ? "it does not hold numbers" : "it does not hold integers");
+   complain(kind == KIND_REAL8 ? "it does not hold numbers" : "it does not hold integers");
    return 0;
 }
 
 /* Whether a dataset holds as much as its shape claims. Deflate shrinks by a factor of 1032 at the
  * most; a damaged header may claim more than any memory holds. */
-static int is_backed(hid_t set, hid_t space, struct reason *reason)
+static int is_backed(hid_t set, hid_t space)
 {
    hid_t type = H5Dget_type(set);
    double claimed = (double)H5Tget_size(type), stored = (double)H5Dget_storage_size(set);
@@ -250,49 +248,45 @@ static int is_backed(hid_t set, hid_t space, struct reason *reason)
    H5Tclose(type);
    for (int i = 0; i < rank; i++) claimed *= (double)shape[i];
    if (claimed <= 1100.0 * stored) return 1;
-   complain(reason, "its shape declares far more numbers than the file contains");
+   complain("its shape declares far more numbers than the file contains");
    return 0;
 }
 
 /* Fortran shape of a dataset whose numbers can be read as those of a kind */
-int rkh5_shape(int64_t file, const char *path, int kind, int *rank, int64_t *dims, char *why,
-   int nwhy)
+const char *rkh5_shape(int64_t file, const char *path, int kind, int *rank, int64_t *dims)
 {
-   struct reason reason;
    hsize_t shape[H5S_MAX_RANK];
-   listen(&reason);
+   listen();
    *rank = -1;
    hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
    if (set >= 0) {
       hid_t space = H5Dget_space(set);
-      if (space >= 0 && fits(set, kind, &reason) && is_backed(set, space, &reason))
+      if (space >= 0 && fits(set, kind) && is_backed(set, space))
          *rank = H5Sget_simple_extent_dims(space, shape, NULL);
       if (space >= 0) H5Sclose(space);
       H5Dclose(set);
    }
    for (int i = 0; i < *rank && i < MAX_RANK; i++) dims[i] = (int64_t)shape[*rank - 1 - i];
-   return finish(*rank < 0, &reason, why, nwhy);
+   return finish(*rank < 0);
 }
 
 /* All numbers of a dataset, converted to the wanted kind; the caller has asked for the shape */
-int rkh5_read(int64_t file, const char *path, int kind, void *data, char *why, int nwhy)
+const char *rkh5_read(int64_t file, const char *path, int kind, void *data)
 {
-   struct reason reason;
-   listen(&reason);
+   listen();
    hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
    int failed = set < 0
       || H5Dread(set, type_of(kind), H5S_ALL, H5S_ALL, H5P_DEFAULT, data) < 0;
    if (set >= 0) H5Dclose(set);
-   return finish(failed, &reason, why, nwhy);
+   return finish(failed);
 }
 
 /* An attribute of a group or dataset. Bytes become a text of fixed length and ASCII kind, the
  * only one that all VTK readers take; one number becomes a scalar, several become a list. */
-int rkh5_put_attribute(int64_t file, const char *object, const char *name, int kind, int n,
-   const void *values, char *why, int nwhy)
+const char *rkh5_put_attribute(int64_t file, const char *object, const char *name, int kind, int n,
+   const void *values)
 {
-   struct reason reason;
-   listen(&reason);
+   listen();
    hsize_t size = (hsize_t)n;
    int scalar = n == 1 || kind == KIND_UINT1;
    hid_t space = scalar ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &size, NULL);
@@ -311,17 +305,16 @@ int rkh5_put_attribute(int64_t file, const char *object, const char *name, int k
    if (owner >= 0) H5Oclose(owner);
    H5Tclose(type);
    H5Sclose(space);
-   return finish(failed, &reason, why, nwhy);
+   return finish(failed);
 }
 
 /* The only element of a text attribute */
-static int read_text(hid_t attribute, hid_t type, char *text, int size, int *length,
-   struct reason *reason)
+static int read_text(hid_t attribute, hid_t type, char *text, int size, int *length)
 {
    int variable = H5Tis_variable_str(type) > 0;
    size_t room = H5Tget_size(type);
    if (!variable && room > MAX_TEXT) {
-      complain(reason, "it is longer than any text that these files hold");
+      complain("it is longer than any text that these files hold");
       return -1;
    }
    char *words = NULL, fixed[MAX_TEXT + 1] = "";
@@ -342,27 +335,26 @@ static int read_text(hid_t attribute, hid_t type, char *text, int size, int *len
 }
 
 /* Text of fixed or variable length; `length` may exceed `size`: then the text was cut */
-int rkh5_get_text(int64_t file, const char *object, const char *name, char *text, int size,
-   int *length, char *why, int nwhy)
+const char *rkh5_get_text(int64_t file, const char *object, const char *name, char *text, int size,
+   int *length)
 {
-   struct reason reason;
-   listen(&reason);
+   listen();
    *length = 0;
    hid_t attribute = H5Aopen_by_name(file, object, name, H5P_DEFAULT, H5P_DEFAULT);
    hid_t type = attribute < 0 ? -1 : H5Aget_type(attribute);
    hid_t space = attribute < 0 ? -1 : H5Aget_space(attribute);
    int failed = type < 0 || space < 0;
    if (!failed && H5Tget_class(type) != H5T_STRING) {
-      complain(&reason, "it is not text");
+      complain("it is not text");
       failed = 1;
    }
    if (!failed && H5Sget_simple_extent_npoints(space) != 1) {
-      complain(&reason, "it is not a single string");
+      complain("it is not a single string");
       failed = 1;
    }
-   if (!failed) failed = read_text(attribute, type, text, size, length, &reason) < 0;
+   if (!failed) failed = read_text(attribute, type, text, size, length) < 0;
    if (space >= 0) H5Sclose(space);
    if (type >= 0) H5Tclose(type);
    if (attribute >= 0) H5Aclose(attribute);
-   return finish(failed, &reason, why, nwhy);
+   return finish(failed);
 }

@@ -2,27 +2,27 @@
 !>
 !> A Fortran array a(3,n) is a dataset of shape (n,3) for h5py and VTK: same memory, no
 !> transposition. A file is written under the name `path.part` and takes its real name when it is
-!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes.
+!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes. What
+!> reads or appends does nothing after an error: one look at it is enough for a run of such calls.
 !>
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
 !> called through h5.c
 module rk_hdf5
-   use, intrinsic :: iso_c_binding, only : c_char, c_int, c_int64_t, c_loc, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_loc, &
+      c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only : int8
-   use rk_h5_shim, only : rkh5_append, rkh5_close, rkh5_exists, rkh5_flush, rkh5_get_text, &
-      rkh5_open, rkh5_put_attribute, rkh5_read, rkh5_rename, rkh5_shape
+   use rk_cstring, only : to_fortran
    use rk_error, only : err_file, err_input, error_type, fatal_error
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
+   use rk_text_file, only : rkf_rename
    implicit none
    private
 
    public :: h5_type
 
    !> Kinds of numbers, as in h5.c
-   integer(c_int), parameter :: kind_real = 1, kind_int = 2, kind_long = 3, kind_byte = 4
-   !> Room for the reason of a failure
-   integer(c_int), parameter :: nwhy = 400
+   integer(c_int), parameter :: kind_real = 1, kind_int = 2, kind_byte = 4
    !> Largest number of dimensions the shim handles
    integer, parameter :: max_rank = 4
 
@@ -51,10 +51,8 @@ module rk_hdf5
       !> Whether a dataset or group exists
       procedure :: has
       !> Append along the last Fortran dimension; the first call creates the dataset
-      generic :: append => append_real1, append_real2, append_int1, append_int2, append_long1, &
-         append_byte1, append_text
-      procedure, private :: append_real1, append_real2, append_int1, append_int2
-      procedure, private :: append_long1, append_byte1, append_text
+      procedure :: append
+      procedure :: append_text
       !> Read a whole dataset
       generic :: read => read_real1, read_real2, read_int1, read_int2, read_text
       procedure, private :: read_real1, read_real2, read_int1, read_int2, read_text
@@ -64,6 +62,85 @@ module rk_hdf5
       !> Get a text attribute
       procedure :: get_attribute
    end type h5_type
+
+   !> h5.c: a pointer that a function returns is null, or the reason of its failure as a C string;
+   !> names and paths are C strings
+   interface
+      !> Open a file for reading (writing = 0) or create it (writing = 1)
+      type(c_ptr) function rkh5_open(path, writing, file) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: writing
+         integer(c_int64_t), intent(out) :: file
+      end function rkh5_open
+
+      !> Hand everything written so far to the operating system
+      type(c_ptr) function rkh5_flush(file) bind(c)
+         import :: c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+      end function rkh5_flush
+
+      !> Close the file
+      type(c_ptr) function rkh5_close(file) bind(c)
+         import :: c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+      end function rkh5_close
+
+      !> 1 if a group or dataset exists, otherwise 0
+      integer(c_int) function rkh5_exists(file, path) bind(c)
+         import :: c_char, c_int, c_int64_t
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+      end function rkh5_exists
+
+      !> Append numbers along the last dimension; their descriptor says of which kind and shape
+      type(c_ptr) function rkh5_append(file, path, values) bind(c)
+         import :: c_char, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         type(*), intent(in) :: values(..)
+      end function rkh5_append
+
+      !> Fortran shape of a dataset whose numbers can be read as those of a kind; of more than four
+      !> dimensions only their number
+      type(c_ptr) function rkh5_shape(file, path, kind, rank, dims) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: kind
+         integer(c_int), intent(out) :: rank
+         integer(c_int64_t), intent(out) :: dims(*)
+      end function rkh5_shape
+
+      !> All numbers of a dataset
+      type(c_ptr) function rkh5_read(file, path, kind, data) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: kind
+         type(c_ptr), value :: data
+      end function rkh5_read
+
+      !> Set an attribute of a group or dataset: n numbers, or a text of n bytes
+      type(c_ptr) function rkh5_put_attribute(file, object, name, kind, n, values) bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: object(*), name(*)
+         integer(c_int), value :: kind, n
+         type(c_ptr), value :: values
+      end function rkh5_put_attribute
+
+      !> Text attribute; a text longer than `size` is cut, its full length is in `length`
+      type(c_ptr) function rkh5_get_text(file, object, name, text, size, length) &
+         bind(c)
+         import :: c_char, c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: object(*), name(*)
+         character(kind=c_char), intent(out) :: text(*)
+         integer(c_int), value :: size
+         integer(c_int), intent(out) :: length
+      end function rkh5_get_text
+   end interface
 
 contains
 
@@ -75,7 +152,7 @@ subroutine create(self, path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
    logical :: folder
 
    self%path = trim(path)
@@ -87,10 +164,10 @@ subroutine create(self, path, error)
          "remove it or choose another output folder")
       return
    end if
-   if (rkh5_open(c_text(part_of(self%path)), 1_c_int, self%handle, why, nwhy) /= 0) then
-      call fatal_error(error, err_file, part_of(self%path)//": cannot be created: "// &
-         f_text(why)//"; choose an output folder that exists and can be written")
-   end if
+   why = rkh5_open(c_text(part_of(self%path)), 1_c_int, self%handle)
+   if (c_associated(why)) call fatal_error(error, err_file, part_of(self%path)// &
+      ": cannot be created: "//to_fortran(why)// &
+      "; choose an output folder that exists and can be written")
 end subroutine create
 
 !> Open an existing file for reading
@@ -101,13 +178,13 @@ subroutine open_read(self, path, error)
    character(len=*), intent(in) :: path
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
 
    self%path = trim(path)
    self%writing = .false.
-   if (rkh5_open(c_text(self%path), 0_c_int, self%handle, why, nwhy) /= 0) then
-      call fatal_error(error, err_file, self%path//": cannot be opened: "//f_text(why))
-   end if
+   why = rkh5_open(c_text(self%path), 0_c_int, self%handle)
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//": cannot be opened: "// &
+      to_fortran(why))
 end subroutine open_read
 
 !> Hand everything written so far to the operating system; a full disk shows here
@@ -115,10 +192,9 @@ subroutine flush_file(self, error)
    !> Open file
    class(h5_type), intent(inout) :: self
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(error_type), allocatable, intent(inout) :: error
 
-   if (rkh5_flush(self%handle, why, nwhy) /= 0) call write_error(self, "", why, error)
+   if (.not. allocated(error)) call check_write(self, "", rkh5_flush(self%handle), error)
 end subroutine flush_file
 
 !> Close; a new file takes its real name unless a write has failed or it is to be left unfinished
@@ -129,17 +205,14 @@ subroutine close_file(self, error, unfinished)
    type(error_type), allocatable, intent(out) :: error
    !> Keep the temporary name
    logical, intent(in), optional :: unfinished
-   character(kind=c_char) :: why(nwhy)
-   integer(c_int) :: stat
+   type(c_ptr) :: why
 
    if (self%handle < 0) return
-   stat = rkh5_close(self%handle, why, nwhy)
+   why = rkh5_close(self%handle)
    self%handle = -1_c_int64_t
    if (.not. self%writing) return
-   if (stat /= 0) then
-      call write_error(self, "", why, error)
-      return
-   end if
+   call check_write(self, "", why, error)
+   if (allocated(error)) return
    if (present(unfinished)) then
       if (unfinished) return
    end if
@@ -152,15 +225,17 @@ subroutine publish(self, error)
    class(h5_type), intent(in) :: self
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(c_ptr) :: why
 
    if (self%damaged) then
       call fatal_error(error, err_file, self%path//": not replaced, because writing "// &
          part_of(self%path)//" has failed")
-   else if (rkh5_rename(c_text(part_of(self%path)), c_text(self%path), why, nwhy) /= 0) then
-      call fatal_error(error, err_file, self%path//": cannot take the place of the file: "// &
-         f_text(why)//"; the results are in "//part_of(self%path))
+      return
    end if
+   why = rkf_rename(c_text(part_of(self%path)), c_text(self%path))
+   if (c_associated(why)) call fatal_error(error, err_file, self%path// &
+      ": cannot take the place of the file: "//to_fortran(why)//"; the results are in "// &
+      part_of(self%path))
 end subroutine publish
 
 !> Whether a dataset or group exists
@@ -174,89 +249,21 @@ function has(self, name)
    has = rkh5_exists(self%handle, c_text(name)) /= 0
 end function has
 
-!> Append real numbers to a list
-subroutine append_real1(self, name, values, error)
+!> Append numbers of any kind and shape along the last Fortran dimension
+subroutine append(self, name, values, error)
    !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   real(wp), intent(in), contiguous, target :: values(:)
+   !> Numbers: real, integers of 4 or 8 bytes, or bytes; all dimensions but the last one are the
+   !> same in every call
+   type(*), intent(in), contiguous :: values(..)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
-   call append_any(self, name, kind_real, shape(values, i8), c_loc(values), error)
-end subroutine append_real1
-
-!> Append columns of real numbers to a table
-subroutine append_real2(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (m,n); m is the same in every call
-   real(wp), intent(in), contiguous, target :: values(:, :)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_real, shape(values, i8), c_loc(values), error)
-end subroutine append_real2
-
-!> Append integers to a list
-subroutine append_int1(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   integer, intent(in), contiguous, target :: values(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
-end subroutine append_int1
-
-!> Append columns of integers to a table
-subroutine append_int2(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (m,n); m is the same in every call
-   integer, intent(in), contiguous, target :: values(:, :)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_int, shape(values, i8), c_loc(values), error)
-end subroutine append_int2
-
-!> Append long integers to a list
-subroutine append_long1(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   integer(i8), intent(in), contiguous, target :: values(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_long, shape(values, i8), c_loc(values), error)
-end subroutine append_long1
-
-!> Append small integers, stored as unsigned bytes, to a list
-subroutine append_byte1(self, name, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers 0..127, shape (n)
-   integer(int8), intent(in), contiguous, target :: values(:)
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-
-   call append_any(self, name, kind_byte, shape(values, i8), c_loc(values), error)
-end subroutine append_byte1
+   if (.not. allocated(error)) call check_write(self, name, rkh5_append(self%handle, &
+      c_text(name), values), error)
+end subroutine append
 
 !> Append a text as bytes
 subroutine append_text(self, name, text, error)
@@ -265,33 +272,12 @@ subroutine append_text(self, name, text, error)
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Text, UTF-8
-   character(len=*), intent(in), target :: text
+   character(len=*), intent(in) :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
-   call append_any(self, name, kind_byte, [len(text, i8)], c_loc(text), error)
+   call self%append(name, transfer(text, [0_int8]), error)
 end subroutine append_text
-
-!> Append numbers of any kind and shape
-subroutine append_any(self, name, kind, dims, values, error)
-   !> File being written
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Kind of the numbers
-   integer(c_int), intent(in) :: kind
-   !> Fortran shape
-   integer(i8), intent(in) :: dims(:)
-   !> First number
-   type(c_ptr), intent(in) :: values
-   !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
-
-   if (rkh5_append(self%handle, c_text(name), kind, size(dims), dims, values, why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
-end subroutine append_any
 
 !> Read a list of real numbers
 subroutine read_real1(self, name, values, error)
@@ -302,7 +288,7 @@ subroutine read_real1(self, name, values, error)
    !> Numbers, shape (n)
    real(wp), allocatable, target, intent(out) :: values(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_real, dims, error)
@@ -320,7 +306,7 @@ subroutine read_real2(self, name, values, error)
    !> Numbers, shape (m,n)
    real(wp), allocatable, target, intent(out) :: values(:, :)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(2)
 
    call get_shape(self, name, kind_real, dims, error)
@@ -338,7 +324,7 @@ subroutine read_int1(self, name, values, error)
    !> Numbers, shape (n)
    integer, allocatable, target, intent(out) :: values(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_int, dims, error)
@@ -356,7 +342,7 @@ subroutine read_int2(self, name, values, error)
    !> Numbers, shape (m,n)
    integer, allocatable, target, intent(out) :: values(:, :)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(2)
 
    call get_shape(self, name, kind_int, dims, error)
@@ -374,7 +360,7 @@ subroutine read_text(self, name, text, error)
    !> Text, UTF-8
    character(len=:), allocatable, target, intent(out) :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
    call get_shape(self, name, kind_byte, dims, error)
@@ -394,17 +380,19 @@ subroutine get_shape(self, name, kind, dims, error)
    !> Shape
    integer(i8), intent(out) :: dims(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(error_type), allocatable, intent(inout) :: error
+   type(c_ptr) :: why
    integer(c_int64_t) :: found(max_rank)
    integer(c_int) :: rank
 
+   if (allocated(error)) return
    if (.not. self%has(name)) then
       call fatal_error(error, err_input, self%path//": dataset '"//name//"' is missing")
       return
    end if
-   if (rkh5_shape(self%handle, c_text(name), kind, rank, found, why, nwhy) /= 0) then
-      call fatal_error(error, err_input, self%path//": '"//name//"': "//f_text(why))
+   why = rkh5_shape(self%handle, c_text(name), kind, rank, found)
+   if (c_associated(why)) then
+      call fatal_error(error, err_input, self%path//": '"//name//"': "//to_fortran(why))
    else if (rank /= size(dims)) then
       call fatal_error(error, err_input, self%path//": '"//name//"' has "//to_text(int(rank))// &
          " dimension(s), but "//to_text(size(dims))//" are needed")
@@ -424,13 +412,12 @@ subroutine read_any(self, name, kind, values, error)
    !> First number
    type(c_ptr), intent(in) :: values
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(error_type), allocatable, intent(inout) :: error
+   type(c_ptr) :: why
 
-   if (rkh5_read(self%handle, c_text(name), kind, values, why, nwhy) /= 0) then
-      call fatal_error(error, err_file, self%path//": '"//name//"' cannot be read: "// &
-         f_text(why))
-   end if
+   why = rkh5_read(self%handle, c_text(name), kind, values)
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//": '"//name// &
+      "' cannot be read: "//to_fortran(why))
 end subroutine read_any
 
 !> Set whole numbers as an attribute
@@ -444,13 +431,10 @@ subroutine put_integers(self, object, name, values, error)
    !> Numbers, shape (n); one is stored as a scalar
    integer, intent(in), contiguous, target :: values(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(error_type), allocatable, intent(inout) :: error
 
-   if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_int, size(values), &
-      c_loc(values), why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
+   if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
+      c_text(object), c_text(name), kind_int, size(values), c_loc(values)), error)
 end subroutine put_integers
 
 !> Set a text as an attribute
@@ -464,13 +448,10 @@ subroutine put_text(self, object, name, text, error)
    !> Text, ASCII, not empty
    character(len=*), intent(in), target :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy)
+   type(error_type), allocatable, intent(inout) :: error
 
-   if (rkh5_put_attribute(self%handle, c_text(object), c_text(name), kind_byte, len(text), &
-      c_loc(text), why, nwhy) /= 0) then
-      call write_error(self, name, why, error)
-   end if
+   if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
+      c_text(object), c_text(name), kind_byte, len(text), c_loc(text)), error)
 end subroutine put_text
 
 !> Get a text attribute
@@ -484,15 +465,17 @@ subroutine get_attribute(self, object, name, text, error)
    !> Text
    character(len=:), allocatable, intent(out) :: text
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
-   character(kind=c_char) :: why(nwhy), buffer(4096)
+   type(error_type), allocatable, intent(inout) :: error
+   type(c_ptr) :: why
+   character(kind=c_char) :: buffer(4096)
    integer(c_int) :: length
    integer :: i
 
-   if (rkh5_get_text(self%handle, c_text(object), c_text(name), buffer, size(buffer), length, &
-      why, nwhy) /= 0) then
+   if (allocated(error)) return
+   why = rkh5_get_text(self%handle, c_text(object), c_text(name), buffer, size(buffer), length)
+   if (c_associated(why)) then
       call fatal_error(error, err_input, self%path//": text attribute '"//name//"' of '"// &
-         object//"': "//f_text(why))
+         object//"': "//to_fortran(why))
       return
    end if
    length = min(length, size(buffer))
@@ -502,24 +485,25 @@ subroutine get_attribute(self, object, name, text, error)
    end do
 end subroutine get_attribute
 
-!> A write has failed: the file will not take its real name
-subroutine write_error(self, name, why, error)
+!> Where a write has failed, the file will not take its real name
+subroutine check_write(self, name, why, error)
    !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
-   !> Reason given by the shim
-   character(kind=c_char), intent(in) :: why(:)
+   !> Reason of a failure, null for success
+   type(c_ptr), intent(in) :: why
    !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
 
+   if (.not. c_associated(why)) return
    self%damaged = .true.
    what = part_of(self%path)//": writing "
    if (len(name) > 0) what = what//"'"//name//"' "
-   call fatal_error(error, err_file, what//"failed: "//f_text(why)// &
+   call fatal_error(error, err_file, what//"failed: "//to_fortran(why)// &
       "; an earlier "//self%path//" is as it was")
-end subroutine write_error
+end subroutine check_write
 
 !> Name of a file while it is being written
 pure function part_of(path) result(part)
@@ -538,19 +522,5 @@ pure function c_text(text) result(chars)
 
    chars = trim(text)//c_null_char
 end function c_text
-
-!> Text from C
-pure function f_text(chars) result(text)
-   !> Characters up to a null
-   character(kind=c_char), intent(in) :: chars(:)
-   character(len=:), allocatable :: text
-   integer :: i
-
-   text = ""
-   do i = 1, size(chars)
-      if (chars(i) == c_null_char) exit
-      text = text//chars(i)
-   end do
-end function f_text
 
 end module rk_hdf5

@@ -4,19 +4,53 @@
 !> Indices count from 0 in the file and from 1 here, but for those of voxels, whose grid has no
 !> first one.
 module rk_model_file
-   use rk_cloud, only : check_arrays, cloud_type, max_index, voxels_type
-   use rk_error, only : err_input, error_type, fatal_error
+   use rk_cloud, only : cloud_type, take_arrays, voxels_type
+   use rk_deck, only : deck_type
+   use rk_error, only : err_file, err_input, error_type, fatal_error
    use rk_hdf5, only : h5_type
    use rk_precision, only : wp
+   use rk_text, only : lines_of
    implicit none
    private
 
-   public :: read_model
+   public :: read_model_cloud
 
    !> Mark of the files this module reads
    character(len=*), parameter :: format = "myork-model 3"
 
 contains
+
+!> Read the model file of a deck; nothing happens for decks with a geometry of their own
+subroutine read_model_cloud(cloud, deck, out, error)
+   !> Points
+   type(cloud_type), intent(out) :: cloud
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Output folder, looked into first
+   character(len=*), intent(in) :: out
+   !> Error handling
+   type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: kind, file, path, beside
+   logical :: found
+
+   call deck%get('geometry.kind', kind)
+   if (kind /= 'model') return
+   call deck%get('geometry.file', file)
+   path = file
+   if (index(file, '/') /= 1) path = out//'/'//file
+   inquire (file=path, exist=found)
+   if (.not. found .and. index(file, '/') /= 1) then
+      beside = deck%folder//'/'//file
+      inquire (file=beside, exist=found)
+      if (found) path = beside
+   end if
+   if (.not. found) then
+      call fatal_error(error, err_file, deck%where('geometry.file')//': geometry.file: no model ' &
+         & //file//' in '//out//' or beside the deck: run `myork build` first')
+      return
+   end if
+   call read_model(cloud, path, error)
+end subroutine read_model_cloud
 
 !> Read a model and check that its parts fit together
 subroutine read_model(cloud, path, error)
@@ -42,13 +76,8 @@ subroutine read_model(cloud, path, error)
    end if
    call file%close(ignored)
    if (allocated(error)) return
-   call check_arrays(cloud, error)
-   if (allocated(error)) then
-      error%message = path//": "//error%message//"; run 'myork build' again"
-      return
-   end if
-   cloud%boundary_point = cloud%boundary_point + 1
-   cloud%boundary_set = cloud%boundary_set + 1
+   call take_arrays(cloud, error)
+   if (allocated(error)) error%message = path//": "//error%message//"; run 'myork build' again"
 end subroutine read_model
 
 !> Read all datasets
@@ -65,44 +94,27 @@ subroutine read_parts(cloud, file, path, error)
 
    cloud%nd = 3
    call file%get_attribute("/", "length_unit", cloud%length_unit, error)
-   if (allocated(error)) return
    call file%read("source", cloud%source, error)
-   if (allocated(error)) return
    call file%read("spacing", cloud%spacing, error)
-   if (allocated(error)) return
    call file%read("points", cloud%points, error)
-   if (allocated(error)) return
    call file%read("label", cloud%label, error)
-   if (allocated(error)) return
    call file%read("fiber", cloud%fiber, error)
-   if (allocated(error)) return
    call file%read("volume", cloud%volume, error)
-   if (allocated(error)) return
    call file%read("boundary_point", cloud%boundary_point, error)
-   if (allocated(error)) return
    call file%read("boundary_set", cloud%boundary_set, error)
-   if (allocated(error)) return
    call file%read("normal", cloud%normal, error)
-   if (allocated(error)) return
    call file%read("area", cloud%area, error)
-   if (allocated(error)) return
    call file%read("set_names", text, error)
-   if (allocated(error)) return
-   call split_lines(text, cloud%set_names)
    if (file%has("fraction")) then
       call file%read("fraction", cloud%fraction, error)
-      if (allocated(error)) return
       call file%read("fraction_label", cloud%fraction_label, error)
-      if (allocated(error)) return
    end if
-   if (file%has("activation")) then
-      call file%read("activation", cloud%activation, error)
-      if (allocated(error)) return
-   end if
-   call read_voxels(cloud%voxels, file, path, error)
+   if (file%has("activation")) call file%read("activation", cloud%activation, error)
+   if (file%has("voxels")) call read_voxels(cloud%voxels, file, path, error)
+   if (.not. allocated(error)) call lines_of(text, cloud%set_names)
 end subroutine read_parts
 
-!> Read the grid of the voxels, where the file has one
+!> Read the grid of the voxels
 subroutine read_voxels(voxels, file, path, error)
    !> Grid
    type(voxels_type), intent(inout) :: voxels
@@ -111,15 +123,12 @@ subroutine read_voxels(voxels, file, path, error)
    !> Name of the file
    character(len=*), intent(in) :: path
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    real(wp), allocatable :: edges(:), origin(:)
    integer, allocatable :: index(:, :)
 
-   if (.not. file%has("voxels")) return
    call file%read("voxels/index", index, error)
-   if (allocated(error)) return
    call file%read("voxels/size", edges, error)
-   if (allocated(error)) return
    call file%read("voxels/origin", origin, error)
    if (allocated(error)) return
    if (size(edges) /= 3 .or. size(origin) /= 3) then
@@ -129,32 +138,5 @@ subroutine read_voxels(voxels, file, path, error)
    end if
    voxels = voxels_type(index, edges, origin)
 end subroutine read_voxels
-
-
-!> Lines of a text, empty ones left out
-pure subroutine split_lines(text, lines)
-   !> Text with newlines
-   character(len=*), intent(in) :: text
-   !> Lines, padded with blanks
-   character(len=*), allocatable, intent(inout) :: lines(:)
-   character(len=1), parameter :: newline = achar(10)
-   integer :: first, last, n
-
-   n = 1 + count(transfer(text, newline, len(text)) == newline)
-   if (allocated(lines)) deallocate (lines)
-   allocate (lines(n))
-   n = 0
-   first = 1
-   do while (first <= len(text))
-      last = index(text(first:), newline) + first - 2
-      if (last < first - 1) last = len(text)
-      if (last >= first) then
-         n = n + 1
-         lines(n) = text(first:last)
-      end if
-      first = last + 2
-   end do
-   lines = lines(:n)
-end subroutine split_lines
 
 end module rk_model_file

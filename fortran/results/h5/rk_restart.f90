@@ -48,15 +48,14 @@ subroutine read_restart(self, path, error)
          & //'by an earlier version, or by another program')
    else
       call file%read(own//'deck', self%deck, error)
-      if (.not. allocated(error)) call file%read(own//'overrides', self%overrides, error)
-      if (.not. allocated(error)) call file%read(own//'approximation', self%approximation, error)
-      if (.not. allocated(error)) call file%read(own//'source', self%source, error)
-      if (.not. allocated(error)) call file%read('VTKHDF/Points', self%points, error)
-      if (.not. allocated(error)) call file%read(own//'load', self%load, error)
-      if (.not. allocated(error)) call file%read(own//'step', self%step, error)
-      if (.not. allocated(error)) call file%read(own//'coefficients', self%x, error)
-      if (.not. allocated(error) .and. file%has(own//'carried')) &
-         & call file%read(own//'carried', self%carried, error)
+      call file%read(own//'overrides', self%overrides, error)
+      call file%read(own//'approximation', self%approximation, error)
+      call file%read(own//'source', self%source, error)
+      call file%read('VTKHDF/Points', self%points, error)
+      call file%read(own//'load', self%load, error)
+      call file%read(own//'step', self%step, error)
+      call file%read(own//'coefficients', self%x, error)
+      if (file%has(own//'carried')) call file%read(own//'carried', self%carried, error)
    end if
    call file%close(trouble)
    if (allocated(error)) return

@@ -82,21 +82,15 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    self%ncoefficient = 0
    self%nstep = 0
    call check_shape("points", shape(points), [3, self%npoint], error)
-   if (allocated(error)) return
    call check_shape("fiber", shape(fiber), [3, self%npoint], error)
    if (allocated(error)) return
    call self%file%create(path, error)
    if (allocated(error)) return
    call write_geometry(self%file, points, error)
-   if (allocated(error)) return
    call self%file%append(vtk//"/PointData/label", label, error)
-   if (allocated(error)) return
    call self%file%append(vtk//"/PointData/fiber", fiber, error)
-   if (allocated(error)) return
    call self%file%append(own//"/source", source, error)
-   if (allocated(error)) return
-   call self%file%append(own//"/deck", deck_text, error)
-   if (allocated(error)) return
+   call self%file%append_text(own//"/deck", deck_text, error)
    call self%file%put_attribute(own, "version", version, error)
 end subroutine open_results
 
@@ -112,9 +106,8 @@ subroutine describe(self, overrides, approximation, error)
    type(error_type), allocatable, intent(out) :: error
 
    ! no text is empty in the file
-   call self%file%append(own//"/overrides", overrides//new_line('a'), error)
-   if (allocated(error)) return
-   call self%file%append(own//"/approximation", approximation, error)
+   call self%file%append_text(own//"/overrides", overrides//new_line('a'), error)
+   call self%file%append_text(own//"/approximation", approximation, error)
 end subroutine describe
 
 !> How the points hang together; nothing is written of what is empty
@@ -130,7 +123,6 @@ subroutine add_lattice(self, place, triangle, error)
    type(error_type), allocatable, intent(out) :: error
 
    if (size(place) > 0) call self%file%append(own//"/lattice", place, error)
-   if (allocated(error)) return
    if (size(triangle) > 0) call self%file%append(own//"/surface", triangle - 1, error)
 end subroutine add_lattice
 
@@ -141,26 +133,18 @@ subroutine write_geometry(file, points, error)
    !> Points, shape (3,np) [length]
    real(wp), intent(in), contiguous :: points(:, :)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: np, i
 
    np = size(points, 2, i8)
    call file%append(vtk//"/Points", points, error)
-   if (allocated(error)) return
    call file%put_attribute(vtk, "Version", [2, 0], error)
-   if (allocated(error)) return
    call file%put_attribute(vtk, "Type", "UnstructuredGrid", error)
-   if (allocated(error)) return
    call file%append(vtk//"/NumberOfPoints", [np], error)
-   if (allocated(error)) return
    call file%append(vtk//"/NumberOfCells", [np], error)
-   if (allocated(error)) return
    call file%append(vtk//"/NumberOfConnectivityIds", [np], error)
-   if (allocated(error)) return
    call file%append(vtk//"/Connectivity", [(i, i = 0, np - 1)], error)
-   if (allocated(error)) return
    call file%append(vtk//"/Offsets", [(i, i = 0, np)], error)
-   if (allocated(error)) return
    call file%append(vtk//"/Types", spread(vtk_vertex, 1, size(points, 2)), error)
 end subroutine write_geometry
 
@@ -188,11 +172,9 @@ subroutine add_step(self, load, activation, fields, coefficients, error, step, c
    call start_step(self, load, coefficients, error)
    if (allocated(error)) return
    if (present(step)) call self%file%append(own//"/step", reshape(step, [size(step), 1]), error)
-   if (allocated(error)) return
    if (present(carried)) then
       ! a step whose successor begins with nothing but its state has no columns
       if (size(carried) > 0) call self%file%append(own//"/carried", carried, error)
-      if (allocated(error)) return
    end if
    do k = 1, size(fields)
       associate (field => fields(k))
@@ -206,7 +188,6 @@ subroutine add_step(self, load, activation, fields, coefficients, error, step, c
          else
             call self%file%append(vtk//"/PointData/"//field%name, field%value, error)
          end if
-         if (allocated(error)) return
       end associate
    end do
    call finish_step(self, load, activation, coefficients, fields, error)
@@ -245,10 +226,9 @@ subroutine finish_step(self, load, activation, coefficients, fields, error)
    !> Fields that were written
    type(point_field), intent(in) :: fields(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
    call add_state(self%file, load, activation, coefficients, error)
-   if (allocated(error)) return
    call add_offsets(self%file, load, int(self%nstep, i8)*self%npoint, fields, error)
    if (allocated(error)) return
 
@@ -256,7 +236,6 @@ subroutine finish_step(self, load, activation, coefficients, fields, error)
    self%nstep = self%nstep + 1
    self%load = load
    call self%file%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
-   if (allocated(error)) return
    call self%file%flush(error)
 end subroutine finish_step
 
@@ -294,12 +273,10 @@ subroutine add_state(file, load, activation, coefficients, error)
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
    call file%append(own//"/load", [load], error)
-   if (allocated(error)) return
    call file%append(own//"/activation", [activation], error)
-   if (allocated(error)) return
    call file%append(own//"/coefficients", reshape(coefficients, [size(coefficients), 1]), error)
 end subroutine add_state
 
@@ -314,7 +291,7 @@ subroutine add_offsets(file, load, first, fields, error)
    !> Fields
    type(point_field), intent(in) :: fields(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
    character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
       "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
@@ -322,16 +299,12 @@ subroutine add_offsets(file, load, first, fields, error)
    integer :: i
 
    call file%append(steps//"Values", [load], error)
-   if (allocated(error)) return
    call file%append(steps//"NumberOfParts", [1_i8], error)
-   if (allocated(error)) return
    do i = 1, size(fixed)
       call file%append(steps//trim(fixed(i)), [0_i8], error)
-      if (allocated(error)) return
    end do
    do i = 1, size(fields)
       call file%append(steps//"PointDataOffsets/"//fields(i)%name, [first], error)
-      if (allocated(error)) return
    end do
 end subroutine add_offsets
 
@@ -344,9 +317,9 @@ subroutine check_shape(name, found, wanted, error)
    !> Shape it must have
    integer, intent(in) :: wanted(:)
    !> Error handling
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
 
-   if (all(found == wanted)) return
+   if (allocated(error) .or. all(found == wanted)) return
    call fatal_error(error, err_input, "results: '"//name//"' has shape "// &
       to_text(real(found, wp))//", but "//to_text(real(wanted, wp))//" is needed")
 end subroutine check_shape
