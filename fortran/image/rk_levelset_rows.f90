@@ -18,7 +18,7 @@ module rk_levelset_rows
    implicit none
    private
 
-   public :: grid_type, row_type, new_grid, advance_row, step_row, sum_row, sums_of_row
+   public :: grid_type, row_type, new_grid, advance_row, step_row, bend_row, sum_row, sums_of_row
 
    !> Voxels of a row that take part
    type :: row_type
@@ -86,14 +86,14 @@ subroutine new_grid(self, weight, spacing)
 end subroutine new_grid
 
 !> Step (A.1) of all level sets along a row
-subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, share, means, channels, weight, &
-   old, inside, new)
+subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, share, means, channels, &
+   weight, old, inside, bent, new)
    !> Grid
    type(grid_type), intent(in) :: grid
    !> Row
    type(row_type), intent(in) :: row
-   !> Weights of length and area, width of the step function, time step [-]
-   real(wp), intent(in) :: mu, nu, epsilon, dt
+   !> Weights of length, area and distance, width of the step function, time step [-]
+   real(wp), intent(in) :: mu, nu, gamma, epsilon, dt
    !> Weights of the regions' misfits, shape (0:regions-1) [-]
    real(wp), intent(in) :: lambda(0:)
    !> Weights of the channels over their number, shape (channels) [-]
@@ -104,9 +104,11 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, share, means, cha
    real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Level sets before and their step functions, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
+   !> Of `bend_row`, same shape; read where gamma > 0 [-]
+   real(wp), intent(in), contiguous :: bent(:, :)
    !> Level sets after, same shape; only the row is written [-]
    real(wp), intent(inout), contiguous :: new(:, :)
-   real(wp), dimension(row%first:row%last) :: force, pull, drawn, part
+   real(wp), dimension(row%first:row%last) :: force, pull, drawn, part, spread, held
    ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
    real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
    real(wp) :: misfit(row%first:row%last, 0:size(lambda) - 1), rate, scale
@@ -153,14 +155,93 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, share, means, cha
             drawn(i) = drawn(i) + rate*(ahead(i)*old(i + s, level) + behind(i)*old(i - s, level))
          end do
       end do
-      ! (A.1) times 1/delta, which saves a division
+      spread = 0.0_wp
+      held = 0.0_wp
+      if (gamma > 0.0_wp) call spread_row(grid, a, b, dt*gamma, old(:, level), bent(:, level), &
+         spread, held)
+      ! (A.1) times 1/delta, which saves a division; with the last term of (3.42), which has none
       do i = a, b
          part(i) = epsilon**2 + old(i, level)**2
-         new(i, level) = (old(i, level)*part(i) + scale*(drawn(i) + force(i)))/ &
-            (part(i) + scale*pull(i))
+         new(i, level) = old(i, level) + (scale*(drawn(i) - pull(i)*old(i, level) + force(i)) + &
+            part(i)*spread(i))/(part(i)*(1.0_wp + held(i)) + scale*pull(i))
       end do
    end do
 end subroutine advance_row
+
+!> Change of a level set by the last term of (3.42), the slope of P (3.39) as `sum_row` has it
+pure subroutine spread_row(grid, a, b, step, phi, bent, spread, held)
+   !> Grid
+   type(grid_type), intent(in) :: grid
+   !> First and last place
+   integer, intent(in) :: a, b
+   !> Time step times gamma [-]
+   real(wp), intent(in) :: step
+   !> Level set, and `bent` of `bend_row`, shape (places) [-]
+   real(wp), intent(in), contiguous :: phi(:), bent(:)
+   !> Change without the neighbours' hold, and the voxel's part of the Laplacian, which is taken at
+   !> the new time, shape (b - a + 1) [-]
+   real(wp), intent(out) :: spread(a:b), held(a:b)
+   real(wp) :: rate, joined
+   integer :: axis, side, i, s
+
+   spread = 0.0_wp
+   held = 0.0_wp
+   do axis = 1, grid%axes
+      rate = step/grid%spacing(axis)**2
+      do side = -1, 1, 2
+         s = side*grid%step(axis)
+         do i = a, b
+            joined = rate*grid%part(i)*grid%part(i + s)
+            held(i) = held(i) + joined
+            spread(i) = spread(i) + 0.5_wp*joined*(bent(i) + bent(i + s))*(phi(i + s) - phi(i))
+         end do
+      end do
+   end do
+end subroutine spread_row
+
+!> 1 - 1/|grad phi| along a row: how far level sets are from distance functions
+subroutine bend_row(grid, row, phi, bent)
+   !> Grid
+   type(grid_type), intent(in) :: grid
+   !> Row
+   type(row_type), intent(in) :: row
+   !> Level sets, shape (places, level sets) [-]
+   real(wp), intent(in), contiguous :: phi(:, :)
+   !> Same shape; only the row is written [-]
+   real(wp), intent(inout), contiguous :: bent(:, :)
+   real(wp) :: square(row%first:row%last)
+   integer :: level
+
+   do level = 1, size(phi, 2)
+      call squared_slope(grid, row%first, row%last, phi(:, level), square)
+      bent(row%first:row%last, level) = 1.0_wp - 1.0_wp/sqrt(flat**2 + square)
+   end do
+end subroutine bend_row
+
+!> Squared length of a gradient, the mean of both sides of a voxel along each axis
+pure subroutine squared_slope(grid, a, b, values, square)
+   !> Grid
+   type(grid_type), intent(in) :: grid
+   !> First and last place
+   integer, intent(in) :: a, b
+   !> Values, shape (places) [-]
+   real(wp), intent(in), contiguous :: values(:)
+   !> Squares, shape (b - a + 1) [1/length^2]
+   real(wp), intent(out) :: square(a:b)
+   real(wp) :: rate, ahead, behind
+   integer :: axis, i, s
+
+   square = 0.0_wp
+   do axis = 1, grid%axes
+      s = grid%step(axis)
+      rate = 0.5_wp/grid%spacing(axis)**2
+      do i = a, b
+         ahead = grid%part(i + s)*(values(i + s) - values(i))
+         behind = grid%part(i - s)*(values(i) - values(i - s))
+         square(i) = square(i) + rate*(ahead**2 + behind**2)
+      end do
+   end do
+end subroutine squared_slope
 
 !> Number of sums that `sum_row` makes
 pure integer function sums_of_row(regions, channels)
@@ -189,14 +270,14 @@ subroutine step_row(row, epsilon, phi, inside)
    end do
 end subroutine step_row
 
-!> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6)
-subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, sums)
+!> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6), P (3.39)
+subroutine sum_row(grid, row, mu, nu, gamma, regions, share, channels, weight, inside, bent, sums)
    !> Grid
    type(grid_type), intent(in) :: grid
    !> Row
    type(row_type), intent(in) :: row
-   !> Weights of length and area [-]
-   real(wp), intent(in) :: mu, nu
+   !> Weights of length, area and distance [-]
+   real(wp), intent(in) :: mu, nu, gamma
    !> Number of regions
    integer, intent(in) :: regions
    !> Weights of the channels over their number, shape (channels) [-]
@@ -205,13 +286,15 @@ subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, 
    real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Step functions of the level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
+   !> Of `bend_row`, same shape; read where gamma > 0 [-]
+   real(wp), intent(in), contiguous :: bent(:, :)
    !> Energy of contours and areas; then for each region the integrals of its membership, of
    !> membership times squared values, and of membership times values per channel;
    !> shape (sums_of_row) [-]
    real(wp), intent(out) :: sums(:)
    real(wp), dimension(row%first:row%last) :: square, part, slope
-   real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1), rate, ahead, behind
-   integer :: a, b, p, r, channel, level, axis, i, place, s, shift
+   real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1)
+   integer :: a, b, p, r, channel, level, i, place, shift
 
    sums = 0.0_wp
    a = row%first
@@ -220,22 +303,16 @@ subroutine sum_row(grid, row, mu, nu, regions, share, channels, weight, inside, 
    do level = 1, size(inside, 2)
       ! Length as integral of |grad H|, (3.39): delta |grad phi| is the same, but delta is narrower
       ! than a voxel where the level set is steep, and its sum would depend on the grid
-      slope = 0.0_wp
-      do axis = 1, grid%axes
-         s = grid%step(axis)
-         rate = 0.5_wp/grid%spacing(axis)**2
-         associate (takes => grid%part)
-            do i = a, b
-               ahead = takes(i + s)*(inside(i + s, level) - inside(i, level))
-               behind = takes(i - s)*(inside(i, level) - inside(i - s, level))
-               slope(i) = slope(i) + rate*(ahead**2 + behind**2)
-            end do
-         end associate
-      end do
+      call squared_slope(grid, a, b, inside(:, level), slope)
       call inverse_roots(slope, part)
       do i = a, b
          part(i) = mu*slope(i)*part(i) + nu*inside(i, level)
       end do
+      if (gamma > 0.0_wp) then
+         do i = a, b
+            part(i) = part(i) + 0.5_wp*gamma*(bent(i, level)/(1.0_wp - bent(i, level)))**2
+         end do
+      end if
       sums(1) = sums(1) + total(grid%part(a:b), part)
    end do
 

@@ -462,3 +462,67 @@ def test_an_error_that_is_not_a_number_is_not_zero() -> None:
     """Where the material is turned inside out there is no stress to compare."""
     assert largest_error(np.zeros(2), np.ones(2)) == 0.0
     assert np.isnan(largest_error(np.array([1.0, np.nan]), np.ones(2)))
+
+
+# ---- which states are snapshots ------------------------------------------------------------------
+
+
+def chosen(change: dict, tmp_path: Path) -> dict:
+    """Study of a block of rubber in six steps."""
+    rom = {"modes": [1], **change}
+    return myork.run_rom({**RUBBER, "load": {"steps": 6}, "rom": rom}, tmp_path, threads=1)
+
+
+@pytest.mark.parametrize(
+    ("change", "alike"),
+    [({"every": 2}, [2, 4, 6]), ({"first": 50}, [1, 2, 3]), ({"every": 2, "first": 67}, [2, 4])],
+)
+def test_snapshots_are_those_of_chosen_steps(change, alike, tmp_path) -> None:
+    found = chosen(change, tmp_path / "a")
+    assert found["snapshots"] == len(alike)
+    again = chosen({"steps": alike}, tmp_path / "b")
+    assert found["pov"] == again["pov"]
+    assert found["models"][0]["e1"] == again["models"][0]["e1"]
+
+
+def test_a_model_of_few_snapshots_is_judged_at_all_steps(tmp_path) -> None:
+    """A mode of the first step is not that of the last one, where large strains bend the path."""
+    first, last = (chosen({"steps": [n]}, tmp_path / str(n))["models"][0] for n in (1, 6))
+    assert len(first["iterations"]) == len(last["iterations"]) == 6
+    assert first["e1"] > 1e-6 and last["e1"] > 1e-6 and first["e1"] != last["e1"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"every": 7}, r"rom.every = 7: none of the 6 steps is a snapshot"),
+        ({"steps": [2, 9]}, r"rom.steps: 9 is wanted, but there are 6 load steps"),
+        ({"modes": [4], "every": 2}, r"4 modes are wanted, but 3 load steps give at most 3"),
+        ({"projection": "galerkin"}, r"rom.projection: unknown key"),
+    ],
+)
+def test_impossible_snapshots_are_refused_before_a_solve(change, message, tmp_path) -> None:
+    with pytest.raises(InputError, match=message):
+        chosen(change, tmp_path)
+    assert not (tmp_path / "summary.json").exists() or "rom" not in json.loads(
+        (tmp_path / "summary.json").read_text()
+    )
+
+
+def test_a_path_of_amplitudes_is_reduced(tmp_path) -> None:
+    """Activation first, then the plate: the modes are those of both."""
+    tables = {
+        **BLOCK,
+        "scene": {"dimension": 3, "method": "rkpm-gauss"},
+        "boundary": [held("z0"), {**held("z1", u_z=-0.1), "amplitude": "plate"}],
+        "load": {"steps": 4, "activation": 0.3, "amplitude": "muscle"},
+        "amplitude": [
+            {"name": "muscle", "time": [0, 0.5], "value": [0, 1]},
+            {"name": "plate", "time": [0, 0.5, 1], "value": [0, 0, 1]},
+        ],
+        "rom": {"modes": [1, 4]},
+    }
+    del tables["solver"]
+    tables["geometry"] = {key: BLOCK["geometry"][key] for key in ("kind", "size", "source")}
+    one, all_ = myork.run_rom(tables, tmp_path, threads=1)["models"]
+    assert all_["e1"] < 1e-4 < 0.1 < one["e1"]

@@ -111,11 +111,22 @@ def _rates(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _segment(run: Run, progress: ProgressCallback) -> Record:
-    """Dice and Pearson's coefficient of a label, means over the slices that have it."""
+    """Dice and Pearson's coefficient of the gastrocnemius: means over its slices, and two slices.
+
+    Slices 15 and 30 of the dissertation's 33 are those at the same part of the height.
+    """
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         found = segment(INPUTS / f"{run.deck}.toml", Path(folder), threads=1, progress=progress)
-    (score,) = found["segmentation"]["scores"].values()
-    return {key: float(np.nanmean(score[f"{key}_by_slice"])) for key in ("dice", "pcc")}
+    score = found["segmentation"]["scores"]["medial_gastrocnemius"]
+    record = {}
+    for key in ("dice", "pcc"):
+        slices = np.array(score[f"{key}_by_slice"], float)
+        record[key] = float(np.nanmean(slices))
+        for number in (15, 30):
+            record[f"{key}_{number}"] = float(
+                slices[round((number - 0.5) / 33 * slices.size - 0.5)]
+            )
+    return record
 
 
 def _aged(run: Run, progress: ProgressCallback) -> Record:

@@ -28,8 +28,9 @@ def evolve_level_sets(
     lambdas: ArrayLike,
     channel_weights: ArrayLike,
     volume: bool,
+    gamma: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
-    """Evolve level sets by the scheme of Appendix A, energy (3.29).
+    """Evolve level sets by the scheme of Appendix A, energy (3.29) and gamma P of (3.38).
 
     Parameters
     ----------
@@ -51,6 +52,8 @@ def evolve_level_sets(
         more than half of `2**nlevel` regions.
     volume : bool
         Whether the slices are one volume; else each is a problem of its own.
+    gamma : float
+        Weight of P (3.39), which keeps the level sets near distance functions [-].
 
     Returns
     -------
@@ -74,7 +77,7 @@ def evolve_level_sets(
     names = ("phi", "energy", "means", "iterations", "ended")
     found = called(
         _core.evolve_level_sets,
-        (mu, nu, epsilon, dt, tolerance),
+        (mu, nu, gamma, epsilon, dt, tolerance),
         np.asarray(lambdas, float),
         np.asarray(channel_weights, float),
         spacing,

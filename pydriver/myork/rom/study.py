@@ -21,7 +21,7 @@ from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states
 from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES
-from myork.types import F64
+from myork.types import F64, I32
 
 __all__ = [
     "PathStates",
@@ -48,11 +48,12 @@ def run_rom(
 ) -> dict[str, Any]:
     """Reduce the full model and compare.
 
-    The snapshots are the converged coefficients of all load steps: those of `results.vtkhdf` in the
-    folder where it is of this deck, version and number of threads, else of a solve that is made
-    now. The modes come from their singular values. Each reduced model solves the same load steps
-    again. A deck that takes its load in one step, as those of the Galerkin form do where they name
-    no steps, is solved in ten of them if more than one mode is wanted.
+    The snapshots are the converged coefficients of all load steps, or of those that the deck
+    chooses: those of `results.vtkhdf` in the folder where it is of this deck, version and number of
+    threads, else of a solve that is made now. The modes come from their singular values. Each
+    reduced model solves all load steps again, whether or not they gave a snapshot. A deck that
+    takes its load in one step, as those of the Galerkin form do where they name no steps, is solved
+    in ten of them if more than one mode is wanted.
 
     Parameters
     ----------
@@ -142,12 +143,31 @@ def _check_modes(scene: Scene) -> None:
             "reduced models are made of nonlinear problems and of motions: a linear problem at "
             "rest is solved once, which leaves nothing to save"
         )
-    wanted, limit = max(scene.deck["rom"]["modes"]), min(scene.steps, scene.dofs)
+    chosen = _chosen(scene)
+    if not chosen.size:
+        raise InputError(
+            f"rom.every = {scene.deck['rom'].get('every')}: none of the {scene.steps} steps is a "
+            "snapshot; lower it, or raise rom.first"
+        )
+    if chosen[-1] >= scene.steps:
+        raise InputError(
+            f"rom.steps: {chosen[-1] + 1} is wanted, but there are {scene.steps} load steps"
+        )
+    wanted, limit = max(scene.deck["rom"]["modes"]), min(chosen.size, scene.dofs)
     if wanted > limit:
         raise InputError(
-            f"rom.modes: {wanted} modes are wanted, but {scene.steps} load steps give at most "
+            f"rom.modes: {wanted} modes are wanted, but {chosen.size} load steps give at most "
             f"{limit}: take more load.steps or fewer modes"
         )
+
+
+def _chosen(scene: Scene) -> I32:
+    """Numbers, from 0, of the steps whose states are snapshots."""
+    table = scene.deck["rom"]
+    if "steps" in table:
+        return np.array(table["steps"], np.int32) - 1
+    last, every = np.ceil(scene.steps * table.get("first", 100.0) / 100.0), table.get("every", 1)
+    return np.arange(every - 1, last, every, dtype=np.int32)
 
 
 def _study(
@@ -156,8 +176,9 @@ def _study(
     """Modes and reduced models of the full states, and all last fields where there are stresses."""
     table = scene.deck["rom"]
     started = time.perf_counter()
+    seen = full.x[_chosen(scene)]
     modes, values = proper_orthogonal_modes(
-        unit_states(full.x) if table["snapshots"] == "unit" else full.x
+        unit_states(seen) if table["snapshots"] == "unit" else seen
     )
     basis_s = time.perf_counter() - started
     path = PathStates.of(scene, full.x, full.load)
@@ -186,7 +207,7 @@ def _study(
             f"  speed-up {times_faster(model['speedup_vs_full'])}"
         )
     study = {
-        "snapshots": len(full.x),
+        "snapshots": len(seen),
         "pov": values.tolist(),
         "full": {
             "dofs": scene.dofs,

@@ -140,7 +140,8 @@ def train(
             )
     if values.get("amplitude"):
         raise InputError(
-            f"{deck}: amplitude: reduced models are trained on loads that grow in proportion"
+            f"{deck}: amplitude: reduced models are trained on loads that grow in proportion: "
+            "leave amplitudes out and vary what they drive, or reduce this path: `myork rom DECK`"
         )
     if values.get("galerkin", {}).get("essential") == "transformation":
         raise InputError(

@@ -1,8 +1,6 @@
 """Bias field of an image: slow shading of the coils, which multiplies the true values.
 
-Regions and field together by local clustering with level sets, equations (3.30) to (3.45). Not
-here: the term P of (3.38), which keeps level sets near distance functions; the scheme of Appendix A
-does without.
+Regions and field together by local clustering with level sets, equations (3.30) to (3.45).
 
 References
 ----------
@@ -88,6 +86,7 @@ def clustered_bias(
     *,
     spacing: ArrayLike,
     regions: int,
+    gamma: float = 0.0,
 ) -> BiasField:
     """Bias field by local clustering, (3.30) to (3.45), for any number of regions.
 
@@ -106,6 +105,8 @@ def clustered_bias(
         Voxel sizes, shape `(3,)` [mm].
     regions : int
         Number of regions.
+    gamma : float
+        Weight of P (3.39), which keeps the level sets near distance functions [-].
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -149,6 +150,7 @@ def clustered_bias(
                 spacing=tuple(pixel.tolist()),
                 mu=_MU,
                 nu=0.0,
+                gamma=gamma,
                 epsilon=_EPSILON,
                 dt=_DT,
                 tolerance=0.0,

@@ -192,6 +192,7 @@ def segment_images(
     table: Mapping[str, Any],
     *,
     bias: str = "none",
+    gamma: float = 0.0,
     muscles: Sequence[Muscle] = (),
     progress: ProgressCallback = silent,
 ) -> Segmentation:
@@ -205,6 +206,8 @@ def segment_images(
         Table `image` of decks.
     bias : str
         Method of the shading: `auto`, `level-sets` or `none`.
+    gamma : float
+        Of `level-sets`: weight of P (3.39), which keeps them near distance functions [-].
     muscles : sequence
         Rules by which regions are grouped.
     progress : callable
@@ -215,7 +218,7 @@ def segment_images(
         # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
         # badly, and its rim what lies under the skin.
         body = _body_of(images)
-    shade, record = _shading(images.whole, body, bias, progress)
+    shade, record = _shading(images.whole, body, bias, gamma, progress)
     images = images if shade is None else images.divided(shade)
     image = images.anatomy
     reference, lost = _bent(images, body, progress)
@@ -295,7 +298,7 @@ def _body_of(images: Images) -> Mask:
 
 
 def _shading(
-    image: Image, mask: Mask, method: str, progress: ProgressCallback
+    image: Image, mask: Mask, method: str, gamma: float, progress: ProgressCallback
 ) -> tuple[F64 | None, dict[str, Any]]:
     """Shading estimated in the body, None without one, and its record."""
     if method == "none":
@@ -309,7 +312,9 @@ def _shading(
             shade = best.field
             record |= {"start": best.candidates[0].start, "doubt": best.doubt}
         else:
-            found = clustered_bias(image.data, mask, spacing=image.spacing, regions=_EVEN)
+            found = clustered_bias(
+                image.data, mask, spacing=image.spacing, regions=_EVEN, gamma=gamma
+            )
             shade = found.field
             record |= {"converged": found.converged, "energy": found.energy.tolist()}
     except InputError as reason:

@@ -50,8 +50,8 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     _check_rules(table, muscles)
     grid = OneGrid(progress)
     images = read_images(deck, out, grid, progress)
-    bias = deck["bias"]["method"]
-    found = segment_images(images, table, bias=bias, muscles=muscles, progress=progress)
+    bias = {"bias": deck["bias"]["method"], "gamma": deck["bias"]["gamma"]}
+    found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
     record = _record(deck, found)
     maps: dict[str, Image | None] = dict.fromkeys(
