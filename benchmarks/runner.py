@@ -2,9 +2,9 @@
 
     python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
 
-solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify` or `race` (`methods` and
-`curves` are other views of those of `trust`), and writes `NAME.md`, a view of them, and
-`results.json`, the rows, to `docs/results` or DIR. `myork bench NAME` writes the same rows to
+solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen` or `race`
+(`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`, a view of them,
+and `results.json`, the rows, to `docs/results` or DIR. `myork bench NAME` writes the same rows to
 `bench.json`.
 
     python benchmarks/runner.py TABLE [ARGUMENT...]
@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.problems import Problem, probe_kind
-from benchmarks.truths.finite_elements import solve_deck
+from benchmarks.truths.finite_elements import Warp, solve_deck
 from benchmarks.truths.peers import compiled_peers
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
 from myork.bench.exact import inner_stress
@@ -54,6 +54,7 @@ __all__ = [
     "Truths",
     "lattice_text",
     "main",
+    "record_of",
     "rows_of",
     "sized_tables",
     "solve_rivals",
@@ -72,7 +73,7 @@ _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
-VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "race")
+VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "echoes": ("echoes",),
@@ -221,7 +222,7 @@ def rows_of(
                 case = solve()
                 case |= _times(case["cpu_s"], partial(_own_time, solve))
             else:
-                case = _record(solve_case(tables, words, cloud=cloud, limit=_LIMIT, error=True))
+                case = record_of(solve_case(tables, words, cloud=cloud, limit=_LIMIT, error=True))
             found = truths.errors(case.pop("probes"), case.pop("bars", {}))
             peer = _cheapest(meshes, found)
             rows.append({**_named(problem, name, text), **case, **found, "peer": peer})
@@ -267,7 +268,7 @@ def _cheapest(
 
 
 def solve_rivals(
-    problem: Problem | Body, progress: ProgressCallback
+    problem: Problem | Body, progress: ProgressCallback, warp: Warp | None = None
 ) -> tuple[Truths, list[dict[str, Any]]]:
     """Solve a problem on all its meshes.
 
@@ -277,6 +278,8 @@ def solve_rivals(
         Problem.
     progress : callable
         Called with every line of progress.
+    warp : callable, optional
+        Moves the nodes of a box within it.
 
     Returns
     -------
@@ -295,14 +298,16 @@ def solve_rivals(
     rivals = []
     for count in problem.elements:
         progress(f"{problem.name}: finite elements, {lattice_text(count)}")
-        found = _finite_elements(problem, deck, count)
+        found = _finite_elements(problem, deck, count, warp)
         rivals.append({**found, "size": lattice_text(count)})
     limits = _limits([rival["probes"] for rival in rivals if rival["probes"]])
     return Truths(kinds, limits), rivals
 
 
 def sized_tables(tables: Mapping[str, Any], size: Sequence[int]) -> dict[str, Any]:
-    """Deck with its source points, and collocation points at half their spacing."""
+    """Deck with its source points, and collocation points at half their spacing; or none."""
+    if not size:
+        return dict(tables)
     places = {"source": list(size), "collocation": [2 * n - 1 for n in size]}
     return {**tables, "geometry": {**tables["geometry"], **places}}
 
@@ -319,7 +324,7 @@ def _sized(problem: Problem | Body, size: Any) -> tuple[str, dict[str, Any], Poi
     return lattice_text(size), sized_tables(problem.tables, size), None
 
 
-def _record(case: dict[str, Any]) -> dict[str, Any]:
+def record_of(case: dict[str, Any]) -> dict[str, Any]:
     """What the table keeps of a solve in a process of its own."""
     verdict = case.get("verdict") or {"state": "refused", "reasons": [case["message"]]}
     kept = ("cpu_s", "iterations", "min_J", "max_J", "work_mismatch")
@@ -391,13 +396,13 @@ def _peer_time(problem: Problem | Body, mesh: tuple[int, ...]) -> Callable[[], f
 
 
 def _finite_elements(
-    problem: Problem | Body, deck: Mapping[str, Any], count: Sequence[int]
+    problem: Problem | Body, deck: Mapping[str, Any], count: Sequence[int], warp: Warp | None
 ) -> dict[str, Any]:
     """Last values of the probes, empty where the iteration failed."""
     body = problem if isinstance(problem, Body) else None
     try:
         rival = solve_deck(
-            deck, count, labels=body.part if body else None, warp=body.warp if body else None
+            deck, count, labels=body.part if body else None, warp=body.warp if body else warp
         )
     except ConvergenceError as error:
         return {"probes": {}, "dofs": None, "cpu_s": None, "outcome": str(error)}

@@ -19,7 +19,7 @@ from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
 
-__all__ = ["solve_deck", "solve_half_block"]
+__all__ = ["Warp", "solve_deck", "solve_half_block"]
 
 #: Label of the material at a place, shape `(dim,)`; zero where there is none
 Labels = Callable[[F64], int]

@@ -1,0 +1,335 @@
+"""Random decks without points: boxes and rings of any material, held and loaded in many ways.
+
+    python benchmarks/unseen.py [FIRST [LAST]]
+
+solves decks that `benchmarks/truths/unseen.json` lacks by finite elements, and adds their limits.
+The even numbers are for tuning, the odd ones for looking at the result: what is chosen by the
+former has not seen the latter.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.problems import Problem
+from benchmarks.runner import Truth, Truths, record_of, solve_rivals
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from myork.bench.materials import MUSCLE
+from myork.bench.runs import solve_case
+from myork.console import ProgressCallback
+from myork.files import write_text
+from myork.types import F64
+
+__all__ = ["ACCURACIES", "NUMBERS", "known", "problem_of", "rows"]
+
+NUMBERS = range(100)
+ACCURACIES = (0.05, 0.02, 0.01)
+#: CPU time of a search, and wall time of a solve [s]
+_COST, _LIMIT = 15.0, 900.0
+#: CPU time after which meshes of a deck are given up: it has no truth then [s]
+_PATIENCE = 90.0
+_SEED = 20261124
+_FILE = Path(__file__).parent / "truths" / "unseen.json"
+
+Rng = np.random.Generator
+Parts = tuple[list[dict[str, Any]], str]
+
+
+def problem_of(number: int) -> Problem:
+    """Random deck of a number, which any machine draws alike."""
+    rng = np.random.default_rng([_SEED, number])
+    kind = str(rng.choice(["plane", "ring", "solid"], p=[0.5, 0.2, 0.3]))
+    material = _material(rng)
+    boundary, name = _LOADS[kind](rng, 2.0 * float(material.get("A10", 0)) or 10.0)
+    geometry, elements, probes = _BODIES[kind](rng, boundary)
+    activation = 0.0
+    if material["model"] == "muscle":
+        activation = float(np.round(rng.uniform(0.02, 0.15), 3))
+        angle = np.radians(rng.uniform(0, 90))
+        fiber = [np.sin(angle), 0.0, np.cos(angle)] if kind == "solid" else [1.0, 0.0, 0.0]
+        material["fiber"] = np.round(fiber, 4).tolist()
+    title = f"{number}: {kind}, {material['model']}, {name}"
+    tables = deck(title, geometry, (material,), boundary, probes, activation)
+    return Problem(title, tables, ((),), elements)
+
+
+def _material(rng: Rng) -> dict[str, Any]:
+    """A solid with a shear modulus near 10, from compressible to nearly incompressible."""
+    model = str(rng.choice(["neo-hookean", "mooney-rivlin", "yeoh", "polynomial", "muscle"]))
+    models: dict[str, dict[str, Any]] = {
+        "neo-hookean": {"mu": 10.0},
+        "mooney-rivlin": {"C1": 4.0, "C2": 1.0},
+        "yeoh": {"C1": 5.0, "C2": 0.5, "C3": 0.02},
+        "polynomial": {"A10": 5.0, "A01": 0.0, "A20": 0.3},
+        "muscle": MUSCLE,
+    }
+    own = models[model]
+    return {"name": "m", "model": model, **own, "K": float(rng.choice([40.0, 300.0, 3e3]))}
+
+
+def _box(rng: Rng, boundary: list[dict[str, Any]]) -> tuple[Any, ...]:
+    """Sheet, twice as long as high at most where it may buckle."""
+    length = float(rng.choice([1.0, 1.5, 2.0, 3.0]))
+    _scale(boundary, length)
+    size = [length, 1.0]
+    count = (8, 16, 32) if length < 3 else (4, 8, 16)
+    probes = [
+        probe("u_end", "u_x", (0.75 * length, 0.25)),
+        probe("u_side", "u_y", (0.5 * length, 1.0)),
+        probe("s_middle", "cauchy_xx", (0.5 * length, 0.5)),
+        probe("s_quarter", str(rng.choice(["cauchy_xy", "cauchy_yy"])), (0.25 * length, 0.25)),
+        force("f_x", "x", boundary[0]["set"] if len(boundary) == 2 else "x0"),
+        force("f_y", "y", boundary[0]["set"] if len(boundary) == 2 else "y0"),
+    ]
+    return {"kind": "box", "size": size}, tuple((round(n * length), n) for n in count), probes
+
+
+def _block(rng: Rng, boundary: list[dict[str, Any]]) -> tuple[Any, ...]:
+    """Cube, or a block of twice its height."""
+    height = float(rng.choice([1.0, 2.0]))
+    _scale(boundary, height)
+    probes = [
+        probe("u_side", "u_x", (1.0, 0.5, 0.5 * height)),
+        probe("u_inside", "u_z", (0.5, 0.5, 0.5 * height)),
+        probe("s_side", "cauchy_zz", (1.0, 0.5, 0.5 * height)),
+        probe("s_middle", str(rng.choice(["cauchy_zz", "cauchy_xz"])), (0.5, 0.5, 0.5 * height)),
+        force("f_x", "x", "z1"),
+        force("f_z", "z", "z1"),
+    ]
+    if "traction" in boundary[-1]:
+        probes[-2:] = [force("f_x", "x", "z0"), force("f_z", "z", "z0")]
+    geometry = {"kind": "box", "size": [1.0, 1.0, height]}
+    return geometry, tuple((n, n, n) for n in (2, 4, 6)), probes
+
+
+def _ring(rng: Rng, boundary: list[dict[str, Any]]) -> tuple[Any, ...]:
+    """Quarter ring of inner radius 1."""
+    outer = float(rng.choice([1.25, 1.5, 2.0, 3.0]))
+    _scale(boundary, outer - 1.0)
+    middle = 0.5 * (1.0 + outer)
+    diagonal = np.sqrt(0.5)
+    probes = [
+        probe("u_middle", "u_x", (middle * diagonal, middle * diagonal)),
+        probe("u_end", "u_y", (0.0, middle)),
+        probe("s_middle", "cauchy_yy", (middle * diagonal, middle * diagonal)),
+        probe("s_end", "cauchy_xx", (0.0, middle)),
+        force("f_x", "x", boundary[-1]["set"]),
+        force("f_y", "y", boundary[-1]["set"]),
+    ]
+    around = {1.25: 16, 1.5: 12, 2.0: 8, 3.0: 8}[outer]
+    elements = tuple((n, n * around // 4) for n in (4, 8, 16))
+    return {"kind": "annulus", "inner_radius": 1.0, "outer_radius": outer}, elements, probes
+
+
+def _scale(boundary: list[dict[str, Any]], length: float) -> None:
+    """Displacements along a body of length one, made those of this length, and bending loads."""
+    for entry in boundary:
+        for key in entry:
+            if key in ("u_x", "u_y", "u_z", "radial"):
+                entry[key] = float(np.round(entry[key] * length, 4))
+        if "about" in entry:
+            entry["about"] = [float(x * length if k == len(entry["about"]) - 1 or
+                                    len(entry["about"]) == 2 and k == 0 else x)
+                              for k, x in enumerate(entry["about"])]  # fmt: skip
+        if "traction" in entry:
+            entry["traction"] = np.round(np.divide(entry["traction"], length**2), 4).tolist()
+
+
+def _plane_loads(rng: Rng, shear: float) -> Parts:
+    way = str(rng.choice(["pulled", "sheared", "traction", "plates", "turned", "slipped"]))
+    pull = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.2))
+    far: dict[str, dict[str, Any]] = {
+        "pulled": held("x1", 2, u_x=2.0 * abs(pull)),
+        "sheared": held("x1", 2, u_y=2.0 * pull),
+        "traction": {"set": "x1", "traction": (shear * rng.uniform(-0.15, 0.3, 2)).tolist()},
+        "plates": held("x1", 2, u_x=pull),
+        "turned": {"set": "x1", "rotation": 200 * pull, "about": [1.0, 0.5]},
+        "slipped": {"set": "x1", "u_x": pull},
+    }
+    if way == "plates":
+        near = [{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}]
+        return [*near, far[way]], way
+    return [held("x0", 2), far[way]], way
+
+
+def _solid_loads(rng: Rng, shear: float) -> Parts:
+    way = str(rng.choice(["pulled", "sheared", "traction", "plates", "twisted", "slipped"]))
+    pull = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.2))
+    push = shear * rng.uniform(-0.15, 0.3, 3) * [1.0, 0.0, 1.0]
+    far: dict[str, dict[str, Any]] = {
+        "pulled": held("z1", u_z=2.0 * abs(pull)),
+        "sheared": held("z1", u_x=2.0 * pull),
+        "traction": {"set": "z1", "traction": push.tolist()},
+        "plates": held("z1", u_z=pull),
+        "twisted": {"set": "z1", "rotation": 300 * pull, "axis": [0, 0, 1],
+                    "about": [0.5, 0.5, 1.0]},
+        "slipped": {"set": "z1", "u_z": pull},
+    }  # fmt: skip
+    if way == "plates":
+        near = [{"set": f"{a}0", f"u_{a}": 0.0} for a in "xyz"]
+        return [*near, far[way]], way
+    return [held("z0"), far[way]], way
+
+
+def _ring_loads(rng: Rng, _: float) -> Parts:
+    way = str(rng.choice(["inflated", "turned", "bent", "pressed"]))
+    amount = float(rng.uniform(0.1, 0.4))
+    planes = [{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}]
+    if way == "inflated":
+        return [*planes, {"set": "inner", "radial": amount}], way
+    if way == "pressed":
+        return [*planes, {"set": "outer", "radial": -0.5 * amount}], way
+    if way == "turned":
+        turn = {"set": "outer", "rotation": 30 * amount, "about": [0.0, 0.0]}
+        return [held("inner", 2), turn], way
+    return [held("y0", 2), held("x0", 2, u_y=-amount, u_x=0.5 * amount)], way
+
+
+_LOADS: Mapping[str, Callable[[Rng, float], Parts]] = {
+    "plane": _plane_loads,
+    "solid": _solid_loads,
+    "ring": _ring_loads,
+}
+_BODIES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
+    "plane": _box,
+    "solid": _block,
+    "ring": _ring,
+}
+
+
+def known(problem: Problem) -> Truths | None:
+    """Limits of finite elements, where three meshes have one."""
+    entry = _stored().get(problem.name)
+    if not entry:
+        return None
+    values = {name: Truth(*pair) for name, pair in entry.items()}
+    kinds = {"u": "displacement", "f": "force", "s": "stress"}
+    return Truths({name: kinds[name[0]] for name in values}, values)
+
+
+def _stored() -> dict[str, Any]:
+    if not _FILE.is_file():
+        return {}
+    found: dict[str, Any] = json.loads(_FILE.read_text(encoding="utf-8"))
+    return found
+
+
+def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
+    """Solve all decks that have truths at each wanted error; a few of them for `quick`.
+
+    Errors are relative to the largest of their kind, as what is `off` beyond the truth's doubt.
+    """
+    found = []
+    for number in NUMBERS[:6] if quick else NUMBERS:
+        problem = problem_of(number)
+        truths = known(problem)
+        if truths is None:
+            continue
+        for accuracy in ACCURACIES:
+            progress(f"{problem.name}: {accuracy:.0%}")
+            words = (f"accuracy={accuracy}", f"cost={_COST}")
+            case = record_of(solve_case(problem.tables, words, limit=_LIMIT, error=True))
+            found.append(
+                {
+                    "problem": problem.name,
+                    "form": f"{accuracy:.0%}",
+                    "size": "chosen",
+                    "half": "other" if number % 2 else "tuned",
+                    **case,
+                    **_judged(truths, case.pop("probes"), case.pop("bars")),
+                }
+            )
+    return found
+
+
+def _judged(
+    truths: Truths, probes: Mapping[str, float], bars: Mapping[str, float]
+) -> dict[str, Any]:
+    """Error, bar and doubt of each probe over the largest of its kind."""
+    most: dict[str, float] = {}
+    for name, truth in truths.values.items():
+        kind = truths.kinds[name]
+        most[kind] = max(most.get(kind, 0.0), abs(truth.value))
+    size = {name: most[truths.kinds[name]] for name in truths.values if name in probes}
+    error = {name: abs(probes[name] - truths.values[name].value) / size[name] for name in size}
+    bar = {name: bars[name] / size[name] for name in size if bars.get(name) is not None}
+    doubt = {name: truths.values[name].doubt / size[name] for name in size}
+    off = max((max(error[name] - doubt[name], 0.0) for name in error), default=None)
+    return {"error": error, "bar": bar, "doubt": doubt, "off": off}
+
+
+def _limits(problem: Problem) -> dict[str, Any]:
+    """Value of each probe and its doubt; nothing where a mesh has none.
+
+    In space meshes are fine towards all faces, where corners are singular, and what another
+    grading changes is doubt as well.
+    """
+    if "solid" not in problem.name:
+        truths, rivals = solve_rivals(problem, lambda line: None)
+        found = [truths] if all(rival["probes"] for rival in rivals) else []
+    else:
+        found = []
+        for share, meshes in ((0.8, problem.elements), (0.6, problem.elements[-1:])):
+            warp = partial(_finer_ends, np.array(problem.tables["geometry"]["size"]), share)
+            truths, rivals = solve_rivals(
+                problem._replace(elements=meshes), lambda line: None, warp
+            )
+            found += [truths] if all(rival["probes"] for rival in rivals) else []
+        if len(found) < 2:
+            return {}
+    values = {
+        name: [truth.value, truth.doubt]
+        for truths in found[:1]
+        for name, truth in truths.values.items()
+    }
+    for truths in found[1:]:
+        for name, own in values.items():
+            own[1] = max(own[1], abs(truths.values[name].value - own[0]))
+    return values
+
+
+def _finer_ends(size: F64, share: float, nodes: F64) -> F64:
+    """Nodes of a box moved towards its faces; those half way stay."""
+    place = nodes / size
+    return size * (place - share * np.sin(2 * np.pi * place) / (2 * np.pi))
+
+
+def _give_up(*_: Any) -> NoReturn:
+    raise TimeoutError
+
+
+def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
+    """Solve decks by finite elements."""
+    signal.signal(signal.SIGPROF, _give_up)
+    problems = [problem_of(number) for number in range(first, last)]
+    # those in space take longest
+    for problem in sorted(problems, key=lambda problem: "solid" in problem.name):
+        if problem.name in _stored():
+            continue
+        begin = time.process_time()
+        signal.setitimer(signal.ITIMER_PROF, _PATIENCE)
+        try:
+            limits = _limits(problem)
+        except TimeoutError:
+            limits = {}
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+        stored = _stored() | {problem.name: limits}
+        lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(stored[key])}" for key in stored)
+        write_text(_FILE, f"{{\n{lines}\n}}\n")
+        print(f"{problem.name}: {time.process_time() - begin:.1f} CPU s", flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
