@@ -33,7 +33,7 @@ from myork.types import F64
 
 __all__ = ["ACCURACIES", "NUMBERS", "known", "problem_of", "rows"]
 
-NUMBERS = range(100)
+NUMBERS = range(80)
 ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]
 _COST, _LIMIT = 15.0, 900.0
