@@ -418,18 +418,10 @@ def solved(case: Case, threads: int = 1) -> Answer:
 def differences(
     case: Case, one: Answer, two: Answer, twin: Twin = SAME, within: bool = False
 ) -> list[str]:
-    """What two answers to one scene say differently; `within` the bars where lattices differ.
-
-    A refused answer is off equilibrium or on a branch of its own: where it ends depends on
-    roundings, so both may only be refused, and numbers that both give agree within their bars.
-    """
+    """What two answers to one scene say differently; `within` the bars where lattices differ."""
     found = []
     if one.verdict != two.verdict:
         found.append(f"{one.verdict} {one.reasons} becomes {two.verdict} {two.reasons}")
-    elif one.verdict == "refused":
-        within = True
-        if not (np.any(np.isfinite(one.value)) and np.any(np.isfinite(two.value))):
-            return found
     kinds: dict[str, float] = {}
     rows = []
     for i, probe in enumerate(case.tables["probe"]):
@@ -544,15 +536,7 @@ def split(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
         ]
         tables = {"boundary": boundary, "material": material, "load": load}
         paths.append(solved(case.change(amplitude=amplitude, **tables)))
-    found = []
-    for one, two in ((base, paths[0]), (paths[0], paths[1])):
-        ended = [not np.any(np.isfinite(answer.value)) for answer in (one, two)]
-        if ended[0] == ended[1]:
-            found += differences(case, one, two)
-        elif "accepted" in (one.verdict, two.verdict):
-            # a limit point on one way only: the state beyond it is not the only one
-            found.append(f"{one.verdict} {one.reasons} becomes {two.verdict} {two.reasons}")
-    return found
+    return differences(case, base, paths[0]) + differences(case, *paths)
 
 
 def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
