@@ -139,9 +139,9 @@ def _scale(boundary: list[dict[str, Any]], length: float) -> None:
             if key in ("u_x", "u_y", "u_z", "radial"):
                 entry[key] = float(np.round(entry[key] * length, 4))
         if "about" in entry:
-            entry["about"] = [float(x * length if k == len(entry["about"]) - 1 or
-                                    len(entry["about"]) == 2 and k == 0 else x)
-                              for k, x in enumerate(entry["about"])]  # fmt: skip
+            plane = len(entry["about"]) == 2
+            factors = [length] * 2 if plane else [1.0, 1.0, length]
+            entry["about"] = np.multiply(entry["about"], factors).tolist()
         if "traction" in entry:
             entry["traction"] = np.round(np.divide(entry["traction"], length**2), 4).tolist()
 

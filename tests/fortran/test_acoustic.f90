@@ -31,9 +31,9 @@ subroutine test_bound(nd, rigid)
    !> The volume is kept
    logical, intent(in) :: rigid
    real(wp) :: c4(3, 3, 3, 3), f(3, 3), h(3, 3), noise(3, 3, 3, 3), pressure, level, least
-   integer :: i, j, k, l, claimed, wrong, missed
+   integer :: i, j, k, l, bounded, wrong, missed
 
-   claimed = 0
+   bounded = 0
    wrong = 0
    missed = 0
    do k = 1, states
@@ -68,12 +68,12 @@ subroutine test_bound(nd, rigid)
          end do
       end do
       if (.not. surely_above(nd, c4, f, rigid, level, shear)) cycle
-      claimed = claimed + 1
+      bounded = bounded + 1
       least = least_acoustic(nd, c4, 0.5_wp*cross(f, f), rigid)/shear
       if (.not. least > level) wrong = wrong + 1
    end do
    call check('no eigenvalue is below what is surely so', wrong == 0)
-   call check('something is surely above', claimed > states/20)
+   call check('something is surely above', bounded > states/20)
    call check('of an elastic solid under pressure most of its shear modulus is', missed < states/20)
 end subroutine test_bound
 
