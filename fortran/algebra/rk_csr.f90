@@ -21,7 +21,6 @@ contains
 
 !> Rows in which each number stands, ascending
 pure subroutine transposed(self, n, other, entry)
-   !> Rows
    class(csr_type), intent(in) :: self
    !> Numbers run from 1 to n
    integer, intent(in) :: n

@@ -30,7 +30,6 @@ contains
 
 !> Solve in place
 subroutine envelope_solve(self, x)
-   !> Factor
    class(envelope_factor), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
@@ -40,7 +39,6 @@ end subroutine envelope_solve
 
 !> Solve in place
 subroutine dense_solve(self, x)
-   !> Factor
    class(dense_factor), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)

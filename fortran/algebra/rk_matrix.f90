@@ -26,7 +26,6 @@ contains
 
 !> y = A x
 subroutine apply(self, x, y)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -38,7 +37,6 @@ end subroutine apply
 
 !> y = A^T x
 subroutine apply_transposed(self, x, y)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
    !> Vector, shape (m)
    real(wp), contiguous, intent(in) :: x(:)
@@ -50,7 +48,6 @@ end subroutine apply_transposed
 
 !> A itself
 subroutine dense(self, a)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
    !> Entries, shape (m, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -60,7 +57,6 @@ end subroutine dense
 
 !> A in compressed rows, all entries
 subroutine compressed(self, start, column, value)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
    !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
@@ -77,7 +73,6 @@ end subroutine compressed
 
 !> Solve (A + shift |D|) x = b of a small square matrix that need not be symmetric
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Matrix
    class(matrix_rows), target, intent(inout) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift

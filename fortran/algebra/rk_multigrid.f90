@@ -57,7 +57,6 @@ contains
 
 !> Set up the levels
 subroutine new_multigrid(self, matrix, error)
-   !> Cycle
    type(multigrid_type), intent(out) :: self
    !> Matrix, both triangles
    type(sparse_rows), intent(in) :: matrix
@@ -247,9 +246,7 @@ end subroutine coarsen
 
 !> Transposed rows
 subroutine transpose_rows(a, columns, b)
-   !> Rows
    type(sparse_rows), intent(in) :: a
-   !> Columns
    integer, intent(in) :: columns
    !> Their transposed
    type(sparse_rows), intent(out) :: b
@@ -298,7 +295,6 @@ end subroutine multiply
 
 !> x = M b of one cycle, for several vectors at once
 subroutine apply(self, b, x)
-   !> Cycle
    class(multigrid_type), intent(in) :: self
    !> Right hand sides, shape (vectors, n)
    real(wp), contiguous, intent(in) :: b(:, :)
@@ -310,7 +306,6 @@ end subroutine apply
 
 !> One cycle from a level on
 recursive subroutine cycle_from(self, l, b, x)
-   !> Cycle
    class(multigrid_type), intent(in) :: self
    !> Level
    integer, intent(in) :: l

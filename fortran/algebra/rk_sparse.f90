@@ -101,9 +101,7 @@ contains
 
 !> Cholesky factor of a symmetric matrix; zeros of its envelope are left out
 subroutine sparse_cholesky(self, matrix, error)
-   !> Factor
    type(sparse_factor), intent(inout) :: self
-   !> Matrix
    type(envelope_type), intent(in) :: matrix
    !> Error handling: not positive definite, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
@@ -187,7 +185,6 @@ end subroutine sparse_qr
 
 !> Cholesky factor of a symmetric matrix
 subroutine factor_upper(self, n, start, row, value, error)
-   !> Factor
    type(sparse_factor), intent(inout) :: self
    !> Unknowns
    integer, intent(in) :: n
@@ -267,7 +264,6 @@ end subroutine solve_again_sparse
 subroutine complain(stat, error)
    !> Answer
    integer(c_int), intent(in) :: stat
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    select case (stat)
@@ -285,7 +281,6 @@ end subroutine complain
 
 !> Solve in place
 subroutine solve(self, x)
-   !> Factor
    class(sparse_factor), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
@@ -302,7 +297,6 @@ end subroutine solve
 
 !> Give the factor back
 subroutine free(self)
-   !> Factor
    class(sparse_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
@@ -311,7 +305,6 @@ end subroutine free
 
 !> Whether a solve has found an order of elimination for Cholesky
 logical function has_order(self)
-   !> What was kept
    class(kept_factor), intent(in) :: self
 
    has_order = rk_sparse_ordered(self%handle) /= 0
@@ -320,7 +313,6 @@ end function has_order
 !> Solves with a factor of Cholesky that take as long as another one: its operations are those of a
 !> matrix product, which are faster than those of a solve, which reads the factor from memory
 real(wp) function cost(self)
-   !> What was kept
    class(kept_factor), intent(in) :: self
 
    cost = rk_sparse_cost(self%handle)/faster
@@ -328,7 +320,6 @@ end function cost
 
 !> Give back what was kept
 subroutine free_kept(self)
-   !> What was kept
    type(kept_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)

@@ -80,7 +80,6 @@ contains
 
 !> Places of the entries: blocks of one group are all coupled. Values are zero.
 subroutine new_symmetric(self, block, blocks, group)
-   !> Matrix
    type(symmetric_matrix), intent(out) :: self
    !> Unknowns in a block
    integer, intent(in) :: block
@@ -188,7 +187,6 @@ end subroutine add
 
 !> y = A x
 subroutine apply(self, x, y)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -201,7 +199,6 @@ end subroutine apply
 
 !> x = A^T y
 subroutine apply_transposed(self, x, y)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -214,7 +211,6 @@ end subroutine apply_transposed
 
 !> Add the product of the skew part, where there is one, with a vector
 subroutine add_skew(self, sign, x, y)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> 1, or -1 for its transpose
    real(wp), intent(in) :: sign
@@ -263,7 +259,6 @@ end subroutine product_with
 
 !> Both triangles in compressed rows
 subroutine compressed(self, start, column, value)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
@@ -330,7 +325,6 @@ end subroutine both_triangles
 
 !> Solve (A + shift |D|) x = b with the diagonal D of A
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Matrix
    class(symmetric_matrix), target, intent(inout) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
@@ -495,7 +489,6 @@ end subroutine solve_beside
 
 !> y = A x
 subroutine multiply(self, x, y)
-   !> System
    class(preconditioned_type), intent(in) :: self
    !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
@@ -507,7 +500,6 @@ end subroutine multiply
 
 !> y = P^-1 x
 subroutine precondition(self, x, y)
-   !> System
    class(preconditioned_type), intent(in) :: self
    !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
@@ -520,7 +512,6 @@ end subroutine precondition
 
 !> Unknowns less 1 along the body, an order of elimination
 function unknowns_along(self) result(order)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Unknowns less 1, shape (n)
    integer(i8), allocatable :: order(:)
@@ -536,7 +527,6 @@ end function unknowns_along
 
 !> Solve in place with the factor of the last solve, which is there where the matrix keeps it
 subroutine solve_again(self, x)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
@@ -546,7 +536,6 @@ end subroutine solve_again
 
 !> Solve the next equations by a factor of their own
 subroutine let_go(self)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
 
    if (.not. associated(self%kept)) return
@@ -556,7 +545,6 @@ end subroutine let_go
 
 !> Give back what was kept
 subroutine free(self)
-   !> Matrix
    type(symmetric_matrix), intent(inout) :: self
 
    if (associated(self%kept)) deallocate (self%kept)

@@ -50,7 +50,6 @@ contains
 
 !> Start an item: comma, new line, indentation and key
 subroutine item(self, key)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name of the item; absent in an array
    character(len=*), intent(in), optional :: key
@@ -63,7 +62,6 @@ end subroutine item
 
 !> Open an object
 subroutine begin_object(self, key)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name of the object; absent in an array and at the start
    character(len=*), intent(in), optional :: key
@@ -74,7 +72,6 @@ end subroutine begin_object
 
 !> Open an array
 subroutine begin_array(self, key)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name of the array; absent in an array and at the start
    character(len=*), intent(in), optional :: key
@@ -85,7 +82,6 @@ end subroutine begin_array
 
 !> Close an object
 subroutine end_object(self)
-   !> JSON text
    class(json_type), intent(inout) :: self
 
    call close_list(self, '}')
@@ -93,7 +89,6 @@ end subroutine end_object
 
 !> Close an array
 subroutine end_array(self)
-   !> JSON text
    class(json_type), intent(inout) :: self
 
    call close_list(self, ']')
@@ -101,9 +96,7 @@ end subroutine end_array
 
 !> Opening bracket
 subroutine open_list(self, bracket)
-   !> JSON text
    class(json_type), intent(inout) :: self
-   !> Bracket
    character(len=1), intent(in) :: bracket
 
    call self%append(bracket)
@@ -113,9 +106,7 @@ end subroutine open_list
 
 !> Closing bracket
 subroutine close_list(self, bracket)
-   !> JSON text
    class(json_type), intent(inout) :: self
-   !> Bracket
    character(len=1), intent(in) :: bracket
 
    self%depth = self%depth - 1
@@ -126,7 +117,6 @@ end subroutine close_list
 
 !> Value of an object
 subroutine put_value(self, key, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -139,7 +129,6 @@ end subroutine put_value
 
 !> List of an object
 subroutine put_list(self, key, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -152,7 +141,6 @@ end subroutine put_list
 
 !> Value of an array
 subroutine add_value(self, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Number, logical or text
    class(*), intent(in) :: value
@@ -163,7 +151,6 @@ end subroutine add_value
 
 !> List of an array
 subroutine add_list(self, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
@@ -174,7 +161,6 @@ end subroutine add_list
 
 !> Item of an object whose value is JSON already
 subroutine put_json(self, key, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -187,7 +173,6 @@ end subroutine put_json
 
 !> Values in brackets
 subroutine append_list(self, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
@@ -225,7 +210,6 @@ end function literal
 
 !> Append to what was written; the room doubles, so that n pieces cost n
 subroutine append(self, piece)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> More of it
    character(len=*), intent(in) :: piece
@@ -245,7 +229,6 @@ end subroutine append
 
 !> What was written so far
 pure function text_so_far(self) result(text)
-   !> JSON text
    class(json_type), intent(in) :: self
    character(len=:), allocatable :: text
 
@@ -255,11 +238,9 @@ end function text_so_far
 
 !> Write the text to a file, which is there completely or not at all
 subroutine save_json(self, path, error)
-   !> JSON text
    class(json_type), intent(in) :: self
    !> File
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    call save_text(path, self%buffer(:self%length), error)

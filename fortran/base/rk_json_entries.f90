@@ -69,7 +69,6 @@ pure logical function follows(text, at, character)
    character(len=*), intent(in) :: text
    !> Place
    integer, intent(in) :: at
-   !> Character
    character(len=1), intent(in) :: character
 
    follows = .false.
@@ -239,7 +238,6 @@ pure subroutine skip_word(text, at, word, valid)
    character(len=*), intent(in) :: text
    !> Place
    integer, intent(inout) :: at
-   !> Word
    character(len=*), intent(in) :: word
    !> Whether it is this word
    logical, intent(out) :: valid

@@ -62,11 +62,9 @@ contains
 
 !> Start a file under a temporary name
 subroutine create(self, path, error)
-   !> File
    class(text_file), intent(inout) :: self
    !> Name that it takes when it is published
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    self%path = path
@@ -81,7 +79,6 @@ subroutine line(self, text, error)
    class(text_file), intent(inout) :: self
    !> Line
    character(len=*), intent(in) :: text
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return
@@ -92,7 +89,6 @@ end subroutine line
 subroutine close_file(self, error)
    !> File; nothing happens to a closed one
    class(text_file), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return
@@ -102,9 +98,7 @@ end subroutine close_file
 
 !> Give a closed file its name, unless a write has failed
 subroutine publish(self, error)
-   !> Closed file
    class(text_file), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (self%damaged) return
@@ -117,7 +111,6 @@ subroutine save_text(path, text, error)
    character(len=*), intent(in) :: path
    !> Text, without the last line feed
    character(len=*), intent(in) :: text
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: trouble
    type(text_file) :: file
@@ -154,11 +147,9 @@ end subroutine load_text
 
 !> Turn the answer of C into an error
 subroutine check(self, why, error)
-   !> File
    class(text_file), intent(inout) :: self
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(why)) return

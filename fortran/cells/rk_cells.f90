@@ -77,11 +77,9 @@ contains
 
 !> Whether a surface point lies in a boundary set
 elemental logical function in_set(self, s, set)
-   !> Points
    class(cells_type), intent(in) :: self
    !> Surface point
    integer, intent(in) :: s
-   !> Set
    integer, intent(in) :: set
 
    if (allocated(self%within)) then

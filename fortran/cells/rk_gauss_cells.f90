@@ -55,7 +55,6 @@ contains
 
 !> Gauss points in the cells between the source points of a lattice
 subroutine gauss_cells(self, cloud, count, degree, error)
-   !> Points
    type(cells_type), intent(out) :: self
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
@@ -210,7 +209,6 @@ end subroutine gauss_cells
 
 !> Place of a point of a cell
 pure subroutine place(self, cell, xi, x, jacobian, map)
-   !> Lattice
    class(lattice_type), intent(in) :: self
    !> Cell, from 0
    integer, intent(in) :: cell(3)
@@ -255,7 +253,6 @@ end subroutine place
 
 !> Gauss points of a face of a cell
 pure subroutine face_points(self, cell, axis, end, rule, xi, x, area)
-   !> Lattice
    class(lattice_type), intent(in) :: self
    !> Cell, from 0
    integer, intent(in) :: cell(3)
@@ -301,7 +298,6 @@ subroutine find_cut(cloud, lattice, fine, cut, error)
    type(cloud_type), intent(in) :: cloud
    !> Its cells
    type(lattice_type), intent(in) :: lattice
-   !> Finer rule
    type(rule_type), intent(in) :: fine
    !> Whether each face of each cell is cut, shape (2 nd, cells)
    logical, allocatable, intent(out) :: cut(:, :)
@@ -347,7 +343,6 @@ end subroutine find_cut
 pure function composed(rule, parts) result(fine)
    !> Rule on a part
    type(rule_type), intent(in) :: rule
-   !> Parts
    integer, intent(in) :: parts
    type(rule_type) :: fine
    integer :: k, n

@@ -30,7 +30,6 @@ contains
 !> Facets of all cells and their groups: blocks of source spacings, those cut small by the surface
 !> joined to others
 subroutine voxel_facets(facets, cloud, group, filled, error)
-   !> Facets
    type(facets_type), intent(inout) :: facets
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
@@ -212,9 +211,7 @@ end function mean_of
 
 !> Find the boundary entries of each voxel
 pure subroutine find_entries(self, cloud)
-   !> Entries
    class(face_entries), intent(inout) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
 
    call group_by(size(cloud%points, 2), cloud%boundary_point, self%of)
@@ -223,9 +220,7 @@ end subroutine find_entries
 !> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, of several that
 !> of the first set; 0 without one
 pure integer function nearest_entry(self, cloud, ip, area)
-   !> Entries
    class(face_entries), intent(in) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Voxel
    integer, intent(in) :: ip
@@ -252,7 +247,6 @@ end function nearest_entry
 
 !> Side of the body of a boundary entry, 0 without one
 pure integer function side_of(cloud, entry)
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Boundary entry
    integer, intent(in) :: entry

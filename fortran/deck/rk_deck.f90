@@ -136,7 +136,6 @@ contains
 
 !> Read and check a deck, in a file or in memory; the error has all complaints, a line each
 subroutine open_deck(deck, path, text, overrides, command, error)
-   !> Deck
    type(deck_type), intent(out) :: deck
    !> File, or the name of the text for messages
    character(len=*), intent(in) :: path
@@ -146,7 +145,6 @@ subroutine open_deck(deck, path, text, overrides, command, error)
    character(len=*), intent(in) :: overrides(:)
    !> Command whose tables must be there, as in the schema's needed_by; blank for none
    character(len=*), intent(in) :: command
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    deck%overrides = joined(overrides)
@@ -199,7 +197,6 @@ end subroutine resolve_key
 subroutine table_defaults(deck, table, key, value, error)
    !> Deck with this table alone
    type(deck_type), intent(out) :: deck
-   !> Table
    character(len=*), intent(in) :: table
    !> Key with a text on which defaults depend; blank for none
    character(len=*), intent(in) :: key
@@ -214,13 +211,10 @@ end subroutine table_defaults
 
 !> The same deck with further overrides, which go before those it has
 subroutine vary(self, overrides, other, error)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> "table.key=value" each
    character(len=*), intent(in) :: overrides(:)
-   !> The other deck
    type(deck_type), intent(out) :: other
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    other%overrides = self%overrides//joined(overrides)
@@ -242,11 +236,9 @@ end function joined
 
 !> Copy everything out of the C++ object and drop that
 subroutine take(deck, handle, error)
-   !> Deck
    type(deck_type), intent(inout) :: deck
    !> C++ object
    type(c_ptr), intent(in) :: handle
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(deck_view), pointer :: view
    type(entry_view), pointer :: entries(:)
@@ -278,7 +270,6 @@ end subroutine take
 
 !> Number of the entry with a key, 0 without
 pure function find(self, key) result(number)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -302,7 +293,6 @@ end function find
 
 !> Is there a value for a key, or a table?
 pure function has(self, key) result(yes)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -313,7 +303,6 @@ end function has
 
 !> Did somebody write a key in the deck, or as an override?
 pure function given(self, key) result(yes)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -327,7 +316,6 @@ end function given
 
 !> Number of entries of an array of tables; 1 for anything else that is there, 0 for what is not
 pure function count_entries(self, key) result(number)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Name of the array of tables
    character(len=*), intent(in) :: key
@@ -343,11 +331,9 @@ end function count_entries
 
 !> Keys of a table that have a value, without the table's name
 subroutine keys_of_table(self, table, keys)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Table, for an array of tables with the entry's number
    character(len=*), intent(in) :: table
-   !> Keys
    character(len=word_length), allocatable, intent(out) :: keys(:)
    integer :: i
 
@@ -365,7 +351,6 @@ end subroutine keys_of_table
 
 !> Where a key was written; for one that nobody wrote, its table or the file
 pure recursive function where_written(self, key) result(place)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -386,7 +371,6 @@ end function where_written
 
 !> Where a key was written and its name, as messages begin
 pure function told(self, key) result(text)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -406,7 +390,6 @@ end function told
 
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
 subroutine complain(self, key, what, error)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -423,7 +406,6 @@ end subroutine complain
 
 !> Say where a key stands that an error speaks of, unless the error does so itself
 subroutine locate(self, key, error)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -437,7 +419,6 @@ end subroutine locate
 
 !> Is the value of a key a text?
 pure function value_is_text(self, key) result(yes)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -451,7 +432,6 @@ end function value_is_text
 
 !> An integer
 subroutine get_integer(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -466,7 +446,6 @@ end subroutine get_integer
 
 !> A number
 subroutine get_real(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -480,7 +459,6 @@ end subroutine get_real
 
 !> True or false
 subroutine get_logical(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -495,7 +473,6 @@ end subroutine get_logical
 
 !> A vector
 subroutine get_vector(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -509,11 +486,9 @@ end subroutine get_vector
 
 !> A text that is an expression
 subroutine get_expression(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
-   !> Expression
    type(expression_type), intent(inout) :: value
 
    if (self%is_text(key)) call self%set_expression(key, self%entry(self%find(key))%text, value)
@@ -521,7 +496,6 @@ end subroutine get_expression
 
 !> A number or an expression
 subroutine get_value(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -534,7 +508,6 @@ end subroutine get_value
 
 !> An array of numbers and expressions
 subroutine get_values(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -553,7 +526,6 @@ end subroutine get_values
 
 !> Set an expression and the tables of the deck that it calls
 subroutine set_expression(self, key, text, expression)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -580,7 +552,6 @@ end subroutine set_expression
 
 !> A text
 subroutine get_text(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -595,7 +566,6 @@ end subroutine get_text
 
 !> An array of numbers
 subroutine get_reals(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -613,7 +583,6 @@ end subroutine get_reals
 
 !> An array of integers
 subroutine get_integers(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -627,7 +596,6 @@ end subroutine get_integers
 
 !> An array of words
 subroutine get_texts(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Full key
    character(len=*), intent(in) :: key
@@ -641,7 +609,6 @@ end subroutine get_texts
 
 !> Write all values, tables as objects and arrays of tables as arrays of objects
 subroutine write_json(self, json)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> JSON text, inside an object
    type(json_type), intent(inout) :: json

@@ -99,7 +99,6 @@ contains
 
 !> Whether there is an expression
 elemental logical function given(self)
-   !> Expression
    class(expression_type), intent(in) :: self
 
    given = allocated(self%text)
@@ -109,7 +108,6 @@ end function given
 subroutine add_table(self, name, x, value, smooth)
    !> Expression that is given
    class(expression_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: name
    !> Rising places, shape (n)
    real(wp), intent(in) :: x(:)
@@ -136,7 +134,6 @@ end function code
 
 !> Whether the time is part of it
 logical function varies(self)
-   !> Expression
    class(expression_type), intent(in) :: self
 
    varies = .false.
@@ -149,7 +146,6 @@ subroutine value_at(self, x, value, error, time, normal)
    class(expression_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value
    real(wp), intent(out) :: value
    !> Error handling: not finite there
    type(error_type), allocatable, intent(inout) :: error
@@ -170,11 +166,9 @@ end subroutine value_at
 
 !> Value at a place, the number where there is no expression
 subroutine number_at(self, x, value, error, time, normal)
-   !> Number or expression
    class(value_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value
    real(wp), intent(out) :: value
    !> Error handling: not finite there
    type(error_type), allocatable, intent(inout) :: error
@@ -189,7 +183,6 @@ end subroutine number_at
 
 !> Whether it is other than zero, at some place
 elemental logical function acts(self)
-   !> Number or expression
    class(value_type), intent(in) :: self
 
    acts = allocated(self%text) .or. abs(self%number) > 0.0_wp
@@ -197,7 +190,6 @@ end function acts
 
 !> The expression, or the number
 function words(self)
-   !> Number or expression
    class(value_type), intent(in) :: self
    character(len=:), allocatable :: words
 
@@ -255,7 +247,6 @@ end subroutine gradient
 
 !> Tape of an energy
 subroutine new_tape(tape, text, constants, values, fault)
-   !> Tape
    type(tape_type), intent(out) :: tape
    !> Expression
    character(len=*), intent(in) :: text

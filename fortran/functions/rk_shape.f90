@@ -82,7 +82,6 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
    real(wp), intent(in) :: support(:, :)
    !> Places, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> First derivatives will do, which take a third of the time
    logical, intent(in), optional :: first
@@ -436,7 +435,6 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    integer, intent(in) :: ip
    !> Number of its neighbours
    integer, intent(in) :: n
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: away(:, :), wide(:, :), value(:, :)
    integer, allocatable :: near(:)

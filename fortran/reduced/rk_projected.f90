@@ -64,7 +64,6 @@ end subroutine new_projected
 
 !> Begin a load step or an iteration
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(projected_problem), target, intent(inout) :: self
    !> Amplitudes there, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
@@ -78,7 +77,6 @@ end subroutine start
 
 !> Projected residuals and, where wanted, rows
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(projected_problem), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)

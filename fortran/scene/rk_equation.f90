@@ -52,7 +52,6 @@ contains
 
 !> Density at a place
 subroutine density_at(self, x, density, error)
-   !> Motion
    class(motion_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -69,7 +68,6 @@ end subroutine density_at
 
 !> Displacement or velocity at the start
 subroutine initial(self, displacement, x, value, error)
-   !> Motion
    class(motion_type), intent(in) :: self
    !> The displacement, otherwise the velocity
    logical, intent(in) :: displacement
@@ -93,7 +91,6 @@ end subroutine initial
 
 !> Whether the coefficients vary over the body
 pure logical function varies(self)
-   !> Equation
    class(equation_type), intent(in) :: self
 
    varies = self%E%given() .or. self%nu%given() .or. self%conductivity%given()
@@ -101,7 +98,6 @@ end function varies
 
 !> Whether a solution is known
 pure logical function is_known(self)
-   !> Equation
    class(equation_type), intent(in) :: self
 
    is_known = self%exact(1)%given()
@@ -109,7 +105,6 @@ end function is_known
 
 !> Components of the solution: one of Poisson's problem, else those of the displacement
 pure integer function fields(self, nd)
-   !> Equation
    class(equation_type), intent(in) :: self
    !> Space dimension
    integer, intent(in) :: nd

@@ -32,7 +32,6 @@ contains
 
 !> Which of the criteria a place of the surface meets; those that a region does not have are met
 subroutine look(self, x, normal, side, label, met, error)
-   !> Region
    class(region_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)

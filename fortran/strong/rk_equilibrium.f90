@@ -89,13 +89,10 @@ contains
 
 !> Set up shape functions, materials, conditions and rows
 subroutine new_equilibrium(self, scene, mixed, error)
-   !> Problem
    type(equilibrium_problem), intent(inout) :: self
-   !> Scene
    type(scene_type), target, intent(in) :: scene
    !> The pressure is a field of its own
    logical, intent(in) :: mixed
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: place(:), range(:, :), rows(:)
    real(wp), allocatable :: further(:, :), position(:, :)
@@ -148,7 +145,6 @@ end subroutine new_equilibrium
 
 !> Norm of pressures of one shear modulus
 subroutine set_extent(self)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    integer :: k
 
@@ -160,7 +156,6 @@ end subroutine set_extent
 
 !> Take other loads from the scene; materials are asked at each evaluation
 subroutine renew(self, materials, error)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Material parameters have changed as well
    logical, intent(in) :: materials
@@ -175,7 +170,6 @@ end subroutine renew
 
 !> Row weights and shares of row weights that do not change during a run
 subroutine set_weights(self)
-   !> Problem
    type(equilibrium_problem), intent(inout) :: self
    real(wp) :: near, reach
    integer, allocatable :: faces(:)
@@ -210,7 +204,6 @@ end subroutine set_weights
 
 !> Distance to the nearest edge between a clamped and a free face over a length, at most 1
 pure real(wp) function closeness(self, x, reach)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -222,7 +215,6 @@ end function closeness
 
 !> Distance to the nearest edge between a clamped and a free face, huge where there is none
 pure real(wp) function rim_distance(self, x)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -240,7 +232,6 @@ end function rim_distance
 !> (5.52b) by the tangent; with a pressure, volume and displacement rows by the stiffness: stresses
 !> of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
    !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -283,7 +274,6 @@ end subroutine start
 !> Where the volume is far from that of the pressure, away from rims. Rows may balance at such a
 !> state, which keeps the volume at the centres of cells but not between them.
 function rejection(self, x) result(reason)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -311,7 +301,6 @@ end function rejection
 
 !> The same problem in terms of the amplitudes of modes
 subroutine reduce_rows(self, modes, copy)
-   !> Full problem
    class(equilibrium_problem), intent(in) :: self
    !> Orthonormal modes, shape (n, r)
    real(wp), intent(in) :: modes(:, :)
@@ -332,7 +321,6 @@ end subroutine reduce_rows
 
 !> Unknown fields and derivatives at a place from the unknowns
 subroutine field(self, ip, x, last, u)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -352,7 +340,6 @@ end subroutine field
 
 !> Residuals (5.71)-(5.73) and, where wanted, rows (5.66)-(5.69) of all places
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -389,7 +376,6 @@ end subroutine assemble
 
 !> Rows of one collocation point and, where it lies on the boundary, of its boundary conditions
 subroutine point_rows(self, ip, x, load, tangent, r, volume)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -450,7 +436,6 @@ end subroutine point_rows
 
 !> Rows of one boundary point
 subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Boundary point
    integer, intent(in) :: b
@@ -509,7 +494,6 @@ end subroutine boundary_rows
 
 !> Volume row of one cell
 subroutine volume_row(self, ip, x, tangent, r, volume)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Place among the shape functions
    integer, intent(in) :: ip
@@ -581,7 +565,6 @@ end subroutine hessian
 
 !> Product of these second derivatives with a vector of the full problem
 subroutine apply_curvature(self, x, y)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -593,7 +576,6 @@ end subroutine apply_curvature
 
 !> Second derivatives of the residuals at one collocation point, weighted with the residuals
 subroutine point_curvature(self, ip, x, load, r, form)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -643,7 +625,6 @@ end subroutine point_curvature
 
 !> Second derivatives of J in a volume row, weighted with the residual
 subroutine volume_curvature(self, ip, x, r, form)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place
    integer, intent(in) :: ip

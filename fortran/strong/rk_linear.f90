@@ -43,11 +43,9 @@ contains
 
 !> Set up the linear problem of a scene
 subroutine new_linear(self, scene, error)
-   !> Problem
    type(linear_problem), intent(inout) :: self
    !> Scene with an equation
    type(scene_type), target, intent(in) :: scene
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: inside(:), range(:, :)
    integer :: nd, nb, b, d
@@ -87,7 +85,6 @@ end subroutine new_linear
 
 !> Rows (5.13)-(5.15)
 subroutine set_rows(self)
-   !> Problem
    class(linear_problem), intent(inout) :: self
    integer :: b
 
@@ -102,7 +99,6 @@ end subroutine set_rows
 
 !> L
 pure function domain_rows(self, ip) result(rows)
-   !> Problem
    class(linear_problem), intent(in) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -131,7 +127,6 @@ end function domain_rows
 
 !> B^g and B^h with their weights
 pure function boundary_rows(self, b) result(rows)
-   !> Problem
    class(linear_problem), intent(in) :: self
    !> Boundary point
    integer, intent(in) :: b
@@ -158,7 +153,6 @@ end function boundary_rows
 
 !> Weighted right hand side at a time: sources inside, values and tractions at the boundary
 subroutine own_side(self, time, side, error)
-   !> Problem
    class(linear_problem), intent(in) :: self
    !> Time, of no meaning where nothing moves
    real(wp), intent(in) :: time
@@ -196,7 +190,6 @@ end subroutine own_side
 !> Weight of essential rows: the number of source points or a number over the squared spacing, times
 !> the largest coefficient
 subroutine set_essential_weight(scene, error)
-   !> Scene
    type(scene_type), intent(inout) :: scene
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error

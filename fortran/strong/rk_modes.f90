@@ -30,7 +30,6 @@ contains
 
 !> Project the shape functions
 subroutine new_modes(self, shape, fields, vectors)
-   !> Modes
    type(modes_type), intent(out) :: self
    !> Shape functions at the places
    type(shape_type), intent(in) :: shape
@@ -52,7 +51,6 @@ end subroutine new_modes
 
 !> Fields and derivatives at a place from amplitudes
 pure subroutine field(self, ip, x, last, u)
-   !> Modes
    class(modes_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -72,9 +70,7 @@ end subroutine field
 
 !> Rows times the modes, A'U
 subroutine project(self, rows, a)
-   !> Modes
    class(modes_type), intent(in) :: self
-   !> Rows A'
    type(rows_type), intent(in) :: rows
    !> Product, shape (m, r)
    real(wp), intent(inout) :: a(:, :)
@@ -98,7 +94,6 @@ end subroutine project
 
 !> Add second derivatives of the residuals by the amplitudes
 subroutine add_second(self, second, a)
-   !> Modes
    class(modes_type), intent(in) :: self
    !> Second derivatives of each place as in rk_rows, shape (nd*nd, fields, nq, np)
    real(wp), intent(in) :: second(:, :, :, :)

@@ -75,7 +75,6 @@ contains
 
 !> Take over rows and factorise B B^T
 subroutine new_constraint(self, n, unknown, value, resistance, error)
-   !> Constraints
    type(constraint_type), intent(inout) :: self
    !> Unknowns in all
    integer, intent(in) :: n
@@ -113,7 +112,6 @@ end subroutine new_constraint
 
 !> B x
 function times(self, x) result(y)
-   !> Constraints
    class(constraint_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), intent(in) :: x(:)
@@ -131,7 +129,6 @@ end function times
 
 !> Add B^T m
 subroutine add_transposed(self, m, y)
-   !> Constraints
    class(constraint_type), intent(in) :: self
    !> Multipliers, shape (rows)
    real(wp), intent(in) :: m(:)
@@ -149,7 +146,6 @@ end subroutine add_transposed
 
 !> Multipliers m for which B^T m is nearest to a vector: what is left is its projection
 function multipliers(self, y) result(m)
-   !> Constraints
    class(constraint_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), intent(in) :: y(:)
@@ -161,7 +157,6 @@ end function multipliers
 
 !> Give the factor back
 subroutine free(self)
-   !> Constraints
    type(constraint_type), intent(inout) :: self
 
    call self%square%free()
@@ -169,7 +164,6 @@ end subroutine free
 
 !> Part of a vector across the constraints
 function projected(self, x) result(y)
-   !> Constraints
    type(constraint_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), intent(in) :: x(:)
@@ -181,7 +175,6 @@ end function projected
 
 !> y = (P K + B^T R B) x
 subroutine apply(self, x, y)
-   !> Matrix
    class(constrained_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -195,7 +188,6 @@ end subroutine apply
 
 !> y = (K P + B^T R B) x
 subroutine apply_transposed(self, x, y)
-   !> Matrix
    class(constrained_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -208,7 +200,6 @@ end subroutine apply_transposed
 
 !> Solve A x = b, with shift times the diagonal of K in K
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Matrix
    class(constrained_matrix), target, intent(inout) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
@@ -266,7 +257,6 @@ end subroutine solve_square
 
 !> y = B K^-1 B^T x
 subroutine multiply(self, x, y)
-   !> System
    class(compliance_type), intent(in) :: self
    !> Multipliers, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)
@@ -282,7 +272,6 @@ end subroutine multiply
 
 !> y = R x: where resistances are large, little else resists
 subroutine precondition(self, x, y)
-   !> System
    class(compliance_type), intent(in) :: self
    !> Violations, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)

@@ -103,11 +103,8 @@ contains
 
 !> Set up the Galerkin problem of a scene
 subroutine new_galerkin(self, scene, error)
-   !> Problem
    type(galerkin_problem), intent(inout) :: self
-   !> Scene
    type(scene_type), target, intent(in) :: scene
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
    type(csr_type) :: covering
@@ -238,7 +235,6 @@ end function sources
 
 !> Take other loads and material parameters from the scene
 subroutine renew(self, materials, error)
-   !> Problem
    class(galerkin_problem), intent(inout) :: self
    !> Material parameters have changed as well
    logical, intent(in) :: materials
@@ -290,7 +286,6 @@ end subroutine renew
 
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)
-   !> Problem
    class(galerkin_problem), intent(inout) :: self
    !> Body force per undeformed volume, shape (3, n) [force/length^3]
    real(wp), intent(in) :: body_force(:, :)
@@ -326,7 +321,6 @@ end subroutine set_point_loads
 !> Forget where the last load step came from; in an iteration the volume of the next tangent is
 !> linear in the step from here
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -350,7 +344,6 @@ end subroutine start
 !> last converged state: they jump there, and the gradients into which they are lifted might not
 !> even keep J > 0. The jump acts linearly.
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -539,7 +532,6 @@ end subroutine group_part
 
 !> Derivative of the volume ratio by F, of a linear problem that of the trace [-]
 pure function volume_slope(self, f) result(slope)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Deformation gradient [-]
    real(wp), intent(in) :: f(3, 3)
@@ -574,7 +566,6 @@ end subroutine extrapolate
 !> curvature. Fewer groups than four across a box do not determine it: it put the outermost fiber of
 !> a clamped beam of 17x5 points 3.4 % off where it is 2.2 %; walls of tubes gain from two on.
 logical function curved(self)
-   !> Problem with cells
    class(galerkin_problem), intent(in) :: self
 
    associate (scene => self%scene)
@@ -616,13 +607,11 @@ end subroutine hold_points
 
 !> State of the body with stresses
 recursive subroutine state(self, x, load, at, tissue)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
-   !> State
    type(field_state), intent(out) :: at
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
@@ -683,7 +672,6 @@ end subroutine state
 
 !> Internal less external forces of a state
 function forces(self, state) result(r)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> State with stresses
    type(field_state), intent(in) :: state
@@ -700,7 +688,6 @@ end function forces
 
 !> Add the forces of the stresses of a state
 subroutine inner_forces(self, state, r)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> State with stresses
    type(field_state), intent(in) :: state
@@ -725,7 +712,6 @@ end subroutine inner_forces
 !> Energy of the deformation, with that of the projected change of volume; of the whole body with
 !> that of its supports [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> State of the body
    type(field_state), intent(in) :: state
@@ -755,9 +741,7 @@ end function strain_energy
 
 !> Room for the deformation of all groups
 pure subroutine new_state(self, at)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> State
    type(field_state), intent(out) :: at
 
    allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
@@ -766,7 +750,6 @@ end subroutine new_state
 
 !> Deformation of a group of points, and the pressure that its change of volume makes
 pure subroutine deform_group(self, g, x, at, lift, excess)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -820,7 +803,6 @@ end subroutine deform_group
 
 !> Stress and deformation at a place from the displacement and the pressure there
 subroutine at_place(self, state, ip, x, u, local)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> State of the body
    type(field_state), intent(in) :: state
@@ -858,13 +840,11 @@ end subroutine at_place
 !> work of the internal forces in a motion of one side against the other. In equilibrium it is
 !> exactly that of all forces behind the plane, however coarse the points are
 function section_force(self, place, normal, state) result(force)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
    !> Its unit normal, shape (nd)
    real(wp), intent(in) :: normal(:)
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: force(3)
    real(wp), allocatable :: cut(:), inner(:)
@@ -891,7 +871,6 @@ end function section_force
 !> cut: near an end the plane is taken farther inside, and where there is no such room, the share
 !> grows all the way through the body
 function cut_through(scene, place, normal) result(share)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
@@ -923,11 +902,9 @@ end function cut_through
 
 !> Force that the surroundings exert on the body through a set, or its moment
 function set_force(self, set, state, share, about) result(force)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    !> Of no meaning: the work of the surface's own points is exact
    real(wp), intent(in) :: share
@@ -950,11 +927,9 @@ end function set_force
 !> Displacement of the middle of a set: of a part of the surface that of its integration points, of
 !> which there are more than boundary entries
 function set_displacement(self, set, state) result(value)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: value(3)
    real(wp) :: u(self%fields, self%surface%shape%nq), total
