@@ -494,14 +494,9 @@ def _absent(rows: Rows) -> str:
 def cost(rows: Rows, key: str, error: float) -> float | None:
     """CPU time for an error; `None` where the finest size misses it.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Solves with `cpu_s` and errors.
-    key : str
-        The error of a row.
-    error : float
-        Wanted error [-].
+    - `rows`: solves with `cpu_s` and errors
+    - `key`: the error of a row
+    - `error`: wanted error [-]
     """
     points = sorted(
         (float(row["cpu_s"]), max(float(row[key]), 1e-300))

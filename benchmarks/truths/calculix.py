@@ -34,18 +34,9 @@ _LIMIT = 100.0
 def solve_calculix(deck: Mapping[str, Any], elements: Sequence[int]) -> dict[str, Any]:
     """Solve a deck on one mesh.
 
-    Parameters
-    ----------
-    deck : mapping
-        All tables of the deck; a box or an annulus of one polynomial material.
-    elements : sequence of int
-        Elements along each edge.
-
-    Returns
-    -------
-    dict
-        `elements`, `dofs`, `cpu_s` of the process [s] and `probes`, or the
-        `outcome`.
+    - `deck`: all tables of the deck; a box or an annulus of one polynomial material
+    - `elements`: elements along each edge
+    - returns `elements`, `dofs`, `cpu_s` of the process [s] and `probes`, or the `outcome`
     """
     mesh = _Mesh(deck, elements)
     kept = {"elements": list(elements)}

@@ -42,15 +42,8 @@ _LEAST_BYTES = 800_000_000
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Words after the command name; default those of the process.
-
-    Returns
-    -------
-    int
-        Exit status.
+    - `arguments`: words after the command name; default those of the process
+    - returns exit status
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if " ".join(words[:2]) in _COMMANDS:

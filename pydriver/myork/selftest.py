@@ -51,17 +51,9 @@ def run_selftest(
 ) -> list[Check]:
     """Check an installation: nothing but the package is needed.
 
-    Parameters
-    ----------
-    out : str or Path, optional
-        Folder that keeps what the checks wrote and `selftest.json`; default none.
-    progress : callable
-        Called with a line a version, a library and a check.
-
-    Returns
-    -------
-    list of Check
-        What was found; none has failed where the installation works.
+    - `out`: folder that keeps what the checks wrote and `selftest.json`; default none
+    - `progress`: called with a line a version, a library and a check
+    - returns what was found; none has failed where the installation works
     """
     begin = time.perf_counter()
     with _folder(out) as folder:

@@ -50,32 +50,18 @@ Sizes = tuple[tuple[int, ...], ...]
 
 
 class Study(NamedTuple):
-    """A problem on several grids.
+    """A problem on several grids."""
 
-    Attributes
-    ----------
-    problem, deck : str
-        Name in tables and curves; installed deck, or `plane_strain`.
-    source, collocation : Sizes
-        Points along each edge, coarsest grid first.
-    order : int
-        Order of the basis; the support is one spacing more.
-    support : float
-        Half width of the support in spacings.
-    traction : float
-        Weight of the traction rows.
-    published : tuple of float
-        Published L2 and H1 rates, empty where there are none.
-    """
-
+    #: Name in tables and curves; installed deck, or `plane_strain`
     problem: str
     deck: str
+    #: Points along each edge, coarsest grid first
     source: Sizes
     collocation: Sizes
-    order: int = 2
-    support: float = 3.0
-    traction: float = 1.0
-    published: tuple[float, ...] = ()
+    order: int = 2  #: Order of the basis; the support is one spacing more
+    support: float = 3.0  #: Half width of the support in spacings
+    traction: float = 1.0  #: Weight of the traction rows
+    published: tuple[float, ...] = ()  #: Published L2 and H1 rates, empty where there are none
 
     @property
     def label(self) -> str:

@@ -91,16 +91,10 @@ def unknowns_of(
 ) -> F64:
     """Unknowns of a state at which the iteration of a scene begins.
 
-    Parameters
-    ----------
-    start : F64, States, RestartState, str or Path
-        Unknowns, or a state that holds them.
-    points : F64
-        Collocation points of the scene, shape `(np, dimension)` [length].
-    approximation : str
-        Its shape functions, in words.
-    dofs : int
-        Its unknowns.
+    - `start`: unknowns, or a state that holds them
+    - `points`: collocation points of the scene, shape `(np, dimension)` [length]
+    - `approximation`: its shape functions, in words
+    - `dofs`: its unknowns
     """
     if isinstance(start, str | Path):
         start = restart_of(start)

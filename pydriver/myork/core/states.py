@@ -154,21 +154,13 @@ def states_of(
 ) -> States:
     """States from the arrays of the core.
 
-    Parameters
-    ----------
-    x : F64
-        Unknowns, shape `(n, nstep)`.
-    info : F64
-        Load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0 for
-        none, shape `(6, nstep)`.
-    numbers : sequence of F64
-        Wall times; backward error, imbalance and mismatch of work; norms of errors.
-    places : F64
-        Collocation points, shape `(dimension, npoint)` [length].
-    warnings : list of str
-        Warnings of the solve.
-    judged : tuple
-        Verdict, reasons, and error bars of the probes.
+    - `x`: unknowns, shape `(n, nstep)`
+    - `info`: load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0
+      for none, shape `(6, nstep)`
+    - `numbers`: wall times; backward error, imbalance and mismatch of work; norms of errors
+    - `places`: collocation points, shape `(dimension, npoint)` [length]
+    - `warnings`: warnings of the solve
+    - `judged`: verdict, reasons, and error bars of the probes
     """
     seconds, worst, norms = numbers
     point = info[5].astype(np.int64)

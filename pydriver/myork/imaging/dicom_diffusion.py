@@ -23,12 +23,8 @@ __all__ = ["diffusion_series"]
 def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:
     """A NIfTI file of a diffusion series, its .bval and .bvec beside it, while the context lasts.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of DICOM images.
-    choice : str
-        Which of several series, see `chosen_files`.
+    - `folder`: folder of DICOM images
+    - `choice`: which of several series, see `chosen_files`
     """
     files = series_files(folder, choice)
     converter = library("dcm2niix", "dicom", folder).bin

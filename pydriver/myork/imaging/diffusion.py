@@ -67,10 +67,7 @@ def full_tensors(components: F64) -> F64:
 def lead_vector(components: F64) -> F64:
     """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).
 
-    Parameters
-    ----------
-    components : NDArray
-        Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
+    - `components`: symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`
     """
     vector = np.linalg.eigh(full_tensors(components))[1][..., -1]
     z_y_x = vector[..., ::-1]
@@ -99,16 +96,9 @@ def fractional_anisotropy(components: F64) -> F64:
 def tensor_maps(tensor: Image) -> dict[str, Image]:
     """Fractional anisotropy, mean diffusivity and eigenvalues; zero where there is no tensor.
 
-    Parameters
-    ----------
-    tensor : Image
-        Shape `(ni, nj, nk, 6)` [mm^2/s].
-
-    Returns
-    -------
-    dict
-        `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the largest
-        first.
+    - `tensor`: shape `(ni, nj, nk, 6)` [mm^2/s]
+    - returns `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the
+      largest first
     """
     components = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
     values = np.linalg.eigvalsh(full_tensors(components))[..., ::-1]
@@ -175,10 +165,7 @@ def fit_tensors(dwi: Image, table: GradientTable) -> Image:
 def parse_axes(text: str) -> F64:
     """Signed permutation of axes: `"x -z y"` takes x, minus z and y as first, second, third.
 
-    Returns
-    -------
-    NDArray
-        Matrix with one entry of 1 or -1 in each row and column, shape `(3, 3)`.
+    Returns matrix with one entry of 1 or -1 in each row and column, shape `(3, 3)`.
     """
     words = text.split()
     letters = [word.removeprefix("-") for word in words]
@@ -194,35 +181,20 @@ def parse_axes(text: str) -> F64:
 
 
 class Diffusion(NamedTuple):
-    """What a deck says of diffusion.
+    """What a deck says of diffusion."""
 
-    Attributes
-    ----------
-    tensor : Image
-        Tensors in the world frame, shape `(ni, nj, nk, 6)`.
-    mean : Image or None
-        Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None of a file of tensors.
-    """
-
-    tensor: Image
+    tensor: Image  #: Tensors in the world frame, shape `(ni, nj, nk, 6)`
+    #: Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None of a file of tensors
     mean: Image | None
 
 
 def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
     """Tensors of a deck: from a file of tensors, or fitted to diffusion-weighted images.
 
-    Parameters
-    ----------
-    table : mapping
-        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi`, see `read_diffusion`;
-        `gradient_axes`.
-    folder : Path
-        Where the deck's relative paths start.
-
-    Returns
-    -------
-    Diffusion or None
-        None where the deck names neither.
+    - `table`: table `image` of the deck: `tensor` with `tensor_frame`, or `dwi`, see
+      `read_diffusion`; `gradient_axes`
+    - `folder`: where the deck's relative paths start
+    - returns none where the deck names neither
     """
     axes = parse_axes(table["gradient_axes"])
     if "dwi" in table:
@@ -238,16 +210,9 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
 def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
     """Diffusion-weighted images and their gradients.
 
-    Parameters
-    ----------
-    path : Path
-        4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM images, see
-        `read_image`.
-
-    Returns
-    -------
-    tuple
-        Images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes.
+    - `path`: 4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM
+      images, see `read_image`
+    - returns images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes
     """
     folder, choice = split_choice(path)
     if folder.is_dir():
@@ -263,14 +228,9 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:
     """Tensors in the world frame with the voxel axes of the gradients exchanged or flipped.
 
-    Parameters
-    ----------
-    tensor : Image
-        Shape `(ni, nj, nk, 6)`.
-    axes : NDArray
-        Signed permutation of the voxel axes, shape `(3, 3)`.
-    tensor_frame : str
-        Axes of the components: `world` or `voxel`.
+    - `tensor`: shape `(ni, nj, nk, 6)`
+    - `axes`: signed permutation of the voxel axes, shape `(3, 3)`
+    - `tensor_frame`: axes of the components: `world` or `voxel`
     """
     columns = frame(tensor.affine)
     turn = columns @ axes @ (columns.T if tensor_frame == "world" else np.eye(3))

@@ -29,27 +29,13 @@ _LOST = 0.05
 
 
 class Move(NamedTuple):
-    """How an image came upon a grid.
+    """How an image came upon a grid."""
 
-    Attributes
-    ----------
-    file : str
-        Name of the image.
-    how : str
-        `reordered`, or one of `WAYS`.
-    shift : float
-        How far the corners of both grids are apart at most, axes in one order [mm].
-    said : str
-        A sentence for the log.
-    doubts : tuple of str
-        Warnings.
-    """
-
-    file: str
-    how: str
-    shift: float
-    said: str
-    doubts: tuple[str, ...] = ()
+    file: str  #: Name of the image
+    how: str  #: `reordered`, or one of `WAYS`
+    shift: float  #: How far the corners of both grids are apart at most, axes in one order [mm]
+    said: str  #: A sentence for the log
+    doubts: tuple[str, ...] = ()  #: Warnings
 
 
 def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Move | None]:

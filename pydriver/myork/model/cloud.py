@@ -30,24 +30,13 @@ _FEW_ACROSS = 4
 
 
 class Body(NamedTuple):
-    """What points are made of, on one grid.
+    """What points are made of, on one grid."""
 
-    Attributes
-    ----------
-    labels : Labels
-        Label map, in any orientation.
-    fibers : Image or None
-        Fiber vectors in the world frame.
-    activation : Image or None
-        Part of its muscle's activation that each voxel has.
-    fractions : Image or None
-        Part of each voxel that each label above zero fills, labels ascending, shape
-        `(ni, nj, nk, nlabel)`.
-    """
-
-    labels: Labels
-    fibers: Image | None = None
-    activation: Image | None = None
+    labels: Labels  #: Label map, in any orientation
+    fibers: Image | None = None  #: Fiber vectors in the world frame
+    activation: Image | None = None  #: Part of its muscle's activation that each voxel has
+    #: Part of each voxel that each label above zero fills, labels ascending, shape
+    #: `(ni, nj, nk, nlabel)`
     fractions: Image | None = None
 
 

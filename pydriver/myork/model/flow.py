@@ -30,21 +30,10 @@ _LEAST = 1e-12  # smallest flow that has a direction, of the largest
 def flow_fibers(labels: Labels) -> Image:
     """Fiber vectors of all voxels with a label, each connected piece of a label by itself.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map, in any orientation.
-
-    Returns
-    -------
-    Image
-        Unit vectors in the world frame on the grid of the labels with its axes turned to the
-        nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`.
-
-    Raises
-    ------
-    ConvergenceError
-        The potential of a piece is not found.
+    - `labels`: label map, in any orientation
+    - returns unit vectors in the world frame on the grid of the labels with its axes turned to the
+      nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`
+    - raises ConvergenceError: the potential of a piece is not found
     """
     whole = canonical(labels)
     flow = np.zeros((*whole.data.shape, 3))

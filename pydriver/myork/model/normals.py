@@ -44,23 +44,13 @@ def surface_normals(
     body few slices high is flattened. Distances therefore count in the metric in which the body
     is as nearly round as one between voxels and lengths makes it.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [length].
-    voxels : NDArray
-        Where, shape `(n, 3)`.
-    method : str
-        `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
-        multiquadrics fitted to it in a window around each voxel.
-
-    Returns
-    -------
-    NDArray
-        Shape `(n, 3)` [-]; zeros where phi has no gradient (in the middle of a sheet one voxel
-        thick).
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `spacing`: voxel size, shape `(3,)` [length]
+    - `voxels`: where, shape `(n, 3)`
+    - `method`: `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
+      multiquadrics fitted to it in a window around each voxel
+    - returns shape `(n, 3)` [-]; zeros where phi has no gradient (in the middle of a sheet one
+      voxel thick)
     """
     pad = np.array([_LAYERS, _LAYERS, 0])
     whole = np.pad(body, [(n, n) for n in pad])

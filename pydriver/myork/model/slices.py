@@ -42,12 +42,8 @@ Map = TypeVar("Map", Labels, Image)
 def extruded(image: Map, length: float) -> Map:
     """A single slice drawn out to a prism, of slices about as thick as its pixels are wide.
 
-    Parameters
-    ----------
-    image : Labels or Image
-        One slice across the axis nearest to superior, however thick.
-    length : float
-        Length of the prism, whose middle is the slice [mm].
+    - `image`: one slice across the axis nearest to superior, however thick
+    - `length`: length of the prism, whose middle is the slice [mm]
     """
     slice_ = canonical(image)
     if slice_.data.shape[2] != 1:
@@ -65,12 +61,8 @@ def extruded(image: Map, length: float) -> Map:
 def slice_parts(spacing: F64, thickness: float) -> tuple[int, int]:
     """Axis along which voxels are longest, and the parts into which each is cut.
 
-    Parameters
-    ----------
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
-    thickness : float
-        Wanted thickness of slices [mm].
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `thickness`: wanted thickness of slices [mm]
     """
     axis = slice_axis(spacing)
     return axis, max(1, round(float(spacing[axis]) / thickness))
@@ -128,14 +120,10 @@ def finer_labels(labels: Labels, axis: int, parts: int) -> Labels:
 def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts: int) -> Image:
     """Fibers for every voxel of the finer labels.
 
-    Parameters
-    ----------
-    fibers : Image
-        Vectors, zero or not a number where there is none, shape `(ni, nj, nk, 3)`.
-    labels, finer : Labels
-        Labels before and after `finer_labels`; a voxel takes fibers of its own label only.
-    axis, parts : int
-        As there.
+    - `fibers`: vectors, zero or not a number where there is none, shape `(ni, nj, nk, 3)`
+    - `labels`, `finer`: labels before and after `finer_labels`; a voxel takes fibers of its own
+      label only
+    - `axis`, `parts`: as there
     """
     vector = np.moveaxis(fibers.data, axis, 2)
     before, after = (np.moveaxis(one.data, axis, 2) for one in (labels, finer))
@@ -164,15 +152,10 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
 def finer_values(image: Image, labels: Labels, finer: Labels, axis: int, parts: int) -> Image:
     """Values of slices, given to all of their parts.
 
-    Parameters
-    ----------
-    image : Image
-        Shape `(ni, nj, nk)`.
-    labels, finer : Labels
-        Labels before and after `finer_labels`; a voxel of a label takes values of that one only:
-        what lies outside of a muscle is often zero.
-    axis, parts : int
-        As there.
+    - `image`: shape `(ni, nj, nk)`
+    - `labels`, `finer`: labels before and after `finer_labels`; a voxel of a label takes values of
+      that one only: what lies outside of a muscle is often zero
+    - `axis`, `parts`: as there
     """
     data = np.repeat(image.data, parts, axis=axis)
     own = np.repeat(labels.data, parts, axis=axis) == finer.data

@@ -51,20 +51,12 @@ def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
 
 
 class Series(NamedTuple):
-    """Probes on the way through the load.
+    """Probes on the way through the load."""
 
-    Attributes
-    ----------
-    name : str
-        Whose they are; empty for the only one of a figure.
-    steps : Sequence of Mapping
-        Steps as in the summary: `load`, `activation`, `probes`, `probe_errors`.
-    look : Mapping
-        How its curves differ from those that others have, as `Axes.plot` takes it.
-    """
-
-    name: str
+    name: str  #: Whose they are; empty for the only one of a figure
+    #: Steps as in the summary: `load`, `activation`, `probes`, `probe_errors`
     steps: Sequence[Mapping[str, Any]]
+    #: How its curves differ from those that others have, as `Axes.plot` takes it
     look: Mapping[str, Any] = MappingProxyType({})
 
 

@@ -57,12 +57,8 @@ def make_report(folder: str | Path) -> Path:
 def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -> Path:
     """Write `compare.html`: two or more runs side by side.
 
-    Parameters
-    ----------
-    folders : sequence of str or Path
-        Output folders of `solve`; the first is what the others are compared with.
-    out : str or Path, optional
-        Folder of the page; default the first of them.
+    - `folders`: output folders of `solve`; the first is what the others are compared with
+    - `out`: folder of the page; default the first of them
     """
     runs = [read_folder(Path(folder)) for folder in folders]
     if len(runs) < 2:

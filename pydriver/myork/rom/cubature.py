@@ -41,23 +41,12 @@ class Sketch:
 def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
     """Cells and positive weights that keep the sums of rows.
 
-    Parameters
-    ----------
-    rows : F64
-        Contributions of the cells, shape `(equations, cells)`.
-    tolerance : float
-        Relative residual at which no cell is added any more.
-    most : int
-        Cells at most.
-
-    Returns
-    -------
-    cells : NDArray
-        Numbers of the cells, ascending.
-    weights : F64
-        Their weights, above zero, in the same order.
-    residual : float
-        Relative residual that is left.
+    - `rows`: contributions of the cells, shape `(equations, cells)`
+    - `tolerance`: relative residual at which no cell is added any more
+    - `most`: cells at most
+    - returns `cells`: numbers of the cells, ascending
+    - returns `weights`: their weights, above zero, in the same order
+    - returns `residual`: relative residual that is left
     """
     target = rows.sum(axis=1)
     size = np.linalg.norm(target)

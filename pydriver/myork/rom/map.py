@@ -27,22 +27,12 @@ def map_model(
 ) -> dict[str, Any]:
     """Evaluate a model on a grid.
 
-    Parameters
-    ----------
-    rom : ReducedModel
-        Model.
-    vary : sequence of str
-        `KEY=LOW:HIGH:N` each.
-    fixed : mapping
-        Values of other parameters by key or short name; those without one are in the middle of
-        their range.
-    out : Path
-        Folder of `map.csv`, `map.json` and `map.png`.
-
-    Returns
-    -------
-    dict
-        What `map.json` holds: numbers of states, of failures, times.
+    - `rom`: model
+    - `vary`: `KEY=LOW:HIGH:N` each
+    - `fixed`: values of other parameters by key or short name; those without one are in the middle
+      of their range
+    - `out`: folder of `map.csv`, `map.json` and `map.png`
+    - returns what `map.json` holds: numbers of states, of failures, times
     """
     keys = [p.key for p in rom.parameters]
     axes = dict(_axis(rom, item) for item in vary)

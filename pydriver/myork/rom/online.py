@@ -26,27 +26,13 @@ _NEAR, _LEAST = 0.3, 0.2
 
 
 class Answer(NamedTuple):
-    """States of many parameters.
+    """States of many parameters."""
 
-    Attributes
-    ----------
-    amplitudes : F64
-        Amplitudes of the modes, shape `(n, r)`.
-    force : F64
-        Forces that were asked for, shape `(n, nf)`.
-    iterations : NDArray
-        Newton's iterations, fallbacks included, shape `(n,)`.
-    converged : NDArray
-        Whether a state is a solution, shape `(n,)`.
-    min_j : F64
-        Smallest volume ratio of the cells that were evaluated, shape `(n,)`.
-    """
-
-    amplitudes: F64
-    force: F64
-    iterations: I64
-    converged: Mask
-    min_j: F64
+    amplitudes: F64  #: Amplitudes of the modes, shape `(n, r)`
+    force: F64  #: Forces that were asked for, shape `(n, nf)`
+    iterations: I64  #: Newton's iterations, fallbacks included, shape `(n,)`
+    converged: Mask  #: Whether a state is a solution, shape `(n,)`
+    min_j: F64  #: Smallest volume ratio of the cells that were evaluated, shape `(n,)`
 
 
 class Regression:
@@ -79,23 +65,14 @@ class Regression:
 
 
 class Conditions(NamedTuple):
-    """What states are asked for, by rows.
+    """What states are asked for, by rows."""
 
-    Attributes
-    ----------
-    activation, sigma_max, turn : F64
-        Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`.
-    modulus : F64
-        Moduli that are parameters less their values in the model, shape `(n, nm)`.
-    given : F64
-        Prescribed amplitudes, shape `(n, s - r)`.
-    """
-
+    #: Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`
     activation: F64
     sigma_max: F64
     turn: F64
-    modulus: F64
-    given: F64
+    modulus: F64  #: Moduli that are parameters less their values in the model, shape `(n, nm)`
+    given: F64  #: Prescribed amplitudes, shape `(n, s - r)`
 
     def one(self, i: int) -> Conditions:
         """Those of one state."""
@@ -152,12 +129,8 @@ class Solver:
         `lift` describes how the modes follow the amplitudes whose forces are wanted, shape
         `(n, r, nf)`; without it forces are not stationary.
 
-        Returns
-        -------
-        answer : Answer
-            The states.
-        change : F64
-            Relative size of their last steps.
+        - returns `answer`: the states
+        - returns `change`: relative size of their last steps
         """
         n, r = len(start), self.model.r
         s = self.model.cells.h.shape[2]
@@ -220,20 +193,11 @@ def conditions_of(
 ) -> Conditions:
     """Conditions of states by the values of the parameters.
 
-    Parameters
-    ----------
-    values : F64
-        Values, shape `(n, p)`.
-    kinds : sequence of Parameter
-        Parameters.
-    laws : Laws
-        Materials of the deck.
-    columns : int
-        Prescribed fields that parameters scale.
-    extra : int
-        Amplitudes of forces, which are zero.
-    share : F64, optional
-        Part of what the deck prescribes beside the parameters; 1 by default.
+    - `values`: values, shape `(n, p)`
+    - `laws`: materials of the deck
+    - `columns`: prescribed fields that parameters scale
+    - `extra`: amplitudes of forces, which are zero
+    - `share`: part of what the deck prescribes beside the parameters; 1 by default
     """
     n = len(values)
     activation = np.tile(laws.activation, (n, 1))

@@ -38,25 +38,14 @@ _MODULI = (
 
 
 class Parameter(NamedTuple):
-    """A key of the deck that a reduced model leaves free.
+    """A key of the deck that a reduced model leaves free."""
 
-    Attributes
-    ----------
-    key : str
-        Key as in `--set`.
-    low, high : float
-        Range of the training.
-    kind : str
-        One of `KINDS`.
-    tissues : tuple of int
-        Materials that it changes, from 0; none for a load or a rotation.
-    """
-
-    key: str
+    key: str  #: Key as in `--set`
+    #: Range of the training
     low: float
     high: float
-    kind: str
-    tissues: tuple[int, ...]
+    kind: str  #: One of `KINDS`
+    tissues: tuple[int, ...]  #: Materials that it changes, from 0; none for a load or a rotation
 
     @property
     def grows(self) -> bool:
@@ -101,19 +90,10 @@ def as_parameters(
 ) -> tuple[Parameter, ...]:
     """Parameters of a deck by their ranges; short names become keys.
 
-    Parameters
-    ----------
-    ranges : mapping
-        Lowest and highest value by key as in `--set`, or by the last word of one.
-    deck : mapping
-        Values of the deck.
-    key_of : callable
-        Full name of a key, as `deck_key` has it.
-
-    Raises
-    ------
-    InputError
-        A key that no reduced model can vary, or an empty range.
+    - `ranges`: lowest and highest value by key as in `--set`, or by the last word of one
+    - `deck`: values of the deck
+    - `key_of`: full name of a key, as `deck_key` has it
+    - raises InputError: a key that no reduced model can vary, or an empty range
     """
     if not ranges:
         raise InputError("a reduced model needs parameters: name a key and its range")

@@ -23,24 +23,13 @@ def place_arrays(
 ) -> dict[str, Any]:
     """Arrays of the places of probes.
 
-    Parameters
-    ----------
-    scene : Scene
-        Open scene.
-    setting : Setting
-        What is the same for all models.
-    modes : F64
-        Modes, shape `(n, r)`.
-    model : Model
-        The reduced model with all cells.
-    probes : sequence of int
-        Probes of the deck, from 0.
-
-    Returns
-    -------
-    dict
-        `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
-        `(places, s + 1, s + 1, s + 1)`, and the places as `Cells` of weight one.
+    - `scene`: open scene
+    - `setting`: what is the same for all models
+    - `modes`: modes, shape `(n, r)`
+    - `model`: the reduced model with all cells
+    - `probes`: probes of the deck, from 0
+    - returns `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
+      `(places, s + 1, s + 1, s + 1)`, and the places as `Cells` of weight one
     """
     if not len(probes):
         return {}

@@ -45,12 +45,8 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     darker than fat or the coil reaches badly; holes are filled. Air is zero, or the lowest value
     where that is negative.
 
-    Parameters
-    ----------
-    image : Image
-        MR image, shape `(ni, nj, nk)`.
-    rim : float
-        Taken off at the skin, where pixels are a mixture of fat and air [pixel].
+    - `image`: MR image, shape `(ni, nj, nk)`
+    - `rim`: taken off at the skin, where pixels are a mixture of fat and air [pixel]
     """
     _check_signal(image)
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
@@ -67,12 +63,8 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
 def large_pieces(mask: Mask, name: str) -> Mask:
     """Connected pieces of a body that are not smaller than a tenth of the largest.
 
-    Parameters
-    ----------
-    mask : NDArray
-        Shape `(ni, nj, nk)`.
-    name : str
-        Of the image, for messages.
+    - `mask`: shape `(ni, nj, nk)`
+    - `name`: of the image, for messages
     """
     pieces, n = ndimage.label(mask)
     if not n:
@@ -101,12 +93,8 @@ def _check_signal(image: Image) -> None:
 def box_mask(image: Image, box: Sequence[float]) -> Mask:
     """Voxels whose centres lie in a box of world coordinates.
 
-    Parameters
-    ----------
-    image : Image
-        Gives the grid.
-    box : sequence
-        Low and high x, y, z, shape `(6,)` [mm].
+    - `image`: gives the grid
+    - `box`: low and high x, y, z, shape `(6,)` [mm]
     """
     low, high = np.reshape(np.asarray(box, float), (3, 2)).T
     if not (low < high).all():
@@ -127,14 +115,9 @@ def grown_mask(labels: Labels, margin: float) -> Mask:
 def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
     """Connected piece (over faces) of a mask that holds a place.
 
-    Parameters
-    ----------
-    mask : NDArray
-        Shape `(ni, nj, nk)`.
-    image : Image
-        Gives the grid.
-    seed : ArrayLike
-        World coordinates, shape `(3,)` [mm].
+    - `mask`: shape `(ni, nj, nk)`
+    - `image`: gives the grid
+    - `seed`: world coordinates, shape `(3,)` [mm]
     """
     where = np.asarray(seed, float)
     place = seed_voxel(image, where, "image.seed")

@@ -68,22 +68,13 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True)
 class Shading:
-    """Field and what speaks for it.
+    """Field and what speaks for it."""
 
-    Attributes
-    ----------
-    field : NDArray
-        Factor on the true values, mean one inside the mask and going on beyond it, shape
-        `(ni, nj, nk)` [-].
-    candidates : tuple of Candidate
-        All fields, best first.
-    doubt : str
-        Why it may be wrong; empty where the starts agree.
-    """
-
+    #: Factor on the true values, mean one inside the mask and going on beyond it, shape
+    #: `(ni, nj, nk)` [-]
     field: F64
-    candidates: tuple[Candidate, ...]
-    doubt: str
+    candidates: tuple[Candidate, ...]  #: All fields, best first
+    doubt: str  #: Why it may be wrong; empty where the starts agree
 
 
 def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:

@@ -33,22 +33,10 @@ def schema_file() -> Path:
 def new_deck(kind: str, path: Path | None = None) -> Path:
     """Write a deck to start from; its first line names the JSON Schema for editors.
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    path : Path, optional
-        File to write; default `KIND.toml` here.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, or a file that is there already.
+    - `kind`: one of `KINDS`
+    - `path`: file to write; default `KIND.toml` here
+    - returns the file
+    - raises InputError: an unknown kind, or a file that is there already
     """
     if kind not in KINDS:
         raise InputError(f"there is no deck of kind {kind!r}; there are {', '.join(KINDS)}")

@@ -29,24 +29,12 @@ __all__ = ["Doubt", "perturbed", "uncertainty"]
 
 
 class Doubt(NamedTuple):
-    """How a boundary may be wrong, all in mm.
+    """How a boundary may be wrong, all in mm."""
 
-    Attributes
-    ----------
-    bias : float
-        By how much all boundaries lie too far inside; negative: outside.
-    shift : float
-        Standard deviation of a displacement of a whole boundary, one a map.
-    noise : float
-        Standard deviation of a displacement that varies along it.
-    length : float
-        Distance over which that varies.
-    """
-
-    bias: float = 0.0
-    shift: float = 0.5
-    noise: float = 0.5
-    length: float = 10.0
+    bias: float = 0.0  #: By how much all boundaries lie too far inside; negative: outside
+    shift: float = 0.5  #: Standard deviation of a displacement of a whole boundary, one a map
+    noise: float = 0.5  #: Standard deviation of a displacement that varies along it
+    length: float = 10.0  #: Distance over which that varies
 
 
 def uncertainty(
@@ -174,16 +162,11 @@ def perturbed(
     what one of them loses the other has. A move by less than a voxel takes as many voxels of the
     boundary, in random patches, so that volumes change by it on average.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    shift : float
-        Move of the surface [mm].
-    noise, length : float
-        Standard deviation of a smooth random move, and over which distance it varies [mm].
-    rng : Generator
-        Random numbers.
+    - `labels`: label map
+    - `shift`: move of the surface [mm]
+    - `noise`, `length`: standard deviation of a smooth random move, and over which distance it
+      varies [mm]
+    - `rng`: random numbers
     """
     data, spacing = labels.data, labels.spacing
 

@@ -80,12 +80,8 @@ class Inputs:
     def check(self) -> None:
         """Refuse to go on where a file is not what it was at the start.
 
-        Raises
-        ------
-        InputError
-            Another content.
-        FileError
-            The file is gone.
+        - raises InputError: another content
+        - raises FileError: the file is gone
         """
         for name, path in self._paths.items():
             mark = _mark(path)

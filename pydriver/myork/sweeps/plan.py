@@ -22,26 +22,13 @@ _MOST = 1_000_000
 
 
 class Plan(NamedTuple):
-    """Points of a sweep.
+    """Points of a sweep."""
 
-    Attributes
-    ----------
-    keys : tuple of str
-        Keys as in `--set`.
-    points : list of tuple
-        Values of the keys: numbers, or words of a list.
-    deck : Path
-        Deck file.
-    overrides : tuple of str
-        Overrides of the deck for all points.
-    calls : tuple of int
-        How many points there were after each call that added some; none: all are of the first.
-    """
-
-    keys: tuple[str, ...]
-    points: list[tuple[Any, ...]]
+    keys: tuple[str, ...]  #: Keys as in `--set`
+    points: list[tuple[Any, ...]]  #: Values of the keys: numbers, or words of a list
     deck: Path = Path()
-    overrides: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()  #: Overrides of the deck for all points
+    #: How many points there were after each call that added some; none: all are of the first
     calls: tuple[int, ...] = ()
 
     def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> Plan:
@@ -68,20 +55,10 @@ class Plan(NamedTuple):
 def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     """All points: the product of grids and lists with the common samples of the sampled keys.
 
-    Parameters
-    ----------
-    vary : sequence of str
-        `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` or
-        `KEY=sobol(LOW,HIGH)` for samples.
-    samples : int
-        Number of samples.
-    seed : int
-        Start of the random numbers of samples.
-
-    Raises
-    ------
-    InputError
-        A wrong form, a key twice, too many points.
+    - `vary`: `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` or
+      `KEY=sobol(LOW,HIGH)` for samples
+    - `samples`: number of samples
+    - raises InputError: a wrong form, a key twice, too many points
     """
     if not vary:
         raise InputError(f"a sweep needs a key to vary: {_FORMS}")

@@ -242,11 +242,8 @@ def _preview(plan: Plan) -> Iterator[str]:
 def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
     """Solve a deck with overrides; what goes wrong is a message, not raised.
 
-    Returns
-    -------
-    dict
-        `probes`: values of the last step by name, vectors by components; `errors`: their error
-        bars; `verdict`, `message`, `cpu_s`.
+    Returns `probes`: values of the last step by name, vectors by components; `errors`: their error
+    bars; `verdict`, `message`, `cpu_s`.
     """
     start = time.process_time()
     row: dict[str, Any] = {"probes": {}, "errors": {}, "verdict": "failed", "message": ""}

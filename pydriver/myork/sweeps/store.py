@@ -31,10 +31,7 @@ def read_head(path: Path) -> Any:
 def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
     """Finished points of a file by their numbers; none where there is no file.
 
-    Raises
-    ------
-    InputError
-        The points are of another sweep, or a line is not what a sweep writes.
+    - raises InputError: the points are of another sweep, or a line is not what a sweep writes
     """
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     # a killed run may leave half a line at the end
@@ -81,10 +78,7 @@ class Store:
     def add(self, row: dict[str, Any]) -> None:
         """Keep a finished point; it is on the disk when this returns.
 
-        Raises
-        ------
-        InputError
-            A file that points read is not what it was when the sweep began.
+        - raises InputError: a file that points read is not what it was when the sweep began
         """
         self._inputs.check()
         if not self._begun:
