@@ -28,6 +28,7 @@ from myork.types import F64, Mask
 
 __all__ = [
     "Diffusion",
+    "dyads_of",
     "fit_tensors",
     "fractional_anisotropy",
     "full_tensors",
@@ -54,6 +55,11 @@ _WORST_CONDITION = 1e4
 def tensor_components(full: F64) -> F64:
     """Components xx, yy, zz, xy, xz, yz, shape `(..., 6)`, of tensors of shape `(..., 3, 3)`."""
     return np.stack([full[..., i, j] for i, j in _PAIRS], axis=-1)
+
+
+def dyads_of(vector: F64) -> F64:
+    """Components of the dyads of vectors, shape `(..., 6)` from `(..., 3)`."""
+    return tensor_components(vector[..., :, np.newaxis] * vector[..., np.newaxis, :])
 
 
 def full_tensors(components: F64) -> F64:

@@ -32,13 +32,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.imaging.diffusion import full_tensors, lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, full_tensors, lead_vector, tensor_components
 from myork.records import Image
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32, Mask
 
 __all__ = [
-    "LEAST_WEIGHT", "Average", "best_average", "gathered", "tensor_logarithms", "tensor_trust",
+    "LEAST_WEIGHT", "Average", "best_average", "gathered", "label_fibers", "tensor_logarithms",
+    "tensor_trust",
 ]  # fmt: skip
 
 #: Gaussian weight below which a place counts as having no usable neighbour [-]
@@ -122,7 +123,8 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
     alike = [_alike(shape, trust, label, axis) for axis in range(3)]
     width, least = _width(logarithm, trust, label, spacing, alike)
     found = [(least, Average(label, width))]
-    known, dyads = _dyads(logarithm, trust, label, width / spacing)
+    fiber, known = label_fibers(logarithm, trust, label, width / spacing)
+    dyads = dyads_of(fiber[known]) * np.sqrt(_SQUARES)
     for count in _FAMILIES if len(dyads) else ():
         family = label.copy()
         family[known] += (int(label.max()) + 1) * kmeans(dyads, count)[0]
@@ -137,9 +139,9 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
     return next(average for error, average in found if not error > best * (1.0 + _AS_WELL))
 
 
-def _dyads(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[Mask, F64]:
-    """Voxels of labels with a usable average, and the dyads of its fibers, shape `(n, 6)`."""
-    known, dyads = np.zeros(label.shape, bool), np.zeros((*label.shape, 6))
+def label_fibers(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[F64, Mask]:
+    """Fibers of averages within each label, shape `(ni, nj, nk, 3)`, and where there are any."""
+    fiber, known = np.zeros((*label.shape, 3)), np.zeros(label.shape, bool)
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         if box is None:
             continue
@@ -147,10 +149,9 @@ def _dyads(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[Mask, F6
         weight = trust[box] * here
         sums, near = gathered(logarithm[box] * weight[..., np.newaxis], weight, sigma)
         usable = here & (near > LEAST_WEIGHT)
-        fiber = lead_vector(sums[usable] / near[usable][:, np.newaxis])
-        dyads[box][usable] = tensor_components(fiber[:, :, np.newaxis] * fiber[:, np.newaxis, :])
+        fiber[box][usable] = lead_vector(sums[usable] / near[usable][:, np.newaxis])
         known[box] |= usable
-    return known, dyads[known] * np.sqrt(_SQUARES)
+    return fiber, known
 
 
 def _width(

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, lead_vector
 from myork.imaging.geometry import frame
 from myork.imaging.resampling import on_grid
 from myork.model.averaging import (
     LEAST_WEIGHT,
     best_average,
     gathered,
+    label_fibers,
     tensor_logarithms,
     tensor_trust,
 )
@@ -89,18 +90,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
     width = smoothing
     if width is None:
         label, width = best_average(logarithm, trust, label, tensor.spacing)
-    sigma = width / tensor.spacing
-    fiber = np.zeros((*inside.shape, 3))
-    known = np.zeros(inside.shape, dtype=bool)
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        if box is None:
-            continue
-        here = label[box] == number
-        weight = trust[box] * here
-        average, weight = gathered(logarithm[box] * weight[..., np.newaxis], weight, sigma)
-        near = here & (weight > LEAST_WEIGHT)
-        fiber[box][near] = lead_vector(average[near] / weight[near][:, np.newaxis])
-        known[box] |= near
+    fiber, known = label_fibers(logarithm, trust, label, width / tensor.spacing)
     if not inside.any():
         raise InputError(f"{tensor.name}: no voxel to find fibers in; check the mask or the labels")
     if not known.any():
@@ -215,7 +205,7 @@ def fibers_at_points(
             continue
         vector = fibers.data[usable] / length[usable][:, np.newaxis]
         dyad = np.zeros((*usable.shape, 6))
-        dyad[usable] = tensor_components(vector[:, :, np.newaxis] * vector[:, np.newaxis, :])
+        dyad[usable] = dyads_of(vector)
         average, near = _averages(dyad, usable, place[here], block)
         known = near > LEAST_WEIGHT
         if not known.all():

@@ -22,7 +22,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.csgraph import connected_components
 
 from myork.errors import InputError
-from myork.imaging.diffusion import lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, lead_vector
 from myork.imaging.geometry import canonical, slice_axis
 from myork.model.fibers import fill_from_own
 from myork.records import Image, Labels
@@ -131,7 +131,7 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
     valid = np.isfinite(length) & (length > 0) & (before > 0)
     unit = np.zeros(vector.shape)
     unit[valid] = vector[valid] / length[valid][:, np.newaxis]
-    dyad = tensor_components(unit[..., :, np.newaxis] * unit[..., np.newaxis, :])
+    dyad = dyads_of(unit)
     low, share = _neighbours(before.shape[2], parts)
     share = np.clip(share, 0.0, 1.0)
     result = np.zeros((*after.shape, 3))

@@ -15,6 +15,8 @@ __all__ = [
     "KINDS",
     "Parameter",
     "as_parameters",
+    "grid_in",
+    "number_in",
     "numbers_of",
     "parse_vary",
     "short_names",
@@ -71,6 +73,27 @@ def parse_vary(items: Sequence[str], option: str = "--vary") -> dict[str, tuple[
                 f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1"
             ) from None
     return found
+
+
+def number_in(item: str, text: str) -> float:
+    """A finite number of an item of the option `--vary`."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"--vary {item}: {text.strip()!r} is not a number")
+    return value
+
+
+def grid_in(item: str) -> tuple[str, F64]:
+    """Key and values of an item `KEY=LOW:HIGH:N` of the option `--vary`."""
+    key, _, text = item.partition("=")
+    words = text.split(":")
+    if len(words) != 3 or not words[2].strip().isdigit() or int(words[2]) < 1:
+        raise InputError(f"--vary {item}: KEY=LOW:HIGH:N is needed, as in load.activation=0:1:21")
+    low, high = (number_in(item, word) for word in words[:2])
+    return key.strip(), np.linspace(low, high, int(words[2]))
 
 
 def numbers_of(items: Sequence[str]) -> dict[str, float]:

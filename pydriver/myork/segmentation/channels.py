@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import full_tensors, tensor_components
+from myork.imaging.diffusion import dyads_of, full_tensors
 from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, Mask
@@ -108,4 +108,4 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     if kind == "aligned":
         return strength * np.where(lead[..., 2:] < 0, -lead, lead)
     scale = np.sqrt([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    return strength * scale * tensor_components(lead[..., :, np.newaxis] * lead[..., np.newaxis, :])
+    return strength * scale * dyads_of(lead)

@@ -12,6 +12,7 @@ import numpy as np
 
 from myork.core.deck import load_deck
 from myork.errors import InputError
+from myork.rom.parameters import grid_in, number_in
 
 __all__ = ["Plan", "make_plan"]
 
@@ -73,12 +74,12 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
             raise InputError(f"--vary {item}: {key} is named twice")
         if sampled := re.fullmatch(r"(lhs|sobol)\(([^,]+),([^,]+)\)", text):
             kinds.add(sampled[1])
-            low, high = _number(item, sampled[2]), _number(item, sampled[3])
+            low, high = number_in(item, sampled[2]), number_in(item, sampled[3])
             if not low < high:
                 raise InputError(f"--vary {item}: {low:g} is not below {high:g}")
             ranges[key] = (low, high)
         elif ":" in text:
-            grids[key] = _grid(item, text)
+            grids[key] = grid_in(item)[1].tolist()
         else:
             grids[key] = [_value(word) for word in text.split(",")]
             if "" in grids[key]:
@@ -94,24 +95,6 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     drawn = _samples(ranges, kinds.pop(), samples, seed) if ranges else [()]
     points = [(*on_grid, *row) for on_grid in product(*grids.values()) for row in drawn]
     return Plan(keys, points)
-
-
-def _number(item: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise InputError(f"--vary {item}: {text.strip()!r} is not a number")
-    return value
-
-
-def _grid(item: str, text: str) -> list[Any]:
-    words = text.split(":")
-    if len(words) != 3 or not words[2].strip().isdigit() or int(words[2]) < 1:
-        raise InputError(f"--vary {item}: {_FORMS} is needed, as in load.activation=0:1:5")
-    low, high = _number(item, words[0]), _number(item, words[1])
-    return [float(value) for value in np.linspace(low, high, int(words[2]))]
 
 
 def _value(text: str) -> Any:
