@@ -271,7 +271,6 @@ end subroutine take
 !> Number of the entry with a key, 0 without
 pure function find(self, key) result(number)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    integer :: number
    integer :: first, last, middle
@@ -294,7 +293,6 @@ end function find
 !> Is there a value for a key, or a table?
 pure function has(self, key) result(yes)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    logical :: yes
 
@@ -304,7 +302,6 @@ end function has
 !> Did somebody write a key in the deck, or as an override?
 pure function given(self, key) result(yes)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    logical :: yes
    integer :: number
@@ -352,7 +349,6 @@ end subroutine keys_of_table
 !> Where a key was written; for one that nobody wrote, its table or the file
 pure recursive function where_written(self, key) result(place)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    character(len=:), allocatable :: place
    integer :: number, dot
@@ -372,7 +368,6 @@ end function where_written
 !> Where a key was written and its name, as messages begin
 pure function told(self, key) result(text)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    character(len=:), allocatable :: text
    integer :: number, table
@@ -391,7 +386,6 @@ end function told
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
 subroutine complain(self, key, what, error)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> What is wrong, and what to do about it
    character(len=*), intent(in) :: what
@@ -407,7 +401,6 @@ end subroutine complain
 !> Say where a key stands that an error speaks of, unless the error does so itself
 subroutine locate(self, key, error)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Error, if any
    type(error_type), allocatable, intent(inout) :: error
@@ -420,7 +413,6 @@ end subroutine locate
 !> Is the value of a key a text?
 pure function value_is_text(self, key) result(yes)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    logical :: yes
    integer :: number
@@ -433,7 +425,6 @@ end function value_is_text
 !> An integer
 subroutine get_integer(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    integer, intent(inout) :: value
@@ -447,7 +438,6 @@ end subroutine get_integer
 !> A number
 subroutine get_real(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    real(wp), intent(inout) :: value
@@ -460,7 +450,6 @@ end subroutine get_real
 !> True or false
 subroutine get_logical(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    logical, intent(inout) :: value
@@ -474,7 +463,6 @@ end subroutine get_logical
 !> A vector
 subroutine get_vector(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its components, as many as the deck has
    real(wp), intent(inout) :: value(:)
@@ -487,7 +475,6 @@ end subroutine get_vector
 !> A text that is an expression
 subroutine get_expression(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    type(expression_type), intent(inout) :: value
 
@@ -497,7 +484,6 @@ end subroutine get_expression
 !> A number or an expression
 subroutine get_value(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Number or expression
    type(value_type), intent(inout) :: value
@@ -509,7 +495,6 @@ end subroutine get_value
 !> An array of numbers and expressions
 subroutine get_values(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Numbers, or expressions for all items where one of them is a text
    type(value_type), intent(inout) :: value(:)
@@ -527,7 +512,6 @@ end subroutine get_values
 !> Set an expression and the tables of the deck that it calls
 subroutine set_expression(self, key, text, expression)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> The expression
    character(len=*), intent(in) :: text
@@ -553,7 +537,6 @@ end subroutine set_expression
 !> A text
 subroutine get_text(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    character(len=:), allocatable, intent(out) :: value
@@ -567,7 +550,6 @@ end subroutine get_text
 !> An array of numbers
 subroutine get_reals(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its values
    real(wp), allocatable, intent(out) :: value(:)
@@ -584,7 +566,6 @@ end subroutine get_reals
 !> An array of integers
 subroutine get_integers(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its values
    integer, allocatable, intent(out) :: value(:)
@@ -597,7 +578,6 @@ end subroutine get_integers
 !> An array of words
 subroutine get_texts(self, key, value)
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its values
    character(len=word_length), allocatable, intent(out) :: value(:)
