@@ -31,10 +31,7 @@ def silent(line: str) -> None:
 class Unheard:
     """Stream of the process whose reader may go away, as `head` does: what follows goes nowhere.
 
-    Parameters
-    ----------
-    stream : TextIO
-        Standard output or standard error.
+    - `stream`: standard output or standard error
     """
 
     def __init__(self, stream: Any) -> None:

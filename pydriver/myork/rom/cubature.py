@@ -18,14 +18,8 @@ class Sketch:
     The norm of a combination of cells is that of all equations within a few per cent, at a memory
     that does not grow with them.
 
-    Parameters
-    ----------
-    cells : int
-        Number of cells.
-    rows : int
-        Sums to keep.
-    seed : int
-        Start of the random numbers.
+    - `cells`: number of cells
+    - `rows`: sums to keep
     """
 
     def __init__(self, cells: int, rows: int, seed: int) -> None:

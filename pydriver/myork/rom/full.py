@@ -49,16 +49,9 @@ class FullState(NamedTuple):
 class FullModel:
     """A deck whose parameters are set before each solve.
 
-    Parameters
-    ----------
-    deck : str
-        Text of the deck.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    cloud : PointCloud or None
-        Points of its model file.
-    threads : int, optional
-        Threads of a solve.
+    - `deck`: text of the deck
+    - `cloud`: points of its model file
+    - `threads`: threads of a solve
     """
 
     def __init__(

@@ -88,18 +88,11 @@ class Conditions(NamedTuple):
 class Solver:
     """A reduced model with known states to start from.
 
-    Parameters
-    ----------
-    model : Model
-        Cells that are evaluated in Newton's iteration.
-    whole : Cells
-        Cells by which forces are found.
-    wanted : sequence of int
-        Amplitudes, from 0, whose forces are wanted.
-    threads : int
-        Number of threads, 0 for all cores.
-    least : float
-        Size of the amplitudes below which they are none.
+    - `model`: cells that are evaluated in Newton's iteration
+    - `whole`: cells by which forces are found
+    - `wanted`: amplitudes, from 0, whose forces are wanted
+    - `threads`: number of threads, 0 for all cores
+    - `least`: size of the amplitudes below which they are none
     """
 
     def __init__(

@@ -73,14 +73,9 @@ def place_arrays(
 class Places:
     """Stresses at places, of the amplitudes of a reduced model.
 
-    Parameters
-    ----------
-    cells : Cells
-        The places as cells of weight one.
-    pressure : F64
-        As in `place_arrays`.
-    fibers : F64
-        Of a `Model`.
+    - `cells`: the places as cells of weight one
+    - `pressure`: as in `place_arrays`
+    - `fibers`: of a `Model`
     """
 
     def __init__(self, cells: Cells, pressure: F64, fibers: F64) -> None:

@@ -26,27 +26,13 @@ _ALIKE = 1e-8
 
 
 class States(NamedTuple):
-    """Converged states of the full model at all load steps.
+    """Converged states of the full model at all load steps."""
 
-    Attributes
-    ----------
-    x : F64
-        Unknowns, shape `(nstep, dofs)`.
-    load : F64
-        Fraction of the full load, shape `(nstep,)`.
-    iterations : list of int
-        Iterations of each step.
-    seconds : float
-        Wall time of the load steps, without shape functions and output [s].
-    origin : str
-        File that the states were read from; empty where they were solved for.
-    """
-
-    x: F64
-    load: F64
-    iterations: list[int]
-    seconds: float
-    origin: str
+    x: F64  #: Unknowns, shape `(nstep, dofs)`
+    load: F64  #: Fraction of the full load, shape `(nstep,)`
+    iterations: list[int]  #: Iterations of each step
+    seconds: float  #: Wall time of the load steps, without shape functions and output [s]
+    origin: str  #: File that the states were read from; empty where they were solved for
 
 
 def full_states(scene: Scene, out: Path, threads: int, progress: ProgressCallback) -> States:

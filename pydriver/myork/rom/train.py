@@ -165,16 +165,10 @@ def train(
 class _Training:
     """Full solves of a training, and the reduced model that they make.
 
-    Parameters
-    ----------
-    full : FullModel
-        Full model.
-    scene : Scene
-        The deck as it is, of which the parts are taken.
-    setting : Setting
-        What is the same for all models.
-    tolerance, full_solves, seed, progress
-        As in `train`.
+    - `full`: full model
+    - `scene`: the deck as it is, of which the parts are taken
+    - `setting`: what is the same for all models
+    - `tolerance`, `full_solves`, `seed`, `progress`: as in `train`
     """
 
     def __init__(

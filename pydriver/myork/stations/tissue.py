@@ -36,12 +36,8 @@ _UNMIXED = (0, 4)
 class LabelRecord(dict[str, Any]):
     """Entry of the summary about a label map.
 
-    Parameters
-    ----------
-    labels : Labels
-        The map.
-    deck : mapping
-        Table `units`: volumes are in its unit of length, cubed.
+    - `labels`: the map
+    - `deck`: table `units`: volumes are in its unit of length, cubed
     """
 
     def __init__(self, labels: Labels, deck: Mapping[str, Any]) -> None:

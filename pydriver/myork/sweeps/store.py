@@ -57,14 +57,9 @@ class Store:
 
     Nothing is written before the first point.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the sweep.
-    inputs : Inputs
-        What the sweep is of. Points of another one in the same folder are refused.
-    about : mapping
-        What `sweep.json` says of it.
+    - `folder`: folder of the sweep
+    - `inputs`: what the sweep is of. Points of another one in the same folder are refused.
+    - `about`: what `sweep.json` says of it
     """
 
     def __init__(self, folder: Path, inputs: Inputs, about: Mapping[str, Any]) -> None:

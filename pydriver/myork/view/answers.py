@@ -60,12 +60,8 @@ class Shown(NamedTuple):
 class Answers:
     """A reduced model with its full scene, which tells fields; asked by one thread at a time.
 
-    Parameters
-    ----------
-    path : Path
-        Reduced model.
-    threads : int
-        Threads of a call.
+    - `path`: reduced model
+    - `threads`: threads of a call
     """
 
     def __init__(self, path: Path, threads: int = 1) -> None:
