@@ -32,43 +32,23 @@ class _Grid:
 
 @dataclass(frozen=True)
 class Image(_Grid):
-    """Values on a regular grid of voxels.
+    """Values on a regular grid of voxels."""
 
-    Attributes
-    ----------
-    data : NDArray
-        Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors.
-    affine : NDArray
-        Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm].
-    name : str
-        Where it comes from, for messages.
-    """
-
-    data: F64
+    data: F64  #: Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors
+    #: Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm]
     affine: F64
-    name: str = "image"
+    name: str = "image"  #: Where it comes from, for messages
 
 
 @dataclass(frozen=True)
 class Labels(_Grid):
-    """A whole number for each voxel; zero is nothing.
+    """A whole number for each voxel; zero is nothing."""
 
-    Attributes
-    ----------
-    data : NDArray
-        Labels, shape `(ni, nj, nk)`.
-    affine : NDArray
-        Voxel indices to world coordinates, shape `(4, 4)` [mm].
-    names : dict
-        Name of each label above zero that has one.
-    name : str
-        Where it comes from, for messages.
-    """
-
-    data: I32
-    affine: F64
+    data: I32  #: Labels, shape `(ni, nj, nk)`
+    affine: F64  #: Voxel indices to world coordinates, shape `(4, 4)` [mm]
+    #: Name of each label above zero that has one
     names: dict[int, str] = field(default_factory=dict)
-    name: str = "labels"
+    name: str = "labels"  #: Where it comes from, for messages
 
     def label_name(self, label: int) -> str:
         """Name of a label; one is made for a label without a name."""
