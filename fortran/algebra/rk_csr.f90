@@ -13,7 +13,6 @@ module rk_csr
       !> Numbers, 1-based, shape (entries)
       integer, allocatable :: index(:)
    contains
-      !> Rows in which each number stands
       procedure :: transposed
    end type csr_type
 

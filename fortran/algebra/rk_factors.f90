@@ -31,7 +31,6 @@ contains
 !> Solve in place
 subroutine envelope_solve(self, x)
    class(envelope_factor), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
    call self%matrix%solve(x)
@@ -40,7 +39,6 @@ end subroutine envelope_solve
 !> Solve in place
 subroutine dense_solve(self, x)
    class(dense_factor), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    real(wp) :: y(size(x))
 

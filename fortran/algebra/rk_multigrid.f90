@@ -34,7 +34,6 @@ module rk_multigrid
       !> Inverse of the last matrix, or of its diagonal where hardly anything couples
       real(wp), allocatable, private :: inverse(:, :), scale(:)
    contains
-      !> One cycle
       procedure :: apply
    end type multigrid_type
 

@@ -30,11 +30,9 @@ module rk_operator
       procedure(apply_interface), deferred :: apply
       !> x = A^T y
       procedure(apply_interface), deferred :: apply_transposed
-      !> A^T A
       procedure :: envelope
       !> Upper triangle of A^T A as a dense matrix
       procedure :: normal
-      !> A itself
       procedure :: dense
       !> A in compressed rows
       procedure(compressed_interface), deferred :: compressed

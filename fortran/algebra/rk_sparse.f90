@@ -23,9 +23,7 @@ module rk_sparse
       !> Place of each unknown in the matrix that was factorised, shape (n)
       integer, allocatable, private :: position(:)
    contains
-      procedure :: solve
-      !> Give the factor back
-      procedure :: free
+      procedure :: solve, free
    end type sparse_factor
 
    !> What factorisations of matrices with the same places of entries have in common: the order of
@@ -37,10 +35,7 @@ module rk_sparse
       !> A matrix was too far from a positive definite one to be solved with the factor of that
       logical :: far = .false.
    contains
-      !> Whether a solve has found an order of elimination for Cholesky
-      procedure :: has_order
-      !> Solves that take as long as a Cholesky factor
-      procedure :: cost
+      procedure :: has_order, cost
       final :: free_kept
    end type kept_factor
 
@@ -282,7 +277,6 @@ end subroutine complain
 !> Solve in place
 subroutine solve(self, x)
    class(sparse_factor), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    real(wp), allocatable :: y(:)
    type(threads_type) :: kept

@@ -39,20 +39,8 @@ module rk_symmetric
       !> What the factors have in common
       type(kept_factor), pointer, private :: kept => null()
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: compressed
-      procedure :: solve_square
-      !> Solve with other entries in the same places
-      procedure :: solve_with
-      !> Solve with the factor of the last solve
-      procedure :: solve_again
-      !> Solve the next equations by a factor of their own
-      procedure :: let_go
-      !> Add a dense part
-      procedure :: add
-      !> Product of other entries in the same places with a vector
-      procedure :: product => product_with
+      procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
+      procedure :: let_go, add, product => product_with
       !> Add that of the skew part
       procedure :: add_skew
       final :: free
@@ -63,8 +51,7 @@ module rk_symmetric
       type(symmetric_matrix), pointer :: places => null()
       real(wp), pointer, contiguous :: given(:) => null()
    contains
-      procedure :: multiply
-      procedure :: precondition
+      procedure :: multiply, precondition
    end type preconditioned_type
 
    !> Solves that a factor must be worth before the last one is tried, share of them that are made,
@@ -260,11 +247,9 @@ end subroutine product_with
 !> Both triangles in compressed rows
 subroutine compressed(self, start, column, value)
    class(symmetric_matrix), intent(in) :: self
-   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
    !> Column of each entry less 1, ascending in each row
    integer(i8), allocatable, intent(out) :: column(:)
-   !> Entries
    real(wp), allocatable, intent(out) :: value(:)
 
    call both_triangles(self, self%value, 1.0_wp, start, column, value)
@@ -326,15 +311,10 @@ end subroutine both_triangles
 !> Solve (A + shift |D|) x = b with the diagonal D of A
 recursive subroutine solve_square(self, shift, b, x, report, error)
    class(symmetric_matrix), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: shifted(:)
    integer :: j
@@ -490,9 +470,7 @@ end subroutine solve_beside
 !> y = A x
 subroutine multiply(self, x, y)
    class(preconditioned_type), intent(in) :: self
-   !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%places%product(self%given, x, y)
@@ -501,9 +479,7 @@ end subroutine multiply
 !> y = P^-1 x
 subroutine precondition(self, x, y)
    class(preconditioned_type), intent(in) :: self
-   !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
 
    y = x

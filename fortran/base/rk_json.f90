@@ -37,12 +37,7 @@ module rk_json
       !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
       !> logical, a text or a list of these, on one line
       generic :: put => put_value, put_list, add_value, add_list
-      !> Item of an object whose value is JSON already
-      procedure :: put_json
-      !> What was written so far
-      procedure :: text => text_so_far
-      !> Write the text to a file, which is there completely or not at all
-      procedure :: save => save_json
+      procedure :: put_json, text => text_so_far, save => save_json
       procedure, private :: put_value, put_list, add_value, add_list, item, append
    end type json_type
 

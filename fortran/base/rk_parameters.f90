@@ -38,10 +38,7 @@ module rk_parameters
       generic :: add => add_number, add_text
       !> Value of a key, within limits
       generic :: get => get_number, get_text
-      !> Names of all numbers that nobody has asked for yet, and what they are
-      procedure :: other_numbers
-      !> Error where there are values nobody asked for
-      procedure :: check_all_asked
+      procedure :: other_numbers, check_all_asked
       procedure, private :: add_number, add_text, get_number, get_text
       procedure, private :: find, refuse
    end type parameters_type

@@ -24,14 +24,7 @@ module rk_text_file
       !> A write has failed: such a file never takes its real name
       logical :: damaged = .false.
    contains
-      !> Start a file under a temporary name
-      procedure :: create
-      !> Write a line
-      procedure :: line
-      !> Close; the file keeps its temporary name
-      procedure :: close => close_file
-      !> Give a closed file its name
-      procedure :: publish
+      procedure :: create, line, close => close_file, publish
    end type text_file
 
    !> files.c: null, or the reason of a failure as a C string

@@ -69,7 +69,6 @@ module rk_cells
       !> Second moments of each nodal cell about its point, shape (nd, nd, np) [length^(nd+2)]
       real(wp), allocatable :: moment(:, :, :)
    contains
-      !> Whether a surface point lies in a boundary set
       procedure :: in_set
    end type cells_type
 

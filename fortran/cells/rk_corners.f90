@@ -18,7 +18,6 @@ module rk_corners
       !> Edges of a cell, shape (nd) [length]
       real(wp), allocatable :: step(:)
    contains
-      !> Place in a cell
       procedure :: within
    end type corners_type
 

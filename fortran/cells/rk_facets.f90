@@ -22,7 +22,6 @@ module rk_facets
       !> Boundary entry on the surface of a model, 0 elsewhere
       integer, allocatable :: entry(:)
    contains
-      !> Add a point
       procedure :: add
    end type facets_type
 

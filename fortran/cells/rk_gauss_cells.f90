@@ -45,10 +45,7 @@ module rk_gauss_cells
       !> Places of the corners where their spacing varies
       real(wp), allocatable :: line(:, :)
    contains
-      !> Place of a point of a cell
-      procedure :: place
-      !> Gauss points of a face of a cell
-      procedure :: face_points
+      procedure :: place, face_points
    end type lattice_type
 
 contains

@@ -44,13 +44,11 @@ module rk_gradient
       !> np, factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
    contains
-      !> Displacement gradient at a point
       procedure :: at => gradient_at
       !> Part of it that essential values make
       procedure :: lifted
       !> Forces that a stress makes
       procedure :: add_force
-      !> Rows of the work of a stress
       procedure :: add_work
       !> Stiffness that tangent moduli make
       procedure :: add_stiffness

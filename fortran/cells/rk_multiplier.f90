@@ -35,10 +35,7 @@ module rk_multiplier
    contains
       !> Coefficients of a group's pressure
       procedure :: pressure
-      !> Forces on the blocks of a group
-      procedure :: set_rows
-      !> Stiffness of the blocks of a group
-      procedure :: set_stiffness
+      procedure :: set_rows, set_stiffness
       !> Between coefficients of all groups and the blocks
       procedure :: from_rows
       procedure :: to_unknowns

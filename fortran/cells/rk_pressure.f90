@@ -45,12 +45,7 @@ module rk_pressure
       type(csr_type) :: around
       real(wp), allocatable :: share(:, :)
    contains
-      !> Pressure at a point
-      procedure :: value => pressure_value
-      !> Pressure of a group that is linear in a step
-      procedure :: along_step
-      !> Blended pressure
-      procedure :: at => pressure_at
+      procedure :: value => pressure_value, along_step, at => pressure_at
       procedure, private :: slope
       !> Its curvature in each group
       procedure :: bends

@@ -17,9 +17,7 @@ module rk_voxels
    type :: face_entries
       type(csr_type), private :: of
    contains
-      procedure :: find => find_entries
-      !> That of a face
-      procedure :: nearest => nearest_entry
+      procedure :: find => find_entries, nearest => nearest_entry
    end type face_entries
 
    !> Normals that are as near to a face's, places that are as near to two source points [-]

@@ -54,21 +54,16 @@ module rk_deck
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
-      !> Is there a value for a key, or a table?
       procedure :: has
       !> Did somebody write a key, so that its value is no default?
       procedure :: given
-      !> Number of entries of an array of tables
-      procedure :: count => count_entries
-      !> Keys of a table that have a value
-      procedure :: keys => keys_of_table
+      procedure :: count => count_entries, keys => keys_of_table
       !> Where a key was written: file and line, or the override
       procedure :: where => where_written
       !> The same with the key, as messages begin
       procedure :: told
       !> Complain about a key: one more line of an error
       procedure :: complain
-      !> Say where a key stands that an error speaks of, unless the error does so itself
       procedure :: locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
@@ -78,7 +73,6 @@ module rk_deck
          & get_texts, get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
-      !> The same deck with further overrides
       procedure :: vary
       !> Write all values, defaults included, into a JSON object
       procedure :: write_json

@@ -39,18 +39,10 @@ module rk_expression
       !> Where it was written, and its key, for messages
       character(len=:), allocatable :: where
    contains
-      !> Whether there is an expression
-      procedure :: given
-      !> Add a table that it may call
-      procedure :: add_table
+      procedure :: given, add_table
       !> With its tables, as it is evaluated
       procedure, private :: code
-      !> Value at a place
-      procedure :: at => value_at
-      !> First derivatives at a place
-      procedure :: gradient
-      !> Whether the time is part of it
-      procedure :: varies
+      procedure :: at => value_at, gradient, varies
    end type expression_type
 
    !> A number, or an expression in its place
@@ -58,10 +50,7 @@ module rk_expression
       !> The number, of no meaning beside an expression
       real(wp) :: number = 0.0_wp
    contains
-      !> Whether it is other than zero, at some place
-      procedure :: acts
-      !> Value at a place
-      procedure :: at => number_at
+      procedure :: acts, at => number_at
       !> As it was written, or its number
       procedure :: words
    end type value_type
@@ -167,14 +156,10 @@ end subroutine value_at
 !> Value at a place, the number where there is no expression
 subroutine number_at(self, x, value, error, time, normal)
    class(value_type), intent(in) :: self
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp), intent(out) :: value
-   !> Error handling: not finite there
    type(error_type), allocatable, intent(inout) :: error
-   !> Time, 0 without
    real(wp), intent(in), optional :: time
-   !> Outward unit normal, shape (nd) [-]
    real(wp), intent(in), optional :: normal(:)
 
    value = self%number

@@ -20,10 +20,7 @@ module rk_label_map
       !> A place of each of them, shape (3, labels) [length]
       real(wp), allocatable :: place(:, :)
    contains
-      !> Expression that is true where a place has a label
-      procedure :: where_is
-      !> Whether a label occurs in the map, be it outside of the box
-      procedure :: knows
+      procedure :: where_is, knows
    end type label_map_type
 
    interface

@@ -39,16 +39,8 @@ module rk_shape
       !> Value and derivatives of each neighbour's shape function, shape (nq, entries)
       real(wp), allocatable :: value(:, :)
    contains
-      !> Number of neighbours of a place
-      procedure :: count => shape_count
-      !> Neighbours of a place and their shape functions
-      procedure :: row => shape_row
-      !> Places that see each source point
-      procedure :: transposed => shape_transposed
-      !> Largest number of neighbours
-      procedure :: max_count => shape_max_count
-      !> Fields from coefficients at one place
-      procedure :: interpolate
+      procedure :: count => shape_count, row => shape_row, transposed => shape_transposed
+      procedure :: max_count => shape_max_count, interpolate
    end type shape_type
 
    !> Offsets over support are compared after rounding to 2**-44, far above rounding errors of

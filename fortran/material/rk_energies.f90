@@ -154,11 +154,8 @@ end subroutine set_polynomial
 !> Polynomial and its derivatives
 pure subroutine polynomial_energy(self, state, order, w)
    class(polynomial_type), intent(in) :: self
-   !> Reduced invariants
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(out) :: w
    real(wp) :: x, y
 
@@ -217,11 +214,8 @@ end subroutine set_muscle
 !> Energy of matrix and fibers and its derivatives
 pure subroutine muscle_energy(self, state, order, w)
    class(muscle_type), intent(in) :: self
-   !> Reduced invariants and activation
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(out) :: w
    !> Integral of the force by lambda*, the force and its derivatives [-]
    real(wp) :: f(0:4), passive(0:4)
@@ -311,11 +305,8 @@ end subroutine set_written
 !> Energy of an expression and its derivatives
 pure subroutine written_energy(self, state, order, w)
    class(written_type), intent(in) :: self
-   !> Reduced invariants and activation
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(out) :: w
 
    call self%jets%derivatives(state, order, w)

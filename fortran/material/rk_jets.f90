@@ -47,7 +47,6 @@ module rk_jets
       !> Which invariant is each variable
       integer, allocatable, private :: kind(:)
    contains
-      !> Energy and derivatives
       procedure :: derivatives
       procedure, private :: run, multiplied, composed
    end type jets_type

@@ -69,11 +69,9 @@ module rk_material
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
-      !> Infinite K
       procedure :: incompressible
       !> Shear modulus of a deformed state
       procedure :: shear_modulus
-      !> W
       procedure :: energy
       !> P
       procedure :: stress

@@ -42,16 +42,12 @@ module rk_damping
       !> Newton ended the last load step
       logical :: trusted = .false.
    contains
-      !> Begin a load step
       procedure :: start
       !> Choose before an iteration
       procedure :: choose
       !> Learn from its outcome
       procedure :: learn
-      !> End a load step that converged
-      procedure :: finish
-      !> Go on behind a load step of another run
-      procedure :: resume
+      procedure :: finish, resume
       !> The damped step has arrived; see whether a whole one would move
       procedure :: release
       !> A trial failed

@@ -44,7 +44,6 @@ module rk_discretisation
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
    contains
-      !> Unknown fields and derivatives at a place from the unknowns
       procedure :: field
       !> State of the body, for questions about it
       procedure :: state
@@ -52,24 +51,14 @@ module rk_discretisation
       procedure :: at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment
       procedure(force_interface), deferred :: set_force
-      !> Displacement of the middle of a set
       procedure :: set_displacement => entry_displacement
       !> Force through a plane section of the body
       procedure(section_interface), deferred :: section_force
-      !> Energy of the deformation
-      procedure :: strain_energy
-      !> Set what varies over the points and has no place in a deck
-      procedure :: set_point_loads
-      !> Take other loads and material parameters from the scene
-      procedure :: renew
-      !> Whether the pressure is a field of its own
+      procedure :: strain_energy, set_point_loads, renew
       procedure, non_overridable :: has_pressure
       !> State at a place of a linear problem
       procedure, non_overridable :: linear_place
-      !> State at a collocation point
-      procedure, non_overridable :: at_point
-      !> Largest stress of a state, and the stiffness of which it may be a rounding
-      procedure, non_overridable :: largest_stress
+      procedure, non_overridable :: at_point, largest_stress
       !> Whether nothing is strained in a state
       procedure, non_overridable :: unstrained
    end type discretisation_type

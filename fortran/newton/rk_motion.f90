@@ -127,13 +127,9 @@ contains
 !> Coefficients at the next time
 subroutine advance(self, before, now, time, next, error)
    class(form_motion), intent(inout) :: self
-   !> Coefficients at the last two times, shape (n)
    real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> The later one of these times
    real(wp), intent(in) :: time
-   !> Coefficients one time step later, shape (n)
    real(wp), contiguous, intent(inout) :: next(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: side(self%m), force(self%m)
 

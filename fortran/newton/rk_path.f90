@@ -22,12 +22,7 @@ module rk_path
       !> Load at which the last step began, where steps are solved to few digits [-]
       real(wp) :: earlier = 0.0_wp
    contains
-      !> Forget all
-      procedure :: forget
-      !> Note a converged step
-      procedure :: note
-      !> States that the way is told by, beside the last one
-      procedure :: states
+      procedure :: forget, note, states
       !> Unknowns at another load
       procedure :: at
       !> Start of the next step

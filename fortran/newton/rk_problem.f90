@@ -78,7 +78,6 @@ module rk_problem
       !> Linearised rows, which assemble sets
       class(row_operator), pointer :: linearised => null()
    contains
-      !> Begin a load step or an iteration
       procedure :: start
       !> Residuals and, where wanted, their linearisation, which operator and hessian then give
       procedure(assemble_interface), deferred :: assemble
@@ -88,13 +87,11 @@ module rk_problem
       procedure :: apply_curvature
       !> Checks that can reject a converged state
       procedure :: rejection
-      !> The linearisation
       procedure, non_overridable :: operator
       !> Residuals, with their linearisation where wanted
       procedure, non_overridable :: evaluate
       !> Size of a change of the unknowns
       procedure, non_overridable :: scaled_norms
-      !> What a user can do where steps vanish but the gradient does not
       procedure, non_overridable :: advice
    end type problem_type
 

@@ -108,10 +108,7 @@ module rk_recorder
    !> Receiver of what happens
    type, abstract :: recorder_type
    contains
-      !> An iteration was done
-      procedure :: iteration
-      !> A load step converged
-      procedure :: step
+      procedure :: iteration, step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
       !> Something happened on the way, or deserves attention

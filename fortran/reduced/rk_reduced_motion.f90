@@ -173,11 +173,9 @@ subroutine advance(self, before, now, time, next, error)
    class(reduced_motion), intent(inout) :: self
    !> Amplitudes at the last two times, shape (r)
    real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> The later one of these times
    real(wp), intent(in) :: time
    !> Amplitudes one time step later, shape (r)
    real(wp), contiguous, intent(inout) :: next(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: side(:)
 
@@ -207,7 +205,6 @@ subroutine assemble(self, x, stage, r, seen)
    type(stage_type), intent(in) :: stage
    !> L U x, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
 
    associate (unused => stage)

@@ -34,7 +34,6 @@ module rk_cloud
       !> Centre of the voxel at place 0, 0, 0 [length]
       real(wp) :: origin(3) = 0.0_wp
    contains
-      !> Centre of a collocation point's voxel
       procedure :: centre
    end type voxels_type
 
@@ -102,21 +101,13 @@ module rk_cloud
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
-      !> Number of a set by its name, 0 if unknown
       procedure :: find_set
       !> Whether a boundary entry lies in a set, number of sides, whether a set has a part of one
       procedure :: in_set
-      procedure :: sides
-      procedure :: meets_side
-      !> Middle of a set by area
-      procedure :: set_centroid
+      procedure :: sides, meets_side, set_centroid
       !> Distance of neighbouring source points, mean over points and directions
       procedure :: mean_spacing
-      !> Centres of the voxels, or the collocation points
-      procedure :: centres
-      !> Source point nearest to each collocation point
-      procedure :: nearest_sources
-      procedure :: nearest_source
+      procedure :: centres, nearest_sources, nearest_source
    end type cloud_type
 
 contains

@@ -29,12 +29,7 @@ module rk_equation
       !> Single points where it is 0
       type(pin_type), allocatable :: pin(:)
    contains
-      !> Whether its coefficients vary over the body
-      procedure :: varies
-      !> Whether a solution is known
-      procedure :: is_known
-      !> Components of the solution
-      procedure :: fields
+      procedure :: varies, is_known, fields
    end type equation_type
 
    !> What makes a linear problem move
@@ -42,10 +37,7 @@ module rk_equation
       !> Essential rows of collocation as published
       logical :: published = .false.
    contains
-      !> Density at a place
-      procedure :: density_at
-      !> Displacement or velocity at the start
-      procedure :: initial
+      procedure :: density_at, initial
    end type motion_type
 
 contains

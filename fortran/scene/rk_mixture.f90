@@ -68,19 +68,10 @@ module rk_mixture
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
-      !> Tissues with their fractions and fibers
-      procedure :: parts
-      !> Bulk modulus
-      procedure :: bulk
-      !> Bulk modulus of tissues that share one pressure
-      procedure :: bulk_at_one_pressure
-      !> Shear modulus of a deformed state
-      procedure :: shear_modulus
+      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
-      procedure :: fiber_of
-      !> Energy
-      procedure :: energy
+      procedure :: fiber_of, energy
       !> P
       procedure :: stress
       !> P and C4

@@ -42,15 +42,9 @@ module rk_programme
       !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
       real(wp), allocatable :: output(:)
    contains
-      !> Number of load factors
-      procedure :: count => count_factors
-      !> Factors at a load
-      procedure :: factors
-      !> Value of an amplitude, or of the ramp, at a load
-      procedure :: value => value_at
+      procedure :: count => count_factors, factors, value => value_at
       !> Number of the sine's factor of a rotation; that of 1 - cos follows
       procedure :: sine_of
-      !> Load steps
       procedure :: plan
       !> Whether it begins loaded
       procedure :: begins_loaded

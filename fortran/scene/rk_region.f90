@@ -21,7 +21,6 @@ module rk_region
       !> Where it is not zero; not given for everywhere
       type(expression_type) :: where
    contains
-      !> Which of the criteria a place meets
       procedure :: look
    end type region_type
 

@@ -53,7 +53,6 @@ module rk_scene
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
    contains
-      !> Whether displacements are prescribed that are not the same everywhere
       procedure :: moves_unevenly
       !> Whether a displacement, traction or pressure is prescribed that need not be zero
       procedure :: acts
@@ -129,26 +128,13 @@ module rk_scene
       !> Reference values
       type(reference_keys), allocatable :: reference(:)
    contains
-      !> Number of load steps
-      procedure :: steps => count_steps
-      !> Load factors at a load
-      procedure :: factors
-      !> Activation of a tissue at a load
-      procedure :: activation_at
-      !> Activation of muscles without one of their own
-      procedure :: common_activation
+      procedure :: steps => count_steps, factors, activation_at, common_activation
       !> Whether some muscle has one of its own
       procedure :: has_own_activations
-      !> Whether a muscle is active or a condition acts at a load
       procedure :: is_loaded
       !> Whether something prescribed is another at another load
       procedure :: changes
-      !> Shape functions at places
-      procedure :: shape_at
-      !> Largest ratio of a bulk modulus to its shear modulus
-      procedure :: stiffest_ratio
-      !> Whether the stress of a material has kinks
-      procedure :: has_kinks
+      procedure :: shape_at, stiffest_ratio, has_kinks
    end type scene_type
 
 contains

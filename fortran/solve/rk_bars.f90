@@ -94,10 +94,7 @@ module rk_bars
       !> (probes)
       character(len=17), allocatable :: source(:)
    contains
-      !> Bars of a probe at a load
-      procedure :: at
-      !> Whether the bar is more than a tenth of the size
-      procedure :: unresolved
+      procedure :: at, unresolved
    end type bars_type
 
 contains

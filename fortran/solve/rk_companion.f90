@@ -384,9 +384,7 @@ end subroutine look
 !> Keep a state that is compared
 subroutine step(self, st, x)
    class(keeper_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
 
    integer :: k

@@ -540,9 +540,7 @@ end subroutine iteration
 !> Keep a load step
 subroutine step(self, st, x)
    class(whole_run), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
 
    if (st%step == 0) then

@@ -64,7 +64,6 @@ module rk_run
       !> Wall time of the checks behind the warnings [s]
       real(wp) :: seconds = 0.0_wp
    contains
-      !> Keep a warning and tell it
       procedure :: warn
    end type outcome_type
 
@@ -77,10 +76,7 @@ module rk_run
       !> Where warnings are kept
       type(outcome_type), pointer :: outcome => null()
    contains
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-      procedure :: note => pass_on
+      procedure :: iteration, step, stopped, note => pass_on
    end type watcher_type
 
 contains
@@ -308,9 +304,7 @@ end subroutine iteration
 !> A load step converged: look where its material is nearest to losing its ellipticity
 subroutine step(self, st, x)
    class(watcher_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    type(ellipticity_type) :: worst
    type(step_type) :: seen
@@ -367,9 +361,7 @@ end subroutine keep
 !> Something happened between two steps, or deserves attention
 subroutine pass_on(self, line, warning)
    class(watcher_type), intent(inout) :: self
-   !> What happened
    character(len=*), intent(in) :: line
-   !> It deserves attention
    logical, intent(in) :: warning
 
    if (warning) then

@@ -70,12 +70,8 @@ module rk_verdict
       !> Second solution
       type(companion_type) :: companion
    contains
-      !> The reasons as one line
       procedure :: sentence
-      !> Add a reason
-      procedure, private :: object
-      !> Compare a measure with its bounds
-      procedure, private :: compare
+      procedure, private :: object, compare
    end type verdict_type
 
 contains

@@ -157,7 +157,6 @@ end subroutine set_extent
 !> Take other loads from the scene; materials are asked at each evaluation
 subroutine renew(self, materials, error)
    class(equilibrium_problem), intent(inout) :: self
-   !> Material parameters have changed as well
    logical, intent(in) :: materials
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
@@ -235,9 +234,7 @@ subroutine start(self, x, load, iteration)
    class(equilibrium_problem), target, intent(inout) :: self
    !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load at the end of the step [-]
    real(wp), intent(in) :: load
-   !> Only an iteration begins
    logical, intent(in) :: iteration
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
    real(wp) :: c4(3, 3, 3, 3), factor
@@ -275,7 +272,6 @@ end subroutine start
 !> state, which keeps the volume at the centres of cells but not between them.
 function rejection(self, x) result(reason)
    class(equilibrium_problem), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    character(len=:), allocatable :: reason
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), volume, given, stray
@@ -322,13 +318,10 @@ end subroutine reduce_rows
 !> Unknown fields and derivatives at a place from the unknowns
 subroutine field(self, ip, x, last, u)
    class(equilibrium_problem), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    !> Unknowns: coefficients, or amplitudes of the modes, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Last derivative wanted
    integer, intent(in) :: last
-   !> Fields with derivatives, shape (fields, nq); displacement [length], [-], [1/length]
    real(wp), intent(out) :: u(:, :)
 
    if (allocated(self%modes)) then
@@ -341,13 +334,9 @@ end subroutine field
 !> Residuals (5.71)-(5.73) and, where wanted, rows (5.66)-(5.69) of all places
 subroutine assemble(self, x, stage, r, seen)
    class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, and whether to linearise
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    real(wp), allocatable :: volume(:)
    integer :: ip
@@ -530,15 +519,10 @@ end subroutine volume_row
 
 !> Second derivatives of r.r/2, of which those of the residuals, weighted with these, are kept
 subroutine hessian(self, x, load, r, a)
-   !> Problem, linearised at x
    class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, 0..1 [-]
    real(wp), intent(in) :: load
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
-   !> Upper triangle, shape (n, n)
    real(wp), contiguous, intent(inout), optional :: a(:, :)
    integer :: ip, nd
 
@@ -566,9 +550,7 @@ end subroutine hessian
 !> Product of these second derivatives with a vector of the full problem
 subroutine apply_curvature(self, x, y)
    class(equilibrium_problem), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%rows%apply_second(x, y)

@@ -34,9 +34,7 @@ module rk_linear
       !> Weighted right hand side, shape (m)
       real(wp), allocatable :: b(:)
    contains
-      !> Weighted right hand side
-      procedure :: own_side
-      procedure :: assemble
+      procedure :: own_side, assemble
    end type linear_problem
 
 contains
@@ -211,13 +209,9 @@ end subroutine set_essential_weight
 subroutine assemble(self, x, stage, r, seen)
    !> Problem, its rows assembled
    class(linear_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
 
    self%linearised => self%rows

@@ -18,12 +18,7 @@ module rk_modes
       !> Fields and derivatives of each mode at each place, shape (fields, nq, r, np)
       real(wp), allocatable :: value(:, :, :, :)
    contains
-      !> Fields at a place from amplitudes
-      procedure :: field
-      !> Rows times the modes
-      procedure :: project
-      !> Second derivatives by the amplitudes
-      procedure :: add_second
+      procedure :: field, project, add_second
    end type modes_type
 
 contains

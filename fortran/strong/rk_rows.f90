@@ -53,17 +53,10 @@ module rk_rows
       !> point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: envelope
-      procedure :: normal
-      !> Upper triangle of A^T A and the second derivatives
-      procedure :: expand
+      procedure :: apply, apply_transposed, envelope, normal, expand
       !> Product of the second derivatives alone with a vector
       procedure :: apply_second
-      procedure :: dense
-      procedure :: compressed
-      procedure :: unknown
+      procedure :: dense, compressed, unknown
    end type rows_type
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
@@ -236,7 +229,6 @@ subroutine envelope(self, a, error)
    class(rows_type), intent(in) :: self
    !> Matrix
    type(envelope_type), intent(inout) :: a
-   !> Error handling: no memory
    type(error_type), allocatable, intent(out) :: error
 
    call accumulate(self, .false., a, error)
@@ -506,11 +498,8 @@ end subroutine dense
 !> A in compressed rows
 subroutine compressed(self, start, column, value)
    class(rows_type), intent(in) :: self
-   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
-   !> Column of each entry less 1, shape (entries)
    integer(i8), allocatable, intent(out) :: column(:)
-   !> Entries
    real(wp), allocatable, intent(out) :: value(:)
    real(wp), allocatable :: rows(:, :)
    integer, allocatable :: near(:)
@@ -556,7 +545,6 @@ end subroutine compressed
 !> Source point and field of an unknown, and where it is
 function unknown(self, j) result(text)
    class(rows_type), intent(in) :: self
-   !> Column
    integer, intent(in) :: j
    character(len=:), allocatable :: text
    integer :: is

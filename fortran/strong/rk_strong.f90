@@ -33,12 +33,10 @@ contains
 !> traction integral over it where these have no room
 function set_force(self, set, state, share, about) result(force)
    class(strong_problem), intent(in) :: self
-   !> Boundary set
    integer, intent(in) :: set
    type(field_state), intent(in) :: state
    !> Part of the way to the next fixed set that is looked at [-]
    real(wp), intent(in) :: share
-   !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3), work(3), pull(3), depth, reach
    real(wp) :: normal(self%scene%cloud%nd), origin(self%scene%cloud%nd)
@@ -95,9 +93,7 @@ end function set_force
 !> which lies inside the body
 function section_force(self, place, normal, state) result(force)
    class(strong_problem), intent(in) :: self
-   !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
-   !> Its unit normal, shape (nd)
    real(wp), intent(in) :: normal(:)
    type(field_state), intent(in) :: state
    real(wp) :: force(3), height(size(self%scene%cloud%points, 2)), half, middle, away

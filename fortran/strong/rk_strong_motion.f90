@@ -132,7 +132,6 @@ end subroutine invert
 !> Largest stable time step, where the eigenvalues of a step may be computed
 subroutine limit(self, step, error)
    class(strong_motion), intent(in) :: self
-   !> Largest stable step, huge where it is not known
    real(wp), intent(out) :: step
    !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
@@ -194,7 +193,6 @@ end subroutine limit
 !> Coefficients at the start (6.42a), and one time step later
 subroutine start(self, first, second, error)
    class(strong_motion), intent(inout) :: self
-   !> Coefficients at both times, shape (n)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
@@ -229,11 +227,8 @@ end subroutine start
 !> which the boundary has not
 subroutine product(self, what, x, y)
    class(strong_motion), intent(in) :: self
-   !> left, mass or stiffness
    character(len=*), intent(in) :: what
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (m)
    real(wp), contiguous, intent(inout) :: y(:)
    integer :: inside
 
@@ -256,7 +251,6 @@ subroutine loads(self, time, force, held, error)
    real(wp), intent(in) :: time
    !> Loads, and weighted boundary values, shape (m)
    real(wp), allocatable, intent(out) :: force(:), held(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    integer :: inside
 
@@ -272,9 +266,7 @@ end subroutine loads
 !> Least squares solution of the rows
 subroutine solve(self, y, x)
    class(strong_motion), intent(in) :: self
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: y(:)
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
    x = matmul(self%inverse, y)
@@ -284,7 +276,6 @@ end subroutine solve
 !> the other two are not numbers
 function energy(self, now, next)
    class(strong_motion), intent(in) :: self
-   !> Coefficients at two times, shape (n)
    real(wp), contiguous, intent(in) :: now(:), next(:)
    real(wp) :: energy(3)
    real(wp) :: speed(self%m)

@@ -26,13 +26,11 @@ module rk_carried_pressure
       !> Place, step and pressures of the last solve in this load step, and their change
       real(wp), allocatable, private :: begun(:), step(:), before(:, :), gained(:, :)
    contains
-      !> Begin a load step
       procedure :: forget
       !> Go to a place
       procedure :: go_to
       !> Extrapolate to the next place
       procedure :: extrapolate
-      !> Note a solve
       procedure :: note
    end type carried_pressure
 

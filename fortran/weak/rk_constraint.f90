@@ -35,10 +35,7 @@ module rk_constraint
       !> Factor of B B^T
       type(sparse_factor), private :: square
    contains
-      !> B x
-      procedure :: times
-      !> Add B^T m
-      procedure :: add_transposed
+      procedure :: times, add_transposed
       !> Multipliers that balance most of a vector
       procedure :: multipliers
       final :: free
@@ -50,17 +47,14 @@ module rk_constraint
       class(symmetric_matrix), pointer :: matrix => null()
       type(constraint_type), pointer :: constraint => null()
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: solve_square
+      procedure :: apply, apply_transposed, solve_square
    end type constrained_matrix
 
    !> B K^-1 B^T with the last factor of K
    type, extends(symmetric_system) :: compliance_type
       type(constrained_matrix), pointer :: whole => null()
    contains
-      procedure :: multiply
-      procedure :: precondition
+      procedure :: multiply, precondition
    end type compliance_type
 
    !> Residual of one search for multipliers, and their number: the next one starts from the rest
@@ -201,13 +195,9 @@ end subroutine apply_transposed
 !> Solve A x = b, with shift times the diagonal of K in K
 recursive subroutine solve_square(self, shift, b, x, report, error)
    class(constrained_matrix), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory, multipliers that are not found
    type(error_type), allocatable, intent(out) :: error

@@ -82,18 +82,8 @@ module rk_galerkin
       !> The next place is no step of the tangent: the pressure of its tangent is that of the base
       logical :: leaps = .false.
    contains
-      procedure :: start
-      procedure :: assemble
-      procedure :: state
-      procedure :: at_place
-      procedure :: strain_energy
-      procedure :: set_force
-      procedure :: set_displacement
-      procedure :: section_force
-      procedure :: set_point_loads
-      procedure :: renew
-      !> Forces of stresses
-      procedure :: inner_forces
+      procedure :: start, assemble, state, at_place, strain_energy, set_force, set_displacement
+      procedure :: section_force, set_point_loads, renew, inner_forces
    end type galerkin_problem
 
    !> Source points across four groups of two spacings each, which curvature needs in boxes
@@ -236,7 +226,6 @@ end function sources
 !> Take other loads and material parameters from the scene
 subroutine renew(self, materials, error)
    class(galerkin_problem), intent(inout) :: self
-   !> Material parameters have changed as well
    logical, intent(in) :: materials
    !> Error handling: what depends on materials cannot be made again
    type(error_type), allocatable, intent(out) :: error
@@ -287,11 +276,8 @@ end subroutine renew
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)
    class(galerkin_problem), intent(inout) :: self
-   !> Body force per undeformed volume, shape (3, n) [force/length^3]
    real(wp), intent(in) :: body_force(:, :)
-   !> Displacement of the essential components, shape (3, n) [length]
    real(wp), intent(in) :: displacement(:, :)
-   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
    !> Only give the points where values are wanted: the integration points, those of the surface,
    !> then held source points, shape (nd, n) [length]
@@ -324,9 +310,7 @@ subroutine start(self, x, load, iteration)
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load at the end of the step [-]
    real(wp), intent(in) :: load
-   !> Only an iteration begins
    logical, intent(in) :: iteration
 
    associate (unused => x, unused_too => load)
@@ -345,13 +329,10 @@ end subroutine start
 !> even keep J > 0. The jump acts linearly.
 subroutine assemble(self, x, stage, r, seen)
    class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, and whether to linearise
    type(stage_type), intent(in) :: stage
    !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
    real(wp), allocatable :: part(:, :), force(:, :), factor(:), jump(:)
@@ -608,9 +589,7 @@ end subroutine hold_points
 !> State of the body with stresses
 recursive subroutine state(self, x, load, at, tissue)
    class(galerkin_problem), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
    real(wp), intent(in) :: load
    type(field_state), intent(out) :: at
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
@@ -713,9 +692,7 @@ end subroutine inner_forces
 !> that of its supports [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(galerkin_problem), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
-   !> Tissue whose part is wanted, 0 for all
    integer, intent(in) :: tissue
    real(wp) :: density, part, pressure
    integer :: g, nc, q
@@ -804,15 +781,11 @@ end subroutine deform_group
 !> Stress and deformation at a place from the displacement and the pressure there
 subroutine at_place(self, state, ip, x, u, local)
    class(galerkin_problem), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
-   !> Collocation point whose material and fiber hold there
    integer, intent(in) :: ip
-   !> Undeformed place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
-   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3), pressure
 
@@ -841,9 +814,7 @@ end subroutine at_place
 !> exactly that of all forces behind the plane, however coarse the points are
 function section_force(self, place, normal, state) result(force)
    class(galerkin_problem), intent(in) :: self
-   !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
-   !> Its unit normal, shape (nd)
    real(wp), intent(in) :: normal(:)
    type(field_state), intent(in) :: state
    real(wp) :: force(3)
@@ -903,12 +874,10 @@ end function cut_through
 !> Force that the surroundings exert on the body through a set, or its moment
 function set_force(self, set, state, share, about) result(force)
    class(galerkin_problem), intent(in) :: self
-   !> Boundary set
    integer, intent(in) :: set
    type(field_state), intent(in) :: state
    !> Of no meaning: the work of the surface's own points is exact
    real(wp), intent(in) :: share
-   !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
    type(error_type), allocatable :: error
@@ -928,7 +897,6 @@ end function set_force
 !> which there are more than boundary entries
 function set_displacement(self, set, state) result(value)
    class(galerkin_problem), intent(in) :: self
-   !> Boundary set
    integer, intent(in) :: set
    type(field_state), intent(in) :: state
    real(wp) :: value(3)

@@ -57,16 +57,10 @@ module rk_held
       !> Stiffness under them
       type(constrained_matrix) :: whole
    contains
-      !> Values and rows
-      procedure :: set
-      !> Add the resistance of the rows to the stiffness
-      procedure :: resist
+      procedure :: set, resist
       !> Residuals under the constraints, from forces
       procedure :: constrain
-      !> Forces on held points
-      procedure :: reaction
-      !> Force through a boundary set, or its moment
-      procedure :: force => set_force
+      procedure :: reaction, force => set_force
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes

@@ -69,24 +69,13 @@ module rk_tangent
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
    contains
-      !> Begin a load step
       procedure :: forget
       !> Note a place, and carry the pressures there
       procedure :: carry
-      !> Size of a right hand side
-      procedure :: measure
-      !> Keep the linearisation of a group
-      procedure :: keep_group
+      procedure :: measure, keep_group
       !> Keep the stiffness of pressures that follow the surface
       procedure :: keep_followers
-      !> Complete the constant part
-      procedure :: complete
-      !> Product of the part that never changes with a vector
-      procedure :: constant_product
-      procedure :: apply
-      procedure :: apply_transposed
-      !> Newton's step
-      procedure :: solve_square
+      procedure :: complete, constant_product, apply, apply_transposed, solve_square
    end type tangent_type
 
    !> Displacements and pressures
@@ -95,8 +84,7 @@ module rk_tangent
       !> Damping in units of the preconditioner's diagonal [-]
       real(wp) :: shift = 0.0_wp
    contains
-      procedure :: multiply
-      procedure :: precondition
+      procedure :: multiply, precondition
    end type saddle_type
 
    !> Residual of a solve: that of the displacement form is K over the shear modulus larger
@@ -336,15 +324,11 @@ end subroutine apply_transposed
 !> Newton's step, by as many digits as the iteration can use
 recursive subroutine solve_square(self, shift, b, x, report, error)
    class(tangent_type), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory, no convergence
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: both(:), right(:), start(:), gained(:, :)
    real(wp) :: norm, share
@@ -482,7 +466,6 @@ subroutine multiply(self, x, y)
    class(saddle_type), intent(in) :: self
    !> Displacements [length], then pressures, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp), allocatable :: volume(:, :), pressure(:, :)
    integer :: g
@@ -509,9 +492,7 @@ end subroutine multiply
 !> Displacements, then pressures
 subroutine precondition(self, x, y)
    class(saddle_type), intent(in) :: self
-   !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
    integer :: g, own, rows
 

@@ -43,17 +43,7 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
-      !> Values and tractions that vary over the points
-      procedure :: set_varying
-      !> Areas and penalties
-      procedure :: set_penalty
-      !> Matrix of the penalty
-      procedure :: add_penalty
-      !> Forces of tractions and of the penalty's prescribed values
-      procedure :: add_forces
-      !> Energy of the penalty
-      procedure :: held_energy
-      !> Force through a set, or its moment
+      procedure :: set_varying, set_penalty, add_penalty, add_forces, held_energy
       procedure :: force => set_force
       !> Force of a pressure at a point, and the deformation gradient there
       procedure :: pressure_force

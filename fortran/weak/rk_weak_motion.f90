@@ -94,7 +94,6 @@ subroutine loads(self, time, force, held, error)
    real(wp), intent(in) :: time
    !> Loads without the penalty, and its own times the time step squared, shape (n)
    real(wp), allocatable, intent(out) :: force(:), held(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: at
    logical, allocatable :: essential(:, :)
@@ -122,7 +121,6 @@ end subroutine loads
 !> Largest stable time step
 subroutine limit(self, step, error)
    class(weak_motion), intent(in) :: self
-   !> Largest stable step
    real(wp), intent(out) :: step
    !> Error handling: a mass that is not positive
    type(error_type), allocatable, intent(out) :: error
@@ -137,7 +135,6 @@ end subroutine limit
 !> Coefficients at the start, whose values are the projected ones (6.42), and one time step later
 subroutine start(self, first, second, error)
    class(weak_motion), intent(inout) :: self
-   !> Coefficients at both times, shape (n)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
@@ -159,9 +156,7 @@ end subroutine start
 !> Product of a matrix with coefficients; L is mass and penalty, which is that of the new time
 subroutine product(self, what, x, y)
    class(weak_motion), intent(in) :: self
-   !> left, mass or stiffness
    character(len=*), intent(in) :: what
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
@@ -183,7 +178,6 @@ subroutine solve(self, y, x)
    class(weak_motion), intent(in) :: self
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: y(:)
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
    x = y

@@ -36,10 +36,7 @@ module rk_journal
    contains
       !> Start it, or go on behind its last whole record
       procedure :: open => open_journal
-      !> Add a text
-      procedure :: add_text
-      !> Add numbers
-      procedure :: add_numbers
+      procedure :: add_text, add_numbers
       !> Close it, and remove it: it is needed no more
       procedure :: remove => remove_journal
       procedure, private :: check

@@ -69,22 +69,14 @@ module rk_output
       !> Load steps that the journal has already
       integer, private :: journaled = -1
    contains
-      !> Open the files
-      procedure :: open => open_output
-      !> Complete the files under their temporary names
-      procedure :: close => close_output
+      procedure :: open => open_output, close => close_output
       !> Give them their names
       procedure :: publish
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-      !> States that converged under load
-      procedure :: loaded_states
+      procedure :: iteration, step, stopped, loaded_states
       !> A line to the log and, unless quiet, to the terminal
       procedure :: say
       !> What happens between steps, and warnings, to the log and the terminal
       procedure :: note
-      !> Probes with their error bars, and the verdict into the log
       procedure :: tell_verdict
    end type output_type
 
@@ -224,9 +216,7 @@ end subroutine iteration
 !> A load step converged
 subroutine step(self, st, x)
    class(output_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    type(step_record), allocatable :: grown(:)
    type(field_state) :: state
@@ -315,7 +305,6 @@ end subroutine say
 subroutine note(self, line, warning)
    class(output_type), intent(inout) :: self
    character(len=*), intent(in) :: line
-   !> It deserves attention
    logical, intent(in) :: warning
 
    if (warning) then

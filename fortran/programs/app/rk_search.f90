@@ -30,7 +30,6 @@ end function stopped
 !> Something happened on the way
 subroutine note(self, line, warning)
    class(search_type), intent(inout) :: self
-   !> What happened
    character(len=*), intent(in) :: line
    !> It deserves attention, which the run that follows will ask for again
    logical, intent(in) :: warning

@@ -40,16 +40,7 @@ module rk_hdf5
    contains
       !> Start a new file under a temporary name
       procedure :: create
-      !> Open an existing file for reading
-      procedure :: open_read
-      !> Hand everything written so far to the operating system
-      procedure :: flush => flush_file
-      !> Close; a new file takes its real name
-      procedure :: close => close_file
-      !> Give a closed file its real name
-      procedure :: publish
-      !> Whether a dataset or group exists
-      procedure :: has
+      procedure :: open_read, flush => flush_file, close => close_file, publish, has
       !> Append along the last Fortran dimension; the first call creates the dataset
       procedure :: append
       procedure :: append_text
@@ -59,7 +50,6 @@ module rk_hdf5
       !> Set an attribute of a group or dataset
       generic :: put_attribute => put_integers, put_text
       procedure, private :: put_integers, put_text
-      !> Get a text attribute
       procedure :: get_attribute
    end type h5_type
 

@@ -41,17 +41,7 @@ module rk_results
       !> Load of the last step
       real(wp) :: load = 0.0_wp
    contains
-      !> Start the file
-      procedure :: open => open_results
-      !> What the coefficients belong to
-      procedure :: describe
-      !> How the points hang together
-      procedure :: add_lattice
-      !> Append a converged state
-      procedure :: add_step
-      !> Complete the file and give it its name
-      procedure :: close => close_results
-      !> Give a closed file its name
+      procedure :: open => open_results, describe, add_lattice, add_step, close => close_results
       procedure :: publish
    end type results_type
 
