@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -86,15 +87,12 @@ def identify(
         A state that the fit asks for could not be found.
     """
     out = Path(out)
-    forward = open_forward(source, fixed, threads, progress, out)
-    try:
+    with closing(open_forward(source, fixed, threads, progress, out)) as forward:
         ranges = ranges_of(forward, free, "--free")
         if not ranges:
             raise InputError("name what is wanted: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
         summary, fitted = _fit(forward, measured, ranges, seed, progress)
-    finally:
-        forward.close()
     out.mkdir(parents=True, exist_ok=True)
     rows = zip(measured.conditions.tolist(), measured.values, fitted, strict=True)
     write_csv(

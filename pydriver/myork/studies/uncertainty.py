@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,11 +128,8 @@ def uncertainty(
         try:
             build(deck, folder, overrides=settings)
             row["volume"] = float(read_model(folder / "model.h5").volume.sum())
-            forward = open_forward(deck, settings, threads, out=folder)
-            try:
+            with closing(open_forward(deck, settings, threads, out=folder)) as forward:
                 answer = forward.ask([], np.zeros((1, 0)))
-            finally:
-                forward.close()
             name = probe_of(forward, name)
             unit = forward.units[name]
             row["value"] = float(answer.probes[name][0])
