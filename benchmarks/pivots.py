@@ -21,8 +21,6 @@ from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_values, text_of_tables
 
-__all__ = ["PIVOTS", "cost", "run", "view"]
-
 Rows = Sequence[Mapping[str, Any]]
 
 _STATES = ("accepted", "doubtful", "refused")

@@ -15,8 +15,6 @@ from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, TWO_TISSUES, Body
 from myork.bench.materials import MUSCLE, RUBBER
 
-__all__ = ["BY_NAME", "DECKS", "PROBLEMS", "Problem", "probe_kind"]
-
 Sizes = tuple[tuple[int, ...], ...]
 
 

@@ -46,20 +46,6 @@ from myork.errors import ConvergenceError, MyorkError
 from myork.files import write_text
 from myork.records import PointCloud
 
-__all__ = [
-    "KINDS",
-    "WRONG",
-    "Form",
-    "Truth",
-    "Truths",
-    "lattice_text",
-    "main",
-    "record_of",
-    "rows_of",
-    "sized_tables",
-    "solve_rivals",
-]
-
 #: Kinds of probes
 KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]

@@ -18,8 +18,6 @@ from myork.bench.phantoms import strided_cloud
 from myork.records import Labels, PointCloud
 from myork.types import F64
 
-__all__ = ["BODIES", "TWO_TISSUES", "Body", "body_cloud", "box_tables"]
-
 
 class Body(NamedTuple):
     """A body of voxels."""

@@ -14,9 +14,6 @@ from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from myork.types import F64, I64
 
-__all__ = ["box", "graded", "jittered", "stretched"]
-
-
 _FACES = ("x0", "x1", "y0", "y1", "z0", "z1")
 
 

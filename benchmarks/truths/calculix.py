@@ -17,8 +17,6 @@ import numpy as np
 
 from myork.types import F64
 
-__all__ = ["solve_calculix"]
-
 _AXES = "xyz"
 #: Places of the nodes of an element, in halves of its edges
 _NODES = np.array(

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["deck", "force", "held", "probe"]
-
 
 def held(name: str, dimension: int = 3, **values: Any) -> dict[str, Any]:
     """A set without motion, but for the components given.

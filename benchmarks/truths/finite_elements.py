@@ -19,8 +19,6 @@ from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
 
-__all__ = ["Warp", "solve_deck", "solve_half_block"]
-
 #: Label of the material at a place, shape `(dim,)`; zero where there is none
 Labels = Callable[[F64], int]
 #: Nodes of a box, shape `(n, dim)`, to those of the body

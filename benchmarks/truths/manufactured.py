@@ -23,15 +23,6 @@ from myork.errors import MyorkError
 from myork.records import PointCloud
 from myork.types import F64
 
-__all__ = [
-    "PROBLEMS",
-    "Problem",
-    "chosen_deformation",
-    "deformation_gradient",
-    "solve",
-]
-
-
 _ACTIVATION = 0.3
 # Convex, unlike table 4.1 with its negative A01: the exact solution must be the only one
 _MUSCLE = {"A10": 6.43, "A01": 1.0, "A20": 0.94}

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["observed_order", "oscillation"]
-
 
 def observed_order(cases: Sequence[Mapping[str, Any]], key: str) -> float:
     """Slope of an error between the last two of several sizes of one problem.

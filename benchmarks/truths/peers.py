@@ -19,8 +19,6 @@ from scipy.interpolate import BPoly, PPoly
 
 from benchmarks.truths.calculix import solve_calculix
 
-__all__ = ["DOLFINX", "compiled_peers"]
-
 #: Python of the system, for which Debian installs dolfinx
 DOLFINX = "/usr/bin/python3"
 #: Forms of dolfinx that race

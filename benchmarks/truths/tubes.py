@@ -10,8 +10,6 @@ from benchmarks.truths.deck_parts import deck
 from myork.bench import exact
 from myork.bench.materials import RUBBER
 
-__all__ = ["tube_deck", "wall_stresses"]
-
 #: Where walls are probed: on the planes of symmetry and between them [rad]
 _ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
 

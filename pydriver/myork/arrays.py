@@ -13,20 +13,6 @@ from numpy.typing import NDArray
 
 from myork.errors import InputError
 
-__all__ = [
-    "UNREADABLE",
-    "Rule",
-    "attribute",
-    "dataset",
-    "fitted",
-    "holds",
-    "index",
-    "offsets",
-    "raw",
-    "real",
-    "whole",
-]
-
 #: What h5py raises on damaged files, and json on damaged texts
 UNREADABLE = (
     OSError, LookupError, ArithmeticError, ValueError, TypeError, RuntimeError, AttributeError,

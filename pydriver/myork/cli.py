@@ -27,8 +27,6 @@ from myork.files import write_json, write_text
 from myork.libraries import cure_of
 from myork.summary import asked
 
-__all__ = ["main"]
-
 _EXIT_STATUS = """\
 exit status: 0 done; 1 ended without convergence, the last state is written, or the answer is
 refused; 2 bad input; 3 a missing or broken part of the installation"""

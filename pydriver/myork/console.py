@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-__all__ = ["Console", "ProgressCallback", "Unheard", "silent"]
-
 ProgressCallback = Callable[[str], None]
 
 _COUNTED = re.compile(r"\s*(?P<name>\w+)\s+(?P<done>\d+)\s*/\s*(?P<total>\d+)\s*(?P<rest>.*)")

@@ -17,19 +17,6 @@ from typing import Any
 
 from myork.errors import FileError
 
-__all__ = [
-    "INPUTS",
-    "alone_in",
-    "open_output",
-    "read_json",
-    "whole_file",
-    "write_csv",
-    "write_figure",
-    "write_json",
-    "write_text",
-]
-
-
 #: Decks of the installation; of an editable one those of the checkout
 INPUTS = Path(str(resources.files("myork") / "inputs" / "mg_muscle.toml")).parent
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["cure_of"]
-
 _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 
 

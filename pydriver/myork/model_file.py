@@ -20,8 +20,6 @@ from myork.errors import FileError, InputError
 from myork.files import whole_file
 from myork.records import PointCloud, Voxels
 
-__all__ = ["checked_cloud", "model_bytes", "model_of_bytes", "read_model", "write_model"]
-
 FORMAT = "myork-model 3"
 #: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
 #: shallow ends by three edges

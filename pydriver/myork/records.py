@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 
 from myork.types import F64, I32
 
-__all__ = ["Image", "Labels", "PointCloud", "Voxels"]
-
 
 class _Grid:
     """Voxels by an affine."""

@@ -13,9 +13,6 @@ from myork.errors import FileError
 from myork.files import whole_file
 from myork.types import F64, I32, I64
 
-__all__ = ["REDUCED_FILE", "ReducedFields", "read_reduced", "write_reduced"]
-
-
 REDUCED_FILE = "reduced_fields.npz"
 _DAMAGES = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, OverflowError,
             RuntimeError, zipfile.BadZipFile, zlib.error)  # fmt: skip

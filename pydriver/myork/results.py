@@ -24,9 +24,6 @@ from myork.errors import FileError, InputError, InstallationError
 from myork.summary import printed, read_summary
 from myork.types import F64, I32
 
-__all__ = ["RestartState", "Results", "restart_of"]
-
-
 _FILE = "results.vtkhdf"
 _DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
             OverflowError, MemoryError)  # fmt: skip

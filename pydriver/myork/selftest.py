@@ -28,8 +28,6 @@ from myork.stations.check import Check, check_deck
 from myork.stations.new import new_deck
 from myork.stations.solve import find_executable, run_deck
 
-__all__ = ["run_selftest"]
-
 #: Its solution is known: an eighth of a bar stretched to six times its length
 _BAR = INPUTS / "uniaxial_tension.toml"
 #: Displacement of the patch tests at a point X is this times X

@@ -10,18 +10,6 @@ from typing import Any
 from myork.errors import FileError
 from myork.files import alone_in, read_json, write_json
 
-__all__ = [
-    "SOLUTION",
-    "WAITING",
-    "asked",
-    "failures",
-    "printed",
-    "read_summary",
-    "renewing",
-    "update_summary",
-    "with_others",
-]
-
 #: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
 _BEFORE = ("segmentation", "tissue", "model", "tensors", "resampled", "damaged_slices")
 #: Files of a solution beside its summary (`system.c` has the same)

@@ -14,8 +14,6 @@ import numpy as np
 
 from myork.errors import InputError
 
-__all__ = ["NOT_TABLES", "deck_text", "differing_keys", "in_words", "override_text", "read_only"]
-
 #: Entries of a checked deck that are no tables
 NOT_TABLES = {"path", "folder", "sha256", "probe_units", "result_units"}
 #: Differences that are named

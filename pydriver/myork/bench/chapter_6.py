@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 from myork.bench.runs import lattice
 
-__all__ = ["GALERKIN", "MODES", "MOTIONS", "PATHS", "RKCM", "LoadPath", "Motion"]
-
 _WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
 #: The published form: order, support, kernel and weights
 RKCM = (

@@ -16,8 +16,6 @@ from myork.bench.linear import PUBLISHED_STUDIES, Study
 from myork.bench.materials import RUBBER
 from myork.bench.runs import lattice, read_deck
 
-__all__ = ["TABLES", "WITHOUT_NUMBERS", "Row", "Run", "Table"]
-
 
 class Run(NamedTuple):
     """A computation."""

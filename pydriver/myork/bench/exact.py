@@ -18,18 +18,6 @@ from scipy.optimize import brentq
 from myork.errors import ConvergenceError
 from myork.types import F64
 
-__all__ = [
-    "Polynomial",
-    "Tube",
-    "dilation",
-    "equibiaxial",
-    "inner_stress",
-    "simple_shear",
-    "tube",
-    "uniaxial",
-]
-
-
 # solve_bvp takes no stricter tolerance without a warning of its own
 _TOLERANCE = 1e-9
 

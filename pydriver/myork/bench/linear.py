@@ -16,8 +16,6 @@ import numpy as np
 from myork.bench.runs import Deck, lattice, read_deck, solve_case
 from myork.errors import ConvergenceError
 
-__all__ = ["HIGHER_STUDIES", "PUBLISHED_STUDIES", "Study", "study_rates"]
-
 #: A displacement of sines in both directions, and its stress and body force with E = 1, nu = 1/4
 _U = ("sin(pi*x)*sin(pi*y)", "sin(pi*(x + 1/4))*sin(pi*(y + 1/4))")
 _XX = "pi*(1.2*cos(pi*x)*sin(pi*y) + 0.4*sin(pi*(x + 1/4))*cos(pi*(y + 1/4)))"

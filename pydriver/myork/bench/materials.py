@@ -13,8 +13,6 @@ from scipy.optimize import brentq
 
 from myork.core.material import Material, stress
 
-__all__ = ["MUSCLE", "RUBBER", "along_fibers"]
-
 #: Muscle of table 4.1, per N/cm2
 MUSCLE = {
     "name": "muscle",

@@ -51,17 +51,6 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.types import F64
 
-__all__ = [
-    "FAR",
-    "RUNS",
-    "compute",
-    "find_tables",
-    "list_tables",
-    "reproduce",
-    "row_columns",
-    "rows_of",
-]
-
 #: A number further from the published one has a reason
 FAR = 0.2
 #: Runs longer than this are said to be long [s]

@@ -24,18 +24,6 @@ from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.stations.solve import find_executable
 
-__all__ = [
-    "METHODS",
-    "PUBLISHED_BLOCK",
-    "Deck",
-    "Ending",
-    "lattice",
-    "outcome_text",
-    "read_deck",
-    "run_command",
-    "solve_case",
-]
-
 #: A deck file, the name of one in `INPUTS`, or tables
 Deck = str | Path | Mapping[str, Any]
 

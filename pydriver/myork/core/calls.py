@@ -16,8 +16,6 @@ from typing import Any
 
 from myork.errors import InputError, check
 
-__all__ = ["Turn", "call_in_thread", "called"]
-
 
 def called(function: Callable[..., Any], *arguments: Any) -> Any:
     """What a function of the core gives before its status and message; a single value by itself.

@@ -9,8 +9,6 @@ from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.tables import override_text
 
-__all__ = ["scene_at"]
-
 
 def scene_at(
     scene: Scene,

@@ -14,17 +14,6 @@ from myork.core.states import States
 from myork.results import RestartState, restart_of
 from myork.types import F64
 
-__all__ = [
-    "check_changeable",
-    "field_sizes",
-    "finite",
-    "lines_of",
-    "modes_of",
-    "shaped",
-    "unknowns_of",
-]
-
-
 #: Tables that an open scene can change, and keys of theirs that it cannot
 _CHANGEABLE = {"load", "material", "boundary", "amplitude", "solver", "probe"}
 _FIXED_KEYS = {"set", "label", "model", "fiber", "fiber_angle", "name"}

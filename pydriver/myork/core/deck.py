@@ -17,17 +17,6 @@ from numpy.typing import NDArray
 from myork import _core, errors
 from myork.tables import deck_text
 
-__all__ = [
-    "NAME_OF_TABLES",
-    "as_texts",
-    "check_deck",
-    "deck_key",
-    "deck_values",
-    "load_deck",
-    "table_defaults",
-    "text_of_tables",
-]
-
 #: What stands for the file in messages about tables
 NAME_OF_TABLES = "tables"
 

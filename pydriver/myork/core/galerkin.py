@@ -11,19 +11,6 @@ from myork.core.checks import modes_of
 from myork.core.scene import Scene
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "GalerkinParts",
-    "LoadParts",
-    "PlaceParts",
-    "galerkin_parts",
-    "load_parts",
-    "modal_gradients",
-    "modal_products",
-    "place_parts",
-    "probe_sets",
-    "tissue_laws",
-]
-
 
 class GalerkinParts(NamedTuple):
     """What the Galerkin form integrates."""

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from myork import _core, errors
 from myork.core.calls import called
 
-__all__ = ["evolve_level_sets"]
-
 
 def evolve_level_sets(
     channels: ArrayLike,

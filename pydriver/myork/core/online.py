@@ -9,17 +9,6 @@ import numpy as np
 from myork import _core
 from myork.types import F64, I32, I64
 
-__all__ = [
-    "Cells",
-    "Model",
-    "Record",
-    "assemble",
-    "cell_stresses",
-    "online_states",
-    "record",
-    "triples",
-]
-
 
 class Cells(NamedTuple):
     """Cells of a reduced model, all of them or a sample; arrays as the core takes them."""

@@ -10,9 +10,6 @@ import numpy as np
 
 from myork.types import F64, I64
 
-__all__ = ["VERDICTS", "Fields", "States", "states_of"]
-
-
 #: In the order of the core
 VERDICTS = ("", "accepted", "doubtful", "refused")
 

@@ -10,8 +10,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["Damage", "damaged_slices", "missing_slices"]
-
 # Mean signal of a slice, of that of its neighbours, below which it has none
 _NO_SIGNAL = 0.05
 # Factor from the signal between both neighbours that no anatomy makes where those beyond them agree

@@ -13,9 +13,6 @@ from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
 from myork.types import F64
 
-__all__ = ["dicom_files", "load_dicom", "series_files"]
-
-
 # Names that promise a DICOM file
 _SUFFIXES = (".dcm", ".dicom", ".ima")
 

@@ -16,8 +16,6 @@ import numpy as np
 
 from myork.errors import InputError
 
-__all__ = ["DicomFile", "ListedImage", "chosen_files", "listed_images", "split_choice"]
-
 _KEYS = ("series", "echo", "kind")
 # Words of ImageType from the third on; what they leave to the scanner is taken as it is.
 _SPECIES = {

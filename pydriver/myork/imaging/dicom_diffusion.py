@@ -16,8 +16,6 @@ from myork.errors import FileError, InputError
 from myork.imaging.dicom import series_files
 from myork.imaging.formats import library
 
-__all__ = ["diffusion_series"]
-
 
 @contextmanager
 def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:

@@ -26,24 +26,6 @@ from myork.imaging.io import read_image
 from myork.records import Image
 from myork.types import F64, Mask
 
-__all__ = [
-    "Diffusion",
-    "dyads_of",
-    "fit_tensors",
-    "fractional_anisotropy",
-    "full_tensors",
-    "known_tensors",
-    "lead_vector",
-    "mean_diffusivity",
-    "parse_axes",
-    "read_diffusion",
-    "read_tensors",
-    "tensor_components",
-    "tensor_maps",
-    "turn_tensors",
-]
-
-
 # Order of the components
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Voxels solved at a time: 33 images of them take some tens of megabytes.

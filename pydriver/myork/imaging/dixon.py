@@ -35,9 +35,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
 
-__all__ = ["WaterFat", "echo", "fat_factors", "separate", "separate_many", "water_and_fat"]
-
-
 # Peaks of fat: shift from water [ppm] and part of the signal
 _SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
 _PART = (0.087, 0.694, 0.128, 0.004, 0.039, 0.048)

@@ -13,21 +13,6 @@ from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.types import F64
 
-__all__ = [
-    "canonical",
-    "check_affine",
-    "check_same_grid",
-    "corner_distance",
-    "corners",
-    "frame",
-    "length_factor",
-    "reordered",
-    "same_grid",
-    "seed_voxel",
-    "slice_axis",
-    "to_voxels",
-]
-
 Grid = TypeVar("Grid", Image, Labels)
 
 # An affine is stored in single precision; spacings and angles are compared with this slack.

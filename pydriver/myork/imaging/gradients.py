@@ -18,9 +18,6 @@ from myork.imaging.geometry import frame
 from myork.imaging.plain import read_text
 from myork.types import F64, Mask
 
-__all__ = ["GradientTable", "fsl_axes", "read_gradients"]
-
-
 # Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
 STILL = 50.0
 

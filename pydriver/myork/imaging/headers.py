@@ -19,8 +19,6 @@ from myork.imaging.dicom import series_files
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.plain import read_text
 
-__all__ = ["Header", "bids_name", "read_header"]
-
 
 class Header(NamedTuple):
     """What a header says; None where it says nothing."""

@@ -26,10 +26,6 @@ from myork.imaging.plain import check_kind, read_text
 from myork.imaging.rois import read_rois
 from myork.records import Image, Labels
 
-__all__ = [
-    "read_image", "read_labels", "read_reference", "renew_images", "write_image", "write_labels",
-]  # fmt: skip
-
 # Larger values are no measurement; squares of smaller ones can be added up.
 _LARGEST = 1e30
 _LAST_LABEL = int(np.iinfo(np.int32).max)

@@ -23,9 +23,6 @@ from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = ["TISSUES", "Phantom", "make_phantom", "write_phantom"]
-
-
 #: Labels of the materials a leg is made of
 TISSUES = {1: "muscle", 2: "fat", 3: "connective_tissue", 4: "bone"}
 

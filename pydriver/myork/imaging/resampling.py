@@ -20,8 +20,6 @@ from myork.imaging.geometry import Grid, corner_distance, corners, reordered, sa
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["WAYS", "Move", "on_grid"]
-
 #: How values come upon another grid
 WAYS = ("nearest", "linear", "tensor-wise")
 # Labels that lose more of their volume than this are said.

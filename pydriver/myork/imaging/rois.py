@@ -14,8 +14,6 @@ from myork.errors import FileError, InputError
 from myork.records import Image, Labels
 from myork.types import F64
 
-__all__ = ["read_rois"]
-
 
 def read_rois(path: Path, like: Image | Labels | None) -> Labels:
     """Masks of Dafne as a label map, in alphabetical order of their names.

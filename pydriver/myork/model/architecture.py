@@ -23,8 +23,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["COLUMNS", "Maps", "Numbers", "fat_of_label", "muscle_numbers"]
-
 # A muscle has a long axis where the variance along it is so many times that along the second one.
 _LONG = 1.5**2
 # It is cut where an end of the image holds so much of its largest section.

@@ -37,11 +37,6 @@ from myork.records import Image
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "LEAST_WEIGHT", "Average", "best_average", "gathered", "label_fibers", "tensor_logarithms",
-    "tensor_trust",
-]  # fmt: skip
-
 #: Gaussian weight below which a place counts as having no usable neighbour [-]
 LEAST_WEIGHT = 1e-8
 

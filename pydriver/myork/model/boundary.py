@@ -13,8 +13,6 @@ from myork.model.points import BONE, first_voxel
 from myork.records import Labels
 from myork.types import F64, I32, Mask
 
-__all__ = ["Boundary", "bone_beside", "boundary_sets"]
-
 Voxels = NDArray[np.intp]
 
 

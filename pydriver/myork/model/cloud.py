@@ -19,8 +19,6 @@ from myork.model.slices import extruded, finer_fibers, finer_labels, finer_value
 from myork.model.surface import end_offsets, surface_offsets
 from myork.records import Image, Labels, PointCloud, Voxels
 
-__all__ = ["Body", "build_cloud"]
-
 # A cut plane with fewer points can hold the model only badly.
 _FEW_AT_END = 6
 # An end with less of the largest section is a tip; slices that are no tip have so much of it

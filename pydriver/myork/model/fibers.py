@@ -29,15 +29,6 @@ from myork.model.averaging import (
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "activation_at_points",
-    "FiberField",
-    "fiber_field",
-    "fibers_at_points",
-    "fibers_of_labels",
-    "fill_from_own",
-]
-
 
 class FiberField(NamedTuple):
     """Fibers of a tissue."""

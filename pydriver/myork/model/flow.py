@@ -20,9 +20,6 @@ from myork.imaging.geometry import canonical, frame
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["flow_fibers"]
-
-
 _TOLERANCE = 1e-5  # residual of the potential, relative; directions are then known to a degree
 _LEAST = 1e-12  # smallest flow that has a direction, of the largest
 

@@ -19,9 +19,6 @@ from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels
 from myork.types import F64
 
-__all__ = ["read_tracts", "tract_fibers", "voxelise"]
-
-
 # Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
 _NEAREST = 24
 # Beyond this a point belongs to no body [mm].

@@ -21,8 +21,6 @@ import numpy as np
 from myork.errors import FileError, InputError, InstallationError
 from myork.types import F64, I64
 
-__all__ = ["Mesh", "main", "read_mesh"]
-
 # What the reader may take beside the file's size [bytes]: most is its libraries' address space.
 _MEMORY = 4 << 30
 _PER_BYTE = 64

@@ -13,9 +13,6 @@ from scipy import ndimage
 
 from myork.types import F64, Mask
 
-__all__ = ["surface_normals"]
-
-
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
 # normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
 _SMOOTHING = 2.5

@@ -28,9 +28,6 @@ from myork.model.normals import surface_normals
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["Finding", "Orientation", "check_orientation"]
-
-
 # How much more fibers may cross walls as the files say than with the best candidate. Right tables
 # came to 0.20 at most on phantoms and real muscles.
 _CROSSING = 0.25

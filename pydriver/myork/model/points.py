@@ -18,21 +18,6 @@ from myork.imaging.geometry import frame, to_voxels
 from myork.records import Labels
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "blunt_ends",
-    "BONE",
-    "changed_volumes",
-    "coarsen",
-    "connected_body",
-    "first_voxel",
-    "points_across",
-    "positions",
-    "select",
-    "source_voxels",
-    "thin_voxels",
-    "trimmed",
-]
-
 Voxels = NDArray[np.intp]
 
 # Label of voxels outside the model that are bone

@@ -21,9 +21,6 @@ from myork.model.points import first_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["LabelParts", "checked_parts", "label_shares"]
-
-
 # Parts are written in single precision.
 _SLACK = 1e-3
 # No voxel of a body is emptier than this [-]: it would be nearly free to move.

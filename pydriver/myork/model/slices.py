@@ -29,9 +29,6 @@ from myork.records import Image, Labels
 from myork.segmentation.outlines import signed_distances
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["extruded", "finer_fibers", "finer_labels", "finer_values", "slice_parts"]
-
-
 _ROOM = 8  # pixels around a label that it may move into
 # Gaussian over the distances, which know the steps of pixels only [pixel]
 _SMOOTHING = 0.5

@@ -8,8 +8,6 @@ from scipy.spatial import cKDTree
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = ["source_spacing"]
-
 
 def source_spacing(source: F64, aspect: F64 | None = None) -> F64:
     """Spacing around each source point: the distance of its sixth neighbour, four in a plane.

@@ -17,9 +17,6 @@ from scipy.special import ndtri
 
 from myork.types import F64, Mask
 
-__all__ = ["end_offsets", "surface_offsets"]
-
-
 # Standard deviation of the blur [voxel]: as far as a stair of the voxels reaches.
 _BLUR = 1.0
 # Layers added around the body, further than the blur reaches.

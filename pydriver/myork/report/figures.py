@@ -20,17 +20,6 @@ from myork.report.numbers import labelled
 from myork.report.tables import MODEL_KINDS
 from myork.types import F64
 
-__all__ = [
-    "Series",
-    "history_figure",
-    "panels_of",
-    "probe_figure",
-    "rom_figure",
-    "rom_series",
-    "timing_figure",
-]
-
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", "--", ":", "-.")

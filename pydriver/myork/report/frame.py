@@ -13,9 +13,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-__all__ = ["Answer", "Page", "Section", "figure", "folded", "render", "table"]
-
-
 #: Points an inch of figures, inches of those as wide as the page, and the least width of these in
 #: letters
 _DPI, _WIDTH, _LEAST = 130, 11.0, 42.0

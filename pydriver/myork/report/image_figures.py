@@ -24,9 +24,6 @@ from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.sketch import draw_strokes
 from myork.types import F64, I32
 
-__all__ = ["area_figure", "draw_labels", "slice_figure"]
-
-
 #: What is shown around the labels [mm]
 _AROUND = 10.0
 #: Fibers drawn across the longer side of a picture

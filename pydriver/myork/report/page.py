@@ -22,8 +22,6 @@ from myork.report.story import is_phantom, story
 from myork.report.sweep_page import SWEEP_FILE, read_sweep, sweep_page
 from myork.summary import failures
 
-__all__ = ["compare_runs", "make_report"]
-
 _NAME = "report.html"
 #: Probes that are compared with those of reduced models
 _MOST = 3

@@ -19,8 +19,6 @@ from myork.results import Results
 from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
 
-__all__ = ["Deformation", "RunFolder", "read_folder"]
-
 T = TypeVar("T")
 
 # Columns of history.csv that are no numbers

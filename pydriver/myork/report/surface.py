@@ -29,8 +29,6 @@ from myork.report.sketch import (
 )
 from myork.types import F64, I32, I64
 
-__all__ = ["Panel", "board", "show"]
-
 #: Facets that meet at a larger angle have an edge there [degree]
 _EDGE_ANGLE = 60.0
 #: Normals at corners are the mean of their facets' but where these are further from it [cosine]

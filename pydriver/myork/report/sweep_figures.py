@@ -14,9 +14,6 @@ from myork.report.figures import panels_of
 from myork.report.numbers import labelled
 from myork.types import F64
 
-__all__ = ["VERDICTS", "Column", "Fit", "response_figure", "tornado_figure", "trend_figure"]
-
-
 #: Colour and mark of the points of each verdict
 VERDICTS = {
     "accepted": ("#0072B2", "o"),

@@ -19,8 +19,6 @@ from myork.report.frame import Answer, Page, Section, figure, folded, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
 from myork.report.sweep_figures import VERDICTS, Column, Fit
 
-__all__ = ["SWEEP_FILE", "SweepFolder", "read_sweep", "sweep_page"]
-
 #: Finished points of a sweep, by which its folder is known
 SWEEP_FILE = "points.jsonl"
 #: Probes, keys, and rows of tables that are shown

@@ -7,8 +7,6 @@ import numpy as np
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = ["proper_orthogonal_modes", "unit_states"]
-
 #: Eigenvalues of products below this, of the largest, are rounding
 _ROUNDING = 1e-13
 

@@ -17,19 +17,6 @@ from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, force_values
 from myork.types import F64, Mask
 
-__all__ = [
-    "CellErrors",
-    "Tests",
-    "cell_errors",
-    "compare",
-    "errors_of",
-    "largest_errors",
-    "measure",
-    "solve_tests",
-    "started",
-]
-
-
 #: Forces are compared with their own size, but not with less than this share of the largest
 LEAST_FORCE = 0.05
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from myork.types import F64, I64
 
-__all__ = ["Sketch", "few_cells"]
-
 
 class Sketch:
     """Contributions of all cells to many equations, kept as random sums of a fixed number.

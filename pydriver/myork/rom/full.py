@@ -23,9 +23,6 @@ from myork.rom.snapshots import solution_of, stored_states
 from myork.tables import override_text
 from myork.types import F64
 
-__all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
-
-
 #: Relative change of the unknowns up to which a solution is the one that was guessed
 _NEAR = 0.2
 #: Tables of a deck of which its states depend, and keys in them on which they do not

@@ -14,9 +14,6 @@ from myork.rom.model import Batch, ReducedModel
 from myork.rom.parameters import grid_in
 from myork.types import F64
 
-__all__ = ["map_model"]
-
-
 #: States of one call: their arrays stay small
 _AT_ONCE = 20_000
 

@@ -22,8 +22,6 @@ from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
 from myork.types import F64, I64, Mask
 
-__all__ = ["Batch", "ReducedModel", "ReducedState"]
-
 
 class Batch(NamedTuple):
     """Answers for many parameters."""

@@ -19,9 +19,6 @@ from myork.rom.sampling import force_lifts
 from myork.rom.setting import Setting, Snapshots
 from myork.types import F64
 
-__all__ = ["Draft", "joined", "make_draft"]
-
-
 #: Modes at most; beyond, the volume and not the cells sets the time. Large bodies have more: with
 #: 30 the calf's force was off by 1.7e-3 even with all cells, with 34 by 8e-4
 MOST_MODES, MOST_OF_LARGE = 30, 34

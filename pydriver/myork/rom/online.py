@@ -11,9 +11,6 @@ from myork.errors import InputError
 from myork.rom.projection import Laws
 from myork.types import F64, I64, Mask
 
-__all__ = ["Answer", "Regression", "Solver"]
-
-
 #: Newton's iteration ends at a relative step of this size: the next one would be its square, and
 #: is below 3e-7
 TOLERANCE = 3e-4

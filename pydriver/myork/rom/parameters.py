@@ -11,20 +11,6 @@ import numpy as np
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = [
-    "KINDS",
-    "Parameter",
-    "as_parameters",
-    "grid_in",
-    "number_in",
-    "numbers_of",
-    "parse_vary",
-    "short_names",
-    "spread_points",
-    "value_of",
-]
-
-
 _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"

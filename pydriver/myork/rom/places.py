@@ -15,8 +15,6 @@ from myork.rom.online import Conditions
 from myork.rom.setting import Setting
 from myork.types import F64
 
-__all__ = ["Places", "place_arrays"]
-
 
 def place_arrays(
     scene: Scene, setting: Setting, modes: F64, model: Model, probes: Sequence[int]

@@ -19,21 +19,6 @@ from myork.core.online import Cells, Model
 from myork.core.scene import Scene
 from myork.types import F64, I32, I64, Mask
 
-__all__ = [
-    "Columns",
-    "Directions",
-    "Laws",
-    "Variant",
-    "cells_of",
-    "laws_of",
-    "project",
-    "volume_directions",
-    "volume_rows",
-    "volume_slopes",
-    "with_volume",
-]
-
-
 #: Unit tensor as F is stored
 _UNIT = np.eye(3).ravel()
 

@@ -20,8 +20,6 @@ from myork.rom.projection import Columns, Laws, Variant, laws_of
 from myork.tables import override_text
 from myork.types import F64, I64
 
-__all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
-
 
 class Snapshots(NamedTuple):
     """Full states with what they were asked for."""

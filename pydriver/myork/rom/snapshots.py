@@ -19,8 +19,6 @@ from myork.summary import read_summary
 from myork.tables import differing_keys, in_words
 from myork.types import F64
 
-__all__ = ["States", "full_states", "solution_of", "stored_states"]
-
 # Two builds of one version evaluate a state alike to rounding times the condition of the rows.
 _ALIKE = 1e-8
 

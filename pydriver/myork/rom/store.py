@@ -24,8 +24,6 @@ from myork.model_file import model_of_bytes
 from myork.rom.parameters import KINDS, Parameter
 from myork.rom.probes import is_stress
 
-__all__ = ["read_arrays", "write_arrays"]
-
 FORMAT = "myork-rom 5"
 
 _CELLS = {"all": int, "kept": int, "force": int}

@@ -23,17 +23,6 @@ from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES
 from myork.types import F64, I32
 
-__all__ = [
-    "PathStates",
-    "displacement_error",
-    "gradient_error",
-    "largest_error",
-    "reduced_fields",
-    "reduced_path",
-    "run_rom",
-    "times_faster",
-]
-
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
 

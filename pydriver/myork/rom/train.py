@@ -39,9 +39,6 @@ from myork.rom.setting import Setting, Snapshots, make_setting
 from myork.tables import override_text
 from myork.types import F64
 
-__all__ = ["train"]
-
-
 #: Load steps of the first solves, from rest to the corners of the range
 RAY_STEPS = 8
 #: Corners at most

@@ -23,9 +23,6 @@ from myork.records import Image
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from myork.types import F64, Mask
 
-__all__ = ["BiasField", "check_positive", "clustered_bias", "of_mean_one"]
-
-
 # Width of the step function (3.16). With the wide one of a segmentation every mean holds a part of
 # the other regions, and the field takes up the difference.
 _EPSILON = 0.02

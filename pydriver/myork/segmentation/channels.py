@@ -13,9 +13,6 @@ from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, Mask
 
-__all__ = ["fiber_channels", "noise_level", "noise_weight", "scaled_values", "smoothed_tensor"]
-
-
 # The ratio of noises says little of how much regions differ: no channel counts more than this many
 # times as much as another one.
 _WEIGHTS = 16.0

@@ -15,9 +15,6 @@ import numpy as np
 from myork.errors import InputError
 from myork.types import F64, Mask
 
-__all__ = ["Clusters", "fuzzy_c_means"]
-
-
 # The best of so many starts: where one cluster is small, a start may end with it in another.
 _STARTS = 6
 _FUZZINESS = 2.0  # the usual exponent of memberships

@@ -14,15 +14,6 @@ from myork.imaging.geometry import seed_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "Muscle",
-    "check_seeds",
-    "group_by_reference",
-    "group_by_rules",
-    "nearest_labels",
-    "rule_seeds",
-]
-
 
 @dataclass(frozen=True)
 class Muscle:

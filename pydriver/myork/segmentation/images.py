@@ -37,8 +37,6 @@ from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
 
-__all__ = ["Images", "Segmentation", "segment_images"]
-
 # Width of the Gaussian over the tensors before the fiber channels are taken [mm]
 _SMOOTHING = 1.0
 # Weight of the misfit of fiber channels against that of the grey values

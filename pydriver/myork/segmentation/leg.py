@@ -29,9 +29,6 @@ from myork.segmentation.regions import body_mask, large_pieces
 from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
-__all__ = ["Tissues", "find_bones", "leg_tissues", "outer_boundary"]
-
-
 # Marrow in a slice [mm^2]: larger than a femoral head is fat in a ring of muscles. Cortex is as
 # thick as this at most [mm], and darker than the first of these parts of the median of dark tissue,
 # or than its scatter three times below, whichever is more;

@@ -30,8 +30,6 @@ from myork.segmentation.starts import (
 )
 from myork.types import F64, I32, Mask
 
-__all__ = ["LevelSets", "Regions", "segment_regions", "wanted_phase"]
-
 
 @dataclass(frozen=True)
 class LevelSets:

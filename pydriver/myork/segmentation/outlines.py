@@ -14,9 +14,6 @@ from scipy import ndimage
 from myork.imaging.geometry import slice_axis
 from myork.types import F64, I32, Mask
 
-__all__ = ["pull_of_outlines", "signed_distances"]
-
-
 # Chosen on `benchmarks/runner.py outlines tuned`: rate of a walk's end where outlines predict a
 # label, against steps of rate 1 where there is no edge [-],
 _RATE = 3e-4

@@ -25,9 +25,6 @@ from scipy.special import ndtr
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["label_parts", "parts_of_labels"]
-
-
 _AROUND = 6.0  # standard deviation of the averages that make means [mm]
 _FAR = 1e-2  # weight of all voxels of a label in the mean at a place
 _FEW = 20  # whole voxels that a label needs for a mean

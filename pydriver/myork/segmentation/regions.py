@@ -13,9 +13,6 @@ from myork.imaging.geometry import seed_voxel
 from myork.records import Image, Labels
 from myork.types import Mask
 
-__all__ = ["body_mask", "box_mask", "grown_mask", "large_pieces", "otsu", "piece_with_seed"]
-
-
 # Drop pieces of the body that are smaller than this part of the largest.
 _LEAST_PIECE = 0.1
 # No bright spot of an image reaches this many times its 99th percentile.

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["dice", "label_scores", "pearson"]
-
 
 def dice(found: ArrayLike, truth: ArrayLike) -> float:
     """Dice coefficient (4.6): twice the common voxels over the sum of both [-].

@@ -35,9 +35,6 @@ from myork.imaging.geometry import slice_axis
 from myork.segmentation.bias import of_mean_one
 from myork.types import F64, I64, Mask
 
-__all__ = ["Candidate", "Shading", "shading"]
-
-
 # Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
 _WAVE = 0.64  # shortest wave of the field
 _SLOPES = (0.64, 1.1)  # shortest waves of the fields that are fitted to slopes

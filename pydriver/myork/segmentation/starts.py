@@ -12,17 +12,6 @@ from myork.errors import InputError
 from myork.segmentation.regions import otsu
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "circle_regions",
-    "kmeans",
-    "level_sets_for",
-    "level_sets_of",
-    "regions_of",
-    "seeded_regions",
-    "threshold_regions",
-]
-
-
 # Level sets of a map of regions: a smoothed sign. Plain signs (or a plain threshold) start with
 # jumps at every noisy voxel, which curvature takes long to remove.
 _BLUR = 1.0  # standard deviation [voxels]

@@ -21,9 +21,6 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 from myork.errors import InputError
 from myork.types import F64, I32, Mask
 
-__all__ = ["heights_of", "random_walk"]
-
-
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
 # pixels must not be lost.
 _BLUR = 0.7

@@ -17,9 +17,6 @@ from myork.errors import ConvergenceError, InputError
 from myork.files import write_json
 from myork.types import F64
 
-__all__ = ["Check", "check_deck"]
-
-
 #: Central differences with a step of 1e-6 of the state keep this many digits
 _TANGENT = 1e-5
 #: Forces that balance do so to the iteration's tolerance

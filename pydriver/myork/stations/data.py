@@ -18,8 +18,6 @@ from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.resampling import on_grid
 from myork.records import Image, Labels
 
-__all__ = ["PATHS", "DeckFiles", "OneGrid", "data_overrides"]
-
 #: Keys of decks that name an image, a label map, a surface or tracts
 PATHS = (
     "image.anatomy",

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["pcsa_force"]
-
 # A computed force further than this factor from the estimate is named.
 _FACTOR = 3.0
 

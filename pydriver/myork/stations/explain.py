@@ -11,8 +11,6 @@ from myork.core.deck import load_deck
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
-__all__ = ["explain_deck", "stations_of"]
-
 
 def explain_deck(
     deck: str | Path,

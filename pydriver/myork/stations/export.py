@@ -19,8 +19,6 @@ from myork.files import write_text
 from myork.results import Results
 from myork.types import F64, I32, I64
 
-__all__ = ["Body", "cells_of", "export", "input_deck"]
-
 # Corners of a cell in the order of VTK, Abaqus and CalculiX, by dimension
 _CORNERS: dict[int, list[tuple[int, ...]]] = {
     2: [(0, 0), (1, 0), (1, 1), (0, 1)],

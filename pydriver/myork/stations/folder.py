@@ -13,8 +13,6 @@ from myork.imaging.dicom import dicom_files
 from myork.imaging.dicom_choice import listed_images
 from myork.imaging.headers import bids_name
 
-__all__ = ["deck_of_folder"]
-
 #: Suffixes of BIDS that are an anatomy, the best one first
 _ANATOMY = ("T1w", "PDw", "T2w", "PDT2", "T2starw", "FLASH", "MEGRE", "MESE")
 _ENDS = ("bottom", "top")

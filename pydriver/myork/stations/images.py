@@ -21,8 +21,6 @@ from myork.segmentation.regions import body_mask
 from myork.stations.data import DeckFiles, OneGrid
 from myork.types import Mask
 
-__all__ = ["read_images"]
-
 
 def read_images(
     deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback

@@ -8,8 +8,6 @@ from pathlib import Path
 from myork.errors import InputError
 from myork.files import write_text
 
-__all__ = ["KINDS", "new_deck", "schema_file"]
-
 _FOLDER = Path(__file__).parents[1] / "templates"
 
 #: Kinds of decks, with what each is

@@ -13,8 +13,6 @@ from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.resampling import WAYS, on_grid
 from myork.types import F64
 
-__all__ = ["resample"]
-
 # Whole numbers of more kinds are grey values.
 _MOST_LABELS = 128
 

@@ -35,8 +35,6 @@ from myork.libraries import cure_of
 from myork.stations.estimate import pcsa_force
 from myork.summary import update_summary
 
-__all__ = ["find_executable", "run_deck", "run_executable", "set_options"]
-
 _NAME = "myork-solve"
 #: Exit status of a program that the loader of the system gives up
 _DOES_NOT_LOAD = 127

@@ -26,8 +26,6 @@ from myork.segmentation.scores import dice
 from myork.stations.data import DeckFiles, OneGrid
 from myork.types import F64, I32
 
-__all__ = ["LabelRecord", "find_tissues"]
-
 _MUSCLE = 1
 # Skin, between fat and air, is as grey as both mixed; bone is dark and bright.
 _UNMIXED = (0, 4)

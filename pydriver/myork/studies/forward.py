@@ -21,8 +21,6 @@ from myork.rom.parameters import numbers_of, parse_vary
 from myork.rom.probes import places_of
 from myork.types import F64, Mask
 
-__all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
-
 
 class Values(NamedTuple):
     """Answers for many sets of parameters."""

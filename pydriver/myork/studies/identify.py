@@ -17,9 +17,6 @@ from myork.report.numbers import labelled
 from myork.studies.forward import Forward, open_forward, ranges_of
 from myork.types import F64
 
-__all__ = ["identify"]
-
-
 #: Starts among which the best are tried, where a reduced model answers
 _STARTS, _BEST = 64, 3
 #: Step of the differences, of a range: above the tolerance of the states, below curvature

@@ -16,9 +16,6 @@ from myork.files import write_csv, write_figure, write_json
 from myork.studies.forward import Forward, Values, open_forward, probe_of, ranges_of
 from myork.types import F64
 
-__all__ = ["sensitivity"]
-
-
 #: Part of the samples that may have no state; others take their places
 _MOST_FAILED = 0.1
 #: Confidence of the intervals, by resampling

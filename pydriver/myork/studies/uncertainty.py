@@ -26,8 +26,6 @@ from myork.studies.forward import open_forward, probe_of
 from myork.tables import override_text
 from myork.types import F64, Mask
 
-__all__ = ["Doubt", "perturbed", "uncertainty"]
-
 
 class Doubt(NamedTuple):
     """How a boundary may be wrong, all in mm."""

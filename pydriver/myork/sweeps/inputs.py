@@ -12,8 +12,6 @@ from myork.errors import FileError, InputError, MyorkError
 from myork.rom.probes import probe_columns
 from myork.sweeps.plan import Plan
 
-__all__ = ["LAST_COLUMNS", "Inputs"]
-
 #: Columns of a table behind keys, probes and error bars
 LAST_COLUMNS = ("call", "verdict", "message", "cpu_s")
 

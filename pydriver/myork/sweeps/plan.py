@@ -14,8 +14,6 @@ from myork.core.deck import load_deck
 from myork.errors import InputError
 from myork.rom.parameters import grid_in, number_in
 
-__all__ = ["Plan", "make_plan"]
-
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... , KEY=lhs(LOW,HIGH) or KEY=sobol(LOW,HIGH)"
 
 #: More points are a slip of the pen

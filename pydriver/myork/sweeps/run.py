@@ -38,8 +38,6 @@ from myork.sweeps.plan import Plan, make_plan
 from myork.sweeps.store import Store, has_parquet, read_head, read_points
 from myork.types import F64
 
-__all__ = ["sweep"]
-
 #: Threads of the libraries in a worker: one point a core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: How `myork explain` prints the time of one solution of the equations

@@ -16,8 +16,6 @@ from myork.errors import InputError
 from myork.files import open_output, whole_file, write_csv, write_json, write_text
 from myork.sweeps.inputs import LAST_COLUMNS, Inputs
 
-__all__ = ["Store", "has_parquet", "read_head", "read_points"]
-
 
 def read_head(path: Path) -> Any:
     """What the points in a file are of, as `Inputs.head`; None without it."""

@@ -19,9 +19,6 @@ from myork.rom.probes import probe_columns
 from myork.summary import read_summary
 from myork.types import F64
 
-__all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
-
-
 #: Fields by name, with a title and the kind of their unit
 FIELDS = {
     "von_mises": ("von Mises stress", "stress"),

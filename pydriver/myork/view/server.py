@@ -26,8 +26,6 @@ from myork.errors import InputError, MyorkError
 from myork.report.frame import render
 from myork.view.answers import Answers
 
-__all__ = ["serve"]
-
 T = TypeVar("T")
 #: What a question says, by name
 Asked = dict[str, str]

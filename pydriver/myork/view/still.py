@@ -18,8 +18,6 @@ from myork.rom.parameters import spread_points
 from myork.types import F64
 from myork.view.answers import FIELDS, Answers
 
-__all__ = ["keep_states", "page_of", "sample", "still_page"]
-
 #: Bytes of all states of a page at most, and their number
 MOST_BYTES, _MOST_STATES = 4_000_000, 400
 #: States along a parameter, the least with which a further parameter gets its slider, and the most
