@@ -260,7 +260,7 @@ def large_strains():
 
 
 def asked_volumes():
-    """J where the field above is off, asked for: no second solution sees what the pressure shows."""
+    """J where the field above is off, asked for: a second solution may agree on it by chance."""
     off = {"rkpm-gauss": (0.0, 0.25, 0.5), "rkpm-scni": (0.25, 0.0, 0.0)}
     for form, (x, y, z) in off.items():
         asked = ("probe.shear_stress.quantity=J", f"probe.shear_stress.point=[{x},{y},{z}]")
@@ -581,8 +581,8 @@ def damaged(cloud, name):
 CASES = [
     case
     for kind in (
-        bulk_moduli, large_strains, asked_volumes, softening, muscle_loads, fiber_curves, clouds, lattices, curved,
-        beams, columns, blocks, tissues, unstable, bad_points, fibers, too_large,
+        bulk_moduli, large_strains, asked_volumes, softening, muscle_loads, fiber_curves, clouds,
+        lattices, curved, beams, columns, blocks, tissues, unstable, bad_points, fibers, too_large,
     )
     for case in kind()
 ]  # fmt: skip

@@ -19,14 +19,13 @@ def evolve_level_sets(
     start: ArrayLike,
     *,
     spacing: tuple[float, float, float],
-    mu: float,
+    mu: ArrayLike,
     nu: float,
     epsilon: float,
     dt: float,
     tolerance: float,
     iterations: int,
     lambdas: ArrayLike,
-    channel_weights: ArrayLike,
     volume: bool,
     gamma: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
@@ -43,12 +42,13 @@ def evolve_level_sets(
         First level sets, shape `(ni, nj, nk, nlevel)` [-].
     spacing : tuple
         Voxel sizes along the three axes [-].
-    mu, nu, epsilon, dt, tolerance, iterations
-        Weights of length and area, width of the step (3.16), largest time step, the part of the
-        voxels that may change their region in ten iterations at rest, and the largest number of
-        iterations.
-    lambdas, channel_weights : ArrayLike
-        Weights of the misfit of each region, shape `(nregion,)`, and of each channel; there are
+    mu : ArrayLike
+        Weights of the contours' lengths, shape `(nlevel,)`, or one for all [-].
+    nu, epsilon, dt, tolerance, iterations
+        Weight of the area, width of the step (3.16), largest time step, the part of the voxels that
+        may change their region in ten iterations at rest, and the largest number of iterations.
+    lambdas : ArrayLike
+        Weights of the misfit of each channel in each region, shape `(nchannel, nregion)`; there are
         more than half of `2**nlevel` regions.
     volume : bool
         Whether the slices are one volume; else each is a problem of its own.
@@ -77,9 +77,9 @@ def evolve_level_sets(
     names = ("phi", "energy", "means", "iterations", "ended")
     found = called(
         _core.evolve_level_sets,
-        (mu, nu, gamma, epsilon, dt, tolerance),
+        (nu, gamma, epsilon, dt, tolerance),
+        np.broadcast_to(np.asarray(mu, float), first.shape[3:]),
         np.asarray(lambdas, float),
-        np.asarray(channel_weights, float),
         spacing,
         iterations,
         depth,
