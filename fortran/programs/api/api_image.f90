@@ -3,8 +3,8 @@
 !> Evolve level sets in blocks of `depth` slices; steering is nu, gamma, epsilon, dt, tolerance, and
 !> weight is zero for voxels that take no part
 subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj, nk, nchannel, &
-   & nlevel, nregion, nblock, channels, weight, start, phi, energy, means, iterations, ended, stat, &
-   & message)
+   & nlevel, nregion, nblock, channels, weight, start, phi, energy, means, iterations, ended, &
+   & stat, message)
    use rk_error, only : error_type
    use rk_levelset, only : evolve => evolve_level_sets, level_set_options
    use rk_pack, only : pack_error
