@@ -576,11 +576,10 @@ _ERRORS = {
     "points; published 1837, 3727 and 1320) and fibers; activation 0.3 and sigma_max 30 N/cm² are "
     "chosen, as the dissertation gives neither. At r = 10 all ten states are in the span of the "
     "modes; what is left is the tolerance of the iteration. The exact matrix is needed: residuals "
-    "remain, and Gauss-Newton's steps shrink by less and less per iteration, 0.6 at load 0.8, where "
-    "it ends with solver.newton = auto. The verdict doubts the published form: the stress does 11 % "
-    "less work than the forces, and 9.3 % of these are left; it locks, and its force is 27 % above "
-    "that of the Galerkin form, which is doubtful as well, as ellipticity is lost in 2.4 % of the "
-    "volume",
+    "remain, and Gauss-Newton's steps shrink to 0.6 in an iteration at load 0.8, where it ends. "
+    "The verdict doubts the published form: the stress does 11 % less work than the forces, and "
+    "9.3 % of these are left; it locks, and its force is 27 % above that of the Galerkin form, "
+    "which is doubtful as well, as ellipticity is lost in 2.4 % of the volume",
 }
 
 
