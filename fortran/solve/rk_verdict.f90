@@ -434,7 +434,8 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
          if (any(bars%change >= 0.0_wp)) then
             reference = from
-            if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure allows'
+            if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure ' &
+               & //'allows'
             call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
                & //problem%scene%probe(worst)%name//' is # of its size away'//reference)
          end if
