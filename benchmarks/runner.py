@@ -40,7 +40,7 @@ from benchmarks.problems import Problem, probe_kind
 from benchmarks.truths.finite_elements import Warp, solve_deck
 from benchmarks.truths.peers import compiled_peers
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
-from myork.bench import BENCHES, find_study
+from myork.bench import find_study
 from myork.bench.exact import inner_stress
 from myork.bench.machine import machine
 from myork.bench.page import draw_curves
@@ -79,7 +79,9 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "race")
-#: Those that can be of some problems
+#: Benchmarks of the package
+PACKAGED = ("linear", "nonlinear", "rom")
+#: Views that can be of some problems
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
@@ -461,8 +463,7 @@ def main(*words: str) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    names = [*BENCHES, *VIEWS, *modules]
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=list(dict.fromkeys(names)))
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *PACKAGED, *modules])
     parser.add_argument("--quick", action="store_true", help="small cases only")
     parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
                         help=f"this problem of {', '.join(OF_SOME)}; may be repeated")  # fmt: skip
@@ -473,12 +474,12 @@ def main(*words: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        if name in VIEWS:
+        if name not in PACKAGED:
             shown = view(name, print, options.quick, solved, options.only)
         else:
             shown = find_study(name)(options.out, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
-        if name not in VIEWS:
+        if name in PACKAGED:
             continue
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
