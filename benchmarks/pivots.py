@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -99,15 +98,20 @@ def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
         if row["cpu_s"] and row.get(f"error {line}")
     ]
     axes = ("CPU time [s]", f"relative error: {line} [-]")
-    return plot(f"{problem}: {line}", axes, own, "cpu_s", f"error {line}")
+    drawn = plot(f"{problem}: {line}", axes, own, "cpu_s", f"error {line}")
+    return drawn | {"figure": problem}
 
 
 # ---- trust, methods, curves: every form on the problems of a new user ----------------------------
 
 
-def _every_form(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
+def _every_form(
+    progress: ProgressCallback, quick: bool, only: Sequence[str] = ()
+) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for problem in PROBLEMS[:2] if quick else PROBLEMS + BODIES:
+        if only and problem.name not in only:
+            continue
         rows += rows_of(problem, _forms_of(problem), progress, sizes=1 if quick else None)[1]
     return rows
 
@@ -235,7 +239,9 @@ def _curves(rows: Rows) -> dict[str, Any]:
     ]
     return {
         "title": "Error over time",
-        "about": "The rows of `trust`: largest relative errors of the probes of a kind.",
+        "about": "The rows of `trust`: largest relative errors of the probes of a kind, a figure a "
+        "problem. `auto` is the default. Times are those of a whole run, with set-up, results and "
+        "the second solution that makes error bars; of felupe those of the solve alone.",
         "tables": [table("Each solve", _EACH, rows)],
         "plots": [drawn for drawn in plots if drawn["series"]],
     }
@@ -610,13 +616,11 @@ def view(
 ) -> dict[str, Any]:
     """A view of rows, which are solved where `solved` lacks them; `cases` are the rows.
 
-    Of a race some problems `only`, all without any.
+    Of all or of some problems `only`, which `runner.OF_SOME` can.
     """
     solve, shown = PIVOTS[name]
-    if name == "race":
-        solve = partial(solve, only=only)
     if solve not in solved:
-        solved[solve] = solve(progress, quick)
+        solved[solve] = solve(progress, quick, *([only] if only else []))
     rows = solved[solve]
     return rows if shown is None else {"cases": rows, **shown(rows)}
 

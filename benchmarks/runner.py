@@ -4,8 +4,9 @@
 
 solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen` or `race`
 (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`, a view of them,
-and `results.json`, the rows, to `docs/results` or DIR. `myork bench NAME` writes the same rows to
-`bench.json`.
+figures of its curves, and `results.json`, the rows, to `docs/results` or DIR. `myork bench NAME`
+writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, which the package has, it
+writes the page.
 
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
@@ -23,11 +24,13 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,8 +40,10 @@ from benchmarks.problems import Problem, probe_kind
 from benchmarks.truths.finite_elements import Warp, solve_deck
 from benchmarks.truths.peers import compiled_peers
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
+from myork.bench import find_study
 from myork.bench.exact import inner_stress
 from myork.bench.machine import machine
+from myork.bench.page import draw_curves
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
@@ -60,6 +65,10 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "race")
+#: Benchmarks of the package
+PACKAGED = ("linear", "nonlinear", "rom")
+#: Views that can be of some problems
+OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "echoes": ("echoes",),
@@ -400,17 +409,24 @@ def main(*words: str) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *modules])
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *PACKAGED, *modules])
     parser.add_argument("--quick", action="store_true", help="small cases only")
     parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
-                        help="this problem of the race; may be repeated")  # fmt: skip
+                        help=f"this problem of {', '.join(OF_SOME)}; may be repeated")  # fmt: skip
     parser.add_argument("--out", type=Path, default=_RESULTS, help="folder; docs/results")
     options = parser.parse_args(words)
+    if options.only and not set(options.names) <= set(OF_SOME):
+        parser.error(f"--only is for {', '.join(OF_SOME)}")
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        shown = view(name, print, options.quick, solved, options.only)
+        if name not in PACKAGED:
+            shown = view(name, print, options.quick, solved, options.only)
+        else:
+            shown = find_study(name)(options.out, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
+        if name in PACKAGED:
+            continue
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
         file = options.out / "results.json"
@@ -440,6 +456,12 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
         f"{shown['about']}",
     ]
+    plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
+    for problem, plots in plots_of:
+        picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.svg"
+        metadata = {"Date": None}
+        draw_curves(list(plots)).savefig(options.out / picture, metadata=metadata)
+        lines += ["", f"![error over CPU time: {problem}]({picture})"]
     for table in shown["tables"]:
         lines += ["", f"{table['caption']}:", "", f"| {' | '.join(table['head'])} |"]
         lines.append("|" + "---|" * len(table["head"]))

@@ -27,8 +27,6 @@ module rk_levelset
 
    !> Weights of the energy and steering of the iteration; the schema of decks has their defaults
    type :: level_set_options
-      !> Weight of the contours' length, >= 0 [-]
-      real(wp) :: mu
       !> Weight of the areas inside [-]
       real(wp) :: nu
       !> Weight of P (3.39), which keeps the level sets near distance functions, >= 0 [-]
@@ -43,11 +41,11 @@ module rk_levelset
       real(wp) :: tolerance
       !> Largest number of iterations
       integer :: iterations
-      !> Weight of the misfit of each region, > 0, shape (regions): more than half of 2**n, up to
-      !> 2**n [-]
-      real(wp), allocatable :: lambda(:)
-      !> Weight of each channel, >= 0, shape (channels) [-]
-      real(wp), allocatable :: channel_weight(:)
+      !> Weight of the length of each level set's contour, >= 0, shape (level sets) [-]
+      real(wp), allocatable :: mu(:)
+      !> Weight of the misfit of each channel in each region, >= 0, shape (channels, regions): more
+      !> than half of 2**n regions, up to 2**n [-]
+      real(wp), allocatable :: lambda(:, :)
    end type level_set_options
 
    !> Why an evolution ended: iterations used up, regions at rest, no step lowers the energy
@@ -90,9 +88,10 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
    if (depth < 1 .or. blocks*depth /= n(3) .or. any(n(:3) /= shape(weight)) .or. &
       any(n(:3) /= [size(phi, 1), size(phi, 2), size(phi, 3)]) .or. &
       any(shape(energy) /= [options%iterations + 1, blocks]) .or. &
-      any(shape(means) /= [n(4), size(options%lambda), blocks]) .or. &
-      size(options%channel_weight) /= n(4) .or. size(options%lambda) > 2**size(phi, 4) .or. &
-      2*size(options%lambda) <= 2**size(phi, 4) .or. &
+      any(shape(means) /= [n(4), size(options%lambda, 2), blocks]) .or. &
+      size(options%lambda, 1) /= n(4) .or. size(options%mu) /= size(phi, 4) .or. &
+      size(options%lambda, 2) > 2**size(phi, 4) .or. &
+      2*size(options%lambda, 2) <= 2**size(phi, 4) .or. &
       size(iterations) /= blocks .or. size(ended) /= blocks) then
       call fatal_error(error, err_input, "Channels, regions, weights, level sets and "// &
          "records of the segmentation must have matching shapes")
@@ -231,17 +230,16 @@ subroutine advance(options, grid, dt, means, values, weights, old, inside, bent,
    real(wp), intent(in), contiguous :: bent(:, :)
    !> Level sets after, same shape [-]
    real(wp), intent(inout), contiguous :: new(:, :)
-   real(wp) :: share(size(options%channel_weight))
+   real(wp) :: lambda(size(means, 1), size(means, 2))
    integer :: row
 
-   share = options%channel_weight/size(options%channel_weight)
+   lambda = options%lambda/size(means, 1)
    !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, dt, means, values, weights, old, inside, bent, new, share)
+   !$omp shared(options, grid, dt, means, values, weights, old, inside, bent, new, lambda)
    do row = 1, size(grid%rows)
       if (grid%rows(row)%last < grid%rows(row)%first) cycle
       call advance_row(grid, grid%rows(row), options%mu, options%nu, options%gamma, &
-         options%epsilon, dt, options%lambda, share, means, values, weights, old, inside, bent, &
-         new)
+         options%epsilon, dt, lambda, means, values, weights, old, inside, bent, new)
    end do
    !$omp end parallel do
 end subroutine advance
@@ -263,13 +261,11 @@ subroutine measure(options, grid, values, weights, phi, inside, bent, means, ene
    real(wp), intent(out) :: means(:, :)
    !> Energy with these means [-]
    real(wp), intent(out) :: energy
-   real(wp) :: share(size(options%channel_weight))
    real(wp), allocatable :: of_row(:, :)
    real(wp) :: sums(sums_of_row(size(means, 2), size(means, 1)))
    integer :: row, region, place, channels
 
    channels = size(means, 1)
-   share = options%channel_weight/channels
    allocate (of_row(size(sums), size(grid%rows)), source=0.0_wp)
    !$omp parallel do default(none) schedule(static) private(row) &
    !$omp shared(options, grid, phi, inside, bent)
@@ -279,11 +275,11 @@ subroutine measure(options, grid, values, weights, phi, inside, bent, means, ene
    end do
    !$omp end parallel do
    !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, values, weights, means, inside, bent, share, of_row)
+   !$omp shared(options, grid, values, weights, means, inside, bent, of_row)
    do row = 1, size(grid%rows)
       if (grid%rows(row)%last < grid%rows(row)%first) cycle
       call sum_row(grid, grid%rows(row), options%mu, options%nu, options%gamma, &
-         size(means, 2), share, values, weights, inside, bent, of_row(:, row))
+         size(means, 2), values, weights, inside, bent, of_row(:, row))
    end do
    !$omp end parallel do
    ! Row by row, so that the number of threads does not show
@@ -294,12 +290,12 @@ subroutine measure(options, grid, values, weights, phi, inside, bent, means, ene
 
    energy = sums(1)
    do region = 1, size(means, 2)
-      place = 1 + (region - 1)*(2 + channels)
-      associate (part => sums(place + 1), square => sums(place + 2), &
-         first => sums(place + 3:place + 2 + channels))
+      place = 2 + (region - 1)*(1 + 2*channels)
+      associate (part => sums(place), first => sums(place + 1:place + channels), &
+         square => sums(place + 1 + channels:place + 2*channels), lambda => options%lambda)
          means(:, region) = first/max(part, tiny(1.0_wp))
          ! sum of (u - c)^2 with the mean c, which makes it least
-         energy = energy + options%lambda(region)*(square - sum(share*first*means(:, region)))
+         energy = energy + sum(lambda(:, region)*(square - first*means(:, region)))/channels
       end associate
    end do
    energy = energy*product(grid%spacing(:grid%axes))

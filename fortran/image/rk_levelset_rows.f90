@@ -85,16 +85,16 @@ subroutine new_grid(self, weight, spacing)
 end subroutine new_grid
 
 !> Step (A.1) of all level sets along a row
-subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, share, means, channels, &
-   weight, old, inside, bent, new)
+subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, means, channels, weight, &
+   old, inside, bent, new)
    type(grid_type), intent(in) :: grid
    type(row_type), intent(in) :: row
-   !> Weights of length, area and distance, width of the step function, time step [-]
-   real(wp), intent(in) :: mu, nu, gamma, epsilon, dt
-   !> Weights of the regions' misfits, shape (0:regions-1) [-]
-   real(wp), intent(in) :: lambda(0:)
-   !> Weights of the channels over their number, shape (channels) [-]
-   real(wp), intent(in) :: share(:)
+   !> Weights of length, shape (level sets) [-]
+   real(wp), intent(in) :: mu(:)
+   !> Weights of area and distance, width of the step function, time step [-]
+   real(wp), intent(in) :: nu, gamma, epsilon, dt
+   !> Weights of the misfits over the number of channels, shape (channels, 0:regions-1) [-]
+   real(wp), intent(in) :: lambda(:, 0:)
    !> Mean values, shape (channels, 0:regions-1) [-]
    real(wp), intent(in) :: means(:, 0:)
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
@@ -108,7 +108,7 @@ subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, share, mea
    real(wp), dimension(row%first:row%last) :: force, pull, drawn, part, spread, held
    ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
    real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
-   real(wp) :: misfit(row%first:row%last, 0:size(lambda) - 1), rate, scale
+   real(wp) :: misfit(row%first:row%last, 0:size(lambda, 2) - 1), rate, scale
    ! Working space
    real(wp) :: tree(row%first:row%last, 0:2**size(old, 2) - 1)
    integer :: a, b, p, channel, level, axis, i, s, shift
@@ -116,16 +116,16 @@ subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, share, mea
    a = row%first
    b = row%last
    shift = row%shift
-   do p = 0, size(lambda) - 1
+   do p = 0, size(lambda, 2) - 1
       misfit(:, p) = 0.0_wp
-      do channel = 1, size(share)
+      do channel = 1, size(lambda, 1)
          do i = a, b
             misfit(i, p) = misfit(i, p) + &
-               share(channel)*(channels(i - shift, channel) - means(channel, p))**2
+               lambda(channel, p)*(channels(i - shift, channel) - means(channel, p))**2
          end do
       end do
       do i = a, b
-         misfit(i, p) = lambda(p)*weight(i - shift)*misfit(i, p)
+         misfit(i, p) = weight(i - shift)*misfit(i, p)
       end do
    end do
 
@@ -139,7 +139,7 @@ subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, share, mea
       drawn = 0.0_wp
       do axis = 1, grid%axes
          s = grid%step(axis)
-         rate = mu/grid%spacing(axis)**2
+         rate = mu(level)/grid%spacing(axis)**2
          if (axis == 1) then
             call faces(grid, axis, a - 1, b, old(:, level), ahead)
             behind(a:b) = ahead(a - 1:b - 1)
@@ -241,7 +241,7 @@ pure integer function sums_of_row(regions, channels)
    !> Numbers of regions and channels
    integer, intent(in) :: regions, channels
 
-   sums_of_row = 1 + regions*(2 + channels)
+   sums_of_row = 1 + regions*(1 + 2*channels)
 end function sums_of_row
 
 !> Step functions along a row, (3.16)
@@ -263,26 +263,23 @@ subroutine step_row(row, epsilon, phi, inside)
 end subroutine step_row
 
 !> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6), P (3.39)
-subroutine sum_row(grid, row, mu, nu, gamma, regions, share, channels, weight, inside, bent, sums)
+subroutine sum_row(grid, row, mu, nu, gamma, regions, channels, weight, inside, bent, sums)
    type(grid_type), intent(in) :: grid
    type(row_type), intent(in) :: row
-   !> Weights of length, area and distance [-]
-   real(wp), intent(in) :: mu, nu, gamma
+   !> Weights of length, shape (level sets), of area and of distance [-]
+   real(wp), intent(in) :: mu(:), nu, gamma
    !> Number of regions
    integer, intent(in) :: regions
-   !> Weights of the channels over their number, shape (channels) [-]
-   real(wp), intent(in) :: share(:)
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
    real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Step functions of the level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
    !> Of `bend_row`, same shape; read where gamma > 0 [-]
    real(wp), intent(in), contiguous :: bent(:, :)
-   !> Energy of contours and areas; then for each region the integrals of its membership, of
-   !> membership times squared values, and of membership times values per channel;
-   !> shape (sums_of_row) [-]
+   !> Energy of contours and areas; then for each region the integrals of its membership, and of
+   !> membership times values and times squared values per channel; shape (sums_of_row) [-]
    real(wp), intent(out) :: sums(:)
-   real(wp), dimension(row%first:row%last) :: square, part, slope
+   real(wp), dimension(row%first:row%last) :: part, slope
    real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1)
    integer :: a, b, p, r, channel, level, i, place, shift
 
@@ -296,7 +293,7 @@ subroutine sum_row(grid, row, mu, nu, gamma, regions, share, channels, weight, i
       call squared_slope(grid, a, b, inside(:, level), slope)
       call inverse_roots(slope, part)
       do i = a, b
-         part(i) = mu*slope(i)*part(i) + nu*inside(i, level)
+         part(i) = mu(level)*slope(i)*part(i) + nu*inside(i, level)
       end do
       if (gamma > 0.0_wp) then
          do i = a, b
@@ -306,12 +303,6 @@ subroutine sum_row(grid, row, mu, nu, gamma, regions, share, channels, weight, i
       sums(1) = sums(1) + total(grid%part(a:b), part)
    end do
 
-   square = 0.0_wp
-   do channel = 1, size(share)
-      do i = a, b
-         square(i) = square(i) + share(channel)*channels(i - shift, channel)**2
-      end do
-   end do
    call memberships(a, b, inside, member)
    do p = regions, 2**size(inside, 2) - 1
       r = region_of(p, regions)
@@ -325,11 +316,13 @@ subroutine sum_row(grid, row, mu, nu, gamma, regions, share, channels, weight, i
          part(i) = member(i, r)*weight(i - shift)
       end do
       sums(place + 1) = total(part, grid%part(a:b))
-      sums(place + 2) = total(part, square)
-      do channel = 1, size(share)
-         sums(place + 2 + channel) = total(part, channels(a - shift:b - shift, channel))
-      end do
-      place = place + 2 + size(share)
+      associate (n => size(channels, 2))
+         do channel = 1, n
+            sums(place + 1 + channel) = total(part, channels(a - shift:b - shift, channel))
+            sums(place + 1 + n + channel) = total(part, channels(a - shift:b - shift, channel)**2)
+         end do
+         place = place + 1 + 2*n
+      end associate
    end do
 end subroutine sum_row
 

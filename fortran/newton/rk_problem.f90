@@ -239,8 +239,8 @@ function advice(self) result(text)
       text = 'the stress has kinks: use curve = "smooth" for fibers, in an energy of your own ' &
          & //'smooth functions in place of max, min, abs and comparisons'
    else if (self%scene%method == 'rkcm') then
-      text = 'rounding errors dominate because K is '//text//' times the shear modulus, use ' &
-         & //'method "rkcm-mixed"'
+      text = 'rounding errors dominate, as K is '//text//' times the shear modulus, or residuals ' &
+         & //'remain: use solver.newton = "full" or method "rkcm-mixed"'
    else
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
          & //'no step reduces the residual; take a smaller K, more points or less load'

@@ -1,5 +1,6 @@
 !> Probes: numbers of a converged state at points, on boundary sets and through plane sections.
 module rk_probes
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_neighbours, only : nearest_points
@@ -11,7 +12,8 @@ module rk_probes
    implicit none
    private
 
-   public :: probes_type, new_probes, probe_value, quantity, quantity_kind, quantity_size
+   public :: probes_type, new_probes, probe_value, pressed_volume, quantity, quantity_kind, &
+      & quantity_size
 
    !> Shape functions at the places of point probes
    type :: probes_type
@@ -45,7 +47,7 @@ subroutine new_probes(self, scene, error)
 end subroutine new_probes
 
 !> Value of a probe, 1 or 3 numbers
-subroutine probe_value(problem, probes, i, state, value, whole)
+subroutine probe_value(problem, probes, i, state, value, whole, apart)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(probes_type), intent(in) :: probes
@@ -56,10 +58,13 @@ subroutine probe_value(problem, probes, i, state, value, whole)
    real(wp), intent(out) :: value(3)
    !> Norm of the vector or tensor of which it is a component, or its own
    real(wp), intent(out), optional :: whole
+   !> Of J by how much it is off what the pressure allows, else 0 [-]
+   real(wp), intent(out), optional :: apart
    type(field_state) :: own
    type(point_state) :: local
    real(wp) :: u(problem%fields, problem%shape%nq)
 
+   if (present(apart)) apart = 0.0_wp
    associate (probe => problem%scene%probe(i), nd => problem%scene%cloud%nd)
       if (probe%of_body()) then
          value = 0.0_wp
@@ -84,6 +89,8 @@ subroutine probe_value(problem, probes, i, state, value, whole)
             call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
             call problem%at_place(state, probes%nearest(i), probe%point(:nd), u, local)
             value = quantity(probe%quantity, local)
+            if (present(apart) .and. probe%quantity == 'J' .and. .not. problem%linear) &
+               & apart = abs(local%j - pressed_volume(problem, probes%nearest(i), local))
             if (.not. present(whole)) return
             whole = norm2(value)
             select case (quantity_kind(probe%quantity))
@@ -100,6 +107,22 @@ subroutine probe_value(problem, probes, i, state, value, whole)
          & len(probe%quantity)))
    end associate
 end subroutine probe_value
+
+!> Volume ratio that the pressure of a place allows; J there is another one where a form keeps the
+!> volume of cells or patches only
+real(wp) function pressed_volume(problem, ip, local) result(ratio)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Collocation point whose material holds there
+   integer, intent(in) :: ip
+   !> State
+   type(point_state), intent(in) :: local
+   real(wp) :: mean
+
+   ratio = 1.0_wp
+   mean = (local%cauchy(1, 1) + local%cauchy(2, 2) + local%cauchy(3, 3))/3.0_wp
+   if (ieee_is_finite(mean)) ratio = ratio + mean/problem%mixture%bulk(ip)
+end function pressed_volume
 
 !> Force through a boundary set or a plane section
 function force_of(problem, probe, state) result(value)

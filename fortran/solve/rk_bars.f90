@@ -76,6 +76,9 @@ module rk_bars
       real(wp), allocatable :: factor(:)
       !> Norm of what each probe is a component of, at these loads, shape (probes, n)
       real(wp), allocatable :: whole(:, :)
+      !> By how much a J is off what the pressure allows at these loads, 0 of all else: no second
+      !> solution knows better, shape (probes, n) [-]
+      real(wp), allocatable :: apart(:, :)
       !> Own size at full load, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
       !> Own size at full load, at least that of its kind, shape (probes)
@@ -90,8 +93,8 @@ module rk_bars
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
       !> What makes most of each bar at full load: "other points", "other form", "all
-      !> displacements", "voxels", "known solution", "least share"; blank where there is none, shape
-      !> (probes)
+      !> displacements", "voxels", "J of the pressure", "known solution", "least share"; blank where
+      !> there is none, shape (probes)
       character(len=17), allocatable :: source(:)
    contains
       procedure :: at, unresolved
@@ -118,7 +121,7 @@ subroutine new_bars(self, problem, load, x, error)
    n = size(problem%scene%probe)
    self%load = load
    allocate (self%values(3, n, size(load)), self%bars(3, n, size(load)))
-   allocate (self%whole(n, size(load)))
+   allocate (self%whole(n, size(load)), self%apart(n, size(load)))
    allocate (self%value(3, n), self%bar(3, n), self%change(n), self%at_surface(n))
    allocate (self%size(n), self%kind(n), self%peak(n), self%open(n), source=0.0_wp)
    peak = 0.0_wp
@@ -133,7 +136,8 @@ subroutine new_bars(self, problem, load, x, error)
    if (allocated(error)) return
    do k = 1, size(load)
       call problem%state(x(:, k), load(k), state)
-      call look_at(self, problem, probes, state, self%values(:, :, k), self%whole(:, k))
+      call look_at(self, problem, probes, state, self%values(:, :, k), self%whole(:, k), &
+         & self%apart(:, k))
       self%peak = max(self%peak, self%size)
       peak = max(peak, self%kind)
    end do
@@ -145,7 +149,7 @@ subroutine new_bars(self, problem, load, x, error)
 end subroutine new_bars
 
 !> Values and sizes of a state
-subroutine look_at(self, problem, probes, state, value, whole)
+subroutine look_at(self, problem, probes, state, value, whole, apart)
    type(bars_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
    type(probes_type), intent(in) :: probes
@@ -154,6 +158,8 @@ subroutine look_at(self, problem, probes, state, value, whole)
    real(wp), intent(out) :: value(:, :)
    !> Norms of what they are components of, shape (probes)
    real(wp), intent(out) :: whole(:)
+   !> By how much J is off what the pressure allows, shape (probes) [-]
+   real(wp), intent(out) :: apart(:)
    type(point_state) :: local
    real(wp) :: stresses(size(problem%scene%cloud%points, 2)), displacement, stress, force, share, &
       & own, kind
@@ -174,7 +180,7 @@ subroutine look_at(self, problem, probes, state, value, whole)
             & norm2(problem%set_force(set, state, 1.0_wp)))
       end do
       do i = 1, size(value, 2)
-         call probe_value(problem, probes, i, state, value(:, i), whole(i))
+         call probe_value(problem, probes, i, state, value(:, i), whole(i), apart(i))
          share = share_of_kind
          select case (quantity_kind(scene%probe(i)%quantity))
          case ('force')
@@ -359,7 +365,7 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
    difference = max(abs(self%values(:n, i, :) - other(:n, :)), spread(least_change, 1, n))
    do k = 1, size(self%load)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
-         & + left*norm2(self%values(:n, i, k)), least(self, i, self%whole(i, k)))
+         & + left*norm2(self%values(:n, i, k)), self%apart(i, k), least(self, i, self%whole(i, k)))
    end do
    last = size(self%load)
    self%bar(:n, i) = self%bars(:n, i, last)
@@ -368,9 +374,11 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
       & self%source(i) = 'all displacements'
    if (left*norm2(self%values(:n, i, last)) > self%factor(i)*maxval(difference(:, last))) &
       & self%source(i) = 'voxels'
+   if (maxval(self%bar(:n, i)) <= self%apart(i, last)) self%source(i) = 'J of the pressure'
    if (maxval(self%bar(:n, i)) <= least(self, i, self%whole(i, last))) &
       & self%source(i) = 'least share'
-   self%change(i) = maxval(difference(:, size(self%load)))/max(self%size(i), tiny(1.0_wp))
+   self%change(i) = max(maxval(difference(:, last)), self%apart(i, last)) &
+      & /max(self%size(i), tiny(1.0_wp))
    if (self%taken_off) self%change(i) = max(self%change(i), &
       & maxval(difference)/max(self%size(i), self%peak(i), tiny(1.0_wp)))
    self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))

@@ -14,6 +14,7 @@ module rk_verdict
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type
    use rk_precision, only : wp
+   use rk_probes, only : pressed_volume
    use rk_recorder, only : recorder_type
    use rk_run, only : outcome_type
    use rk_states, only : field_state, point_state
@@ -57,7 +58,8 @@ module rk_verdict
    !> Share of the volume in which J leaves the J of the pressure, and by how much
    real(wp), parameter :: of_volume(2) = [0.05_wp, 0.25_wp], off_pressure = 0.1_wp
    !> Root mean square of the same in a weak form, whose stress has the pressure of its cells and
-   !> may be right where J at points is not: whoever reads J is warned
+   !> may be right where J at points is not: whoever reads the field is warned, and a probe of J has
+   !> it in its bar
    real(wp), parameter :: of_point_volume = 0.05_wp
 
    !> Verdict with its reasons and the error bars
@@ -243,16 +245,13 @@ subroutine warn_of_volume(problem, outcome, receiver)
    !> Receiver of the caller
    class(recorder_type), intent(inout) :: receiver
    type(point_state) :: local
-   real(wp) :: off, wanted, mean
+   real(wp) :: off
    integer :: ip
 
    off = 0.0_wp
    do ip = 1, size(problem%scene%cloud%points, 2)
       call problem%at_point(outcome%peak, ip, local)
-      mean = (local%cauchy(1, 1) + local%cauchy(2, 2) + local%cauchy(3, 3))/3.0_wp
-      wanted = 1.0_wp
-      if (ieee_is_finite(mean)) wanted = 1.0_wp + mean/problem%mixture%bulk(ip)
-      off = off + (determinant(local%f) - wanted)**2
+      off = off + (determinant(local%f) - pressed_volume(problem, ip, local))**2
    end do
    off = sqrt(off/size(problem%scene%cloud%points, 2))
    if (off <= of_point_volume) return
@@ -380,6 +379,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
+   character(len=:), allocatable :: reference
    real(wp), allocatable :: upper(:)
    real(wp) :: limits(2)
    integer :: i, worst
@@ -410,9 +410,13 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
          if (self%companion%coarse) upper = huge(1.0_wp)
          worst = maxloc(bars%change/lower, dim=1)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
-         if (any(bars%change >= 0.0_wp)) call found%compare(bars%change(worst), &
-            & [lower(worst), upper(worst)], 'probe '//problem%scene%probe(worst)%name &
-            & //' is # of its size away'//from)
+         if (any(bars%change >= 0.0_wp)) then
+            reference = from
+            if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure ' &
+               & //'allows'
+            call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
+               & //problem%scene%probe(worst)%name//' is # of its size away'//reference)
+         end if
          do i = 1, size(bars%change)
             if (ieee_is_nan(bars%change(i))) then
                call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &

@@ -773,9 +773,9 @@ _COMMANDS = {
     ),
     "bench": _Command(
         _bench,
-        "the tables and speed-against-error curves of the reference problems, solved anew",
+        "the tables and curves of the reference problems, solved anew",
         "  myork bench nonlinear\n  myork bench trust --quick\n"
-        "  myork bench linear curves rom --out out/bench\n"
+        "  myork bench linear rom --out out/bench\n"
         "  myork bench all --quick",
         (
             _option(

@@ -31,8 +31,7 @@ def evolve(channels, phi, **change):
     """The core with weights of one; `change` names what differs."""
     options = {
         "spacing": (1.0, 1.0, 1.0),
-        "lambdas": np.ones(2 ** phi.shape[-1]),
-        "channel_weights": np.ones(channels.shape[-1]),
+        "lambdas": np.ones((channels.shape[-1], 2 ** phi.shape[-1])),
         "volume": False,
         "weight": np.ones(channels.shape[:3]),
         **STEERING,
@@ -59,15 +58,15 @@ def distance_energy(phi, spacing, part):
     return (part * (np.sqrt(square) - 1) ** 2).sum() / 2
 
 
-def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas, weights):
+def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas):
     """One step of (A.1) for two level sets and any channels, written out; and the energy."""
     axes = [d for d in range(3) if u.shape[d] > 1]
     h1, h2 = (0.5 + np.arctan(phi[..., k] / epsilon) / np.pi for k in (0, 1))
     members = [(1 - h1) * (1 - h2), h1 * (1 - h2), (1 - h1) * h2, h1 * h2]
     misfits, energy = [], 0.0
-    for member, weight in zip(members, lambdas, strict=True):
+    for member, weights in zip(members, lambdas.T, strict=True):
         c = (u * member[..., None]).sum((0, 1, 2)) / member.sum()
-        misfits.append(weight * ((u - c) ** 2 * weights).mean(-1))
+        misfits.append(((u - c) ** 2 * weights).mean(-1))
         energy += (misfits[-1] * member).sum()
     forces = (
         (misfits[0] - misfits[1]) * (1 - h2) + (misfits[2] - misfits[3]) * h2,
@@ -95,9 +94,9 @@ def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas, weights):
             b = np.roll(a, 1, d)
             pull = pull + a + b
             drawn = drawn + a * shifted(p, d, 1) + b * shifted(p, d, -1)
-        energy += (mu * np.sqrt(slope) + nu * h).sum()
-        top = p + dt * delta * (mu * drawn + force - nu)
-        new[..., k] = top / (1 + dt * delta * mu * pull)
+        energy += (mu[k] * np.sqrt(slope) + nu * h).sum()
+        top = p + dt * delta * (mu[k] * drawn + force - nu)
+        new[..., k] = top / (1 + dt * delta * mu[k] * pull)
     return new, energy * np.prod([spacing[d] for d in axes])
 
 
@@ -107,16 +106,15 @@ def test_steps_equal_plain_numpy(shape, spacing):
     random = np.random.default_rng(3)
     u = random.random((*shape, 3))
     expected = random.random((*shape, 2)) - 0.5
-    keys = dict(mu=0.02, nu=0.01, epsilon=0.5, dt=0.7, spacing=spacing)
-    lambdas, weights = np.array([1.2, 0.8, 1.0, 0.6]), np.array([1.0, 0.5, 2.0])
+    keys = dict(mu=[0.02, 0.05], nu=0.01, epsilon=0.5, dt=0.7, spacing=spacing)
+    lambdas = np.array([1.0, 0.5, 2.0])[:, None] * [1.2, 0.8, 1.0, 0.6] + random.random((3, 4)) / 4
     found = evolve(
-        u, expected, tolerance=0.0, iterations=9, lambdas=lambdas, channel_weights=weights,
-        volume=True, **keys,
+        u, expected, tolerance=0.0, iterations=9, lambdas=lambdas, volume=True, **keys,
     )  # fmt: skip
     energies = []
     for _ in range(10):
         before = expected
-        expected, energy = numpy_step(u, before, lambdas=lambdas, weights=weights, **keys)
+        expected, energy = numpy_step(u, before, lambdas=lambdas, **keys)
         energies.append(energy)
     assert found["iterations"][0] == 9 and (np.diff(energies) < 0).all()
     np.testing.assert_allclose(found["phi"], before, atol=1e-12)
@@ -129,7 +127,7 @@ def test_distance_term_is_the_slope_of_its_energy(shape):
     spacing, random = (1.0, 1.7, 4.0), np.random.default_rng(3)
     phi = random.random((*shape, 1))
     part = (random.random(shape) > 0.2).astype(float)
-    keys = dict(spacing=spacing, weight=part, mu=0.0, lambdas=[1.0, 1.0], gamma=0.3, volume=True)
+    keys = dict(spacing=spacing, weight=part, mu=0.0, gamma=0.3, volume=True)
     found = evolve(np.zeros_like(phi), phi, iterations=1, dt=1e-7, **keys)
     cell = np.prod([h for h, n in zip(spacing, shape, strict=True) if n > 1])
     assert found["energy"][0, 0] == pytest.approx(
@@ -201,7 +199,7 @@ def test_weight_of_a_voxel_counts_it_so_often():
     u = np.random.default_rng(2).random((15, 15, 1, 1))
     keys = dict(iterations=20, dt=5.0, mu=0.0)
     twice = evolve(u, u - 0.5, weight=np.full((15, 15, 1), 2.0), **keys)["phi"]
-    np.testing.assert_allclose(twice, evolve(u, u - 0.5, lambdas=[2.0, 2.0], **keys)["phi"])
+    np.testing.assert_allclose(twice, evolve(u, u - 0.5, lambdas=[[2.0, 2.0]], **keys)["phi"])
 
 
 def disc(n=64, radius=18.0, noise=0.0, seed=5):
@@ -317,6 +315,7 @@ def test_otsu_parts_two_heaps():
     ("change", "message"),
     [
         ({"lambdas": [1.0, 1.0, 1.0]}, "image.lambda has 3 weights; give one for all or 2"),
+        ({"mu": [0.1, 0.2]}, "image.mu has 2 weights; give one for all or 1, one a level set"),
         ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
         ({"start": "labels"}, "a start from labels needs them"),
     ],

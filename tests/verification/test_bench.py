@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +132,7 @@ def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.Monke
     assert "1 benchmarks have results; without: trust" in page
 
 
-@pytest.mark.parametrize("name", ["linear", "nonlinear", "curves"])
+@pytest.mark.parametrize("name", ["linear", "nonlinear"])
 def test_what_others_assert_is_drawn(name: str, tmp_path: Path) -> None:
     """Rates, exact states and locking are those of test_linear, test_forms and hard cases."""
     cases = quick(name, tmp_path)["cases"]
@@ -312,7 +313,10 @@ def test_methods_and_curves_are_views_of_the_same_rows(
     assert "Written by `python benchmarks/runner.py methods --quick` on 20" in page
     (line,) = [line for line in page.splitlines() if line.startswith("| auto |")]
     assert line.split(" | ")[1:4] == ["2", "0", "0"]
-    assert (tmp_path / "curves.md").is_file()
+    page = (tmp_path / "curves.md").read_text("utf-8")
+    pictures = re.findall(r"^!\[.+\]\((.+\.svg)\)$", page, re.M)
+    assert len(pictures) == 2 and all((tmp_path / name).is_file() for name in pictures)
+    assert "auto" in (tmp_path / pictures[0]).read_text("utf-8")
 
 
 def test_certify(tmp_path: Path) -> None:

@@ -1,17 +1,17 @@
 ! Python boundary of the segmentation: plain arrays in, plain arrays out.
 
-!> Evolve level sets in blocks of `depth` slices; steering is mu, nu, gamma, epsilon, dt,
-!> tolerance, and weight is zero for voxels that take no part
-subroutine evolve_level_sets(steering, lambda, channel_weight, spacing, limit, depth, ni, nj, nk, &
-   & nchannel, nlevel, nregion, nblock, channels, weight, start, phi, energy, means, &
-   & iterations, ended, stat, message)
+!> Evolve level sets in blocks of `depth` slices; steering is nu, gamma, epsilon, dt, tolerance, and
+!> weight is zero for voxels that take no part
+subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj, nk, nchannel, &
+   & nlevel, nregion, nblock, channels, weight, start, phi, energy, means, iterations, ended, &
+   & stat, message)
    use rk_error, only : error_type
    use rk_levelset, only : evolve => evolve_level_sets, level_set_options
    use rk_pack, only : pack_error
    implicit none
    !f2py threadsafe
    integer, intent(in) :: limit, depth, ni, nj, nk, nchannel, nlevel, nregion, nblock
-   double precision, intent(in) :: steering(6), lambda(nregion), channel_weight(nchannel)
+   double precision, intent(in) :: steering(5), mu(nlevel), lambda(nchannel, nregion)
    double precision, intent(in) :: spacing(3), channels(ni, nj, nk, nchannel)
    double precision, intent(in) :: weight(ni, nj, nk), start(ni, nj, nk, nlevel)
    double precision, intent(out) :: phi(ni, nj, nk, nlevel), energy(limit + 1, nblock)
@@ -21,9 +21,9 @@ subroutine evolve_level_sets(steering, lambda, channel_weight, spacing, limit, d
    type(error_type), allocatable :: error
    type(level_set_options) :: options
 
-   options = level_set_options(mu=steering(1), nu=steering(2), gamma=steering(3), &
-      & epsilon=steering(4), dt=steering(5), tolerance=steering(6), spacing=spacing, &
-      & iterations=limit, lambda=lambda, channel_weight=channel_weight)
+   options = level_set_options(nu=steering(1), gamma=steering(2), epsilon=steering(3), &
+      & dt=steering(4), tolerance=steering(5), spacing=spacing, iterations=limit, mu=mu, &
+      & lambda=lambda)
    phi = start
    energy = 0.0d0
    means = 0.0d0

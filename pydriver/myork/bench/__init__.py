@@ -1,10 +1,10 @@
 """Benchmarks: tables and curves of the reference problems, solved anew in every run.
 
-The package has the problems of the dissertation, speed against error, and full against reduced
-models, tables of its module `studies`; all other comparisons stand in the folder `benchmarks` of a
-checkout. Each is a function ``run(out, progress, quick) -> dict`` (folder for files, callable for
-lines of progress, whether small cases are enough). Its result is written to `bench.json` as it is
-and drawn on `bench.html` from these keys, all optional:
+The package has the problems of the dissertation and full against reduced models, tables of its
+module `studies`; all other comparisons stand in the folder `benchmarks` of a checkout. Each is a
+function ``run(out, progress, quick) -> dict`` (folder for files, callable for lines of progress,
+whether small cases are enough). Its result is written to `bench.json` as it is and drawn on
+`bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
 - ``ended``: why there is nothing else, of a benchmark that failed;
@@ -31,9 +31,9 @@ from myork.files import alone_in, write_json
 __all__ = ["BENCHES", "find_study", "run_benches"]
 
 #: Benchmarks of the package: tables of its module `studies`
-_PACKAGED = ("linear", "nonlinear", "curves", "rom")
+_PACKAGED = ("linear", "nonlinear", "rom")
 #: Benchmarks of a checkout: views of its folder `benchmarks`
-_CHECKOUT = ("trust", "methods", "newcomer", "certify", "race")
+_CHECKOUT = ("trust", "methods", "curves", "newcomer", "certify", "race")
 BENCHES = (*_PACKAGED, *_CHECKOUT)
 
 #: What a benchmark is

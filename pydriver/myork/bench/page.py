@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup, escape
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
@@ -55,7 +56,7 @@ def _parts(bench: Mapping[str, Any]) -> list[Markup]:
     if "ended" in bench:
         parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
     for plot in bench.get("plots", []):
-        parts.append(figure(_curves(plot), plot.get("caption", plot["title"])))
+        parts.append(figure(draw_curves([plot]), plot.get("caption", plot["title"])))
     for entry in bench.get("tables", []):
         parts.append(_table(entry))
     return parts
@@ -98,24 +99,40 @@ def _cell(value: Any) -> str:
     return value if isinstance(value, str) else number(value)
 
 
-def _curves(plot: Mapping[str, Any]) -> Figure:
-    """Curves with legends outside, so that they hide no point."""
-    drawing = Figure(figsize=(11.0, 5.0), layout="constrained")
-    axes = drawing.add_subplot()
-    own = 0
-    for curve in plot["series"]:
-        rival = curve.get("rival", False)
-        axes.plot(
-            curve["x"],
-            curve["y"],
-            color=_RIVAL if rival else COLOURS[own % len(COLOURS)],
-            marker="*" if rival else MARKERS[own % len(MARKERS)],
-            markersize=9 if rival else 5.5,
-            linestyle="--" if rival or own >= len(COLOURS) else "-",
-            linewidth=1.6,
-            label=curve["name"],
-        )
-        own += not rival
+def draw_curves(plots: Sequence[Mapping[str, Any]]) -> Figure:
+    """Plots side by side in one figure, with a legend outside, so that it hides no point.
+
+    Parameters
+    ----------
+    plots : sequence of mapping
+        As of `myork.bench`; a curve of one name looks alike in all of them.
+    """
+    drawing = Figure(figsize=(5.0 + 5.0 * len(plots), 5.0), layout="constrained")
+    curves = [curve for plot in plots for curve in plot["series"]]
+    own = list(dict.fromkeys(c["name"] for c in curves if not c.get("rival", False)))
+    shown = {}
+    for axes, plot in zip(drawing.subplots(1, len(plots), squeeze=False)[0], plots, strict=True):
+        for curve in plot["series"]:
+            rival = curve.get("rival", False)
+            k = len(own) if rival else own.index(curve["name"])
+            (shown[curve["name"]],) = axes.plot(
+                curve["x"],
+                curve["y"],
+                color=_RIVAL if rival else COLOURS[k % len(COLOURS)],
+                marker="*" if rival else MARKERS[k % len(MARKERS)],
+                markersize=9 if rival else 5.5,
+                linestyle="--" if rival or k >= len(COLOURS) else "-",
+                linewidth=1.6,
+            )
+        _dress(axes, plot)
+    drawing.legend(
+        shown.values(), shown.keys(), loc="outside right upper", frameon=False, fontsize=8.5
+    )
+    return drawing
+
+
+def _dress(axes: Axes, plot: Mapping[str, Any]) -> None:
+    """Logarithmic axes with their labels."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
@@ -132,5 +149,3 @@ def _curves(plot: Mapping[str, Any]) -> Figure:
     axes.grid(which="major", color="#dddddd", linewidth=0.8)
     axes.grid(which="minor", color="#eeeeee", linewidth=0.5)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8.5)
-    return drawing

@@ -1,8 +1,8 @@
 """What `myork bench` runs of the reference problems: tables of the dissertation, and what it lacks.
 
-Orders above 2, forms and iterations beside exact solutions, speed against error, and reduced models
-with rows in the span of their modes. They are tables of runs and rows as those of `dissertation`,
-and run by the same code; their reference is theory, an exact solution or a converged mesh.
+Orders above 2, forms and iterations beside exact solutions, and reduced models with rows in the
+span of their modes. They are tables of runs and rows as those of `dissertation`, and run by the
+same code; their reference is theory or an exact solution.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 from myork.bench import exact
 from myork.bench.chapter_6 import GALERKIN, MODES, MOTIONS, PATHS, LoadPath, Motion
-from myork.bench.dissertation import TABLES, Row, Run, Table
+from myork.bench.dissertation import Row, Run, Table
 from myork.bench.linear import HIGHER_STUDIES, PUBLISHED_STUDIES, Study
 from myork.bench.materials import along_fibers
 from myork.bench.reproduce import compute, row_columns, rows_of
@@ -162,80 +162,6 @@ _NONLINEAR = (
     ),
 )  # fmt: skip
 
-#: Order and support of a curve
-_ORDERS = ((2, 4), (3, 5), (4, 6), (5, 7), (6, 8))
-_TUBE_SIZES = ((5, 26), (7, 38), (9, 51), (13, 76))
-_BLOCK_SIZES = ((4, 4, 7), (5, 5, 9), (6, 6, 11))
-
-
-def _curves(
-    title: str,
-    deck: str,
-    methods: Sequence[tuple[str, int, int]],
-    sizes: Sequence[Sequence[int]],
-    words: tuple[str, ...],
-    probe: str = "",
-    solution: _Solution | None = None,
-) -> list[Table]:
-    """Speed against error: a table for each curve, with a run for each size.
-
-    The error is that of a probe, or without a solution the largest beside the deck's references.
-    """
-    tables = []
-    for form, order, support in methods:
-        choice = (
-            f"scene.method={form}", f"approximation.order={order}",
-            f"approximation.support={support}", "approximation.kernel=quintic", *words,
-        )  # fmt: skip
-        # supports have to be filled along the shortest edge of a box
-        filled = [size for size in sizes if len(size) == 2 or min(size) > order + 1]
-        runs = {
-            " x ".join(map(str, size)): Run("solve", deck, (*lattice(size), *choice))
-            for size in filled
-        }
-        rows = tuple(
-            Row(size, partial(_value, deck, choice, solution), (size, f"probes.{probe}"))
-            if solution
-            else Row(f"{size}, largest error", None, (size, "reference_error"))
-            for size in runs
-        )
-        name = f"{title}: {form}, order {order}, {support} h"
-        quick = (order, support) == (2, 3) and len(sizes[0]) == 2
-        tables.append(Table(name, title, runs, rows, _QUICK if quick else 60.0))
-    return tables
-
-
-_STRONG = [(form, order, support) for form, (order, support) in product(METHODS, _ORDERS)]
-_SMALL = [(form, order, order + 1) for form, order in product(METHODS, (2, 3))]
-_CONTRACTED = ("load.activation=0.15", "load.steps=6")
-_SPEED = (
-    *_curves(
-        "Tube, radial stress at the inner surface",
-        "tube",
-        [("rkcm-mixed", 2, 3), *_STRONG],
-        _TUBE_SIZES,
-        ("load.steps=12",),
-        "radial_stress",
-        exact.inner_stress,
-    ),
-    *_curves(
-        "Muscle block, straight fibers, axial stress in the middle",
-        "muscle_block",
-        _SMALL,
-        _BLOCK_SIZES,
-        (*_CONTRACTED, *PUBLISHED_BLOCK),
-        "stress_zz",
-        _fixed_fibers,
-    ),
-    *_curves(
-        "Muscle block, fibers inclined 30°, largest error of six probes",
-        "muscle_fibers",
-        _SMALL,
-        _BLOCK_SIZES,
-        _CONTRACTED,
-    ),
-)
-
 
 def _motion(motion: Motion) -> Table:
     """A motion by QR of rows in the span of its modes."""
@@ -270,17 +196,25 @@ STUDIES = {
         *_LOADS,
     ),
     "nonlinear": _NONLINEAR,
-    "curves": _SPEED,
     "rom": (
         *(_motion(motion) for motion in MOTIONS),
-        *(TABLES[f"6.{n}"] for n in range(3, 11)),
-        *(_span(path) for path in (*PATHS, *GALERKIN)),
+        *(_span(path) for path in (*PATHS[:3], *GALERKIN)),
     ),
 }
+#: Columns of the solves
+_EACH = (
+    ("problem", "problem"),
+    ("run", "size"),
+    ("form", "method"),
+    ("unknowns", "unknowns"),
+    ("iterations", "iterations"),
+    ("CPU [s]", "cpu_s"),
+    ("largest error", "largest"),
+    ("outcome", "outcome"),
+)
 _TITLES = {
     "linear": "Convergence of linear problems",
     "nonlinear": "Nonlinear problems beside exact solutions",
-    "curves": "Speed against error",
     "rom": "Full and reduced models of chapter 6",
 }
 
@@ -298,18 +232,21 @@ def run(name: str, out: Path, progress: ProgressCallback, quick: bool) -> dict[s
         rows += own
         for key, one in entry.runs.items():
             cases += _cases(entry, key, records[one], own)
-    axes = ("CPU time [s]", "relative error [-]"), ("source spacing", "relative L2 error [-]")
-    drawn = {"curves": ("cpu_s", axes[0]), "linear": ("h", axes[1])}
-    plots = []
-    if name in drawn:
-        x, labels = drawn[name]
-        plots = [plot(_TITLES[name], labels, cases, x, "largest")]
+    axes = ("source spacing", "relative L2 error [-]")
+    plots = [plot(_TITLES[name], axes, cases, "h", "largest")] if name == "linear" else []
     return {
         "title": _TITLES[name],
         "about": f"{__doc__}",
         "cases": cases,
         "rows": rows,
-        "tables": [table(_TITLES[name], (("problem", "table"), *row_columns()), rows)],
+        "tables": [
+            table(
+                "What was wanted beside what was found",
+                (("problem", "table"), *row_columns()),
+                rows,
+            ),
+            table("Each solve", _EACH, cases),
+        ],
         "plots": plots,
     }
 

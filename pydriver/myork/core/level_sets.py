@@ -17,14 +17,13 @@ def evolve_level_sets(
     start: ArrayLike,
     *,
     spacing: tuple[float, float, float],
-    mu: float,
+    mu: ArrayLike,
     nu: float,
     epsilon: float,
     dt: float,
     tolerance: float,
     iterations: int,
     lambdas: ArrayLike,
-    channel_weights: ArrayLike,
     volume: bool,
     gamma: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
@@ -35,11 +34,12 @@ def evolve_level_sets(
       they hold), shape `(ni, nj, nk)` [-]
     - `start`: first level sets, shape `(ni, nj, nk, nlevel)` [-]
     - `spacing`: voxel sizes along the three axes [-]
-    - `mu`, `nu`, `epsilon`, `dt`, `tolerance`, `iterations`: weights of length and area, width of
-      the step (3.16), largest time step, the part of the voxels that may change their region in ten
-      iterations at rest, and the largest number of iterations
-    - `lambdas`, `channel_weights`: weights of the misfit of each region, shape `(nregion,)`, and of
-      each channel; there are more than half of `2**nlevel` regions
+    - `mu`: weights of the contours' lengths, shape `(nlevel,)`, or one for all [-]
+    - `nu`, `epsilon`, `dt`, `tolerance`, `iterations`: weight of the area, width of the step (3.16)
+      and largest time step, part of the voxels that may change their region in ten iterations at
+      rest, and the largest number of iterations
+    - `lambdas`: weights of the misfit of each channel in each region, shape `(nchannel, nregion)`;
+      there are more than half of `2**nlevel` regions
     - `volume`: whether the slices are one volume; else each is a problem of its own
     - `gamma`: weight of P (3.39), which keeps the level sets near distance functions [-]
     - returns `phi` like `start`; `energy` at the start and after each iteration, shape
@@ -61,9 +61,9 @@ def evolve_level_sets(
     names = ("phi", "energy", "means", "iterations", "ended")
     found = called(
         _core.evolve_level_sets,
-        (mu, nu, gamma, epsilon, dt, tolerance),
+        (nu, gamma, epsilon, dt, tolerance),
+        np.broadcast_to(np.asarray(mu, float), first.shape[3:]),
         np.asarray(lambdas, float),
-        np.asarray(channel_weights, float),
         spacing,
         iterations,
         depth,

@@ -133,8 +133,7 @@ def clustered_bias(
                 dt=_DT,
                 tolerance=0.0,
                 iterations=_STEPS,
-                lambdas=np.ones(regions),
-                channel_weights=[1.0],
+                lambdas=np.ones((1, regions)),
                 volume=True,
             )
             phi = found["phi"]

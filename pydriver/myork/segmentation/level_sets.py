@@ -38,14 +38,15 @@ class LevelSets:
     regions: int  #: Number of regions, 2 to 64
     #: `otsu` (threshold of the first channel, two regions), `kmeans`, `circles`, or `labels`
     start: str
-    #: Weights of the contours' length and of the areas inside [-]
-    mu: float
-    lambdas: Sequence[float]  #: Weight of the misfit of each region, or one for all [-]
+    mu: float | Sequence[float]  #: Weight of the length of each contour, or one for all [-]
+    #: Weight of the misfit of each region, or of each channel in each region, all channels of the
+    #: first region first, or one for all [-]
+    lambdas: Sequence[float]
     #: At rest, this part of the voxels changes its region in ten iterations at most
     tolerance: float
     iterations: int  #: Largest number of iterations
     volume: bool = False  #: Whether the slices are one volume; else each is a problem of its own
-    nu: float = 0.0
+    nu: float = 0.0  #: Weight of the areas inside [-]
     epsilon: float = 0.5  #: Width of the step function (3.16) [-]
     dt: float = 500.0  #: Largest time step; halved where the energy would increase [-]
 
@@ -112,14 +113,13 @@ def segment_regions(
         region,
         first,
         spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()),
-        mu=choice.mu,
+        mu=_lengths(choice, first.shape[3]),
         nu=choice.nu,
         epsilon=choice.epsilon,
         dt=choice.dt,
         tolerance=choice.tolerance,
         iterations=choice.iterations,
-        lambdas=_one_for_each(choice),
-        channel_weights=weights,
+        lambdas=_misfits(choice, weights),
         volume=choice.volume,
     )
     found = np.where(region, regions_of(result["phi"], choice.regions), -1).astype(np.int32)
@@ -148,15 +148,27 @@ def wanted_phase(result: Regions, values: F64, phase: str) -> Mask:
     return one if phase == "dark" else two
 
 
-def _one_for_each(choice: LevelSets) -> F64:
-    """Weights of the regions' misfits, shape `(regions,)`."""
-    given = np.atleast_1d(np.asarray(choice.lambdas, float))
-    if given.size not in (1, choice.regions):
+def _lengths(choice: LevelSets, levels: int) -> F64:
+    """Weights of the contours' lengths, shape `(levels,)`."""
+    given = np.atleast_1d(np.asarray(choice.mu, float))
+    if given.size not in (1, levels):
         raise InputError(
-            f"image.lambda has {given.size} weights; give one for all or {choice.regions}, one a "
-            "region"
+            f"image.mu has {given.size} weights; give one for all or {levels}, one a level set: "
+            f"image.regions = {choice.regions} has so many"
         )
-    return np.broadcast_to(given, choice.regions).copy()
+    return np.broadcast_to(given, levels)
+
+
+def _misfits(choice: LevelSets, weights: F64) -> F64:
+    """Weights of the misfits, those of the channels included, shape `(channels, regions)`."""
+    given, regions = np.asarray(choice.lambdas, float).ravel(), choice.regions
+    if given.size not in (1, regions, regions * weights.size):
+        raise InputError(
+            f"image.lambda has {given.size} weights; give one for all or {regions}, one a region, "
+            f"or {regions * weights.size}, one a region and channel"
+        )
+    one_each = given.reshape(regions, -1) if given.size > 1 else given
+    return np.broadcast_to(one_each * weights, (regions, weights.size)).T
 
 
 def _first_level_sets(
