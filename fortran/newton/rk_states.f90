@@ -51,6 +51,9 @@ module rk_states
       real(wp) :: p(3, 3) = 0.0_wp
       !> Cauchy stress [stress]
       real(wp) :: cauchy(3, 3) = 0.0_wp
+      !> The same by other derivatives of the same displacements, where the form knows several: what
+      !> they differ by is part of the error
+      real(wp), allocatable :: other(:, :)
    end type point_state
 
 end module rk_states

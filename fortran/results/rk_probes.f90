@@ -58,10 +58,11 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
    real(wp), intent(out) :: value(3)
    !> Norm of the vector or tensor of which it is a component, or its own
    real(wp), intent(out), optional :: whole
-   !> Of J by how much it is off what the pressure allows, else 0 [-]
+   !> Of J by how much it is off what the pressure allows, of a stress by how much other derivatives
+   !> change it, else 0
    real(wp), intent(out), optional :: apart
    type(field_state) :: own
-   type(point_state) :: local
+   type(point_state) :: again, local
    real(wp) :: u(problem%fields, problem%shape%nq)
 
    if (present(apart)) apart = 0.0_wp
@@ -91,6 +92,12 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
             value = quantity(probe%quantity, local)
             if (present(apart) .and. probe%quantity == 'J' .and. .not. problem%linear) &
                & apart = abs(local%j - pressed_volume(problem, probes%nearest(i), local))
+            if (present(apart) .and. quantity_kind(probe%quantity) == 'stress' &
+               & .and. allocated(local%other)) then
+               again = local
+               again%cauchy = local%other
+               apart = maxval(abs(quantity(probe%quantity, again) - value))
+            end if
             if (.not. present(whole)) return
             whole = norm2(value)
             select case (quantity_kind(probe%quantity))

@@ -76,8 +76,8 @@ module rk_bars
       real(wp), allocatable :: factor(:)
       !> Norm of what each probe is a component of, at these loads, shape (probes, n)
       real(wp), allocatable :: whole(:, :)
-      !> By how much a J is off what the pressure allows at these loads, 0 of all else: no second
-      !> solution knows better, shape (probes, n) [-]
+      !> By how much a J is off what the pressure allows at these loads, and a stress is another one
+      !> by other derivatives of the same displacements, 0 of all else, shape (probes, n)
       real(wp), allocatable :: apart(:, :)
       !> Own size at full load, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
@@ -93,8 +93,8 @@ module rk_bars
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
       !> What makes most of each bar at full load: "other points", "other form", "all
-      !> displacements", "voxels", "J of the pressure", "known solution", "least share"; blank where
-      !> there is none, shape (probes)
+      !> displacements", "voxels", "J of the pressure", "own derivatives", "known solution", "least
+      !> share"; blank where there is none, shape (probes)
       character(len=17), allocatable :: source(:)
    contains
       procedure :: at, unresolved
@@ -158,7 +158,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
    real(wp), intent(out) :: value(:, :)
    !> Norms of what they are components of, shape (probes)
    real(wp), intent(out) :: whole(:)
-   !> By how much J is off what the pressure allows, shape (probes) [-]
+   !> By how much they differ from what the same displacements say otherwise, shape (probes)
    real(wp), intent(out) :: apart(:)
    type(point_state) :: local
    real(wp) :: stresses(size(problem%scene%cloud%points, 2)), displacement, stress, force, share, &
@@ -374,7 +374,8 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
       & self%source(i) = 'all displacements'
    if (left*norm2(self%values(:n, i, last)) > self%factor(i)*maxval(difference(:, last))) &
       & self%source(i) = 'voxels'
-   if (maxval(self%bar(:n, i)) <= self%apart(i, last)) self%source(i) = 'J of the pressure'
+   if (maxval(self%bar(:n, i)) <= self%apart(i, last)) self%source(i) = &
+      & merge('own derivatives  ', 'J of the pressure', self%at_surface(i))
    if (maxval(self%bar(:n, i)) <= least(self, i, self%whole(i, last))) &
       & self%source(i) = 'least share'
    self%change(i) = max(maxval(difference(:, last)), self%apart(i, last)) &

@@ -414,6 +414,8 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
             reference = from
             if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure ' &
                & //'allows'
+            if (bars%source(worst) == 'own derivatives') reference = ' by other derivatives ' &
+               & //'of the same displacements'
             call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
                & //problem%scene%probe(worst)%name//' is # of its size away'//reference)
          end if

@@ -3,9 +3,9 @@
 !> Where the pressure is linear in groups of cells, displacements of order 1 change the volume
 !> within a group, and with it the derivatives along a face: the errors alternate with the period of
 !> the groups. Their means over a group do not, which are the differences of displacements two
-!> spacings apart. The derivative across the face is one-sided, and the pressure there is carried from the
-!> middle of the groups; together they leave tractions as large as a tenth of the stress along the
-!> face. That derivative a = F N is therefore the one with which the law of the material carries
+!> spacings apart. The derivative across the face is one-sided, and the pressure there is carried
+!> from the middle of the groups; together they leave tractions as large as a tenth of the stress
+!> along the face. That derivative a = F N is therefore the one with which the law of the material carries
 !> none, P(F + (a - F N) N^T) N = 0: as many equations as unknowns, whose matrix is the acoustic
 !> tensor of the normal. Edges keep what they have.
 module rk_free_faces

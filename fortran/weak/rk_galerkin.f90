@@ -796,6 +796,7 @@ subroutine at_place(self, state, ip, x, u, local)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
+   type(point_state) :: at_point
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
    integer :: i
 
@@ -823,6 +824,10 @@ subroutine at_place(self, state, ip, x, u, local)
    slope = local%f - identity
    call self%faces%smooth(i, state%x, slope)
    call self%faces%release(i, self%mixture, ip, state%load, identity + slope, local)
+   if (.not. norm2(identity + slope - local%f) > 0.0_wp) return
+   at_point = local
+   call self%faces%release(i, self%mixture, ip, state%load, local%f, at_point)
+   local%other = at_point%cauchy
 end subroutine at_place
 
 !> Force through a plane section: that of its part behind the normal on the part before it, as the
