@@ -76,6 +76,7 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
+    "damage": ("damage",),
     "echoes": ("echoes",),
     "families": ("families",),
     "forms": ("walls", "mixed"),
