@@ -22,6 +22,7 @@ from myork.imaging.dicom_choice import split_choice
 from myork.imaging.dicom_diffusion import diffusion_series
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
+from myork.imaging.headers import described_by
 from myork.imaging.io import read_image
 from myork.records import Image
 from myork.types import F64, Mask
@@ -241,8 +242,8 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
     Parameters
     ----------
     path : Path
-        4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM images, see
-        `read_image`.
+        4-D image with .bval and .bvec of the same name beside it, or by the inheritance of BIDS, or
+        a folder of DICOM images, see `read_image`.
 
     Returns
     -------
@@ -256,8 +257,11 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
         return replace(dwi, name=str(path)), gradients
     dwi = read_image(path, values=None)
     stem = path.name.removesuffix(".gz").removesuffix(".nii")
-    files = [path.with_name(f"{stem}.{kind}") for kind in ("bval", "bvec")]
-    return dwi, read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
+    bval, bvec = (
+        next(reversed(described_by(path, kind)), path.with_name(f"{stem}.{kind}"))
+        for kind in ("bval", "bvec")
+    )
+    return dwi, read_gradients(bval, bvec, dwi.affine, dwi.data.shape[3])
 
 
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:
