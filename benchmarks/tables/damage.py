@@ -17,8 +17,6 @@ from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.types import F64
 
-__all__ = ["damage"]
-
 #: First of the numbers of the series of a half, and how many are whole and how many damaged
 HALVES = {"tuned": (0, 50), "other": (8000, 50)}
 FAULTS = ("empty", "repeated", "displaced", "ghost", "jump")

@@ -39,7 +39,6 @@ contains
 
 !> Estimate sizes, memory and operations
 function estimate_cost(deck, model) result(self)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
@@ -134,9 +133,7 @@ end function estimate_cost
 subroutine estimate_galerkin(self, deck, method, support, layers)
    !> Estimate with dimension, points and neighbours
    type(estimate_type), intent(inout) :: self
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Method
    character(len=*), intent(in) :: method
    !> Support in spacings
    real(wp), intent(in) :: support(:)

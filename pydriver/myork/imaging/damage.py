@@ -15,8 +15,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import C128, F64, I64, Mask
 
-__all__ = ["Damage", "damaged_slices", "missing_slices"]
-
 # Mean signal of a slice, of that of its neighbours, below which it has none
 _NO_SIGNAL = 0.05
 # Share of repeated slices from which on they are those of a coarser image
@@ -44,18 +42,10 @@ _SEEN = 0.005
 
 
 class Damage(NamedTuple):
-    """Slices of an image with one fault.
+    """Slices of an image with one fault."""
 
-    Attributes
-    ----------
-    slices : list of int
-        From 0, along the axis of the longest voxels.
-    why : str
-        Fault.
-    """
-
-    slices: list[int]
-    why: str
+    slices: list[int]  #: From 0, along the axis of the longest voxels
+    why: str  #: Fault
 
     def said(self, name: str) -> str:
         """Warning about the file."""
@@ -70,18 +60,11 @@ class Damage(NamedTuple):
 def damaged_slices(image: Image) -> list[Damage]:
     """Slices of an image that cannot be anatomy.
 
-    Parameters
-    ----------
-    image : Image
-        Values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several volumes the
-        mean is looked at.
-
-    Returns
-    -------
-    list of Damage
-        `no signal` between slices with signal, `the values of the slice before`, a signal 1.4 times
-        and a place 3 voxels off that of the neighbours, and `a copy of the body`. Where all from
-        some slice on are off, it is named alone.
+    - `image`: values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several
+      volumes the mean is looked at
+    - returns `no signal` between slices with signal, `the values of the slice before`, a signal 1.4
+      times and a place 3 voxels off that of the neighbours, and `a copy of the body`; where all
+      from some slice on are off, it is named alone
     """
     data = np.abs(np.asarray(image.data, float))
     data = data.mean(axis=3) if data.ndim == 4 else data

@@ -8,17 +8,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-__all__ = [
-    "DASH",
-    "fraction",
-    "labelled",
-    "number",
-    "plain",
-    "probe_units",
-    "unit_of",
-    "with_error",
-]
-
 DASH = "–"
 _MINUS = "\u2212"
 
