@@ -10,8 +10,9 @@ writes the page.
 
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
-prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known. `half` is
-`tuned`, the cases on which settings were chosen, or `other`, on which none was.
+prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
+`--write` last it becomes a section of `docs/results/images.md`. `half` is `tuned`, the cases on
+which settings were chosen, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
 its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
@@ -71,6 +72,7 @@ PACKAGED = ("linear", "nonlinear", "rom")
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
+    "damage": ("damage",),
     "echoes": ("echoes",),
     "families": ("families",),
     "forms": ("walls", "mixed"),
@@ -477,7 +479,8 @@ def _cell(value: Any) -> str:
 
 def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
     """Print the rows of a table of docs/, or how to call it."""
-    wanted, name = inspect.signature(table), table.__name__
+    wanted, name, write = inspect.signature(table), table.__name__, arguments[-1:] == ("--write",)
+    arguments = arguments[:-1] if write else arguments
     fits = "half" not in wanted.parameters or arguments[:1] in (("tuned",), ("other",))
     try:
         wanted.bind(*arguments)
@@ -485,11 +488,22 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         fits = False
     if not fits:
         sys.exit(f"{name}{wanted}\n\n{inspect.getdoc(table)}")
-    print(f"MyoRK {machine()['version']}\n\n## {name}: {inspect.getdoc(table)}\n")
+    about = machine()
+    head = f"## {' '.join((name, *arguments[: 'half' in wanted.parameters]))}"
+    lines = [head, "", inspect.getdoc(table) or "", ""]
+    print("\n".join([f"MyoRK {about['version']}", "", *lines]), flush=True)
     for number, row in enumerate(table(*arguments)):
-        print(f"| {' | '.join(row)} |", flush=True)
-        if number == 0:
-            print("|" + "---|" * len(row))
+        new = [f"| {' | '.join(row)} |", *(["|" + "---|" * len(row)] if number == 0 else [])]
+        print("\n".join(new), flush=True)
+        lines += new
+    if write:
+        call = f"`python benchmarks/runner.py {head[3:]} --write`"
+        lines += ["", f"{call}: {about['processor']}, {about['date'][:10]}.", ""]
+        page = _RESULTS / "images.md"
+        first, *sections = page.read_text(encoding="utf-8").split("\n## ")
+        own = "\n".join(lines)[3:]
+        sections = [one for one in sections if one.split("\n")[0] != head[3:]] + [own]
+        write_text(page, "\n## ".join([first, *sorted(sections)]).rstrip("\n") + "\n")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from myork.segmentation.starts import kmeans
 from myork.types import F64, I32
 
 #: First of the numbers of the sections of a half, and how many there are of each part of the body
-HALVES = {"tuned": (0, 32), "other": (3000, 16)}
+HALVES = {"tuned": (0, 32), "other": (6000, 16)}
 #: Half axes of a section, and least and largest fat under the skin, between muscles, streaks of fat
 #: in muscles [mm, mm, mm, -], number of muscles, bones as (place in the radius, radius, cortex)
 PARTS = {
@@ -59,7 +59,7 @@ def blurred(random: np.random.Generator, shape: tuple[int, int], width: float) -
     return noise / noise.std()
 
 
-def section(part: str, number: int) -> Section:
+def section(part: str, number: int, noise: float = 1.0) -> Section:
     """Draw a section and its images: any sequence, field, amount of fat, noise and shading."""
     random = np.random.default_rng([list(PARTS).index(part), number])
     (a, b), fat_depth, septum, streaks, count, bones = PARTS[part]
@@ -131,7 +131,7 @@ def section(part: str, number: int) -> Section:
     u, v = x / (size * a), y / (size * b)
     waves = (np.sin(f * w + random.uniform(0, 6.3)) for w in (u, v, u + v) for f in (1.2, 2.4))
     factor = np.exp(coarse(sum(0.12 * random.uniform(-1, 1) * wave for wave in waves)))
-    sigma = max(muscle, 0.3 if kind != "fat suppressed" else 1.0) / random.uniform(10, 40)
+    sigma = noise * max(muscle, 0.3 if kind != "fat suppressed" else 1.0) / random.uniform(10, 40)
 
     def noisy(signal: F64) -> Image:
         real, other = random.normal(0, sigma, (2, *signal.shape))

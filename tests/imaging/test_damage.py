@@ -36,11 +36,22 @@ def test_each_fault_is_found_and_no_other(seed: int) -> None:
     random = np.random.default_rng([seed, 1])
     assert damaged_slices(image(stack(seed))) == []
     at = int(random.integers(3, 13))
-    empty, repeated, jump = (stack(seed) for _ in range(3))
+    empty, repeated, jump, moved, ghost, lower = (stack(seed) for _ in range(6))
     empty[..., at] *= 0.01
     repeated[..., at] = repeated[..., at - 1]
     jump[..., at] *= random.choice([0.5, 0.6, 1.6, 2.0])
-    for data, why in ((empty, "no signal"), (repeated, "the values of"), (jump, "a signal more")):
+    lower[..., at:] *= 0.6
+    axis = int(random.integers(2))
+    moved[..., at] = np.roll(moved[..., at], random.choice([-6, 5]), axis)
+    ghost[..., at] += random.uniform(0.08, 0.25) * np.roll(ghost[..., at], 20, axis)
+    for data, why in (
+        (empty, "no signal"),
+        (repeated, "the values of"),
+        (jump, "a signal more"),
+        (lower, "a signal more"),
+        (moved, "a place 3 voxels"),
+        (ghost, "a copy of the body"),
+    ):
         (fault,) = damaged_slices(image(data))
         assert fault.slices == [at] and fault.why.startswith(why)
 

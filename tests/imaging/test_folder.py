@@ -10,6 +10,7 @@ from pydicom.uid import generate_uid
 from myork.chain import run_chain
 from myork.cli import main
 from myork.errors import InputError
+from myork.imaging.diffusion import read_diffusion
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import read_image, read_labels, write_image
 from myork.records import Image
@@ -93,6 +94,39 @@ def test_echoes_of_a_tree_and_what_is_refused(tmp_path):
     (tmp_path / "other" / "scan.nii").touch()
     with pytest.raises(InputError, match="holds no image whose name or header says what it is"):
         deck_of_folder(tmp_path / "other", tmp_path)
+
+
+def test_runs_visits_and_tables_of_the_root(tmp_path):
+    """A tree as public ones are: visits, runs, acquisitions; tables that all images inherit."""
+    visit = tmp_path / "study" / "sub-01" / "ses-2"
+    tree(visit, labels=False)
+    for path in [*visit.rglob("sub-01*")]:
+        run = "_acq-ep2d_run-1_dwi" if "dwi" in path.name else "_run-1_T1w"
+        path.rename(path.with_name("sub-01_ses-2" + run + path.name[path.name.index(".") :]))
+    for kind in ("bval", "bvec"):
+        (table,) = visit.rglob(f"*.{kind}")
+        table.rename(tmp_path / "study" / f"acq-ep2d_dwi.{kind}")
+    for run in (1, 2):
+        for echo in (1, 2, 3):
+            for part in ("mag", "phase"):
+                name = f"sub-01_ses-2_acq-ME_run-{run}_echo-{echo}_part-{part}_MEGRE.nii.gz"
+                (visit / "anat" / name).touch()
+    (visit / "anat" / "sub-01_ses-2_run-2_T1w.nii.gz").touch()
+    other = tmp_path / "study" / "sub-01" / "ses-1" / "anat"
+    other.mkdir(parents=True)
+    (other / "sub-01_ses-1_T1w.nii.gz").touch()
+    with pytest.raises(InputError, match="name the folder of one, such as .*sub-01/ses-1"):
+        deck_of_folder(tmp_path / "study", tmp_path)
+    deck, lines = deck_of_folder(visit, tmp_path)
+    assert "water and fat of 3 echoes" in lines[1] and "run-1_echo-1" in lines[1]
+    assert deck.read_text().count("run-2") == 0
+    (dwi,) = visit.rglob("*dwi.nii.gz")
+    images, gradients = read_diffusion(dwi)
+    assert images.data.shape[3] == len(gradients.b) == 13
+    for path in visit.rglob("*MEGRE.nii.gz"):
+        path.unlink()
+    _, lines = deck_of_folder(visit, tmp_path)
+    assert "run-1_T1w.nii.gz (first of 2)" in lines[1] and "ep2d_run-1_dwi" in lines[2]
 
 
 @pytest.mark.slow

@@ -141,12 +141,14 @@ def disc(radius, size=100):
     return (np.hypot(i, j) < radius)[..., None]
 
 
-def limb(muscle=0.4, fat=1.0, skin=45.0, core=34.0, gap=4, noise=0.02):
-    """A round section of four muscles with fat between and around them, and where muscle is."""
+def limb(muscle=0.4, fat=1.0, skin=45.0, core=34.0, gap=4, noise=0.02, bone=7.0):
+    """A round section of four muscles around a bone, with fat between and around them."""
     body, flesh = disc(skin), disc(core)
     flesh[50 - gap // 2 : 50 + gap // 2] = False
     flesh[:, 50 - gap // 2 : 50 + gap // 2] = False
+    flesh &= ~disc(bone)
     grey = np.where(flesh, muscle, fat) * body
+    grey[disc(bone) & ~disc(bone - 2.0)] = 0.02
     real, other = np.random.default_rng(1).normal(0.0, noise, (2, *grey.shape))
     return Image(100 * np.hypot(grey + real, other), np.diag([2.0, 2.0, 5.0, 1.0])), flesh, body
 
@@ -155,14 +157,21 @@ def test_fat_between_muscles_is_fat_without_a_doubt():
     image, flesh, body = limb()
     found = leg_tissues(image)
     assert dice(found.labels.data == 1, flesh) > 0.98
-    assert dice(found.labels.data == 2, body & ~flesh) > 0.98
+    assert dice(found.labels.data == 2, body & ~flesh & ~disc(7.0)) > 0.98
     assert not found.doubts
+
+
+def test_a_limb_without_a_bone_is_doubted():
+    image = limb(bone=0.0)[0]
+    (doubt,) = leg_tissues(image).doubts
+    assert "no bone was found in 1 of 1 slices" in doubt
+    assert not leg_tissues(image, body=disc(45.0)).doubts
 
 
 @pytest.mark.parametrize(
     ("keys", "doubt"),
     [
-        ({"muscle": 0.93, "noise": 0.05}, "too little to part them by their grey"),
+        ({"muscle": 0.93, "noise": 0.05, "bone": 0.0}, "too little to part them by their grey"),
         ({"muscle": 1.0, "fat": 0.3}, "not under the skin|beyond what was taken for the skin"),
         ({"skin": 36.0, "gap": 2}, "of the fat are voxels that touch nothing else"),
     ],

@@ -1,23 +1,44 @@
-"""Slices damaged by a scanner or an export: without signal, repeated, far brighter or darker."""
+"""Slices damaged by a scanner or an export, by what no anatomy does from slice to slice.
+
+Without signal, repeated, with another signal or at another place than their neighbours, or with a
+copy of the body in the air (ghost).
+"""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
-from myork.types import F64, Mask
+from myork.types import C128, F64, I64, Mask
 
 # Mean signal of a slice, of that of its neighbours, below which it has none
 _NO_SIGNAL = 0.05
-# Factor from the signal between both neighbours that no anatomy makes where those beyond them agree
-_JUMP = 1.4
-# Factor up to which they agree
-_ALIKE = 1.15
 # Share of repeated slices from which on they are those of a coarser image
 _COARSER = 0.25
+# Factor between the signals of two slices, over that between their neighbours
+_JUMP = 1.4
+# Displacement of two slices against each other, over that of their neighbours [voxel]; it makes the
+# edges of both more alike by this
+_MOVED = 3.0
+_BETTER = 0.05
+# The body has this part of the bright values; its steps are compared with so many on either side
+_BODY, _BRIGHT = 0.3, 98
+_DIM = 0.15  # the same where its darkest parts are in it, and bright ghosts
+_AROUND = 3
+# A ghost has this part of the body's brightness. What is as bright as noise correlates with the
+# body by the first of these, brighter ones by more, up to the second: dark fat does not.
+# It is away by this part of the image, and so far from the border of the body [voxel]
+_GHOST = 0.02
+_LIKE = (0.5, 0.8)
+_GROWS = 3.0
+_AWAY = 0.12
+_BORDER = 4
+# So much the body's copy must vary in the air, of the square of its brightest value
+_SEEN = 0.005
 
 
 class Damage(NamedTuple):
@@ -41,18 +62,30 @@ def damaged_slices(image: Image) -> list[Damage]:
 
     - `image`: values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several
       volumes the mean is looked at
-    - returns `no signal` between slices with signal, `the values of the slice before`, and a signal
-      1.4 times brighter or darker than two neighbours on either side agree on
+    - returns `no signal` between slices with signal, `the values of the slice before`, a signal 1.4
+      times and a place 3 voxels off that of the neighbours, and `a copy of the body`; where all
+      from some slice on are off, it is named alone
     """
     data = np.abs(np.asarray(image.data, float))
     data = data.mean(axis=3) if data.ndim == 4 else data
     slices = np.moveaxis(data, slice_axis(image.spacing, data.shape[:3]), 0)
-    signal = slices.mean(axis=(1, 2))
-    full = _full(signal)
+    full = _full(slices.mean(axis=(1, 2)))
+    repeated = _repeated(slices, full)
+    whole = np.setdiff1d(np.flatnonzero(full), repeated)
+    smooth = ndimage.gaussian_filter(slices[whole], (0.0, 1.0, 1.0))
+    body = np.array([one > _BODY * np.percentile(one, _BRIGHT) for one in smooth], dtype=bool)
+    signal, place = _signal_steps(smooth, body), _place_steps(smooth)
     faults = [
         Damage(_between(full), "no signal"),
-        Damage(_repeated(slices, full), "the values of the slice before"),
-        Damage(_jumps(signal, full), f"a signal more than {_JUMP} times off its neighbours'"),
+        Damage(repeated, "the values of the slice before"),
+        Damage(
+            _off(whole, signal, np.log(_JUMP)),
+            f"a signal more than {_JUMP} times off its neighbours'",
+        ),
+        Damage(
+            _off(whole, place, _MOVED), f"a place {_MOVED:g} voxels or more off its neighbours'"
+        ),
+        Damage(_ghosts(whole, slices[whole], smooth), "a copy of the body in the air (ghost)"),
     ]
     return [fault for fault in faults if fault.slices]
 
@@ -88,14 +121,91 @@ def _repeated(slices: F64, full: Mask) -> list[int]:
     return found if len(found) <= _COARSER * len(slices) else []
 
 
-def _jumps(signal: F64, full: Mask) -> list[int]:
-    """Single slices far from what both neighbours and those beyond them agree on."""
-    level = np.log(np.where(full, signal, 1.0))
-    found = []
-    for k in range(2, len(level) - 2):
-        if not full[k - 2 : k + 3].all():
+def _signal_steps(smooth: F64, body: Mask) -> F64:
+    """Logarithm of the factor between slices, where both are body, shape `(n - 1, 1)`."""
+    steps = np.zeros((max(len(smooth) - 1, 0), 1))
+    for k in range(len(steps)):
+        both = body[k] & body[k + 1]
+        if both.any():
+            steps[k] = np.median(np.log(smooth[k + 1][both] / smooth[k][both]))
+    return steps
+
+
+def _place_steps(smooth: F64) -> F64:
+    """Displacement of the edges from each slice to the next [voxel], shape `(n - 1, 2)`.
+
+    The largest correlation of their gradients; none where it hardly is larger than without one.
+    """
+    shape = smooth.shape[1:]
+    edges = [ndimage.gaussian_gradient_magnitude(np.sqrt(one), 1.0) for one in smooth]
+    waves = [np.fft.rfft2((one - one.mean()) / max(one.std(), 1e-300)) for one in edges]
+    steps = np.zeros((max(len(smooth) - 1, 0), 2))
+    for k in range(len(steps)):
+        alike = np.fft.irfft2(waves[k].conj() * waves[k + 1], shape) / np.prod(shape)
+        at = np.unravel_index(int(alike.argmax()), shape)
+        if alike[at] > alike[0, 0] + _BETTER:
+            steps[k] = [(i + n // 2) % n - n // 2 for i, n in zip(at, shape, strict=True)]
+    return steps
+
+
+def _off(whole: I64, steps: F64, bound: float) -> list[int]:
+    """Slices after a step that the steps around do not make; not those after the way back."""
+    found, left = [], np.zeros(steps.shape[1])
+    apart = np.diff(whole)[:, np.newaxis]
+    for k, step in enumerate(steps):
+        near = [n for n in range(k - _AROUND, k + _AROUND + 1) if n != k and 0 <= n < len(steps)]
+        if len(near) < 2:
+            break
+        off = step - apart[k] * np.median((steps / apart)[near], axis=0)
+        size = np.linalg.norm(off)
+        if size < bound * apart[k, 0] or np.linalg.norm(off + left) < 0.5 * size:
+            left = 0.0 * off
             continue
-        near, far = (0.5 * (level[k - n] + level[k + n]) for n in (1, 2))
-        if abs(near - far) < np.log(_ALIKE) and abs(level[k] - near) > np.log(_JUMP):
-            found.append(k)
+        found.append(int(whole[k + 1]))
+        left = off
     return found
+
+
+def _ghosts(whole: I64, slices: F64, smooth: F64) -> list[int]:
+    """Slices in whose air the signal goes with that of the body some way along an axis."""
+    found = []
+    for k, raw, image in zip(whole, slices, smooth, strict=True):
+        for part in (_BODY, _DIM):
+            body = image > part * np.percentile(image, _BRIGHT)
+            # the body with what is dark in it, up to its border in rows and columns
+            inside = _filled(body) | _filled(body.T).T
+            # what was set to zero is no air
+            air = ~ndimage.binary_dilation(inside | (raw == 0), iterations=_BORDER)
+            shown = np.where(inside, image, 0.0)
+            if _copied(image, air, shown) or _copied(image.T, air.T, shown.T):
+                found.append(int(k))
+                break
+    return found
+
+
+def _filled(body: Mask) -> Mask:
+    """Rows filled from the first voxel of the body to the last one."""
+    forth, back = (np.logical_or.accumulate(one, axis=1) for one in (body, body[:, ::-1]))
+    return forth & back[:, ::-1]
+
+
+def _copied(image: F64, air: Mask, shown: F64) -> bool:
+    """Whether the air shows a copy of the body, displaced along the second axis."""
+    n, count = image.shape[1], max(float(air.sum()), 1.0)
+    where, value = (
+        np.fft.rfft(one, axis=1).conj() for one in (air.astype(float), np.where(air, image, 0.0))
+    )
+
+    def mean(one: C128, other: F64) -> F64:
+        return np.fft.irfft(one * np.fft.rfft(other, axis=1), n, axis=1).sum(axis=0) / count
+
+    # moments over the air of the image and of the body at each displacement
+    own, body = image[air].sum() / count, mean(where, shown)
+    scatter = (image[air] ** 2).sum() / count - own**2
+    varies = mean(where, shown**2) - body**2
+    along = mean(value, shown) - own * body
+    away = np.minimum(np.arange(n), n - np.arange(n)) > _AWAY * n
+    away &= varies > _SEEN * (shown**2).max()
+    part = np.where(away, along / np.where(away, varies, 1.0), 0.0)
+    like = np.where(away, along / np.sqrt(np.where(away, varies, 1.0) * max(scatter, 1e-300)), 0.0)
+    return bool(((part > _GHOST) & (like > np.minimum(_LIKE[0] + _GROWS * part, _LIKE[1]))).any())

@@ -22,6 +22,7 @@ from myork.imaging.dicom_choice import split_choice
 from myork.imaging.dicom_diffusion import diffusion_series
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
+from myork.imaging.headers import described_by
 from myork.imaging.io import read_image
 from myork.records import Image
 from myork.types import F64, Mask
@@ -198,8 +199,8 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
 def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
     """Diffusion-weighted images and their gradients.
 
-    - `path`: 4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM
-      images, see `read_image`
+    - `path`: 4-D image with .bval and .bvec of the same name beside it, or by the inheritance of
+      BIDS, or a folder of DICOM images, see `read_image`
     - returns images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes
     """
     folder, choice = split_choice(path)
@@ -209,8 +210,11 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
         return replace(dwi, name=str(path)), gradients
     dwi = read_image(path, values=None)
     stem = path.name.removesuffix(".gz").removesuffix(".nii")
-    files = [path.with_name(f"{stem}.{kind}") for kind in ("bval", "bvec")]
-    return dwi, read_gradients(files[0], files[1], dwi.affine, dwi.data.shape[3])
+    bval, bvec = (
+        next(reversed(described_by(path, kind)), path.with_name(f"{stem}.{kind}"))
+        for kind in ("bval", "bvec")
+    )
+    return dwi, read_gradients(bval, bvec, dwi.affine, dwi.data.shape[3])
 
 
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:

@@ -41,7 +41,7 @@ def read_header(path: Path) -> Header:
             _number(path, found, "EchoTime", 1.0),
             _number(path, found, "MagneticFieldStrength", 1.0),
         )
-    found = _sidecars(path)
+    found = {k: v for file in described_by(path, "json") for k, v in _table(file).items()}
     return Header(
         _number(path, found, "EchoTime", 1000.0), _number(path, found, "MagneticFieldStrength", 1.0)
     )
@@ -54,21 +54,24 @@ def bids_name(path: Path) -> tuple[dict[str, str], str]:
     return {key: value for key, sign, value in pairs if sign}, suffix
 
 
-def _sidecars(path: Path) -> dict[str, Any]:
-    """Entries of all JSON files that describe an image; the nearest and most special one wins."""
+def described_by(path: Path, kind: str) -> list[Path]:
+    """Files that describe an image by the inheritance of BIDS, the nearest and most special last.
+
+    - `path`: image
+    - `kind`: of the files: json, bval or bvec
+    """
     entities, suffix = bids_name(path)
-    found: dict[str, Any] = {}
-    own = path.with_name(path.name.removesuffix(".gz")).with_suffix(".json")
+    own = path.with_name(f"{path.name.removesuffix('.gz').removesuffix('.nii')}.{kind}")
+    found: list[Path] = []
     for folder in reversed([path.parent, *path.parent.parents[:4]]):
         fitting = [
             (len(also), file)
-            for file in folder.glob(f"*{suffix}.json")
-            for also, kind in [bids_name(file)]
-            if kind == suffix and also.items() <= entities.items() and file != own
+            for file in folder.glob(f"*{suffix}.{kind}")
+            for also, its in [bids_name(file)]
+            if its == suffix and also.items() <= entities.items() and file != own
         ]
-        for _, file in sorted(fitting):
-            found |= _table(file)
-    return found | (_table(own) if own.is_file() else {})
+        found += [file for _, file in sorted(fitting)]
+    return [*found, own] if own.is_file() else found
 
 
 def _table(file: Path) -> dict[str, Any]:

@@ -69,19 +69,19 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
             f"{folder / visits[0]}"
         )
 
-    def named(suffix: str, **entities: str) -> list[str]:
+    def named(suffix: str) -> list[str]:
         return [
             str(path)
             for path in files
-            for have, kind in [bids_name(path)]
+            for entities, kind in [bids_name(path)]
             if kind == suffix
-            and entities.items() <= have.items()
+            and entities.get("part", "mag") == "mag"
             and (suffix == "dseg" or "derivatives" not in path.relative_to(folder).parts)
         ]
 
-    magnitude, phase = (_by_echo(named("MEGRE", part=part)) for part in ("mag", "phase"))
+    magnitude, phase = _echoes(files)
     return _Found(
-        anatomy=[path for suffix in _ANATOMY for path in named(suffix) if path not in phase],
+        anatomy=[path for suffix in _ANATOMY for path in named(suffix)],
         dwi=named("dwi"),
         magnitude=magnitude,
         phase=phase,
@@ -89,6 +89,22 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
         fat=[],
         labels=named("dseg"),
     )
+
+
+def _echoes(files: list[Path]) -> tuple[list[str], list[str]]:
+    """Magnitude and phase of the first run of which several echoes have both, by their numbers."""
+    runs: dict[tuple[Path, str], dict[str, dict[int, str]]] = {}
+    for path in files:
+        entities, kind = bids_name(path)
+        if kind == "MEGRE" and "derivatives" not in path.parts:
+            part, echo = entities.pop("part", "mag"), int(entities.pop("echo", "1"))
+            run = runs.setdefault((path.parent, str(sorted(entities.items()))), {})
+            run.setdefault(part, {})[echo] = str(path)
+    for run in runs.values():
+        magnitude, phase = run.get("mag", {}), run.get("phase", {})
+        if magnitude.keys() == phase.keys() and len(phase) > 1:
+            return [magnitude[n] for n in sorted(phase)], [phase[n] for n in sorted(phase)]
+    return [], []
 
 
 def _of_dicom(folder: Path) -> _Found:
@@ -122,10 +138,6 @@ def _of_dicom(folder: Path) -> _Found:
         fat=paths(kinds.get("fat", ())),
         labels=[],
     )
-
-
-def _by_echo(paths: list[str]) -> list[str]:
-    return sorted(paths, key=lambda path: int(bids_name(Path(path))[0].get("echo", "1")))
 
 
 def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
