@@ -69,7 +69,8 @@ def _condition(summary: Mapping[str, Any]) -> Markup:
 def _iterations(summary: Mapping[str, Any]) -> str:
     steps = summary.get("steps", [])
     total = sum(step.get("iterations") or 0 for step in steps)
-    words = Markup("{} steps, {} iterations").format(number(len(steps)), number(total))
+    plural = "" if len(steps) == 1 else "s"
+    words = Markup("{} step{}, {} iterations").format(number(len(steps)), plural, number(total))
     return words if steps else DASH
 
 
