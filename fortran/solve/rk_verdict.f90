@@ -3,7 +3,8 @@
 !> Each check measures something of the answer itself; none is a remark about a method. An answer is
 !> refused where a check says that it is wrong, doubtful where one cannot exclude it.
 module rk_verdict
-   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, &
+      & ieee_value
    use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, few_fewer, &
       & fewer_points, more_points, new_bars
    use rk_cloud, only : cloud_type
@@ -413,28 +414,38 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
    call found%compare(self%companion%distance, limits, 'the displacements are # of ' &
       & //'their norm away'//from)
-   associate (bars => self%bars)
-      allocate (upper(size(bars%change)))
-      ! what is small among its kind does not speak against the rest
-      upper = most*bars%kind/max(bars%size, tiny(1.0_wp))
-      ! at the surface the other form may be the one that is off
-      if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
-      if (self%companion%coarse) upper = huge(1.0_wp)
-      worst = maxloc(bars%change/lower, dim=1)
-      if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
-      if (any(bars%change >= 0.0_wp)) call found%compare(bars%change(worst), &
-         & [lower(worst), upper(worst)], 'probe '//problem%scene%probe(worst)%name &
-         & //' is # of its size away'//from)
-      do i = 1, size(bars%change)
-         if (ieee_is_nan(bars%change(i))) then
-            call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
-               & //'bar: its value'//from//' is not a finite number')
-         else if (found%state == accepted .and. any(bars%bar(:, i) > bars%size(i))) then
-            call found%object(doubtful, 'the error bar of probe '//problem%scene%probe(i)%name &
-               & //' is wider than its size')
-         end if
-      end do
-   end associate
+   if (self%companion%distance > of_distance(2) .and. .not. (self%companion%coarse &
+      & .or. self%companion%other_form)) then
+      ! the difference from another branch is no measure of an error
+      self%bars%change = ieee_value(1.0_wp, ieee_quiet_nan)
+      self%bars%bar = ieee_value(1.0_wp, ieee_quiet_nan)
+      self%bars%bars = ieee_value(1.0_wp, ieee_quiet_nan)
+      self%bars%source = ''
+      call found%object(refused, 'no error bars: what lies so far away is another branch')
+   else
+      associate (bars => self%bars)
+         allocate (upper(size(bars%change)))
+         ! what is small among its kind does not speak against the rest
+         upper = most*bars%kind/max(bars%size, tiny(1.0_wp))
+         ! at the surface the other form may be the one that is off
+         if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
+         if (self%companion%coarse) upper = huge(1.0_wp)
+         worst = maxloc(bars%change/lower, dim=1)
+         if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
+         if (any(bars%change >= 0.0_wp)) call found%compare(bars%change(worst), &
+            & [lower(worst), upper(worst)], 'probe '//problem%scene%probe(worst)%name &
+            & //' is # of its size away'//from)
+         do i = 1, size(bars%change)
+            if (ieee_is_nan(bars%change(i))) then
+               call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
+                  & //'bar: its value'//from//' is not a finite number')
+            else if (found%state == accepted .and. any(bars%bar(:, i) > bars%size(i))) then
+               call found%object(doubtful, 'the error bar of probe '//problem%scene%probe(i)%name &
+                  & //' is wider than its size')
+            end if
+         end do
+      end associate
+   end if
    outcome%warnings = outcome%warnings//found%reasons
    self%reasons = self%reasons//found%reasons
    self%state = max(self%state, found%state)

@@ -64,6 +64,37 @@ def test_collocation_that_bends_is_refused(
     assert tip < share * TIP < TIP < tip + bar
 
 
+def test_another_branch_gives_no_bars() -> None:
+    """Half as many points of a ring that is squeezed from inside fold another way.
+
+    The distance of two branches says nothing about the error of either; bars that were made of it
+    changed by half with the path to the same state.
+    """
+    radii = {"inner_radius": 2.477, "outer_radius": 4.34}
+    tables = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "annulus", "source": [7, 8], "collocation": [7, 8], **radii},
+        "material": [
+            {"name": "a", "model": "mooney-rivlin", "C1": 5.4, "C2": 1.35, "K": 6725.0},
+            {"name": "b", "model": "mooney-rivlin", "C1": 6.5, "C2": 1.63, "K": 8169.0}
+            | {"where": "x > 2.18234"},
+        ],
+        "boundary": [
+            {"set": "y0", "u_y": 0.0},
+            {"set": "x0", "u_x": 0.0},
+            {"set": "outer", "radial": 0.0},
+            {"set": "inner", "radial": -0.1391},
+        ],
+        "load": {"steps": 1, "max_halvings": 3},
+        "probe": [{"name": "inside", "quantity": "u", "set": "inner"}],
+    }
+    with Scene.from_tables(tables) as scene:
+        states = scene.solve()
+    assert states.verdict == "refused"
+    assert any("another branch" in reason for reason in states.reasons)
+    assert np.isnan(states.probe_errors[-1]).all()
+
+
 @pytest.mark.parametrize("points", [(17, 5), (33, 9)])
 def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     states, found = solved(cantilever(), (*GAUSS, *size(*points)))
