@@ -19,7 +19,7 @@ module rk_forecast
    real(wp), parameter :: first_iterations = 3.0_wp, step_iterations = 3.0_wp
    !> Points of the rule along each direction of a cell that measures the error of a known solution
    integer, parameter :: norm_rule = 5
-   !> Operations of a matrix product that a count costs, fitted to the CPU times of ten decks:
+   !> Operations of a matrix product that a count costs, fitted to the CPU times of eleven decks:
    !> shape functions, assembly, factor of a tangent, least squares, entries of a tangent, fields of
    !> a state, error norms, an iteration or time step, start
    real(wp), parameter :: price(9) = [700.0_wp, 1000.0_wp, 0.85_wp, 1.4_wp, 1050.0_wp, 2.4e5_wp, &
