@@ -18,6 +18,7 @@ module rk_galerkin
    use rk_discretisation, only : deformation, discretisation_type, entry_displacement
    use rk_equation, only : source_at
    use rk_error, only : err_input, error_type, fatal_error
+   use rk_free_faces, only : free_faces_type, new_free_faces
    use rk_follower, only : add_pressure, has_free_rim
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
@@ -63,6 +64,8 @@ module rk_galerkin
       type(shape_type) :: inside
       !> Gradients of nodal cells anywhere
       type(recovery_type) :: recovery
+      !> Stress on free faces; not allocated where the form has it well by itself
+      type(free_faces_type), allocatable :: faces
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
       real(wp), allocatable :: local_bulk(:), bulk(:)
@@ -167,6 +170,12 @@ subroutine new_galerkin(self, scene, error)
    self%n = self%fields*(blocks + self%multiplier%extra)
    self%m = self%n
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
+   if (.not. allocated(error) .and. scene%approximation%order == 1 &
+      & .and. allocated(scene%cloud%lattice) .and. .not. (scene%cloud%polar &
+      & .or. scene%cloud%jittered .or. self%linear .or. self%cells%smoothed)) then
+      allocate (self%faces)
+      call new_free_faces(self%faces, scene, error)
+   end if
    if (allocated(error)) return
    if (scene%galerkin%essential == 'transformation') call hold_points(self, error)
    if (allocated(error)) return
@@ -832,7 +841,8 @@ subroutine at_place(self, state, ip, x, u, local)
    real(wp), intent(in) :: u(:, :)
    !> State there
    type(point_state), intent(out) :: local
-   real(wp) :: h(3, 3, 3), pressure
+   real(wp) :: h(3, 3, 3), slope(3, 3), pressure
+   integer :: i
 
    pressure = self%pressure%at(ip, x, state%pressure, state%bend)
    if (self%linear) then
@@ -852,6 +862,12 @@ subroutine at_place(self, state, ip, x, u, local)
    call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.false.)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
+   if (.not. allocated(self%faces) .or. state%tissue > 0) return
+   i = self%faces%find(self%scene, ip, x)
+   if (i == 0) return
+   slope = local%f - identity
+   call self%faces%smooth(i, state%x, slope)
+   call self%faces%release(i, self%mixture, ip, state%load, identity + slope, local)
 end subroutine at_place
 
 !> Force through a plane section: that of its part behind the normal on the part before it, as the

@@ -180,9 +180,10 @@ def test_unseen_states(rom: ReducedModel) -> None:
     "change", [[], ["scene.method=rkpm-gauss", "approximation.order=1"]], ids=["cells", "gauss"]
 )
 def test_stresses_are_those_of_the_full_scene(tmp_path: Path, change: list[str]) -> None:
-    """At the same unknowns, whatever their error: at a point, between points, near sides."""
+    """At the same unknowns, whatever their error: at points, between them, near sides, on one."""
     named = ["cauchy_zz", "cauchy_xz", "J", "pressure", "principal_max"]
     places = [[0.4, 0.55, 1.1], [0.5, 0.5, 1.0], [0.9, 0.1, 0.3], [0.2, 0.9, 1.9]]
+    places += [[1.0, 0.45, 1.0]]
     probes = [
         {"name": f"{name}{k}", "quantity": name, "point": place}
         for k, place in enumerate(places)

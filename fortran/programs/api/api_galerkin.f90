@@ -268,9 +268,10 @@ end subroutine galerkin_products
 
 !> Displacement gradients u_i,A, A running first, of displacements by their coefficients, or, where
 !> these are smoothed over cells, weights of those at the integration points; weights of the
-!> pressures' coefficients; part of the bulk modulus that acts at the place; tissues there
+!> pressures' coefficients; part of the bulk modulus that acts at the place; tissues there; on a
+!> free face the gradients along it, its normal and the bulk modulus
 subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weight, pressure, &
-   & local_bulk, count, tissue, fraction, fiber, stat, message)
+   & local_bulk, count, tissue, fraction, fiber, face, normal, bulk, stat, message)
    use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem
    use rk_handles, only : look_up
@@ -282,7 +283,8 @@ subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weig
    double precision, intent(in) :: x(n, k)
    double precision, intent(out) :: gradient(9, k), weight(np), pressure(nd + 1, ng), local_bulk
    integer, intent(out) :: count, tissue(nt)
-   double precision, intent(out) :: fraction(nt), fiber(3, nt)
+   double precision, intent(out) :: fraction(nt), fiber(3, nt), face(9, k)
+   double precision, intent(out) :: normal(3), bulk
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
@@ -293,15 +295,19 @@ subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weig
    real(wp), allocatable :: part(:), along(:, :), u(:, :), one(:, :)
    integer, allocatable :: of(:)
    real(wp) :: place(nd, 1), h(3, 3)
-   integer :: b, g, ip, j
+   integer :: b, at, g, ip, j
 
-   gradient = 0; weight = 0; pressure = 0; local_bulk = 0
+   gradient = 0; weight = 0; pressure = 0; local_bulk = 0; face = 0; normal = 0; bulk = 0
    count = 0; tissue = 0; fraction = 0; fiber = 0
    call look_up(handle, full, stat, message)
    if (stat /= 0) return
    place(:, 1) = full%scene%probe(probe)%point(:nd)
    ip = minloc(sum((full%scene%cloud%points - spread(place(:, 1), 2, &
       & size(full%scene%cloud%points, 2)))**2, dim=1), dim=1)
+   at = 0
+   if (allocated(full%faces)) at = full%faces%find(full%scene, ip, place(:, 1))
+   if (at > 0) normal = full%faces%normal(:, at)
+   if (at > 0) bulk = full%mixture%bulk(ip)
    if (full%cells%smoothed) then
       call full%recovery%row(ip, place(:, 1), nodes, values)
       weight(nodes) = values(1, :size(nodes))
@@ -316,6 +322,8 @@ subroutine galerkin_place(handle, probe, n, k, np, nd, ng, nt, x, gradient, weig
          h = 0
          h(:nd, :nd) = u(:, 2:1 + nd)
          gradient(:, j) = reshape(transpose(h), [9])
+         if (at > 0) call full%faces%smooth(at, x(:, j), h)
+         if (at > 0) face(:, j) = reshape(transpose(h), [9])
       end do
    end if
    allocate (one(nd + 1, ng), source=0.0_wp)

@@ -105,6 +105,11 @@ class PlaceParts(NamedTuple):
         Its tissues, from 0.
     fraction, fiber : F64
         Their fractions and fibers, shapes `(k,)`, `(k, 3)`.
+    face, normal : F64
+        On a free face, where the stress has no traction, gradients along it and its normal, shapes
+        `(9, r)`, `(3,)`; otherwise zero.
+    bulk : float
+        Bulk modulus there, 0 elsewhere.
     """
 
     gradient: F64
@@ -114,6 +119,9 @@ class PlaceParts(NamedTuple):
     tissue: I32
     fraction: F64
     fiber: F64
+    face: F64
+    normal: F64
+    bulk: float
 
 
 def galerkin_parts(scene: Scene) -> GalerkinParts:
@@ -175,12 +183,13 @@ def place_parts(scene: Scene, probe: int, modes: F64) -> PlaceParts:
     """The place of a probe, from 0, and gradients of modes, shape `(n, r)`, there."""
     modes = modes_of(modes, scene.dofs)
     points, groups, _, _, tissues = _sizes(scene)
-    gradient, weight, pressure, bulk, count, tissue, fraction, fiber = scene._ask(
+    found = scene._ask(
         _core.galerkin_place, probe + 1, points, scene.dimension, groups, tissues, modes
     )
+    gradient, weight, pressure, local, count, tissue, fraction, fiber, face, normal, bulk = found
     return PlaceParts(
-        gradient, weight, pressure.T, float(bulk), tissue[:count] - 1, fraction[:count],
-        fiber.T[:count],
+        gradient, weight, pressure.T, float(local), tissue[:count] - 1, fraction[:count],
+        fiber.T[:count], face, normal, float(bulk),
     )  # fmt: skip
 
 

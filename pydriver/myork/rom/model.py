@@ -193,9 +193,12 @@ class ReducedModel:
         self._solver = Solver(model, whole.modes(few), wanted + r, threads, least)
         self._places = None
         if "places/pressure" in arrays:
-            self._places = Places(
-                _cells(arrays, "places"), np.asarray(arrays["places/pressure"]), model.fibers
+            pressure, face, normal, bulk = (
+                np.asarray(arrays[f"places/{key}"])
+                for key in ("pressure", "face", "normal", "bulk")
             )
+            cells = _cells(arrays, "places")
+            self._places = Places(cells, pressure, face, normal, bulk, model.fibers)
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])

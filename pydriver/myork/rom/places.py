@@ -17,6 +17,9 @@ from myork.types import F64
 
 __all__ = ["Places", "place_arrays"]
 
+#: Iterations, change of the deformation gradient at which they end, and step of differences
+_MOST, _EXACT, _SMALL = 20, 1e-9, 1e-7
+
 
 def place_arrays(
     scene: Scene, setting: Setting, modes: F64, model: Model, probes: Sequence[int]
@@ -40,7 +43,9 @@ def place_arrays(
     -------
     dict
         `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
-        `(places, s + 1, s + 1, s + 1)`, and the places as `Cells` of weight one.
+        `(places, s + 1, s + 1, s + 1)`; of those on free faces gradients along them, `places/face`
+        of shape `(9, places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places
+        as `Cells` of weight one.
     """
     if not len(probes):
         return {}
@@ -50,13 +55,14 @@ def place_arrays(
     roots = np.repeat(np.sqrt(parts.bulk), parts.polynomials)
     group = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
     order = np.concatenate([np.arange(count) for count in parts.polynomials])
-    h = np.zeros((9, len(probes), s))
+    h, face = np.zeros((9, len(probes), s)), np.zeros((9, len(probes), s))
     found, pressure = [], np.zeros((len(roots), len(probes)))
     for k, probe in enumerate(probes):
         place = place_parts(scene, probe, modes)
         found.append(place)
         # gradients of the shape functions do not know what the surface's cells are given
         h[:, k, :columns] = place.gradient
+        face[:, k, :columns] = place.face
         h[:, k] += np.einsum("q,kqs->ks", place.weight, model.cells.h)
         pressure[:, k] = place.pressure[group, order] * roots
     cells = projection.cells_of(
@@ -78,7 +84,12 @@ def place_arrays(
     at = np.sort(np.indices((s + 1,) * 3).reshape(3, -1), axis=0)
     forms = volume[at[0], at[1], at[2]].reshape(s + 1, s + 1, s + 1, -1)
     arrays: dict[str, Any] = {f"places/{key}": value for key, value in cells._asdict().items()}
-    return arrays | {"places/pressure": np.moveaxis(forms, 3, 0)}
+    return arrays | {
+        "places/pressure": np.moveaxis(forms, 3, 0),
+        "places/face": face,
+        "places/normal": np.array([place.normal for place in found]),
+        "places/bulk": np.array([place.bulk for place in found]),
+    }
 
 
 class Places:
@@ -88,14 +99,17 @@ class Places:
     ----------
     cells : Cells
         The places as cells of weight one.
-    pressure : F64
+    pressure, face, normal, bulk : F64
         As in `place_arrays`.
     fibers : F64
         Of a `Model`.
     """
 
-    def __init__(self, cells: Cells, pressure: F64, fibers: F64) -> None:
+    def __init__(
+        self, cells: Cells, pressure: F64, face: F64, normal: F64, bulk: F64, fibers: F64
+    ) -> None:
         self._cells, self._pressure, self._fibers = cells, pressure, fibers
+        self._face, self._normal, self._bulk = face, normal, bulk
 
     def values(
         self, conditions: Conditions, amplitudes: F64, wanted: Mapping[int, str]
@@ -115,9 +129,46 @@ class Places:
         with np.errstate(divide="ignore", invalid="ignore"):
             cauchy = stress @ f.transpose(0, 1, 3, 2) / j[..., None, None]
         cauchy += pressure[..., None, None] * np.eye(3)
+        if self._bulk.any():
+            along = np.eye(3) + np.einsum("kqs,ns->nqk", self._face, z).reshape(f.shape)
+            self._release(conditions.columns(), along, cauchy)
         # inside out no stress exists
         cauchy[~(j > 0.0)] = np.nan
         return {k: _quantity(name, cauchy[:, k], j[:, k]) for k, name in wanted.items()}
+
+    def _release(self, wish: F64, f: F64, cauchy: F64) -> None:
+        """Take the traction off the stresses on free faces, as the full model does."""
+        normal, bulk = self._normal, self._bulk[:, None, None]
+        # directions in which a plane body moves
+        axes = [i for i in range(3) if self._cells.h[3 * i : 3 * i + 3].any()]
+
+        def piola(g: F64) -> F64:
+            p = cell_stresses(
+                self._cells, self._fibers, wish, (g - np.eye(3)).reshape(*g.shape[:2], 9)
+            ).reshape(g.shape)
+            j = np.linalg.det(g)[..., None, None]
+            return np.asarray(p + bulk * (j - 1) * j * np.linalg.inv(g).transpose(0, 1, 3, 2))
+
+        def traction(g: F64) -> F64:
+            return np.einsum("nkiA,kA->nki", piola(g), normal)[..., axes]
+
+        g, found = f.copy(), np.zeros(f.shape[:2], bool)
+        with np.errstate(all="ignore"):
+            for _ in range(_MOST):
+                r = traction(g)
+                slope = np.empty((*r.shape, len(axes)))
+                for k, i in enumerate(axes):
+                    moved = g.copy()
+                    moved[:, :, i] += _SMALL * normal
+                    slope[..., k] = (traction(moved) - r) / _SMALL
+                slope[:, self._bulk <= 0] = np.eye(len(axes))
+                step = -np.linalg.solve(slope, r[..., None])[..., 0]
+                found = (self._bulk > 0) & (np.abs(step).max(axis=-1) <= _EXACT)
+                if found[:, self._bulk > 0].all():
+                    break
+                g[:, :, axes] += step[..., None] * (normal * (self._bulk > 0)[:, None])[:, None, :]
+            j = np.linalg.det(g)[..., None, None]
+            cauchy[found] = (piola(g) @ g.transpose(0, 1, 3, 2) / j)[found]
 
 
 def _quantity(name: str, cauchy: F64, j: F64) -> F64:

@@ -200,6 +200,8 @@ def _rules(head: Mapping[str, Any]) -> tuple[dict[str, Rule], dict[str, int]]:
     if sizes["places"]:
         rules |= _cells("places", "places", "online amplitudes")
         rules["places/pressure"] = real("places", *(3 * ["online numbers"]))
+        rules["places/face"] = real(9, "places", "online amplitudes")
+        rules |= {"places/normal": real("places", 3), "places/bulk": real("places")}
     for name, quantity in quantities.items():
         if quantity.startswith("u"):
             axes = "dimension" if quantity == "u" else 1
