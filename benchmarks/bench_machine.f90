@@ -18,7 +18,6 @@ contains
 
 !> Problem of the arguments: a deck, how often to repeat, settings
 subroutine open_problem(problem, scene, repeats)
-   !> Problem
    class(discretisation_type), allocatable, intent(out) :: problem
    !> Its scene
    type(scene_type), target, intent(out) :: scene
@@ -92,7 +91,6 @@ end subroutine say
 
 !> Leave with a message and exit status 1
 subroutine stop_on(error)
-   !> Error
    type(error_type), allocatable, intent(in) :: error
 
    if (.not. allocated(error)) return

@@ -21,8 +21,6 @@ from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_values, text_of_tables
 
-__all__ = ["PIVOTS", "cost", "run", "view"]
-
 Rows = Sequence[Mapping[str, Any]]
 
 _STATES = ("accepted", "doubtful", "refused")
@@ -494,14 +492,9 @@ def _absent(rows: Rows) -> str:
 def cost(rows: Rows, key: str, error: float) -> float | None:
     """CPU time for an error; `None` where the finest size misses it.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Solves with `cpu_s` and errors.
-    key : str
-        The error of a row.
-    error : float
-        Wanted error [-].
+    - `rows`: solves with `cpu_s` and errors
+    - `key`: the error of a row
+    - `error`: wanted error [-]
     """
     points = sorted(
         (float(row["cpu_s"]), max(float(row[key]), 1e-300))

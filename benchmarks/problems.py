@@ -15,41 +15,24 @@ from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, TWO_TISSUES, Body
 from myork.bench.materials import MUSCLE, RUBBER
 
-__all__ = ["BY_NAME", "DECKS", "PROBLEMS", "Problem", "probe_kind"]
-
 Sizes = tuple[tuple[int, ...], ...]
 
 
 class Problem(NamedTuple):
-    """A problem with the sizes at which it is solved.
+    """A problem with the sizes at which it is solved."""
 
-    Attributes
-    ----------
-    name : str
-        What tables show.
-    tables : mapping
-        Deck without `geometry.source`.
-    sizes : tuple
-        Source points along each edge, rising.
-    elements : tuple
-        Finite elements along each edge, rising; each coordinate of a probe is a corner.
-    """
-
-    name: str
-    tables: Mapping[str, Any]
-    sizes: Sizes
+    name: str  #: What tables show
+    tables: Mapping[str, Any]  #: Deck without `geometry.source`
+    sizes: Sizes  #: Source points along each edge, rising
+    #: Finite elements along each edge, rising; each coordinate of a probe is a corner
     elements: Sizes
 
 
 def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) -> str:
     """What a probe tells: `displacement`, `force`, `surface stress` or `stress`.
 
-    Parameters
-    ----------
-    entry : mapping
-        Table `[[probe]]`.
-    size : sequence of float, optional
-        Edges of the box; of other bodies the probe's name says where its point lies.
+    - `entry`: table `[[probe]]`
+    - `size`: edges of the box; of other bodies the probe's name says where its point lies
     """
     quantity = str(entry["quantity"])
     if quantity.startswith("u_"):

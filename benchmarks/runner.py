@@ -46,20 +46,6 @@ from myork.errors import ConvergenceError, MyorkError
 from myork.files import write_text
 from myork.records import PointCloud
 
-__all__ = [
-    "KINDS",
-    "WRONG",
-    "Form",
-    "Truth",
-    "Truths",
-    "lattice_text",
-    "main",
-    "record_of",
-    "rows_of",
-    "sized_tables",
-    "solve_rivals",
-]
-
 #: Kinds of probes
 KINDS = ("displacement", "force", "stress", "surface stress")
 #: An error that must not be accepted [-]
@@ -100,33 +86,18 @@ class Truth(NamedTuple):
 
 
 class Truths(NamedTuple):
-    """What is known of a problem's probes.
+    """What is known of a problem's probes."""
 
-    Attributes
-    ----------
-    kinds : mapping
-        Kind of each probe, by name.
-    values : mapping
-        Their truths.
-    """
-
-    kinds: Mapping[str, str]
-    values: Mapping[str, Truth]
+    kinds: Mapping[str, str]  #: Kind of each probe, by name
+    values: Mapping[str, Truth]  #: Their truths
 
     def errors(self, probes: Mapping[str, float], bars: Mapping[str, float]) -> dict[str, Any]:
         """Compare an answer.
 
-        Parameters
-        ----------
-        probes, bars : mapping
-            Values and error bars, by name.
-
-        Returns
-        -------
-        dict
-            `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest error
-            beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
-            kind, the largest of it, and `error` followed by a name.
+        - `probes`, `bars`: values and error bars, by name
+        - returns `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest
+          error beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
+          kind, the largest of it, and `error` followed by a name
         """
         most: dict[str, float] = {}
         for name, truth in self.values.items():
@@ -168,28 +139,15 @@ def rows_of(
 ) -> tuple[Truths, list[dict[str, Any]]]:
     """Solve a problem by finite elements and by all forms.
 
-    Parameters
-    ----------
-    problem : Problem or Body
-        What is solved.
-    forms : sequence of Form, or callable
-        Name and overrides of each form; a callable chooses them by the size.
-    progress : callable
-        Called with every line of progress.
-    sizes : int, optional
-        How many of the problem's sizes; all by default.
-    timed : bool
-        Solve in this process without output and error bars, short solves repeated: the least time
-        counts. Compiled peers solve the meshes of a `Problem` as well.
-
-    Returns
-    -------
-    truths : Truths
-        Limit of the meshes; the exact values of a tube where solves are timed.
-    rows : list of dict
-        `problem`, `form` (and as `method`), `size`, `unknowns`, `cpu_s`, `memory`, `outcome`,
-        `verdict`, `reasons`, `peer` (`program`, `size` and `cpu_s` of the cheapest mesh with no
-        larger error) and what `Truths.errors` returns; `rival` marks finite elements.
+    - `problem`: what is solved
+    - `forms`: name and overrides of each form; a callable chooses them by the size
+    - `sizes`: how many of the problem's sizes; all by default
+    - `timed`: solve in this process without output and error bars, short solves repeated: the least
+      time counts. Compiled peers solve the meshes of a `Problem` as well.
+    - returns `truths`: limit of the meshes; the exact values of a tube where solves are timed
+    - returns `rows`: `problem`, `form` (and as `method`), `size`, `unknowns`, `cpu_s`, `memory`,
+      `outcome`, `verdict`, `reasons`, `peer` (`program`, `size` and `cpu_s` of the cheapest mesh
+      with no larger error) and what `Truths.errors` returns; `rival` marks finite elements
     """
     truths, rivals = solve_rivals(problem, progress)
     if timed:
@@ -273,22 +231,10 @@ def solve_rivals(
 ) -> tuple[Truths, list[dict[str, Any]]]:
     """Solve a problem on all its meshes.
 
-    Parameters
-    ----------
-    problem : Problem or Body
-        Problem.
-    progress : callable
-        Called with every line of progress.
-    warp : callable, optional
-        Moves the nodes of a box within it.
-
-    Returns
-    -------
-    truths : Truths
-        Limit of the meshes.
-    rivals : list of dict
-        Of each mesh `size`, `probes` (empty where the iteration failed), `dofs`, `cpu_s` and
-        `outcome`.
+    - `warp`: moves the nodes of a box within it
+    - returns `truths`: limit of the meshes
+    - returns `rivals`: of each mesh `size`, `probes` (empty where the iteration failed), `dofs`,
+      `cpu_s` and `outcome`
     """
     if isinstance(problem, Body):
         deck = read_deck(box_tables(problem))

@@ -31,8 +31,6 @@ from myork.console import ProgressCallback
 from myork.files import write_text
 from myork.types import F64
 
-__all__ = ["ACCURACIES", "NUMBERS", "known", "problem_of", "rows"]
-
 NUMBERS = range(80)
 ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]

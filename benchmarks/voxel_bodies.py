@@ -18,51 +18,28 @@ from myork.bench.phantoms import strided_cloud
 from myork.records import Labels, PointCloud
 from myork.types import F64
 
-__all__ = ["BODIES", "TWO_TISSUES", "Body", "body_cloud", "box_tables"]
-
 
 class Body(NamedTuple):
-    """A body of voxels.
+    """A body of voxels."""
 
-    Attributes
-    ----------
-    name : str
-        What tables show.
-    size : tuple
-        Edges of the box that is warped into it [cm].
-    tables : mapping
-        Deck without points, its sets those of a model.
-    label : callable
-        Label at places of shape `(..., 3)` [cm]; zero is nothing.
-    sizes : tuple
-        Distances of the source points, falling [cm].
-    elements : tuple
-        Finite elements along each edge of the box, rising; each probe is a corner.
-    warp : callable, optional
-        Places in the body of places in the box, shape `(n, 3)` [cm].
-    part : callable, optional
-        Label of a place in the box, one everywhere otherwise.
-    """
-
-    name: str
-    size: tuple[float, float, float]
-    tables: Mapping[str, Any]
+    name: str  #: What tables show
+    size: tuple[float, float, float]  #: Edges of the box that is warped into it [cm]
+    tables: Mapping[str, Any]  #: Deck without points, its sets those of a model
+    #: Label at places of shape `(..., 3)` [cm]; zero is nothing
     label: Callable[[F64], NDArray[Any]]
-    sizes: tuple[float, ...]
+    sizes: tuple[float, ...]  #: Distances of the source points, falling [cm]
+    #: Finite elements along each edge of the box, rising; each probe is a corner
     elements: tuple[tuple[int, int, int], ...]
+    #: Places in the body of places in the box, shape `(n, 3)` [cm]
     warp: Callable[[F64], F64] | None = None
+    #: Label of a place in the box, one everywhere otherwise
     part: Callable[[F64], int] | None = None
 
 
 def body_cloud(body: Body, voxel: float) -> PointCloud:
     """Points of a body, source points at every second voxel of its label map.
 
-    Parameters
-    ----------
-    body : Body
-        Body.
-    voxel : float
-        Distance of the source points, two edges of a voxel [cm].
+    - `voxel`: distance of the source points, two edges of a voxel [cm]
     """
     fine = 0.5 * voxel
     # two voxels of nothing around it; curved bodies off the lattice by parts of a spacing

@@ -1,19 +1,17 @@
-"""Draw the rooms of the core into docs/rooms.md and rooms.svg, from the sources themselves.
+"""Draw the rooms of the core into docs/rooms.md, from the sources themselves.
 
     python tests/draw_rooms.py
 
 What a room holds stands in the first line of its meson.build, whom it uses in its `use` lines.
-tests/test_layers.py compares both with what this script would write.
+tests/test_layers.py compares it with what this script would write.
 """
 
 import re
-import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 FORTRAN = ROOT / "fortran"
 PAGE = ROOT / "docs" / "rooms.md"
-PICTURE = ROOT / "docs" / "rooms.svg"
 
 _HEAD = """\
 # Rooms of the core
@@ -79,86 +77,12 @@ def direct(used: dict[str, set[str]]) -> list[tuple[str, str]]:
     ]
 
 
-def places(used: dict[str, set[str]]) -> tuple[list[list[str]], list[tuple[str, str]]]:
-    """Rows of the drawing, highest first, and lines from row to row.
-
-    An arrow that passes a row has a place in it, `user>used`; places are ordered so that lines
-    cross little.
-    """
-    levels = layers(used)[1:][::-1]
-    row_of = {room: number for number, row in enumerate(levels) for room in row}
-    rows = [list(row) for row in levels]
-    lines = []
-    for room, other in direct(used):
-        before = room
-        for number in range(row_of[room] + 1, row_of[other]):
-            passing = f"{room}>{other} {number}"
-            rows[number].append(passing)
-            lines.append((before, passing))
-            before = passing
-        lines.append((before, other))
-    for turn in range(24):
-        down = turn % 2 == 0
-        for number in range(1, len(rows)) if down else range(len(rows) - 2, -1, -1):
-            fixed = rows[number - 1 if down else number + 1]
-
-            def mean(name: str, fixed: list[str] = fixed, down: bool = down) -> float:
-                near = [
-                    fixed.index(a if down else b) for a, b in lines if (b if down else a) == name
-                ]
-                return sum(near) / len(near) if near else len(fixed) / 2
-
-            rows[number].sort(key=mean)
-    return rows, lines
-
-
-def drawing() -> str:
-    """Text of docs/rooms.svg."""
-    rows, lines = places(rooms())
-    wide, high, step, gap = 108, 26, 62, 14
-    width = max(sum(gap if ">" in name else wide + gap for name in row) + 2 * gap for row in rows)
-    at: dict[str, tuple[float, float]] = {}
-    for number, row in enumerate(rows):
-        whole = sum(gap if ">" in name else wide + gap for name in row)
-        x = (width - whole) / 2
-        for name in row:
-            room = gap if ">" in name else wide + gap
-            at[name] = (x + room / 2, gap + number * step + high / 2)
-            x += room
-    height = gap * 2 + (len(rows) - 1) * step + high
-    out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        f'width="{width}" height="{height}" font-family="sans-serif" font-size="13">',
-        "<title>Rooms of the core; a line goes down to a room that is used</title>",
-        f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
-        '<g fill="none" stroke="#5b6b7b" stroke-width="1.2">',
-    ]
-    for upper, lower in lines:
-        (x1, y1), (x2, y2) = at[upper], at[lower]
-        y1 += 0 if ">" in upper else high / 2
-        y2 -= 0 if ">" in lower else high / 2
-        bend = (y2 - y1) / 2
-        out.append(
-            f'<path d="M{x1:.1f} {y1:.1f}C{x1:.1f} {y1 + bend:.1f} {x2:.1f} {y2 - bend:.1f} '
-            f'{x2:.1f} {y2:.1f}"/>'
-        )
-    out.append('</g><g fill="#e8f1f8" stroke="#0072b2">')
-    boxes = [(name, x, y) for name, (x, y) in at.items() if ">" not in name]
-    out += [
-        f'<rect x="{x - wide / 2:.1f}" y="{y - high / 2:.1f}" width="{wide}" height="{high}" '
-        'rx="5"/>'
-        for _, x, y in boxes
-    ]
-    out.append('</g><g text-anchor="middle" fill="#1a1a1a">')
-    out += [f'<text x="{x:.1f}" y="{y + 4.5:.1f}">{name}</text>' for name, x, y in boxes]
-    return "\n".join([*out, "</g></svg>"]) + "\n"
-
-
 def page() -> str:
     """Text of docs/rooms.md."""
     used = rooms()
-    lines = [_HEAD, "![rooms and what they use](rooms.svg)"]
-    lines += ["", "| room | holds | uses |", "|---|---|---|"]
+    lines = [_HEAD, "```mermaid", "graph TD"]
+    lines += [f"  {room} --- {other}" for room, other in direct(used)]
+    lines += ["```", "", "| room | holds | uses |", "|---|---|---|"]
     for layer in layers(used):
         for room in layer:
             names = ", ".join(f"`{name}`" for name in sorted(used[room]))
@@ -168,5 +92,3 @@ def page() -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
-    PICTURE.write_text(drawing(), encoding="utf-8")
-    sys.exit(0)

@@ -158,7 +158,7 @@ def _solved(deck: Path, overrides: Any, out: Path) -> dict[str, Any]:
     # small runs may be refused, their numbers count all the same
     with suppress(RefusedError):
         myork.run_deck(deck, out, overrides=overrides, threads=1, verbosity=-1, error=False)
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8").replace(str(out), ""))
     fields = _datasets(out / "results.vtkhdf")
     return {
         "states": _hash(states.x),

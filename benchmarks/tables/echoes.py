@@ -13,8 +13,6 @@ from myork.records import Image
 from myork.segmentation.scores import dice
 from myork.types import C128, F64, Mask
 
-__all__ = ["echoes"]
-
 #: Numbers of the cases of a half
 HALVES = {"tuned": range(24), "other": range(5000, 5024)}
 SPACING = np.array([1.6, 1.6, 6.0])

@@ -11,8 +11,6 @@ import numpy as np
 from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field
 
-__all__ = ["families"]
-
 #: Phantoms of a half: other noise, septa, sizes and angles
 HALVES: dict[str, tuple[dict[str, Any], ...]] = {
     "tuned": (

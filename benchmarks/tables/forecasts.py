@@ -14,8 +14,6 @@ from myork import run_deck
 from myork.errors import ConvergenceError
 from myork.stations.explain import explain_deck
 
-__all__ = ["forecasts"]
-
 INPUTS = Path(__file__).parents[2] / "inputs"
 #: Decks whose CPU times gave the prices of `rk_forecast.f90`, with words of an override, and others
 HALVES: dict[str, list[tuple[str, ...]]] = {

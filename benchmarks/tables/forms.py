@@ -18,8 +18,6 @@ from myork.core.deck import load_deck
 from myork.errors import MyorkError
 from myork.files import INPUTS
 
-__all__ = ["mixed", "walls"]
-
 #: The head of a table, then its rows
 Rows = Iterator[tuple[str, ...]]
 

@@ -7,8 +7,6 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["kernels", "solvers"]
-
 ROOT = Path(__file__).parents[2]
 BLOCK = "inputs/muscle_block.toml"
 COLLOCATION = (

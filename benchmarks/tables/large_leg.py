@@ -12,8 +12,6 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.stations.solve import run_deck
 
-__all__ = ["large_leg"]
-
 
 def options(across: int, steps: int) -> list[str]:
     """Keys of a leg of 115 x 115 x 150 mm with so many voxels across."""

@@ -21,8 +21,6 @@ from myork.segmentation.shading import shading
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32
 
-__all__ = ["tissues"]
-
 #: First of the numbers of the sections of a half, and how many there are of each part of the body
 HALVES = {"tuned": (0, 32), "other": (3000, 16)}
 #: Half axes of a section, and least and largest fat under the skin, between muscles, streaks of fat

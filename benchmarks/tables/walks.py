@@ -22,8 +22,6 @@ from myork.segmentation.shading import shading
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
-__all__ = ["outlines", "walks"]
-
 HALVES: dict[str, list[dict[str, Any]]] = {
     "tuned": [
         {"snr": 25.0},

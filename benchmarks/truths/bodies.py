@@ -14,9 +14,6 @@ from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from myork.types import F64, I64
 
-__all__ = ["box", "graded", "jittered", "stretched"]
-
-
 _FACES = ("x0", "x1", "y0", "y1", "z0", "z1")
 
 
@@ -28,14 +25,10 @@ def box(
 ) -> PointCloud:
     """Regular points of a box with its corner at the origin; sets x0 to z1.
 
-    Parameters
-    ----------
-    size : sequence of float
-        Edge lengths, shape `(3,)` [length].
-    source, places : sequence of int
-        Source and collocation points along each edge; a single point lies in the middle.
-    fiber : sequence of float
-        Fiber direction of all points, shape `(3,)` [-].
+    - `size`: edge lengths, shape `(3,)` [length]
+    - `source`, `places`: source and collocation points along each edge; a single point lies in the
+      middle
+    - `fiber`: fiber direction of all points, shape `(3,)` [-]
     """
     points, index = _grid(size, places)
     sets = [(point, face) for face in range(6) for point in _on_face(index, places, face)]
@@ -103,18 +96,11 @@ def stretched(
 ) -> dict[str, Any]:
     """Tables of a deck that stretches a box along x; the box is a cloud of its own.
 
-    Parameters
-    ----------
-    method : str
-        `rkcm` or `rkcm-mixed`.
-    move : float
-        Displacement of the face x1 [length].
-    steps : int
-        Load steps.
-    activation : float
-        Activation at full load [-].
-    curve : str
-        Curve of the fibers, `published` or `smooth`; empty for rubber.
+    - `method`: `rkcm` or `rkcm-mixed`
+    - `move`: displacement of the face x1 [length]
+    - `steps`: load steps
+    - `activation`: activation at full load [-]
+    - `curve`: curve of the fibers, `published` or `smooth`; empty for rubber
     """
     return {
         "title": "Stretched box",

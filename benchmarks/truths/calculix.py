@@ -17,8 +17,6 @@ import numpy as np
 
 from myork.types import F64
 
-__all__ = ["solve_calculix"]
-
 _AXES = "xyz"
 #: Places of the nodes of an element, in halves of its edges
 _NODES = np.array(
@@ -34,18 +32,9 @@ _LIMIT = 100.0
 def solve_calculix(deck: Mapping[str, Any], elements: Sequence[int]) -> dict[str, Any]:
     """Solve a deck on one mesh.
 
-    Parameters
-    ----------
-    deck : mapping
-        All tables of the deck; a box or an annulus of one polynomial material.
-    elements : sequence of int
-        Elements along each edge.
-
-    Returns
-    -------
-    dict
-        `elements`, `dofs`, `cpu_s` of the process [s] and `probes`, or the
-        `outcome`.
+    - `deck`: all tables of the deck; a box or an annulus of one polynomial material
+    - `elements`: elements along each edge
+    - returns `elements`, `dofs`, `cpu_s` of the process [s] and `probes`, or the `outcome`
     """
     mesh = _Mesh(deck, elements)
     kept = {"elements": list(elements)}

@@ -5,20 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["deck", "force", "held", "probe"]
-
 
 def held(name: str, dimension: int = 3, **values: Any) -> dict[str, Any]:
     """A set without motion, but for the components given.
 
-    Parameters
-    ----------
-    name : str
-        Boundary set.
-    dimension : int
-        Of space.
-    **values : float or str
-        Displacements by key, such as ``u_x`` [length], and other keys of the set.
+    - `name`: boundary set
+    - `dimension`: of space
+    - `**values`: displacements by key, such as ``u_x`` [length], and other keys of the set
     """
     return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:dimension]}, **values}
 
@@ -43,17 +36,11 @@ def deck(
 ) -> dict[str, Any]:
     """A deck in N and cm that names no form, order, support or load steps.
 
-    Parameters
-    ----------
-    title : str
-        What it is.
-    geometry : mapping
-        Table `[geometry]`; the length of a box's `size` is the dimension, annuli are plane and
-        models solid.
-    material, boundary, probes : sequence of mapping
-        Their tables.
-    activation : float
-        Of muscle, at full load [-].
+    - `title`: what it is
+    - `geometry`: table `[geometry]`; the length of a box's `size` is the dimension, annuli are
+      plane and models solid
+    - `material`, `boundary`, `probes`: their tables
+    - `activation`: of muscle, at full load [-]
     """
     dimension = {"annulus": 2, "model": 3}.get(geometry["kind"]) or len(geometry["size"])
     return {

@@ -19,8 +19,6 @@ from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
 
-__all__ = ["Warp", "solve_deck", "solve_half_block"]
-
 #: Label of the material at a place, shape `(dim,)`; zero where there is none
 Labels = Callable[[F64], int]
 #: Nodes of a box, shape `(n, dim)`, to those of the body
@@ -46,38 +44,22 @@ def solve_deck(
 ) -> dict[str, Any]:
     """Solve a deck with finite elements.
 
-    Parameters
-    ----------
-    deck : mapping
-        All tables of the deck, defaults included, as `myork.load_deck` gives them; a box or an
-        annulus whose probes lie on corners of elements.
-    elements : sequence of int
-        Elements along each edge of a box, radial and angular of an annulus, shape `(dim,)`.
-    loads : sequence of float
-        Rising shares of the full load after which probes are read; a step that fails is halved.
-    labels : callable, optional
-        Which material lies where; the deck's first one everywhere otherwise. Elements must not
-        straddle materials; those with label zero are left out.
-    warp : callable, optional
-        Moves the nodes of a box to their places in a body of another shape; probes lie there.
-    tolerance : float
-        Relative residual of a converged load step [-].
-
-    Returns
-    -------
-    dict
-        `load` (as given), `probes` (by name their values at these loads), `forces` (by set the
-        nodes of the last state and their forces, shape `(n, dim)` each), `dofs`, `iterations`,
-        `cpu_s` and the wall time `seconds`.
-
-    Raises
-    ------
-    InputError
-        The deck has something that is not supported here.
-    ConvergenceError
-        A load step failed although it was halved.
-    InstallationError
-        felupe is missing.
+    - `deck`: all tables of the deck, defaults included, as `myork.load_deck` gives them; a box or
+      an annulus whose probes lie on corners of elements
+    - `elements`: elements along each edge of a box, radial and angular of an annulus, shape
+      `(dim,)`
+    - `loads`: rising shares of the full load after which probes are read; a step that fails is
+      halved
+    - `labels`: which material lies where; the deck's first one everywhere otherwise. Elements must
+      not straddle materials; those with label zero are left out.
+    - `warp`: moves the nodes of a box to their places in a body of another shape; probes lie there
+    - `tolerance`: relative residual of a converged load step [-]
+    - returns `load` (as given), `probes` (by name their values at these loads), `forces` (by set
+      the nodes of the last state and their forces, shape `(n, dim)` each), `dofs`, `iterations`,
+      `cpu_s` and the wall time `seconds`
+    - raises InputError: the deck has something that is not supported here
+    - raises ConvergenceError: a load step failed although it was halved
+    - raises InstallationError: felupe is missing
     """
     started, clock = time.process_time(), time.perf_counter()
     body = _Body(deck, elements, labels, warp, tolerance)
@@ -107,14 +89,9 @@ def solve_half_block(
 ) -> dict[str, Any]:
     """Solve the half of a box below its plane of symmetry across y; as `solve_deck`.
 
-    Parameters
-    ----------
-    deck : mapping
-        All tables of the deck of the whole box, whose probes lie in the half.
-    elements : sequence of int
-        Elements of the half.
-    loads : sequence of float
-        Shares of the full load.
+    - `deck`: all tables of the deck of the whole box, whose probes lie in the half
+    - `elements`: elements of the half
+    - `loads`: shares of the full load
     """
     length, width, height = deck["geometry"]["size"]
     half = {

@@ -23,15 +23,6 @@ from myork.errors import MyorkError
 from myork.records import PointCloud
 from myork.types import F64
 
-__all__ = [
-    "PROBLEMS",
-    "Problem",
-    "chosen_deformation",
-    "deformation_gradient",
-    "solve",
-]
-
-
 _ACTIVATION = 0.3
 # Convex, unlike table 4.1 with its negative A01: the exact solution must be the only one
 _MUSCLE = {"A10": 6.43, "A01": 1.0, "A20": 0.94}
@@ -41,30 +32,16 @@ _FIBER = {2: (0.6, 0.8, 0.0), 3: (0.48, 0.6, 0.64)}
 
 
 class Problem(NamedTuple):
-    """A manufactured problem on a unit square or cube.
+    """A manufactured problem on a unit square or cube."""
 
-    Attributes
-    ----------
-    name : str
-        What it is.
-    dimension : int
-        2 (plane strain) or 3.
-    bulk : tuple of float
-        Bulk modulus far left and far right of X = 1/2 [stress].
-    order, support : int, float
-        Basis and support over spacing.
-    sizes : tuple of int
-        Source points along each edge.
-    held : tuple of str
-        Faces whose displacement is prescribed; the others carry tractions.
-    """
-
-    name: str
-    dimension: int
-    bulk: tuple[float, float]
+    name: str  #: What it is
+    dimension: int  #: 2 (plane strain) or 3
+    bulk: tuple[float, float]  #: Bulk modulus far left and far right of X = 1/2 [stress]
+    #: Basis and support over spacing
     order: int
     support: float
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  #: Source points along each edge
+    #: Faces whose displacement is prescribed; the others carry tractions
     held: tuple[str, ...] = ("x0", "x1")
 
 
@@ -89,23 +66,13 @@ class _Exact(NamedTuple):
 def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Solve one problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        What is solved.
-    method : str
-        Form. All but `rkcm` and `rkcm-mixed` begin beside the solution: under dead loads as large
-        the body has other states in equilibrium, and the Galerkin forms need all of it held.
-    n : int
-        Source points along each edge; there are twice as many collocation points.
-    overrides : sequence of str
-        `"table.key=value"` each.
-
-    Returns
-    -------
-    dict
-        `u_error` and `stress_error` (relative, root mean square over the collocation points),
-        `j_error` (root mean square) and what other benchmarks record of a case.
+    - `problem`: what is solved
+    - `method`: form. All but `rkcm` and `rkcm-mixed` begin beside the solution: under dead loads as
+      large the body has other states in equilibrium, and the Galerkin forms need all of it held.
+    - `n`: source points along each edge; there are twice as many collocation points
+    - `overrides`: `"table.key=value"` each
+    - returns `u_error` and `stress_error` (relative, root mean square over the collocation points),
+      `j_error` (root mean square) and what other benchmarks record of a case
     """
     case: dict[str, Any] = {
         "name": problem.name,

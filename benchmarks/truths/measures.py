@@ -8,18 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["observed_order", "oscillation"]
-
 
 def observed_order(cases: Sequence[Mapping[str, Any]], key: str) -> float:
     """Slope of an error between the last two of several sizes of one problem.
 
-    Parameters
-    ----------
-    cases : sequence of mapping
-        Records with `h`, the spacing [length], and the error.
-    key : str
-        Name of the error.
+    - `cases`: records with `h`, the spacing [length], and the error
+    - `key`: name of the error
     """
     first, last = cases[-2:]
     return float(np.log(first[key] / last[key]) / np.log(first["h"] / last["h"]))
@@ -28,9 +22,6 @@ def observed_order(cases: Sequence[Mapping[str, Any]], key: str) -> float:
 def oscillation(values: NDArray[np.float64]) -> float:
     """Largest second difference of neighbours relative to the mean: zero for a straight line.
 
-    Parameters
-    ----------
-    values : NDArray
-        Values at equal distances along a line, shape `(n,)`, at least three.
+    - `values`: values at equal distances along a line, shape `(n,)`, at least three
     """
     return float(np.abs(np.diff(values, 2)).max() / abs(np.mean(values)))

@@ -19,8 +19,6 @@ from scipy.interpolate import BPoly, PPoly
 
 from benchmarks.truths.calculix import solve_calculix
 
-__all__ = ["DOLFINX", "compiled_peers"]
-
 #: Python of the system, for which Debian installs dolfinx
 DOLFINX = "/usr/bin/python3"
 #: Forms of dolfinx that race
@@ -34,18 +32,10 @@ def compiled_peers(
 ) -> list[dict[str, Any]]:
     """Solve a deck on its meshes by every compiled peer.
 
-    Parameters
-    ----------
-    deck : mapping
-        All tables of the deck; a box or an annulus of one material.
-    elements : sequence of sequence of int
-        Elements along each edge, rising.
-
-    Returns
-    -------
-    list of dict
-        `form`, and of each mesh `elements`, `dofs`, `cpu_s` [s], `memory` [byte], `probes`; an
-        `outcome` where there is none.
+    - `deck`: all tables of the deck; a box or an annulus of one material
+    - `elements`: elements along each edge, rising
+    - returns `form`, and of each mesh `elements`, `dofs`, `cpu_s` [s], `memory` [byte], `probes`;
+      an `outcome` where there is none
     """
     rows = []
     for form in _FORMS:

@@ -10,8 +10,6 @@ from benchmarks.truths.deck_parts import deck
 from myork.bench import exact
 from myork.bench.materials import RUBBER
 
-__all__ = ["tube_deck", "wall_stresses"]
-
 #: Where walls are probed: on the planes of symmetry and between them [rad]
 _ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
 
@@ -19,19 +17,10 @@ _ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
 def tube_deck(inner: float, outer: float, moved: float, bulk: float) -> dict[str, Any]:
     """Quarter of a tube of rubber; no form, order or number of points is named.
 
-    Parameters
-    ----------
-    inner, outer : float
-        Radii [length].
-    moved : float
-        Radial displacement of the inner wall [length].
-    bulk : float
-        Bulk modulus [stress].
-
-    Returns
-    -------
-    dict
-        Tables with the probes `inner x` to `outer y`, radial and hoop stress.
+    - `inner`, `outer`: radii [length]
+    - `moved`: radial displacement of the inner wall [length]
+    - `bulk`: bulk modulus [stress]
+    - returns tables with the probes `inner x` to `outer y`, radial and hoop stress
     """
     probes = []
     for name, angle in _ANGLES.items():

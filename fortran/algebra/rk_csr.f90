@@ -13,7 +13,6 @@ module rk_csr
       !> Numbers, 1-based, shape (entries)
       integer, allocatable :: index(:)
    contains
-      !> Rows in which each number stands
       procedure :: transposed
    end type csr_type
 
@@ -21,7 +20,6 @@ contains
 
 !> Rows in which each number stands, ascending
 pure subroutine transposed(self, n, other, entry)
-   !> Rows
    class(csr_type), intent(in) :: self
    !> Numbers run from 1 to n
    integer, intent(in) :: n

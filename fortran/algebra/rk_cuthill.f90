@@ -66,7 +66,6 @@ end function cuthill_mckee
 !> Nodes by their distance from one of them, those of few neighbours first among the equally near
 !> that one node brings in
 subroutine search(graph, root, order, last, first, levels)
-   !> Graph
    type(graph_type), intent(inout) :: graph
    !> Where it begins
    integer, intent(in) :: root
@@ -114,7 +113,6 @@ contains
 
    !> Insertion: nodes bring in few
    subroutine sort_by_degree(nodes)
-      !> Nodes
       integer, intent(inout) :: nodes(:)
       integer :: a, b, node
 

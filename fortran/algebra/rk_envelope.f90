@@ -49,7 +49,6 @@ contains
 
 !> Empty matrix
 subroutine new_envelope(self, position, reach, error)
-   !> Matrix
    type(envelope_type), intent(inout) :: self
    !> Place of each unknown in the elimination order, shape (n)
    integer, intent(in) :: position(:)
@@ -80,7 +79,6 @@ end subroutine new_envelope
 
 !> Part of the upper triangle that is stored [-]
 pure real(wp) function share(self)
-   !> Matrix
    class(envelope_type), intent(in) :: self
 
    share = 2.0_wp*real(self%offset(size(self%offset)), wp)/(real(self%n, wp)*(self%n + block_width))
@@ -88,7 +86,6 @@ end function share
 
 !> Set all entries to zero
 subroutine clear(self)
-   !> Matrix
    class(envelope_type), intent(inout) :: self
    integer :: j
 
@@ -101,7 +98,6 @@ end subroutine clear
 
 !> Add the columns of a small symmetric matrix that fall into one block
 pure subroutine add(self, j, row, run, matrix)
-   !> Matrix
    class(envelope_type), intent(inout) :: self
    !> Block
    integer, intent(in) :: j
@@ -132,7 +128,6 @@ end subroutine add
 
 !> Write the upper triangle in the order of the unknowns
 subroutine expand(self, a)
-   !> Matrix
    class(envelope_type), intent(in) :: self
    !> Dense matrix, zero below the diagonal, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -155,7 +150,6 @@ end subroutine expand
 
 !> Scale to a unit diagonal
 subroutine equilibrate(self, scale)
-   !> Matrix
    class(envelope_type), intent(inout) :: self
    !> Square roots of the diagonal, in the order of the unknowns, shape (n)
    real(wp), intent(out) :: scale(:)
@@ -186,7 +180,6 @@ end subroutine equilibrate
 
 !> Cholesky factor U of U^T U in place
 subroutine factorise(self, error)
-   !> Matrix
    class(envelope_type), intent(inout) :: self
    !> Error handling: not positive definite
    type(error_type), allocatable, intent(out) :: error
@@ -230,7 +223,6 @@ end subroutine factorise
 
 !> Solve U^T U x = b with a factor, in place and in the order of the unknowns
 subroutine solve(self, x)
-   !> Factor
    class(envelope_type), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)

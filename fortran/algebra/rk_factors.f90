@@ -30,9 +30,7 @@ contains
 
 !> Solve in place
 subroutine envelope_solve(self, x)
-   !> Factor
    class(envelope_factor), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
    call self%matrix%solve(x)
@@ -40,9 +38,7 @@ end subroutine envelope_solve
 
 !> Solve in place
 subroutine dense_solve(self, x)
-   !> Factor
    class(dense_factor), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    real(wp) :: y(size(x))
 

@@ -182,7 +182,6 @@ end subroutine fall_back
 
 !> What a method reached
 function quality(report) result(text)
-   !> Report
    type(lstsq_report), intent(in) :: report
    character(len=:), allocatable :: text
 
@@ -201,7 +200,6 @@ subroutine solve_dense(op, b, x, report, error)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done
    type(lstsq_report), intent(inout) :: report
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: failure
    type(dense_factor) :: factor
@@ -299,7 +297,6 @@ subroutine solve_pivoted(op, b, x, report, error)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done; where the rank is not full `why` names what is undetermined and `rcond` is 0
    type(lstsq_report), intent(inout) :: report
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(dense_factor) :: factor
    real(wp), allocatable :: y(:, :), probe(:), image(:)
@@ -364,7 +361,6 @@ subroutine solve_spqr(op, b, x, report, error)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done
    type(lstsq_report), intent(inout) :: report
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: factor
    integer :: rank
@@ -389,7 +385,6 @@ subroutine solve_normal(op, b, x, dense, report, error)
    type(envelope_factor), intent(inout) :: dense
    !> What was done; `used` says which method is meant
    type(lstsq_report), intent(inout) :: report
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: sparse
 
@@ -441,9 +436,7 @@ subroutine judge(op, b, x, factor, report)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Factor
    class(factor_type), intent(in) :: factor
-   !> Report
    type(lstsq_report), intent(inout) :: report
    real(wp), allocatable :: residual(:), gradient(:), z(:)
    real(wp) :: norm, matrix_norm, length, bound, distance
@@ -478,7 +471,6 @@ end subroutine judge
 subroutine check_rank(op, factor, rcond, error)
    !> Matrix
    class(row_operator), intent(in) :: op
-   !> Factor
    class(factor_type), intent(in) :: factor
    !> Smallest singular value of the column-scaled matrix over its Frobenius norm [-]
    real(wp), intent(out) :: rcond
@@ -499,7 +491,6 @@ subroutine check_columns(op, scale, error)
    class(row_operator), intent(in) :: op
    !> Column norms, shape (n)
    real(wp), intent(in) :: scale(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: j
 

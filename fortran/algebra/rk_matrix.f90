@@ -26,7 +26,6 @@ contains
 
 !> y = A x
 subroutine apply(self, x, y)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -38,7 +37,6 @@ end subroutine apply
 
 !> y = A^T x
 subroutine apply_transposed(self, x, y)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
    !> Vector, shape (m)
    real(wp), contiguous, intent(in) :: x(:)
@@ -50,9 +48,7 @@ end subroutine apply_transposed
 
 !> A itself
 subroutine dense(self, a)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
-   !> Entries, shape (m, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
 
    a = self%a
@@ -60,9 +56,7 @@ end subroutine dense
 
 !> A in compressed rows, all entries
 subroutine compressed(self, start, column, value)
-   !> Matrix
    class(matrix_rows), intent(in) :: self
-   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
    !> Column of each entry less 1, shape (m*n)
    integer(i8), allocatable, intent(out) :: column(:)
@@ -77,17 +71,11 @@ end subroutine compressed
 
 !> Solve (A + shift |D|) x = b of a small square matrix that need not be symmetric
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Matrix
    class(matrix_rows), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: a(:, :), factor(:, :)
    integer :: j

@@ -27,7 +27,6 @@ module rk_minres
    abstract interface
       subroutine product_interface(self, x, y)
          import :: symmetric_system, wp
-         !> System
          class(symmetric_system), intent(in) :: self
          !> Vector, shape (size)
          real(wp), contiguous, intent(in) :: x(:)
@@ -40,7 +39,6 @@ contains
 
 !> Solve A x = b
 subroutine minres(system, b, tolerance, limit, x, iterations, reached)
-   !> System
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
    real(wp), contiguous, intent(in) :: b(:)

@@ -34,7 +34,6 @@ module rk_multigrid
       !> Inverse of the last matrix, or of its diagonal where hardly anything couples
       real(wp), allocatable, private :: inverse(:, :), scale(:)
    contains
-      !> One cycle
       procedure :: apply
    end type multigrid_type
 
@@ -57,7 +56,6 @@ contains
 
 !> Set up the levels
 subroutine new_multigrid(self, matrix, error)
-   !> Cycle
    type(multigrid_type), intent(out) :: self
    !> Matrix, both triangles
    type(sparse_rows), intent(in) :: matrix
@@ -247,9 +245,7 @@ end subroutine coarsen
 
 !> Transposed rows
 subroutine transpose_rows(a, columns, b)
-   !> Rows
    type(sparse_rows), intent(in) :: a
-   !> Columns
    integer, intent(in) :: columns
    !> Their transposed
    type(sparse_rows), intent(out) :: b
@@ -298,7 +294,6 @@ end subroutine multiply
 
 !> x = M b of one cycle, for several vectors at once
 subroutine apply(self, b, x)
-   !> Cycle
    class(multigrid_type), intent(in) :: self
    !> Right hand sides, shape (vectors, n)
    real(wp), contiguous, intent(in) :: b(:, :)
@@ -310,7 +305,6 @@ end subroutine apply
 
 !> One cycle from a level on
 recursive subroutine cycle_from(self, l, b, x)
-   !> Cycle
    class(multigrid_type), intent(in) :: self
    !> Level
    integer, intent(in) :: l

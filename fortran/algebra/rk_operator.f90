@@ -30,11 +30,9 @@ module rk_operator
       procedure(apply_interface), deferred :: apply
       !> x = A^T y
       procedure(apply_interface), deferred :: apply_transposed
-      !> A^T A
       procedure :: envelope
       !> Upper triangle of A^T A as a dense matrix
       procedure :: normal
-      !> A itself
       procedure :: dense
       !> A in compressed rows
       procedure(compressed_interface), deferred :: compressed
@@ -65,7 +63,6 @@ module rk_operator
       !> Solve (A + shift |D|) x = b
       recursive subroutine square_interface(self, shift, b, x, report, error)
          import :: error_type, square_operator, square_report, wp
-         !> Matrix
          class(square_operator), target, intent(inout) :: self
          !> Damping in units of the diagonal, >= 0 [-]
          real(wp), intent(in) :: shift
@@ -81,7 +78,6 @@ module rk_operator
       !> Solve in place
       subroutine solve_interface(self, x)
          import :: factor_type, wp
-         !> Factor
          class(factor_type), intent(in) :: self
          !> Right hand side, replaced by the solution, shape (n)
          real(wp), contiguous, intent(inout) :: x(:)
@@ -89,7 +85,6 @@ module rk_operator
       !> Product with a vector
       subroutine apply_interface(self, x, y)
          import :: row_operator, wp
-         !> Matrix
          class(row_operator), intent(in) :: self
          !> Vector
          real(wp), contiguous, intent(in) :: x(:)
@@ -99,7 +94,6 @@ module rk_operator
       !> Entries in compressed rows
       subroutine compressed_interface(self, start, column, value)
          import :: i8, row_operator, wp
-         !> Matrix
          class(row_operator), intent(in) :: self
          !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
          integer(i8), allocatable, intent(out) :: start(:)
@@ -142,7 +136,6 @@ end subroutine solve_as_it_is
 
 !> A itself, column by column
 subroutine dense(self, a)
-   !> Matrix
    class(row_operator), intent(in) :: self
    !> Entries, shape (m, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -159,7 +152,6 @@ end subroutine dense
 
 !> Upper triangle of A^T A, of a matrix small enough to be written
 subroutine normal(self, a)
-   !> Matrix
    class(row_operator), intent(in) :: self
    !> Product, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -172,7 +164,6 @@ end subroutine normal
 
 !> A^T A of a matrix without structure
 subroutine envelope(self, a, error)
-   !> Matrix
    class(row_operator), intent(in) :: self
    !> Product; its storage is used again where it fits
    type(envelope_type), intent(inout) :: a
@@ -193,7 +184,6 @@ end subroutine envelope
 
 !> What an unknown stands for
 function unknown(self, j) result(text)
-   !> Matrix
    class(row_operator), intent(in) :: self
    !> Column
    integer, intent(in) :: j
@@ -208,7 +198,6 @@ end function unknown
 subroutine shortest(op, factor, v, length)
    !> Matrix
    class(row_operator), intent(in) :: op
-   !> Factor
    class(factor_type), intent(in) :: factor
    !> Direction in column-scaled variables, length one, shape (n)
    real(wp), contiguous, intent(inout) :: v(:)

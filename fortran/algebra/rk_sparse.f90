@@ -23,9 +23,7 @@ module rk_sparse
       !> Place of each unknown in the matrix that was factorised, shape (n)
       integer, allocatable, private :: position(:)
    contains
-      procedure :: solve
-      !> Give the factor back
-      procedure :: free
+      procedure :: solve, free
    end type sparse_factor
 
    !> What factorisations of matrices with the same places of entries have in common: the order of
@@ -37,10 +35,7 @@ module rk_sparse
       !> A matrix was too far from a positive definite one to be solved with the factor of that
       logical :: far = .false.
    contains
-      !> Whether a solve has found an order of elimination for Cholesky
-      procedure :: has_order
-      !> Solves that take as long as a Cholesky factor
-      procedure :: cost
+      procedure :: has_order, cost
       final :: free_kept
    end type kept_factor
 
@@ -101,9 +96,7 @@ contains
 
 !> Cholesky factor of a symmetric matrix; zeros of its envelope are left out
 subroutine sparse_cholesky(self, matrix, error)
-   !> Factor
    type(sparse_factor), intent(inout) :: self
-   !> Matrix
    type(envelope_type), intent(in) :: matrix
    !> Error handling: not positive definite, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
@@ -187,7 +180,6 @@ end subroutine sparse_qr
 
 !> Cholesky factor of a symmetric matrix
 subroutine factor_upper(self, n, start, row, value, error)
-   !> Factor
    type(sparse_factor), intent(inout) :: self
    !> Unknowns
    integer, intent(in) :: n
@@ -267,7 +259,6 @@ end subroutine solve_again_sparse
 subroutine complain(stat, error)
    !> Answer
    integer(c_int), intent(in) :: stat
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    select case (stat)
@@ -285,9 +276,7 @@ end subroutine complain
 
 !> Solve in place
 subroutine solve(self, x)
-   !> Factor
    class(sparse_factor), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    real(wp), allocatable :: y(:)
    type(threads_type) :: kept
@@ -302,7 +291,6 @@ end subroutine solve
 
 !> Give the factor back
 subroutine free(self)
-   !> Factor
    class(sparse_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
@@ -311,7 +299,6 @@ end subroutine free
 
 !> Whether a solve has found an order of elimination for Cholesky
 logical function has_order(self)
-   !> What was kept
    class(kept_factor), intent(in) :: self
 
    has_order = rk_sparse_ordered(self%handle) /= 0
@@ -320,7 +307,6 @@ end function has_order
 !> Solves with a factor of Cholesky that take as long as another one: its operations are those of a
 !> matrix product, which are faster than those of a solve, which reads the factor from memory
 real(wp) function cost(self)
-   !> What was kept
    class(kept_factor), intent(in) :: self
 
    cost = rk_sparse_cost(self%handle)/faster
@@ -328,7 +314,6 @@ end function cost
 
 !> Give back what was kept
 subroutine free_kept(self)
-   !> What was kept
    type(kept_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)

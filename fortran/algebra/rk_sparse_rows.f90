@@ -31,7 +31,6 @@ contains
 
 !> Take compressed rows without their zeros
 subroutine new_sparse_rows(self, start, column, value)
-   !> Rows
    type(sparse_rows), intent(out) :: self
    !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), intent(in) :: start(:)
@@ -59,7 +58,6 @@ end subroutine new_sparse_rows
 
 !> Keep the entries of rows once that differ by rounding
 subroutine share(self)
-   !> Rows
    class(sparse_rows), intent(inout) :: self
    integer, allocatable :: same(:)
    integer(i8), allocatable :: number(:)
@@ -87,7 +85,6 @@ end subroutine share
 
 !> y = A x or y + A x
 subroutine product_with(self, x, y, add)
-   !> Rows
    class(sparse_rows), intent(in) :: self
    !> Vectors, entry by entry, shape (k, columns)
    real(wp), contiguous, intent(in) :: x(:, :)
@@ -131,7 +128,6 @@ end subroutine multiply
 
 !> The same for three vectors
 subroutine three(rows, offset, first, index, value, x, y, add)
-   !> Rows
    integer, intent(in) :: rows
    !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
    integer(i8), intent(in) :: offset(rows + 1)

@@ -39,20 +39,8 @@ module rk_symmetric
       !> What the factors have in common
       type(kept_factor), pointer, private :: kept => null()
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: compressed
-      procedure :: solve_square
-      !> Solve with other entries in the same places
-      procedure :: solve_with
-      !> Solve with the factor of the last solve
-      procedure :: solve_again
-      !> Solve the next equations by a factor of their own
-      procedure :: let_go
-      !> Add a dense part
-      procedure :: add
-      !> Product of other entries in the same places with a vector
-      procedure :: product => product_with
+      procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
+      procedure :: let_go, add, product => product_with
       !> Add that of the skew part
       procedure :: add_skew
       final :: free
@@ -63,8 +51,7 @@ module rk_symmetric
       type(symmetric_matrix), pointer :: places => null()
       real(wp), pointer, contiguous :: given(:) => null()
    contains
-      procedure :: multiply
-      procedure :: precondition
+      procedure :: multiply, precondition
    end type preconditioned_type
 
    !> Solves that a factor must be worth before the last one is tried, share of them that are made,
@@ -80,7 +67,6 @@ contains
 
 !> Places of the entries: blocks of one group are all coupled. Values are zero.
 subroutine new_symmetric(self, block, blocks, group)
-   !> Matrix
    type(symmetric_matrix), intent(out) :: self
    !> Unknowns in a block
    integer, intent(in) :: block
@@ -188,7 +174,6 @@ end subroutine add
 
 !> y = A x
 subroutine apply(self, x, y)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -201,7 +186,6 @@ end subroutine apply
 
 !> x = A^T y
 subroutine apply_transposed(self, x, y)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -214,7 +198,6 @@ end subroutine apply_transposed
 
 !> Add the product of the skew part, where there is one, with a vector
 subroutine add_skew(self, sign, x, y)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> 1, or -1 for its transpose
    real(wp), intent(in) :: sign
@@ -263,13 +246,10 @@ end subroutine product_with
 
 !> Both triangles in compressed rows
 subroutine compressed(self, start, column, value)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
-   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
    !> Column of each entry less 1, ascending in each row
    integer(i8), allocatable, intent(out) :: column(:)
-   !> Entries
    real(wp), allocatable, intent(out) :: value(:)
 
    call both_triangles(self, self%value, 1.0_wp, start, column, value)
@@ -330,17 +310,11 @@ end subroutine both_triangles
 
 !> Solve (A + shift |D|) x = b with the diagonal D of A
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Matrix
    class(symmetric_matrix), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: shifted(:)
    integer :: j
@@ -495,11 +469,8 @@ end subroutine solve_beside
 
 !> y = A x
 subroutine multiply(self, x, y)
-   !> System
    class(preconditioned_type), intent(in) :: self
-   !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%places%product(self%given, x, y)
@@ -507,11 +478,8 @@ end subroutine multiply
 
 !> y = P^-1 x
 subroutine precondition(self, x, y)
-   !> System
    class(preconditioned_type), intent(in) :: self
-   !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
 
    y = x
@@ -520,7 +488,6 @@ end subroutine precondition
 
 !> Unknowns less 1 along the body, an order of elimination
 function unknowns_along(self) result(order)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Unknowns less 1, shape (n)
    integer(i8), allocatable :: order(:)
@@ -536,7 +503,6 @@ end function unknowns_along
 
 !> Solve in place with the factor of the last solve, which is there where the matrix keeps it
 subroutine solve_again(self, x)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
@@ -546,7 +512,6 @@ end subroutine solve_again
 
 !> Solve the next equations by a factor of their own
 subroutine let_go(self)
-   !> Matrix
    class(symmetric_matrix), intent(in) :: self
 
    if (.not. associated(self%kept)) return
@@ -556,7 +521,6 @@ end subroutine let_go
 
 !> Give back what was kept
 subroutine free(self)
-   !> Matrix
    type(symmetric_matrix), intent(inout) :: self
 
    if (associated(self%kept)) deallocate (self%kept)

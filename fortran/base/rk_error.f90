@@ -34,7 +34,6 @@ contains
 
 !> Raise an error
 subroutine fatal_error(error, code, message)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> One of the err_* constants
    integer, intent(in) :: code

@@ -37,12 +37,7 @@ module rk_json
       !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
       !> logical, a text or a list of these, on one line
       generic :: put => put_value, put_list, add_value, add_list
-      !> Item of an object whose value is JSON already
-      procedure :: put_json
-      !> What was written so far
-      procedure :: text => text_so_far
-      !> Write the text to a file, which is there completely or not at all
-      procedure :: save => save_json
+      procedure :: put_json, text => text_so_far, save => save_json
       procedure, private :: put_value, put_list, add_value, add_list, item, append
    end type json_type
 
@@ -50,7 +45,6 @@ contains
 
 !> Start an item: comma, new line, indentation and key
 subroutine item(self, key)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name of the item; absent in an array
    character(len=*), intent(in), optional :: key
@@ -63,7 +57,6 @@ end subroutine item
 
 !> Open an object
 subroutine begin_object(self, key)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name of the object; absent in an array and at the start
    character(len=*), intent(in), optional :: key
@@ -74,7 +67,6 @@ end subroutine begin_object
 
 !> Open an array
 subroutine begin_array(self, key)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name of the array; absent in an array and at the start
    character(len=*), intent(in), optional :: key
@@ -85,7 +77,6 @@ end subroutine begin_array
 
 !> Close an object
 subroutine end_object(self)
-   !> JSON text
    class(json_type), intent(inout) :: self
 
    call close_list(self, '}')
@@ -93,7 +84,6 @@ end subroutine end_object
 
 !> Close an array
 subroutine end_array(self)
-   !> JSON text
    class(json_type), intent(inout) :: self
 
    call close_list(self, ']')
@@ -101,9 +91,7 @@ end subroutine end_array
 
 !> Opening bracket
 subroutine open_list(self, bracket)
-   !> JSON text
    class(json_type), intent(inout) :: self
-   !> Bracket
    character(len=1), intent(in) :: bracket
 
    call self%append(bracket)
@@ -113,9 +101,7 @@ end subroutine open_list
 
 !> Closing bracket
 subroutine close_list(self, bracket)
-   !> JSON text
    class(json_type), intent(inout) :: self
-   !> Bracket
    character(len=1), intent(in) :: bracket
 
    self%depth = self%depth - 1
@@ -126,7 +112,6 @@ end subroutine close_list
 
 !> Value of an object
 subroutine put_value(self, key, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -139,7 +124,6 @@ end subroutine put_value
 
 !> List of an object
 subroutine put_list(self, key, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -152,7 +136,6 @@ end subroutine put_list
 
 !> Value of an array
 subroutine add_value(self, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Number, logical or text
    class(*), intent(in) :: value
@@ -163,7 +146,6 @@ end subroutine add_value
 
 !> List of an array
 subroutine add_list(self, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
@@ -174,7 +156,6 @@ end subroutine add_list
 
 !> Item of an object whose value is JSON already
 subroutine put_json(self, key, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -187,7 +168,6 @@ end subroutine put_json
 
 !> Values in brackets
 subroutine append_list(self, value)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
@@ -225,7 +205,6 @@ end function literal
 
 !> Append to what was written; the room doubles, so that n pieces cost n
 subroutine append(self, piece)
-   !> JSON text
    class(json_type), intent(inout) :: self
    !> More of it
    character(len=*), intent(in) :: piece
@@ -245,7 +224,6 @@ end subroutine append
 
 !> What was written so far
 pure function text_so_far(self) result(text)
-   !> JSON text
    class(json_type), intent(in) :: self
    character(len=:), allocatable :: text
 
@@ -255,11 +233,9 @@ end function text_so_far
 
 !> Write the text to a file, which is there completely or not at all
 subroutine save_json(self, path, error)
-   !> JSON text
    class(json_type), intent(in) :: self
    !> File
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    call save_text(path, self%buffer(:self%length), error)

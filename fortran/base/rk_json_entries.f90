@@ -55,7 +55,7 @@ subroutine read_entries(path, entries, damaged)
    at = 1
    call skip_blanks(text, at)
    if (.not. follows(text, at, '{')) return
-   call skip_object(text, at, 1, valid, entries)
+   call skip_list(text, at, 1, valid, entries)
    call skip_blanks(text, at)
    damaged = .not. valid .or. at <= len(text)
    if (.not. damaged) return
@@ -69,7 +69,6 @@ pure logical function follows(text, at, character)
    character(len=*), intent(in) :: text
    !> Place
    integer, intent(in) :: at
-   !> Character
    character(len=1), intent(in) :: character
 
    follows = .false.
@@ -103,10 +102,8 @@ recursive subroutine skip_value(text, at, depth, valid)
    valid = .false.
    if (at > len(text)) return
    select case (text(at:at))
-   case ('{')
-      call skip_object(text, at, depth + 1, valid)
-   case ('[')
-      call skip_array(text, at, depth + 1, valid)
+   case ('{', '[')
+      call skip_list(text, at, depth + 1, valid)
    case ('"')
       call skip_text(text, at, valid)
    case ('t')
@@ -120,8 +117,8 @@ recursive subroutine skip_value(text, at, depth, valid)
    end select
 end subroutine skip_value
 
-!> Go behind an object
-recursive subroutine skip_object(text, at, depth, valid, entries)
+!> Go behind an object or an array
+recursive subroutine skip_list(text, at, depth, valid, entries)
    !> JSON text
    character(len=*), intent(in) :: text
    !> Place, of the opening bracket
@@ -130,28 +127,33 @@ recursive subroutine skip_object(text, at, depth, valid, entries)
    integer, intent(in) :: depth
    !> Whether it is whole
    logical, intent(out) :: valid
-   !> Its entries are added here, where wanted
+   !> Entries of an object are added here, where wanted
    type(json_entry), allocatable, intent(inout), optional :: entries(:)
+   character(len=1) :: closing
    integer :: key(2), first
 
+   key = at
+   closing = merge('}', ']', text(at:at) == '{')
    at = at + 1
    valid = depth <= max_depth
    if (.not. valid) return
    call skip_blanks(text, at)
-   if (follows(text, at, '}')) then
+   if (follows(text, at, closing)) then
       at = at + 1
       return
    end if
    do
-      key(1) = at
-      call skip_text(text, at, valid)
-      if (.not. valid) return
-      key(2) = at - 1
-      call skip_blanks(text, at)
-      valid = follows(text, at, ':')
-      if (.not. valid) return
-      at = at + 1
-      call skip_blanks(text, at)
+      if (closing == '}') then
+         key(1) = at
+         call skip_text(text, at, valid)
+         if (.not. valid) return
+         key(2) = at - 1
+         call skip_blanks(text, at)
+         valid = follows(text, at, ':')
+         if (.not. valid) return
+         at = at + 1
+         call skip_blanks(text, at)
+      end if
       first = at
       call skip_value(text, at, depth, valid)
       if (.not. valid) return
@@ -162,40 +164,9 @@ recursive subroutine skip_object(text, at, depth, valid, entries)
       at = at + 1
       call skip_blanks(text, at)
    end do
-   valid = follows(text, at, '}')
+   valid = follows(text, at, closing)
    at = at + 1
-end subroutine skip_object
-
-!> Go behind an array
-recursive subroutine skip_array(text, at, depth, valid)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place, of the opening bracket
-   integer, intent(inout) :: at
-   !> Open objects and arrays, this one included
-   integer, intent(in) :: depth
-   !> Whether it is whole
-   logical, intent(out) :: valid
-
-   at = at + 1
-   valid = depth <= max_depth
-   if (.not. valid) return
-   call skip_blanks(text, at)
-   if (follows(text, at, ']')) then
-      at = at + 1
-      return
-   end if
-   do
-      call skip_value(text, at, depth, valid)
-      if (.not. valid) return
-      call skip_blanks(text, at)
-      if (.not. follows(text, at, ',')) exit
-      at = at + 1
-      call skip_blanks(text, at)
-   end do
-   valid = follows(text, at, ']')
-   at = at + 1
-end subroutine skip_array
+end subroutine skip_list
 
 !> Go behind a text in quotation marks
 pure subroutine skip_text(text, at, valid)
@@ -239,7 +210,6 @@ pure subroutine skip_word(text, at, word, valid)
    character(len=*), intent(in) :: text
    !> Place
    integer, intent(inout) :: at
-   !> Word
    character(len=*), intent(in) :: word
    !> Whether it is this word
    logical, intent(out) :: valid

@@ -38,10 +38,7 @@ module rk_parameters
       generic :: add => add_number, add_text
       !> Value of a key, within limits
       generic :: get => get_number, get_text
-      !> Names of all numbers that nobody has asked for yet, and what they are
-      procedure :: other_numbers
-      !> Error where there are values nobody asked for
-      procedure :: check_all_asked
+      procedure :: other_numbers, check_all_asked
       procedure, private :: add_number, add_text, get_number, get_text
       procedure, private :: find, refuse
    end type parameters_type
@@ -50,11 +47,9 @@ contains
 
 !> Add a number
 subroutine add_number(self, key, number)
-   !> Values
    class(parameters_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
-   !> Number
    real(wp), intent(in) :: number
 
    call grow(self)
@@ -66,11 +61,9 @@ end subroutine add_number
 
 !> Add a text
 subroutine add_text(self, key, text)
-   !> Values
    class(parameters_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
-   !> Text
    character(len=*), intent(in) :: text
 
    call grow(self)
@@ -83,7 +76,6 @@ end subroutine add_text
 
 !> Room for one more value
 subroutine grow(self)
-   !> Values
    class(parameters_type), intent(inout) :: self
    type(value_type), allocatable :: more(:)
    integer :: n
@@ -97,11 +89,9 @@ end subroutine grow
 
 !> A number. Its limits are checked here, so that a caller in memory meets those of a deck
 subroutine get_number(self, key, number, error, above, least, infinite)
-   !> Values
    class(parameters_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
-   !> Number
    real(wp), intent(out) :: number
    !> Error handling: missing, no number, or out of its limits
    type(error_type), allocatable, intent(inout) :: error
@@ -138,11 +128,9 @@ end subroutine get_number
 
 !> A text that is one of several words
 subroutine get_text(self, key, text, choices, error)
-   !> Values
    class(parameters_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
-   !> Text
    character(len=:), allocatable, intent(out) :: text
    !> Words it may be; any without them
    character(len=*), intent(in), optional :: choices(:)
@@ -175,7 +163,6 @@ end subroutine get_text
 
 !> Names of all numbers that nobody has asked for yet, and what they are. They count as asked for
 subroutine other_numbers(self, names, numbers)
-   !> Values
    class(parameters_type), intent(inout) :: self
    !> Names with a blank after each
    character(len=:), allocatable, intent(out) :: names
@@ -196,7 +183,6 @@ end subroutine other_numbers
 
 !> Error where there are values nobody asked for: keys that are not known
 subroutine check_all_asked(self, error)
-   !> Values
    class(parameters_type), intent(in) :: self
    !> Error handling: names the first such key
    type(error_type), allocatable, intent(inout) :: error
@@ -217,7 +203,6 @@ end subroutine check_all_asked
 
 !> Number of the value of a key, which from now on is asked for
 subroutine find(self, key, number, error)
-   !> Values
    class(parameters_type), intent(inout) :: self
    !> Name
    character(len=*), intent(in) :: key
@@ -238,11 +223,9 @@ end subroutine find
 
 !> Error of whom the values belong to
 subroutine refuse(self, what, error)
-   !> Values
    class(parameters_type), intent(in) :: self
    !> What is wrong
    character(len=*), intent(in) :: what
-   !> Error
    type(error_type), allocatable, intent(out) :: error
 
    call fatal_error(error, err_input, self%kind//" '"//self%name//"': "//what)

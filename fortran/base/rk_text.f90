@@ -104,7 +104,6 @@ end function reals_text
 
 !> One line of a text; empty behind the last
 pure function line(text, number) result(found)
-   !> Text
    character(len=*), intent(in) :: text
    !> Number of the line
    integer, intent(in) :: number
@@ -121,7 +120,6 @@ end function line
 
 !> Lines of a text up to the first empty one
 pure subroutine lines_of(text, lines)
-   !> Text
    character(len=*), intent(in) :: text
    !> Lines, padded with blanks
    character(len=*), allocatable, intent(inout) :: lines(:)

@@ -24,14 +24,7 @@ module rk_text_file
       !> A write has failed: such a file never takes its real name
       logical :: damaged = .false.
    contains
-      !> Start a file under a temporary name
-      procedure :: create
-      !> Write a line
-      procedure :: line
-      !> Close; the file keeps its temporary name
-      procedure :: close => close_file
-      !> Give a closed file its name
-      procedure :: publish
+      procedure :: create, line, close => close_file, publish
    end type text_file
 
    !> files.c: null, or the reason of a failure as a C string
@@ -62,11 +55,9 @@ contains
 
 !> Start a file under a temporary name
 subroutine create(self, path, error)
-   !> File
    class(text_file), intent(inout) :: self
    !> Name that it takes when it is published
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    self%path = path
@@ -81,7 +72,6 @@ subroutine line(self, text, error)
    class(text_file), intent(inout) :: self
    !> Line
    character(len=*), intent(in) :: text
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return
@@ -92,7 +82,6 @@ end subroutine line
 subroutine close_file(self, error)
    !> File; nothing happens to a closed one
    class(text_file), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return
@@ -102,9 +91,7 @@ end subroutine close_file
 
 !> Give a closed file its name, unless a write has failed
 subroutine publish(self, error)
-   !> Closed file
    class(text_file), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (self%damaged) return
@@ -117,7 +104,6 @@ subroutine save_text(path, text, error)
    character(len=*), intent(in) :: path
    !> Text, without the last line feed
    character(len=*), intent(in) :: text
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: trouble
    type(text_file) :: file
@@ -154,11 +140,9 @@ end subroutine load_text
 
 !> Turn the answer of C into an error
 subroutine check(self, why, error)
-   !> File
    class(text_file), intent(inout) :: self
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(why)) return

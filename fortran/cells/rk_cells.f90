@@ -69,7 +69,6 @@ module rk_cells
       !> Second moments of each nodal cell about its point, shape (nd, nd, np) [length^(nd+2)]
       real(wp), allocatable :: moment(:, :, :)
    contains
-      !> Whether a surface point lies in a boundary set
       procedure :: in_set
    end type cells_type
 
@@ -77,11 +76,9 @@ contains
 
 !> Whether a surface point lies in a boundary set
 elemental logical function in_set(self, s, set)
-   !> Points
    class(cells_type), intent(in) :: self
    !> Surface point
    integer, intent(in) :: s
-   !> Set
    integer, intent(in) :: set
 
    if (allocated(self%within)) then

@@ -18,7 +18,6 @@ module rk_corners
       !> Edges of a cell, shape (nd) [length]
       real(wp), allocatable :: step(:)
    contains
-      !> Place in a cell
       procedure :: within
    end type corners_type
 
@@ -27,7 +26,6 @@ contains
 !> Whether source points are the corners of cells: in boxes whose points keep to their lattice, and
 !> in bodies of voxels
 pure logical function has_corners(cloud)
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
 
    has_corners = allocated(cloud%block) .or. (allocated(cloud%lattice) &
@@ -36,7 +34,6 @@ end function has_corners
 
 !> Find the corners of all cells
 subroutine new_corners(self, cloud, cells)
-   !> Corners
    type(corners_type), intent(out) :: self
    !> Cloud that has them
    type(cloud_type), intent(in) :: cloud
@@ -73,9 +70,7 @@ end subroutine new_corners
 
 !> Place in a cell, from 0 at its lower corner to 1, shape (nd)
 pure function within(self, cell, x) result(xi)
-   !> Corners
    class(corners_type), intent(in) :: self
-   !> Cell
    integer, intent(in) :: cell
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)

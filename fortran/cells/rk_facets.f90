@@ -22,7 +22,6 @@ module rk_facets
       !> Boundary entry on the surface of a model, 0 elsewhere
       integer, allocatable :: entry(:)
    contains
-      !> Add a point
       procedure :: add
    end type facets_type
 
@@ -30,7 +29,6 @@ contains
 
 !> Add a point
 subroutine add(self, x, area, cell, other, set, part, entry)
-   !> Facets
    class(facets_type), intent(inout) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -71,7 +69,6 @@ end subroutine add
 !> Add four points that have area, centre and second moments of a flat facet in space: the Gauss
 !> points of a rectangle
 subroutine add_flat(self, area, centre, moment, first, cell, other, set)
-   !> Facets
    class(facets_type), intent(inout) :: self
    !> Area times normal, out of the cell [length^2]
    real(wp), intent(in) :: area(3)
@@ -138,11 +135,8 @@ end subroutine grow
 !> Integration points from facets: volumes, centres and moments by the divergence theorem. A cell of
 !> several groups has a point in each, which stands for a share of it and of its facets
 subroutine close_cells(self, cells, facets, group, filled)
-   !> Points
    type(cells_type), intent(inout) :: self
-   !> Cells
    integer, intent(in) :: cells
-   !> Facets
    type(facets_type), intent(in) :: facets
    !> Groups of each cell, from 1; groups without cells are left out, shape (slots, cells)
    integer, intent(in) :: group(:, :)

@@ -45,17 +45,13 @@ module rk_gauss_cells
       !> Places of the corners where their spacing varies
       real(wp), allocatable :: line(:, :)
    contains
-      !> Place of a point of a cell
-      procedure :: place
-      !> Gauss points of a face of a cell
-      procedure :: face_points
+      procedure :: place, face_points
    end type lattice_type
 
 contains
 
 !> Gauss points in the cells between the source points of a lattice
 subroutine gauss_cells(self, cloud, count, degree, error)
-   !> Points
    type(cells_type), intent(out) :: self
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
@@ -210,7 +206,6 @@ end subroutine gauss_cells
 
 !> Place of a point of a cell
 pure subroutine place(self, cell, xi, x, jacobian, map)
-   !> Lattice
    class(lattice_type), intent(in) :: self
    !> Cell, from 0
    integer, intent(in) :: cell(3)
@@ -255,7 +250,6 @@ end subroutine place
 
 !> Gauss points of a face of a cell
 pure subroutine face_points(self, cell, axis, end, rule, xi, x, area)
-   !> Lattice
    class(lattice_type), intent(in) :: self
    !> Cell, from 0
    integer, intent(in) :: cell(3)
@@ -301,7 +295,6 @@ subroutine find_cut(cloud, lattice, fine, cut, error)
    type(cloud_type), intent(in) :: cloud
    !> Its cells
    type(lattice_type), intent(in) :: lattice
-   !> Finer rule
    type(rule_type), intent(in) :: fine
    !> Whether each face of each cell is cut, shape (2 nd, cells)
    logical, allocatable, intent(out) :: cut(:, :)
@@ -347,7 +340,6 @@ end subroutine find_cut
 pure function composed(rule, parts) result(fine)
    !> Rule on a part
    type(rule_type), intent(in) :: rule
-   !> Parts
    integer, intent(in) :: parts
    type(rule_type) :: fine
    integer :: k, n

@@ -44,13 +44,11 @@ module rk_gradient
       !> np, factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
    contains
-      !> Displacement gradient at a point
       procedure :: at => gradient_at
       !> Part of it that essential values make
       procedure :: lifted
       !> Forces that a stress makes
       procedure :: add_force
-      !> Rows of the work of a stress
       procedure :: add_work
       !> Stiffness that tangent moduli make
       procedure :: add_stiffness
@@ -64,7 +62,6 @@ contains
 
 !> Set up the gradients
 subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, follows)
-   !> Gradients
    type(gradient_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -314,7 +311,6 @@ end subroutine find_members
 
 !> Lift the essential values
 subroutine set_essential(self, cells, essential, value)
-   !> Gradients
    class(gradient_type), intent(inout) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -343,7 +339,6 @@ end subroutine set_essential
 !> Keep gradients of points once that differ by rounding: most cells of a lattice are alike, and
 !> what stays in the cache need not be read
 subroutine share(self)
-   !> Gradients
    class(gradient_type), intent(inout) :: self
    integer, allocatable :: same(:)
    integer(i8), allocatable :: first(:, :), number(:)
@@ -376,7 +371,6 @@ end subroutine share
 
 !> Displacement gradient at a point
 pure subroutine gradient_at(self, q, x, factor, h)
-   !> Gradients
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
@@ -411,7 +405,6 @@ end subroutine gradient_at
 
 !> Part of the gradient that essential values make at a point, u_i,A [-]
 pure function lifted(self, q, factor) result(h)
-   !> Gradients
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
@@ -429,7 +422,6 @@ end function lifted
 
 !> Add the forces that do the work of a stress
 pure subroutine add_force(self, q, p, force)
-   !> Gradients
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
@@ -462,7 +454,6 @@ end subroutine add_force
 
 !> Add the work of a stress at a point as rows by the displacements, with several factors
 pure subroutine add_work(self, q, p, factor, rows)
-   !> Gradients
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
@@ -497,7 +488,6 @@ end subroutine add_work
 
 !> Add the stiffness of tangent moduli at the points of a group, cell by cell
 subroutine add_stiffness(self, o, c4, part)
-   !> Gradients
    class(gradient_type), intent(in) :: self
    !> Points before the group
    integer, intent(in) :: o
@@ -519,7 +509,6 @@ end subroutine add_stiffness
 !> Add the stiffness of some points: their gradients are stacked, so that the work is in a few large
 !> products
 subroutine add_points(self, o, c4, part)
-   !> Gradients
    class(gradient_type), intent(in) :: self
    !> Points before these
    integer, intent(in) :: o

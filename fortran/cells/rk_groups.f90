@@ -85,7 +85,6 @@ end function pairs
 subroutine join_small(group, facets, least)
    !> Groups of each cell, from 1, shape (slots, cells)
    integer, intent(inout) :: group(:, :)
-   !> Facets
    type(facets_type), intent(in) :: facets
    !> Cells of a group at least; a body apart from all others keeps what it has
    integer, intent(in) :: least

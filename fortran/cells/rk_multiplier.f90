@@ -35,10 +35,7 @@ module rk_multiplier
    contains
       !> Coefficients of a group's pressure
       procedure :: pressure
-      !> Forces on the blocks of a group
-      procedure :: set_rows
-      !> Stiffness of the blocks of a group
-      procedure :: set_stiffness
+      procedure :: set_rows, set_stiffness
       !> Between coefficients of all groups and the blocks
       procedure :: from_rows
       procedure :: to_unknowns
@@ -48,7 +45,6 @@ contains
 
 !> Find the groups
 subroutine new_multiplier(self, cells, bulk, shear, ns, member)
-   !> Pressures
    type(multiplier_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -84,7 +80,6 @@ end subroutine new_multiplier
 
 !> Add the blocks to the source points of the groups
 subroutine append(self, ns, member)
-   !> Pressures
    class(multiplier_type), intent(in) :: self
    !> Source points
    integer, intent(in) :: ns
@@ -112,7 +107,6 @@ end subroutine append
 
 !> Coefficients of the pressure of a group, which is an unknown
 pure function pressure(self, g, local) result(value)
-   !> Pressures
    class(multiplier_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -128,7 +122,6 @@ end function pressure
 
 !> Forces on the blocks of a group: the change of its volume
 pure subroutine set_rows(self, g, volume, force)
-   !> Pressures
    class(multiplier_type), intent(in) :: self
    !> Group, whose pressure is an unknown
    integer, intent(in) :: g
@@ -146,7 +139,6 @@ end subroutine set_rows
 
 !> Stiffness of the blocks of a group: the derivatives of the change of its volume
 pure subroutine set_stiffness(self, g, volume, part)
-   !> Pressures
    class(multiplier_type), intent(in) :: self
    !> Group, whose pressure is an unknown
    integer, intent(in) :: g
@@ -166,7 +158,6 @@ end subroutine set_stiffness
 
 !> Prescribed changes of volume from the right hand sides of the blocks; zero for other groups
 pure subroutine from_rows(self, rows, volume)
-   !> Pressures
    class(multiplier_type), intent(in) :: self
    !> Right hand sides, shape (nd*extra) [force]
    real(wp), intent(in) :: rows(:)
@@ -185,7 +176,6 @@ end subroutine from_rows
 
 !> Unknowns of the blocks from the coefficients of the pressures
 pure subroutine to_unknowns(self, pressure, x)
-   !> Pressures
    class(multiplier_type), intent(in) :: self
    !> Coefficients, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: pressure(:, :)

@@ -29,9 +29,7 @@ contains
 !> Cells of all source points: from the lattice where there is one and the points keep to it, by
 !> Voronoi's rule where they do not, of whole voxels in a model
 subroutine nodal_cells(self, cloud, error)
-   !> Points
    type(cells_type), intent(out) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Error handling: cells that are not there
    type(error_type), allocatable, intent(out) :: error
@@ -97,9 +95,7 @@ end function lattice_point
 !> Facets of a plane lattice, straight between the centres of its meshes; on the surface they meet
 !> in the source points
 subroutine lattice_facets_2d(facets, cloud)
-   !> Facets
    type(facets_type), intent(inout) :: facets
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    real(wp) :: low(3), step(3)
    integer :: i, d, o, last(2), end, half(2), index(3), next(3), is, from(2), to(2)
@@ -163,9 +159,7 @@ end subroutine lattice_facets_2d
 
 !> Facets of a lattice in space: rectangles half way between the source points
 subroutine lattice_facets_3d(facets, cloud)
-   !> Facets
    type(facets_type), intent(inout) :: facets
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    real(wp) :: low(3), step(3), from(3), to(3), x(3), area(3)
    integer :: i, j, d, o, p, end, index(3), next(3), is

@@ -39,7 +39,6 @@ contains
 
 !> Set up the map
 subroutine new_nodal_values(self, shape, place, steps)
-   !> Map
    type(nodal_values_type), intent(out) :: self
    !> Shape functions at places
    type(shape_type), target, intent(in) :: shape
@@ -85,9 +84,7 @@ end subroutine new_nodal_values
 
 !> x = T^-1 x or T^-T x, nearly
 subroutine invert(self, transposed, x)
-   !> Map
    class(nodal_values_type), intent(in) :: self
-   !> The transposed
    logical, intent(in) :: transposed
    !> Values, replaced by coefficients, shape (nd, ns)
    real(wp), contiguous, intent(inout) :: x(:, :)

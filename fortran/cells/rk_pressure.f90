@@ -45,12 +45,7 @@ module rk_pressure
       type(csr_type) :: around
       real(wp), allocatable :: share(:, :)
    contains
-      !> Pressure at a point
-      procedure :: value => pressure_value
-      !> Pressure of a group that is linear in a step
-      procedure :: along_step
-      !> Blended pressure
-      procedure :: at => pressure_at
+      procedure :: value => pressure_value, along_step, at => pressure_at
       procedure, private :: slope
       !> Its curvature in each group
       procedure :: bends
@@ -72,7 +67,6 @@ contains
 
 !> Set up the polynomials
 subroutine new_pressure(self, cells, softness, place, curved, error)
-   !> Pressure
    type(pressure_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -82,7 +76,6 @@ subroutine new_pressure(self, cells, softness, place, curved, error)
    real(wp), intent(in) :: place(:, :)
    !> Write pressures with their curvature, in the plane
    logical, intent(in) :: curved
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: m(:, :)
    real(wp) :: before, c(1 + size(place, 1)), factor
@@ -159,7 +152,6 @@ subroutine flatten(x, w, centre, reach, slope, error)
    real(wp), intent(in) :: centre(:), reach(:)
    !> Slopes of its polynomials by (x - centre)/reach, shape (nd, polynomials)
    real(wp), intent(inout) :: slope(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: u(:, :), size_of(:), axis(:, :), along(:, :)
    integer :: q
@@ -215,7 +207,6 @@ end subroutine weigh_slopes
 
 !> Slope of the pressure of a group, shape (nd) [stress/length]
 pure function slope(self, g, coefficient)
-   !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -231,7 +222,6 @@ end function slope
 !> Second derivatives of the pressure in a group, from the slopes of those around it, shape (nd, nd)
 !> [stress/length^2]
 pure function curvature(self, g, coefficient) result(h)
-   !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -266,7 +256,6 @@ end function bends
 
 !> Pressure at a point of a group [stress]
 pure real(wp) function pressure_value(self, g, q, coefficient)
-   !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Group and its point
    integer, intent(in) :: g, q
@@ -282,7 +271,6 @@ end function pressure_value
 !> K (J - 1) of the new place instead, the stiffness suffers from every bit of volume that a step
 !> leaves
 pure function along_step(self, g, cells, bulk, f, base) result(value)
-   !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -307,7 +295,6 @@ end function along_step
 
 !> Blended pressure at a place: a partition of unity of the groups' polynomials
 pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
-   !> Polynomials
    class(pressure_type), intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip

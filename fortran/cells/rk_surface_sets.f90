@@ -18,7 +18,6 @@ contains
 subroutine find_surface_sets(self, cloud, error)
    !> Points with their surface
    type(cells_type), intent(inout) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Error handling: a set that no surface point lies in
    type(error_type), allocatable, intent(out) :: error

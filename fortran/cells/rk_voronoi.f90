@@ -46,7 +46,6 @@ contains
 
 !> Facets of all cells
 subroutine voronoi_facets(facets, cloud, error)
-   !> Facets
    type(facets_type), intent(inout) :: facets
    !> Cloud in a box whose corners are source points
    type(cloud_type), intent(in) :: cloud
@@ -112,7 +111,6 @@ end subroutine voronoi_facets
 
 !> The box
 subroutine start_cell(cell, nd, low, high)
-   !> Cell
    type(cell_type), intent(out) :: cell
    !> Space dimension
    integer, intent(in) :: nd
@@ -142,7 +140,6 @@ end subroutine start_cell
 
 !> Distance of the farthest corner
 pure real(wp) function farthest(cell, x)
-   !> Cell
    type(cell_type), intent(in) :: cell
    !> Source point [length]
    real(wp), intent(in) :: x(3)
@@ -158,7 +155,6 @@ end function farthest
 
 !> A point inside
 pure function centre_of(cell) result(x)
-   !> Cell
    type(cell_type), intent(in) :: cell
    real(wp) :: x(3)
    integer :: j
@@ -171,7 +167,6 @@ end function centre_of
 
 !> Take away what is nearer to another point
 subroutine cut(cell, nd, x, other, number, tolerance)
-   !> Cell
    type(cell_type), intent(inout) :: cell
    !> Space dimension
    integer, intent(in) :: nd
@@ -281,7 +276,6 @@ end subroutine around
 !> Quadrature points of a facet: Gauss points of an edge; of a polygon four that have its area,
 !> centre and second moments, which are the Gauss points of a rectangle
 subroutine add_facet(facets, nd, corner, inside, is, behind)
-   !> Facets
    type(facets_type), intent(inout) :: facets
    !> Space dimension
    integer, intent(in) :: nd

@@ -17,9 +17,7 @@ module rk_voxels
    type :: face_entries
       type(csr_type), private :: of
    contains
-      procedure :: find => find_entries
-      !> That of a face
-      procedure :: nearest => nearest_entry
+      procedure :: find => find_entries, nearest => nearest_entry
    end type face_entries
 
    !> Normals that are as near to a face's, places that are as near to two source points [-]
@@ -30,7 +28,6 @@ contains
 !> Facets of all cells and their groups: blocks of source spacings, those cut small by the surface
 !> joined to others
 subroutine voxel_facets(facets, cloud, group, filled, error)
-   !> Facets
    type(facets_type), intent(inout) :: facets
    !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
@@ -212,9 +209,7 @@ end function mean_of
 
 !> Find the boundary entries of each voxel
 pure subroutine find_entries(self, cloud)
-   !> Entries
    class(face_entries), intent(inout) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
 
    call group_by(size(cloud%points, 2), cloud%boundary_point, self%of)
@@ -223,9 +218,7 @@ end subroutine find_entries
 !> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, of several that
 !> of the first set; 0 without one
 pure integer function nearest_entry(self, cloud, ip, area)
-   !> Entries
    class(face_entries), intent(in) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Voxel
    integer, intent(in) :: ip
@@ -252,7 +245,6 @@ end function nearest_entry
 
 !> Side of the body of a boundary entry, 0 without one
 pure integer function side_of(cloud, entry)
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Boundary entry
    integer, intent(in) :: entry

@@ -54,21 +54,16 @@ module rk_deck
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
-      !> Is there a value for a key, or a table?
       procedure :: has
       !> Did somebody write a key, so that its value is no default?
       procedure :: given
-      !> Number of entries of an array of tables
-      procedure :: count => count_entries
-      !> Keys of a table that have a value
-      procedure :: keys => keys_of_table
+      procedure :: count => count_entries, keys => keys_of_table
       !> Where a key was written: file and line, or the override
       procedure :: where => where_written
       !> The same with the key, as messages begin
       procedure :: told
       !> Complain about a key: one more line of an error
       procedure :: complain
-      !> Say where a key stands that an error speaks of, unless the error does so itself
       procedure :: locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
@@ -78,7 +73,6 @@ module rk_deck
          & get_texts, get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
-      !> The same deck with further overrides
       procedure :: vary
       !> Write all values, defaults included, into a JSON object
       procedure :: write_json
@@ -136,7 +130,6 @@ contains
 
 !> Read and check a deck, in a file or in memory; the error has all complaints, a line each
 subroutine open_deck(deck, path, text, overrides, command, error)
-   !> Deck
    type(deck_type), intent(out) :: deck
    !> File, or the name of the text for messages
    character(len=*), intent(in) :: path
@@ -146,7 +139,6 @@ subroutine open_deck(deck, path, text, overrides, command, error)
    character(len=*), intent(in) :: overrides(:)
    !> Command whose tables must be there, as in the schema's needed_by; blank for none
    character(len=*), intent(in) :: command
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    deck%overrides = joined(overrides)
@@ -199,7 +191,6 @@ end subroutine resolve_key
 subroutine table_defaults(deck, table, key, value, error)
    !> Deck with this table alone
    type(deck_type), intent(out) :: deck
-   !> Table
    character(len=*), intent(in) :: table
    !> Key with a text on which defaults depend; blank for none
    character(len=*), intent(in) :: key
@@ -214,13 +205,10 @@ end subroutine table_defaults
 
 !> The same deck with further overrides, which go before those it has
 subroutine vary(self, overrides, other, error)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> "table.key=value" each
    character(len=*), intent(in) :: overrides(:)
-   !> The other deck
    type(deck_type), intent(out) :: other
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    other%overrides = self%overrides//joined(overrides)
@@ -242,11 +230,9 @@ end function joined
 
 !> Copy everything out of the C++ object and drop that
 subroutine take(deck, handle, error)
-   !> Deck
    type(deck_type), intent(inout) :: deck
    !> C++ object
    type(c_ptr), intent(in) :: handle
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(deck_view), pointer :: view
    type(entry_view), pointer :: entries(:)
@@ -278,9 +264,7 @@ end subroutine take
 
 !> Number of the entry with a key, 0 without
 pure function find(self, key) result(number)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    integer :: number
    integer :: first, last, middle
@@ -302,9 +286,7 @@ end function find
 
 !> Is there a value for a key, or a table?
 pure function has(self, key) result(yes)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    logical :: yes
 
@@ -313,9 +295,7 @@ end function has
 
 !> Did somebody write a key in the deck, or as an override?
 pure function given(self, key) result(yes)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    logical :: yes
    integer :: number
@@ -327,7 +307,6 @@ end function given
 
 !> Number of entries of an array of tables; 1 for anything else that is there, 0 for what is not
 pure function count_entries(self, key) result(number)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Name of the array of tables
    character(len=*), intent(in) :: key
@@ -343,11 +322,9 @@ end function count_entries
 
 !> Keys of a table that have a value, without the table's name
 subroutine keys_of_table(self, table, keys)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> Table, for an array of tables with the entry's number
    character(len=*), intent(in) :: table
-   !> Keys
    character(len=word_length), allocatable, intent(out) :: keys(:)
    integer :: i
 
@@ -365,9 +342,7 @@ end subroutine keys_of_table
 
 !> Where a key was written; for one that nobody wrote, its table or the file
 pure recursive function where_written(self, key) result(place)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    character(len=:), allocatable :: place
    integer :: number, dot
@@ -386,9 +361,7 @@ end function where_written
 
 !> Where a key was written and its name, as messages begin
 pure function told(self, key) result(text)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    character(len=:), allocatable :: text
    integer :: number, table
@@ -406,9 +379,7 @@ end function told
 
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
 subroutine complain(self, key, what, error)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> What is wrong, and what to do about it
    character(len=*), intent(in) :: what
@@ -423,9 +394,7 @@ end subroutine complain
 
 !> Say where a key stands that an error speaks of, unless the error does so itself
 subroutine locate(self, key, error)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Error, if any
    type(error_type), allocatable, intent(inout) :: error
@@ -437,9 +406,7 @@ end subroutine locate
 
 !> Is the value of a key a text?
 pure function value_is_text(self, key) result(yes)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    logical :: yes
    integer :: number
@@ -451,9 +418,7 @@ end function value_is_text
 
 !> An integer
 subroutine get_integer(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    integer, intent(inout) :: value
@@ -466,9 +431,7 @@ end subroutine get_integer
 
 !> A number
 subroutine get_real(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    real(wp), intent(inout) :: value
@@ -480,9 +443,7 @@ end subroutine get_real
 
 !> True or false
 subroutine get_logical(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    logical, intent(inout) :: value
@@ -495,9 +456,7 @@ end subroutine get_logical
 
 !> A vector
 subroutine get_vector(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its components, as many as the deck has
    real(wp), intent(inout) :: value(:)
@@ -509,11 +468,8 @@ end subroutine get_vector
 
 !> A text that is an expression
 subroutine get_expression(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
-   !> Expression
    type(expression_type), intent(inout) :: value
 
    if (self%is_text(key)) call self%set_expression(key, self%entry(self%find(key))%text, value)
@@ -521,9 +477,7 @@ end subroutine get_expression
 
 !> A number or an expression
 subroutine get_value(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Number or expression
    type(value_type), intent(inout) :: value
@@ -534,9 +488,7 @@ end subroutine get_value
 
 !> An array of numbers and expressions
 subroutine get_values(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Numbers, or expressions for all items where one of them is a text
    type(value_type), intent(inout) :: value(:)
@@ -553,9 +505,7 @@ end subroutine get_values
 
 !> Set an expression and the tables of the deck that it calls
 subroutine set_expression(self, key, text, expression)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> The expression
    character(len=*), intent(in) :: text
@@ -580,9 +530,7 @@ end subroutine set_expression
 
 !> A text
 subroutine get_text(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its value
    character(len=:), allocatable, intent(out) :: value
@@ -595,9 +543,7 @@ end subroutine get_text
 
 !> An array of numbers
 subroutine get_reals(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its values
    real(wp), allocatable, intent(out) :: value(:)
@@ -613,9 +559,7 @@ end subroutine get_reals
 
 !> An array of integers
 subroutine get_integers(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its values
    integer, allocatable, intent(out) :: value(:)
@@ -627,9 +571,7 @@ end subroutine get_integers
 
 !> An array of words
 subroutine get_texts(self, key, value)
-   !> Deck
    class(deck_type), intent(in) :: self
-   !> Full key
    character(len=*), intent(in) :: key
    !> Its values
    character(len=word_length), allocatable, intent(out) :: value(:)
@@ -641,7 +583,6 @@ end subroutine get_texts
 
 !> Write all values, tables as objects and arrays of tables as arrays of objects
 subroutine write_json(self, json)
-   !> Deck
    class(deck_type), intent(in) :: self
    !> JSON text, inside an object
    type(json_type), intent(inout) :: json

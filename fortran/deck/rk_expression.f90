@@ -39,18 +39,10 @@ module rk_expression
       !> Where it was written, and its key, for messages
       character(len=:), allocatable :: where
    contains
-      !> Whether there is an expression
-      procedure :: given
-      !> Add a table that it may call
-      procedure :: add_table
+      procedure :: given, add_table
       !> With its tables, as it is evaluated
       procedure, private :: code
-      !> Value at a place
-      procedure :: at => value_at
-      !> First derivatives at a place
-      procedure :: gradient
-      !> Whether the time is part of it
-      procedure :: varies
+      procedure :: at => value_at, gradient, varies
    end type expression_type
 
    !> A number, or an expression in its place
@@ -58,10 +50,7 @@ module rk_expression
       !> The number, of no meaning beside an expression
       real(wp) :: number = 0.0_wp
    contains
-      !> Whether it is other than zero, at some place
-      procedure :: acts
-      !> Value at a place
-      procedure :: at => number_at
+      procedure :: acts, at => number_at
       !> As it was written, or its number
       procedure :: words
    end type value_type
@@ -99,7 +88,6 @@ contains
 
 !> Whether there is an expression
 elemental logical function given(self)
-   !> Expression
    class(expression_type), intent(in) :: self
 
    given = allocated(self%text)
@@ -109,7 +97,6 @@ end function given
 subroutine add_table(self, name, x, value, smooth)
    !> Expression that is given
    class(expression_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: name
    !> Rising places, shape (n)
    real(wp), intent(in) :: x(:)
@@ -136,7 +123,6 @@ end function code
 
 !> Whether the time is part of it
 logical function varies(self)
-   !> Expression
    class(expression_type), intent(in) :: self
 
    varies = .false.
@@ -149,7 +135,6 @@ subroutine value_at(self, x, value, error, time, normal)
    class(expression_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value
    real(wp), intent(out) :: value
    !> Error handling: not finite there
    type(error_type), allocatable, intent(inout) :: error
@@ -170,17 +155,11 @@ end subroutine value_at
 
 !> Value at a place, the number where there is no expression
 subroutine number_at(self, x, value, error, time, normal)
-   !> Number or expression
    class(value_type), intent(in) :: self
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value
    real(wp), intent(out) :: value
-   !> Error handling: not finite there
    type(error_type), allocatable, intent(inout) :: error
-   !> Time, 0 without
    real(wp), intent(in), optional :: time
-   !> Outward unit normal, shape (nd) [-]
    real(wp), intent(in), optional :: normal(:)
 
    value = self%number
@@ -189,7 +168,6 @@ end subroutine number_at
 
 !> Whether it is other than zero, at some place
 elemental logical function acts(self)
-   !> Number or expression
    class(value_type), intent(in) :: self
 
    acts = allocated(self%text) .or. abs(self%number) > 0.0_wp
@@ -197,7 +175,6 @@ end function acts
 
 !> The expression, or the number
 function words(self)
-   !> Number or expression
    class(value_type), intent(in) :: self
    character(len=:), allocatable :: words
 
@@ -255,7 +232,6 @@ end subroutine gradient
 
 !> Tape of an energy
 subroutine new_tape(tape, text, constants, values, fault)
-   !> Tape
    type(tape_type), intent(out) :: tape
    !> Expression
    character(len=*), intent(in) :: text

@@ -20,10 +20,7 @@ module rk_label_map
       !> A place of each of them, shape (3, labels) [length]
       real(wp), allocatable :: place(:, :)
    contains
-      !> Expression that is true where a place has a label
-      procedure :: where_is
-      !> Whether a label occurs in the map, be it outside of the box
-      procedure :: knows
+      procedure :: where_is, knows
    end type label_map_type
 
    interface
@@ -54,7 +51,6 @@ contains
 
 !> Read a label map and lay it over a box
 subroutine open_label_map(self, path, factor, origin, size_, fault)
-   !> Label map
    type(label_map_type), intent(out) :: self
    !> File
    character(len=*), intent(in) :: path
@@ -86,9 +82,7 @@ end subroutine open_label_map
 
 !> Expression that is true where a place has a label
 pure function where_is(self, label) result(text)
-   !> Label map
    class(label_map_type), intent(in) :: self
-   !> Label
    integer, intent(in) :: label
    character(len=:), allocatable :: text
 
@@ -98,9 +92,7 @@ end function where_is
 
 !> Whether a label occurs in the map, be it outside of the box
 logical function knows(self, label)
-   !> Label map
    class(label_map_type), intent(in) :: self
-   !> Label
    integer, intent(in) :: label
 
    knows = c_knows(int(self%number, c_int), int(label, c_int)) /= 0

@@ -31,7 +31,6 @@ contains
 
 !> Kernel of a name
 subroutine find_kernel(name, kernel, error)
-   !> Name
    character(len=*), intent(in) :: name
    !> One of the kernel_* constants
    integer, intent(out) :: kernel
@@ -43,7 +42,6 @@ end subroutine find_kernel
 
 !> Window of a name
 subroutine find_window(name, shape, error)
-   !> Name
    character(len=*), intent(in) :: name
    !> One of the window_* constants
    integer, intent(out) :: shape
@@ -55,11 +53,9 @@ end subroutine find_window
 
 !> Place of a name in a list
 subroutine find_name(names, what, name, number, error)
-   !> Names
    character(len=*), intent(in) :: names(:)
    !> What they are names of
    character(len=*), intent(in) :: what
-   !> Name
    character(len=*), intent(in) :: name
    !> Its place, 0 without
    integer, intent(out) :: number

@@ -40,7 +40,6 @@ subroutine find_neighbours(self, source, support, place, window, error)
    real(wp), intent(in) :: place(:, :)
    !> One of the window_* constants
    integer, intent(in) :: window
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(boxes_type) :: cells
    integer :: ip, n
@@ -220,7 +219,6 @@ end function covers
 
 !> Sort the source points into cells
 subroutine fill_cells(cells, source, support)
-   !> Cells
    type(boxes_type), intent(out) :: cells
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
@@ -246,7 +244,6 @@ end subroutine fill_cells
 
 !> Cell coordinates of a place or one beside it, clipped to the grid
 pure function cell_index(cells, x, way) result(c)
-   !> Cells
    type(boxes_type), intent(in) :: cells
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -264,7 +261,6 @@ end function cell_index
 
 !> Number of a cell from its coordinates
 pure integer function cell_of(cells, c)
-   !> Cells
    type(boxes_type), intent(in) :: cells
    !> Coordinates
    integer, intent(in) :: c(3)
@@ -274,7 +270,6 @@ end function cell_of
 
 !> Count, and where wanted list, the source points that cover a place
 pure subroutine search(cells, source, support, x, window, n, found)
-   !> Cells
    type(boxes_type), intent(in) :: cells
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)

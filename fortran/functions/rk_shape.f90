@@ -39,16 +39,8 @@ module rk_shape
       !> Value and derivatives of each neighbour's shape function, shape (nq, entries)
       real(wp), allocatable :: value(:, :)
    contains
-      !> Number of neighbours of a place
-      procedure :: count => shape_count
-      !> Neighbours of a place and their shape functions
-      procedure :: row => shape_row
-      !> Places that see each source point
-      procedure :: transposed => shape_transposed
-      !> Largest number of neighbours
-      procedure :: max_count => shape_max_count
-      !> Fields from coefficients at one place
-      procedure :: interpolate
+      procedure :: count => shape_count, row => shape_row, transposed => shape_transposed
+      procedure :: max_count => shape_max_count, interpolate
    end type shape_type
 
    !> Offsets over support are compared after rounding to 2**-44, far above rounding errors of
@@ -82,7 +74,6 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
    real(wp), intent(in) :: support(:, :)
    !> Places, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> First derivatives will do, which take a third of the time
    logical, intent(in), optional :: first
@@ -436,7 +427,6 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    integer, intent(in) :: ip
    !> Number of its neighbours
    integer, intent(in) :: n
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: away(:, :), wide(:, :), value(:, :)
    integer, allocatable :: near(:)

@@ -82,7 +82,6 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
    integer, intent(out) :: iterations(:)
    !> Why each block ended: one of the `ended_` constants, shape (blocks)
    integer, intent(out) :: ended(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: block, first, last, n(4), blocks
 
@@ -219,7 +218,6 @@ end subroutine evolve_block
 subroutine advance(options, grid, dt, means, values, weights, old, inside, bent, new)
    !> Weights
    type(level_set_options), intent(in) :: options
-   !> Grid
    type(grid_type), intent(in) :: grid
    !> Time step [-]
    real(wp), intent(in) :: dt
@@ -252,7 +250,6 @@ end subroutine advance
 subroutine measure(options, grid, values, weights, phi, inside, bent, means, energy)
    !> Weights
    type(level_set_options), intent(in) :: options
-   !> Grid
    type(grid_type), intent(in) :: grid
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
    real(wp), intent(in), contiguous :: values(:, :), weights(:)

@@ -53,7 +53,6 @@ contains
 
 !> Lay out the padded grid of an image
 subroutine new_grid(self, weight, spacing)
-   !> Grid
    type(grid_type), intent(out) :: self
    !> Weight of each voxel, zero where it takes no part, shape (columns, rows, slices) [-]
    real(wp), intent(in) :: weight(:, :, :)
@@ -88,9 +87,7 @@ end subroutine new_grid
 !> Step (A.1) of all level sets along a row
 subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, share, means, channels, &
    weight, old, inside, bent, new)
-   !> Grid
    type(grid_type), intent(in) :: grid
-   !> Row
    type(row_type), intent(in) :: row
    !> Weights of length, area and distance, width of the step function, time step [-]
    real(wp), intent(in) :: mu, nu, gamma, epsilon, dt
@@ -170,7 +167,6 @@ end subroutine advance_row
 
 !> Change of a level set by the last term of (3.42), the slope of P (3.39) as `sum_row` has it
 pure subroutine spread_row(grid, a, b, step, phi, bent, spread, held)
-   !> Grid
    type(grid_type), intent(in) :: grid
    !> First and last place
    integer, intent(in) :: a, b
@@ -201,9 +197,7 @@ end subroutine spread_row
 
 !> 1 - 1/|grad phi| along a row: how far level sets are from distance functions
 subroutine bend_row(grid, row, phi, bent)
-   !> Grid
    type(grid_type), intent(in) :: grid
-   !> Row
    type(row_type), intent(in) :: row
    !> Level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: phi(:, :)
@@ -220,7 +214,6 @@ end subroutine bend_row
 
 !> Squared length of a gradient, the mean of both sides of a voxel along each axis
 pure subroutine squared_slope(grid, a, b, values, square)
-   !> Grid
    type(grid_type), intent(in) :: grid
    !> First and last place
    integer, intent(in) :: a, b
@@ -253,7 +246,6 @@ end function sums_of_row
 
 !> Step functions along a row, (3.16)
 subroutine step_row(row, epsilon, phi, inside)
-   !> Row
    type(row_type), intent(in) :: row
    !> Width of the step function [-]
    real(wp), intent(in) :: epsilon
@@ -272,9 +264,7 @@ end subroutine step_row
 
 !> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6), P (3.39)
 subroutine sum_row(grid, row, mu, nu, gamma, regions, share, channels, weight, inside, bent, sums)
-   !> Grid
    type(grid_type), intent(in) :: grid
-   !> Row
    type(row_type), intent(in) :: row
    !> Weights of length, area and distance [-]
    real(wp), intent(in) :: mu, nu, gamma
@@ -419,7 +409,6 @@ end subroutine contract
 !> ahead of a voxel along the first axis, B for the same face seen from the voxel ahead; no flux to
 !> voxels outside
 pure subroutine faces(grid, axis, a, b, phi, inverse)
-   !> Grid
    type(grid_type), intent(in) :: grid
    !> Axis across the faces, and the first and last voxel before them
    integer, intent(in) :: axis, a, b

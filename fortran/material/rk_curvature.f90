@@ -164,7 +164,6 @@ end subroutine set_directions
 
 !> I_,FFF[R, G] of one invariant
 pure function twist(inv, n, r, g) result(v)
-   !> Invariants
    type(invariants_type), intent(in) :: inv
    !> Which one
    integer, intent(in) :: n
@@ -185,7 +184,6 @@ end function twist
 
 !> Add factor I_,FF + I_,FFF[Y]
 pure subroutine add_form(inv, n, factor, y, form)
-   !> Invariants
    type(invariants_type), intent(in) :: inv
    !> Which one
    integer, intent(in) :: n
@@ -224,7 +222,6 @@ end subroutine add_form
 
 !> Add factor I2_,FFFF[R, G]
 pure subroutine add_fourth_i2(factor, r, g, form)
-   !> Factor
    real(wp), intent(in) :: factor
    !> Directions
    real(wp), intent(in) :: r(3, 3), g(3, 3)
@@ -272,7 +269,6 @@ end subroutine add_products
 
 !> Add factor (a x b + b x a)
 pure subroutine add_outer(factor, a, b, form)
-   !> Factor
    real(wp), intent(in) :: factor
    !> Vectors
    real(wp), intent(in) :: a(9), b(9)

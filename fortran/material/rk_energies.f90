@@ -85,11 +85,9 @@ contains
 
 !> Create a material from its parameters; `model`, one of them, is its name in the list
 subroutine new_material(item, parameters, error)
-   !> Material
    type(material_item), intent(out) :: item
    !> Model and parameters
    type(parameters_type), intent(inout) :: parameters
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: model
 
@@ -110,11 +108,8 @@ end subroutine new_material
 
 !> Take and check coefficients and K; set what follows from them
 subroutine set_polynomial(self, parameters, error)
-   !> Material
    class(polynomial_type), intent(inout) :: self
-   !> Parameters
    type(parameters_type), intent(inout) :: parameters
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> Half the shear modulus in parameters, for messages
    character(len=:), allocatable :: half, model
@@ -158,13 +153,9 @@ end subroutine set_polynomial
 
 !> Polynomial and its derivatives
 pure subroutine polynomial_energy(self, state, order, w)
-   !> Material
    class(polynomial_type), intent(in) :: self
-   !> Reduced invariants
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(out) :: w
    real(wp) :: x, y
 
@@ -199,11 +190,8 @@ end subroutine polynomial_energy
 
 !> Take and check the parameters of the matrix and of the fibers
 subroutine set_muscle(self, parameters, error)
-   !> Material
    class(muscle_type), intent(inout) :: self
-   !> Parameters
    type(parameters_type), intent(inout) :: parameters
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: curve
    logical :: smooth
@@ -225,13 +213,9 @@ end subroutine set_muscle
 
 !> Energy of matrix and fibers and its derivatives
 pure subroutine muscle_energy(self, state, order, w)
-   !> Material
    class(muscle_type), intent(in) :: self
-   !> Reduced invariants and activation
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(out) :: w
    !> Integral of the force by lambda*, the force and its derivatives [-]
    real(wp) :: f(0:4), passive(0:4)
@@ -266,11 +250,8 @@ end subroutine muscle_energy
 
 !> Take the expression and its constants, and look at it at rest
 subroutine set_written(self, parameters, error)
-   !> Material
    class(written_type), intent(inout) :: self
-   !> Parameters
    type(parameters_type), intent(inout) :: parameters
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(tape_type) :: tape
    type(energy_derivatives) :: w
@@ -323,13 +304,9 @@ end subroutine set_written
 
 !> Energy of an expression and its derivatives
 pure subroutine written_energy(self, state, order, w)
-   !> Material
    class(written_type), intent(in) :: self
-   !> Reduced invariants and activation
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(out) :: w
 
    call self%jets%derivatives(state, order, w)

@@ -102,7 +102,6 @@ end function passive_curve
 
 !> Integral of the force from stretch 1, the force and its derivatives by the stretch
 pure subroutine evaluate_curve(curve, stretch, order, d)
-   !> Curve
    type(curve_type), intent(in) :: curve
    !> Normalised stretch, lambda* [-]
    real(wp), intent(in) :: stretch
@@ -122,7 +121,6 @@ end subroutine evaluate_curve
 
 !> The same for one piece, also outside the interval where it holds
 pure subroutine evaluate_piece(curve, i, stretch, order, d)
-   !> Curve
    type(curve_type), intent(in) :: curve
    !> Number of the piece
    integer, intent(in) :: i
@@ -192,7 +190,6 @@ end function new_curve
 
 !> Append a branch, its integral continuing that of the piece before
 pure subroutine add_branch(curve, branch, start)
-   !> Curve
    type(curve_type), intent(inout) :: curve
    !> Force
    type(branch_type), intent(in) :: branch
@@ -216,7 +213,6 @@ end subroutine add_branch
 
 !> Append the polynomial force of degree 7 with four given derivatives at both ends
 pure subroutine add_blend(curve, start, width, left, right)
-   !> Curve
    type(curve_type), intent(inout) :: curve
    !> Stretch where it begins [-]
    real(wp), intent(in) :: start
@@ -252,7 +248,6 @@ end subroutine add_blend
 
 !> Make the integral of the last piece start at a value
 pure subroutine close_gap(curve, before)
-   !> Curve
    type(curve_type), intent(inout) :: curve
    !> Integral at the start of the last piece [-]
    real(wp), intent(in) :: before

@@ -47,7 +47,6 @@ module rk_jets
       !> Which invariant is each variable
       integer, allocatable, private :: kind(:)
    contains
-      !> Energy and derivatives
       procedure :: derivatives
       procedure, private :: run, multiplied, composed
    end type jets_type
@@ -276,7 +275,6 @@ pure function multiplied(self, a, b, order) result(z)
    class(jets_type), intent(in) :: self
    !> Jets
    real(wp), intent(in) :: a(:), b(:)
-   !> Order
    integer, intent(in) :: order
    real(wp) :: z(size(a))
    integer :: p
@@ -297,7 +295,6 @@ pure function composed(self, f, a, order) result(z)
    real(wp), intent(in) :: f(0:4)
    !> Jet
    real(wp), intent(in) :: a(:)
-   !> Order
    integer, intent(in) :: order
    real(wp) :: z(size(a)), d(size(a))
    integer :: k
@@ -318,7 +315,6 @@ end function composed
 
 !> Whether a comparison holds
 elemental logical function holds(operation, a, b)
-   !> Operation
    integer, intent(in) :: operation
    !> What is compared
    real(wp), intent(in) :: a, b
@@ -376,7 +372,6 @@ end function logarithmic
 
 !> Other functions and their derivatives over factorials
 pure function functions(operation, a) result(f)
-   !> Operation
    integer, intent(in) :: operation
    !> Argument
    real(wp), intent(in) :: a

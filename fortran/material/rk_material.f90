@@ -69,11 +69,9 @@ module rk_material
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
-      !> Infinite K
       procedure :: incompressible
       !> Shear modulus of a deformed state
       procedure :: shear_modulus
-      !> W
       procedure :: energy
       !> P
       procedure :: stress
@@ -98,11 +96,9 @@ module rk_material
       !> and the active invariants
       subroutine set_material(self, parameters, error)
          import :: material_type, parameters_type, error_type
-         !> Material
          class(material_type), intent(inout) :: self
          !> Parameters by the names they have in decks
          type(parameters_type), intent(inout) :: parameters
-         !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine set_material
 
@@ -110,7 +106,6 @@ module rk_material
       !> active invariants are used; entries of a higher order than wanted may stay unset.
       pure subroutine reduced_energy(self, state, order, w)
          import :: material_type, energy_derivatives, invariant_state
-         !> Material
          class(material_type), intent(in) :: self
          !> Reduced invariants and activation
          type(invariant_state), intent(in) :: state
@@ -125,7 +120,6 @@ contains
 
 !> Whether K is infinite, so that no stress follows from J
 pure logical function incompressible(self)
-   !> Material
    class(material_type), intent(in) :: self
 
    incompressible = self%bulk > huge(1.0_wp)
@@ -135,7 +129,6 @@ end function incompressible
 !> sheared by five times its height is a hundred times as stiff as at rest. Never below the value
 !> at rest [stress]
 pure real(wp) function shear_modulus(self, f)
-   !> Material
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
@@ -164,7 +157,6 @@ end function shear_modulus
 
 !> Energy W per reference volume [stress]
 pure function energy(self, f, fiber, activation, volumetric) result(w)
-   !> Material
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
@@ -189,7 +181,6 @@ end function energy
 
 !> First Piola-Kirchhoff stress
 pure subroutine stress(self, f, fiber, activation, p, volumetric)
-   !> Material
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
@@ -211,7 +202,6 @@ end subroutine stress
 
 !> Stress and tangent
 pure subroutine tangent(self, f, fiber, activation, p, c4, volumetric)
-   !> Material
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
@@ -236,7 +226,6 @@ end subroutine tangent
 
 !> Everything a row of the strong form needs: P, C4 and T(i,k,C) = C6_iAjBkC H_jBA
 pure subroutine strong(self, nd, f, h, fiber, activation, p, c4, t, volumetric)
-   !> Material
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
    integer, intent(in) :: nd
@@ -279,7 +268,6 @@ end subroutine strong
 
 !> W_,FFF[R] = C6_iAjBkC R_iA as a symmetric 9x9 matrix, index j + 3 (B - 1)
 pure subroutine stress_curvature(self, f, r, fiber, activation, form, volumetric)
-   !> Material
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
@@ -303,7 +291,6 @@ end subroutine stress_curvature
 
 !> Second derivatives of s(F, H) = r_i C4_iAjB H_jBA; s_,HH = 0
 pure subroutine strong_curvature(self, nd, f, h, r, fiber, activation, ff, fh, volumetric)
-   !> Material
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
    integer, intent(in) :: nd
@@ -342,7 +329,6 @@ end subroutine strong_curvature
 
 !> Reduced invariants I J^(-n) of the invariants in use
 pure subroutine set_state(inv, activation, state, power)
-   !> Invariants
    type(invariants_type), intent(in) :: inv
    !> Activation [-]
    real(wp), intent(in) :: activation
@@ -367,9 +353,7 @@ end subroutine set_state
 
 !> Derivatives of W by the unscaled invariants from those by the reduced ones and by J
 pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
-   !> Material
    class(material_type), intent(in) :: self
-   !> Invariants
    type(invariants_type), intent(in) :: inv
    !> Activation [-]
    real(wp), intent(in) :: activation
@@ -377,7 +361,6 @@ pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
    logical, intent(in) :: volumetric
    !> Highest derivative wanted, 1..4
    integer, intent(in) :: order
-   !> Derivatives of W
    type(derivatives_type), intent(out) :: w
    type(energy_derivatives) :: r
    type(invariant_state) :: state
@@ -466,7 +449,6 @@ pure subroutine set_fourth(m, k, r, state, power, inverse, w)
    type(invariant_state), intent(in) :: state
    !> Powers J^(-n) of I1r, I2r, I4r, and 1/J [-]
    real(wp), intent(in) :: power(3), inverse
-   !> Derivatives of W
    type(derivatives_type), intent(inout) :: w
    !> Derivatives by J, order 0..4, of a reduced invariant and of its slope by the unscaled one
    real(wp) :: x(3, 0:4), s(3, 0:4)
@@ -546,7 +528,6 @@ pure subroutine put(t, i, value)
    real(wp), intent(inout) :: t(4, 4, 4, 4)
    !> Indices
    integer, intent(in) :: i(4)
-   !> Value
    real(wp), intent(in) :: value
    integer :: a, b, c
 

@@ -78,7 +78,6 @@ end function cross_form
 
 !> Add a multiple of the matrix of X -> M x X
 pure subroutine add_cross_form(factor, m, k)
-   !> Factor
    real(wp), intent(in) :: factor
    !> Matrix M
    real(wp), intent(in) :: m(3, 3)

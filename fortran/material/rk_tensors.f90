@@ -70,7 +70,6 @@ contains
 
 !> Invariants of F and, on request, their first derivatives
 pure subroutine set_invariants(self, f, fiber, active, gradients)
-   !> Invariants
    type(invariants_type), intent(out) :: self
    !> Deformation gradient F_iA [-]
    real(wp), intent(in) :: f(3, 3)

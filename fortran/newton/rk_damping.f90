@@ -42,16 +42,12 @@ module rk_damping
       !> Newton ended the last load step
       logical :: trusted = .false.
    contains
-      !> Begin a load step
       procedure :: start
       !> Choose before an iteration
       procedure :: choose
       !> Learn from its outcome
       procedure :: learn
-      !> End a load step that converged
-      procedure :: finish
-      !> Go on behind a load step of another run
-      procedure :: resume
+      procedure :: finish, resume
       !> The damped step has arrived; see whether a whole one would move
       procedure :: release
       !> A trial failed
@@ -85,7 +81,6 @@ contains
 
 !> Begin a load step
 subroutine start(self)
-   !> Choice
    class(damping_type), intent(inout) :: self
 
    ! the last load step failed
@@ -101,7 +96,6 @@ end subroutine start
 
 !> End a load step that converged
 subroutine finish(self)
-   !> Choice
    class(damping_type), intent(inout) :: self
 
    self%trusted = self%curved
@@ -110,7 +104,6 @@ end subroutine finish
 
 !> Go on behind a load step of another run
 subroutine resume(self, rcond, trusted)
-   !> Choice
    class(damping_type), intent(inout) :: self
    !> Reciprocal condition of its last Gauss-Newton matrix [-]
    real(wp), intent(in) :: rcond
@@ -124,7 +117,6 @@ end subroutine resume
 
 !> Choose the matrix of the next iteration
 subroutine choose(self, iterations, gradient, merit, step_norm, tolerance, left)
-   !> Choice
    class(damping_type), intent(inout) :: self
    !> Iterations done in this load step
    integer, intent(in) :: iterations
@@ -163,7 +155,6 @@ end subroutine choose
 
 !> Keep away from Newton for a while
 subroutine bar(self)
-   !> Choice
    type(damping_type), intent(inout) :: self
 
    self%trusted = .false.
@@ -173,7 +164,6 @@ end subroutine bar
 
 !> Adapt the damping after an accepted step
 subroutine learn(self, newton, scale, gain, predicted, merit)
-   !> Choice
    class(damping_type), intent(inout) :: self
    !> The step was Newton's
    logical, intent(in) :: newton
@@ -202,7 +192,6 @@ end subroutine learn
 
 !> Damping is over
 subroutine release(self)
-   !> Choice
    class(damping_type), intent(inout) :: self
 
    self%lambda = 0.0_wp
@@ -210,7 +199,6 @@ end subroutine release
 
 !> No step length was acceptable
 subroutine reject(self)
-   !> Choice
    class(damping_type), intent(inout) :: self
 
    if (self%method == 'auto' .and. self%curved .and. .not. self%lambda > 0.0_wp) then
@@ -222,7 +210,6 @@ end subroutine reject
 
 !> Whether neither gradient nor merit have fallen for a while, as in a cycle
 pure logical function stalled(self)
-   !> Choice
    class(damping_type), intent(in) :: self
 
    stalled = self%idle >= patience

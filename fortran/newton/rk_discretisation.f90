@@ -44,7 +44,6 @@ module rk_discretisation
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
    contains
-      !> Unknown fields and derivatives at a place from the unknowns
       procedure :: field
       !> State of the body, for questions about it
       procedure :: state
@@ -52,24 +51,14 @@ module rk_discretisation
       procedure :: at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment
       procedure(force_interface), deferred :: set_force
-      !> Displacement of the middle of a set
       procedure :: set_displacement => entry_displacement
       !> Force through a plane section of the body
       procedure(section_interface), deferred :: section_force
-      !> Energy of the deformation
-      procedure :: strain_energy
-      !> Set what varies over the points and has no place in a deck
-      procedure :: set_point_loads
-      !> Take other loads and material parameters from the scene
-      procedure :: renew
-      !> Whether the pressure is a field of its own
+      procedure :: strain_energy, set_point_loads, renew
       procedure, non_overridable :: has_pressure
       !> State at a place of a linear problem
       procedure, non_overridable :: linear_place
-      !> State at a collocation point
-      procedure, non_overridable :: at_point
-      !> Largest stress of a state, and the stiffness of which it may be a rounding
-      procedure, non_overridable :: largest_stress
+      procedure, non_overridable :: at_point, largest_stress
       !> Whether nothing is strained in a state
       procedure, non_overridable :: unstrained
    end type discretisation_type
@@ -77,11 +66,9 @@ module rk_discretisation
    abstract interface
       function force_interface(self, set, state, share, about) result(force)
          import :: discretisation_type, field_state, wp
-         !> Problem
          class(discretisation_type), intent(in) :: self
          !> Boundary set
          integer, intent(in) :: set
-         !> State
          type(field_state), intent(in) :: state
          !> Part of the way to the next fixed set in which the stress is looked at, where sections
          !> tell the force [-]
@@ -94,13 +81,11 @@ module rk_discretisation
       !> Force through a plane section: that of the part behind the normal on the part before it
       function section_interface(self, place, normal, state) result(force)
          import :: discretisation_type, field_state, wp
-         !> Problem
          class(discretisation_type), intent(in) :: self
          !> Point of the plane, shape (nd) [length]
          real(wp), intent(in) :: place(:)
          !> Its unit normal, shape (nd)
          real(wp), intent(in) :: normal(:)
-         !> State
          type(field_state), intent(in) :: state
          real(wp) :: force(3)
       end function section_interface
@@ -110,7 +95,6 @@ contains
 
 !> Give back the shape functions, which belong to the problem that made them
 subroutine free_discretisation(self)
-   !> Problem
    class(discretisation_type), intent(inout) :: self
 
    if (associated(self%shape)) deallocate (self%shape)
@@ -118,7 +102,6 @@ end subroutine free_discretisation
 
 !> Unknown fields and derivatives at a place from the unknowns
 subroutine field(self, ip, x, last, u)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -134,7 +117,6 @@ end subroutine field
 
 !> Whether the pressure is a field of its own, which replaces the volumetric part of the stress
 pure logical function has_pressure(self)
-   !> Problem
    class(discretisation_type), intent(in) :: self
 
    has_pressure = self%fields > self%scene%cloud%nd
@@ -142,13 +124,11 @@ end function has_pressure
 
 !> State of the body; a form that needs more than unknowns and load to answer adds it
 subroutine state(self, x, load, at, tissue)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
-   !> State
    type(field_state), intent(out) :: at
    !> Tissue whose stress alone is wanted, for its part in a force; weak forms know it
    integer, intent(in), optional :: tissue
@@ -161,11 +141,9 @@ end subroutine state
 
 !> Displacement of the middle of a boundary set: the mean of that of its points, by area
 function entry_displacement(self, set, state) result(value)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: value(3)
    real(wp) :: u(self%fields, self%shape%nq), total
@@ -187,7 +165,6 @@ end function entry_displacement
 !> Energy of the deformation at the activation of the state: what elastic work has stored, and of
 !> active fibers what they could still do [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> State of the body
    type(field_state), intent(in) :: state
@@ -206,7 +183,6 @@ end function strain_energy
 
 !> State at a collocation point
 subroutine at_point(self, state, ip, local)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> State of the body
    type(field_state), intent(in) :: state
@@ -222,7 +198,6 @@ end subroutine at_point
 
 !> Stress and deformation at a place from the displacement there
 subroutine at_place(self, state, ip, x, u, local)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> State of the body
    type(field_state), intent(in) :: state
@@ -252,7 +227,6 @@ end subroutine at_place
 
 !> Small strain stress at a place; of a scalar problem the value alone
 subroutine linear_place(self, ip, x, u, local, pressure)
-   !> Problem
    class(discretisation_type), intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip
@@ -276,7 +250,6 @@ end subroutine linear_place
 
 !> Small strain stress of the derivatives at a place; of a scalar problem the value alone
 pure subroutine small_strain(equation, pair, x, u, local, pressure)
-   !> Equation
    type(equation_type), intent(in) :: equation
    !> Lambda and mu there [stress]
    real(wp), intent(in) :: pair(2)
@@ -324,7 +297,6 @@ end subroutine small_strain
 
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)
-   !> Problem
    class(discretisation_type), intent(inout) :: self
    !> Body force per undeformed volume, shape (3, n) [force/length^3]
    real(wp), intent(in) :: body_force(:, :)
@@ -358,7 +330,6 @@ end subroutine set_point_loads
 !> Take other loads and material parameters from the scene, whose points, conditions and tissues are
 !> as they were; shape functions stay
 subroutine renew(self, materials, error)
-   !> Problem
    class(discretisation_type), intent(inout) :: self
    !> Material parameters have changed as well
    logical, intent(in) :: materials
@@ -412,7 +383,6 @@ end function turns_over
 !> The state of a run by which its answer is judged: the last one, whatever the way there, or where
 !> the loads were taken off again the one with the largest displacements
 integer function judged_state(problem, x) result(judged)
-   !> Problem
    class(problem_type), intent(in) :: problem
    !> Unknowns of the states, shape (n, states)
    real(wp), contiguous, intent(in) :: x(:, :)
@@ -450,9 +420,7 @@ end function at_rest
 !> Largest stress of a state at the collocation points, and the stiffness of which it may be a
 !> rounding
 subroutine largest_stress(self, state, stress, stiffness)
-   !> Problem
    class(discretisation_type), intent(in) :: self
-   !> State
    type(field_state), intent(in) :: state
    !> Largest component of P [stress]
    real(wp), intent(out) :: stress
@@ -478,9 +446,7 @@ end subroutine largest_stress
 !> Whether strains and stresses of a state are roundings: of a body at rest, or carried and turned
 !> as a whole
 logical function unstrained(self, state)
-   !> Problem
    class(discretisation_type), intent(in) :: self
-   !> State
    type(field_state), intent(in) :: state
    type(point_state) :: local
    real(wp) :: h(3, 3), strain, stress, stiffness, motion(2)

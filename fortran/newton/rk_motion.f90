@@ -69,12 +69,10 @@ module rk_motion
          class(moving_type), intent(inout) :: self
          !> Coefficients at both times, shape (n)
          real(wp), contiguous, intent(inout) :: first(:), second(:)
-         !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine start_interface
       subroutine advance_interface(self, before, now, time, next, error)
          import :: moving_type, error_type, wp
-         !> Body
          class(moving_type), intent(inout) :: self
          !> Coefficients at the last two times, shape (n)
          real(wp), contiguous, intent(in) :: before(:), now(:)
@@ -87,7 +85,6 @@ module rk_motion
       end subroutine advance_interface
       subroutine product_interface(self, what, x, y)
          import :: form_motion, wp
-         !> Body
          class(form_motion), intent(in) :: self
          !> left, mass or stiffness
          character(len=*), intent(in) :: what
@@ -98,9 +95,7 @@ module rk_motion
       end subroutine product_interface
       subroutine loads_interface(self, time, force, held, error)
          import :: form_motion, error_type, wp
-         !> Body
          class(form_motion), intent(in) :: self
-         !> Time
          real(wp), intent(in) :: time
          !> Loads, and what values held then add to a time step that ends then, shape (m)
          real(wp), allocatable, intent(out) :: force(:), held(:)
@@ -109,7 +104,6 @@ module rk_motion
       end subroutine loads_interface
       subroutine solve_interface(self, y, x)
          import :: form_motion, wp
-         !> Body
          class(form_motion), intent(in) :: self
          !> Right hand side, shape (m)
          real(wp), contiguous, intent(in) :: y(:)
@@ -118,11 +112,9 @@ module rk_motion
       end subroutine solve_interface
       subroutine limit_interface(self, step, error)
          import :: form_motion, error_type, wp
-         !> Body
          class(form_motion), intent(in) :: self
          !> Largest stable step, huge where it is not known
          real(wp), intent(out) :: step
-         !> Error handling
          type(error_type), allocatable, intent(out) :: error
       end subroutine limit_interface
    end interface
@@ -134,15 +126,10 @@ contains
 
 !> Coefficients at the next time
 subroutine advance(self, before, now, time, next, error)
-   !> Body
    class(form_motion), intent(inout) :: self
-   !> Coefficients at the last two times, shape (n)
    real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> The later one of these times
    real(wp), intent(in) :: time
-   !> Coefficients one time step later, shape (n)
    real(wp), contiguous, intent(inout) :: next(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: side(self%m), force(self%m)
 
@@ -156,7 +143,6 @@ end subroutine advance
 
 !> Right hand side of the last two states
 subroutine carry(self, before, now, y)
-   !> Body
    class(form_motion), intent(in) :: self
    !> Coefficients at the last two times, shape (n)
    real(wp), contiguous, intent(in) :: before(:), now(:)
@@ -187,7 +173,6 @@ end subroutine add_loads
 
 !> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the loads
 function energy(self, now, next)
-   !> Body
    class(form_motion), intent(in) :: self
    !> Coefficients at two times, shape (n)
    real(wp), contiguous, intent(in) :: now(:), next(:)
@@ -217,7 +202,6 @@ end function loads_vary
 
 !> March through time
 subroutine march(body, motion, method, x, recorder, timer, error)
-   !> Body
    class(moving_type), intent(inout) :: body
    !> Time step, end and states that are written
    type(motion_type), intent(in) :: motion

@@ -150,9 +150,7 @@ contains
 
 !> Solve one load step; x is changed only on success
 subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
-   !> Settings and outcome
    type(newton_type), intent(inout) :: self
-   !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Number of the load step, for the record
    integer, intent(in) :: step
@@ -394,9 +392,7 @@ end subroutine predict_step
 
 !> Note where the problem was linearised
 subroutine note_place(self, problem, a, load)
-   !> Iteration
    type(newton_type), intent(inout) :: self
-   !> Problem
    class(problem_type), intent(in) :: problem
    !> Unknowns there, shape (n)
    real(wp), contiguous, intent(in) :: a(:)
@@ -431,9 +427,7 @@ end subroutine hand_over
 !> Go on behind a load step of another run: its matrix is made again, by the same way to the same
 !> place
 subroutine take_over(self, problem, load, carried)
-   !> Iteration
    type(newton_type), intent(inout) :: self
-   !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Load of the step [-]
    real(wp), intent(in) :: load
@@ -457,7 +451,6 @@ end subroutine take_over
 
 !> See whether the iteration ended at a minimum, and go on below a saddle
 subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
-   !> Iteration
    type(newton_type), intent(inout) :: self
    !> Its progress
    type(progress_type), intent(inout) :: now
@@ -568,11 +561,9 @@ end subroutine begin
 
 !> Reasons to end without convergence
 subroutine check_end(self, now, problem, load, merit, recorder, error)
-   !> Iteration
    type(newton_type), intent(inout) :: self
    !> Its progress
    type(progress_type), intent(in) :: now
-   !> Problem
    class(problem_type), intent(in) :: problem
    !> Load [-]
    real(wp), intent(in) :: load
@@ -616,7 +607,6 @@ end subroutine check_end
 
 !> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
 pure logical function converged(self, now)
-   !> Iteration
    type(newton_type), intent(in) :: self
    !> Its progress
    type(progress_type), intent(in) :: now
@@ -635,7 +625,6 @@ end function converged
 
 !> Smallest volume ratio and its place
 function volume_text(state) result(text)
-   !> State
    type(evaluation_type), intent(in) :: state
    character(len=:), allocatable :: text
 

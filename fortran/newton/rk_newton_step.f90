@@ -97,7 +97,6 @@ end subroutine find_step
 
 !> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
 subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
-   !> Problem
    class(problem_type), intent(in) :: problem
    !> Its linearised rows A
    class(row_operator), target, intent(inout) :: op

@@ -22,12 +22,7 @@ module rk_path
       !> Load at which the last step began, where steps are solved to few digits [-]
       real(wp) :: earlier = 0.0_wp
    contains
-      !> Forget all
-      procedure :: forget
-      !> Note a converged step
-      procedure :: note
-      !> States that the way is told by, beside the last one
-      procedure :: states
+      procedure :: forget, note, states
       !> Unknowns at another load
       procedure :: at
       !> Start of the next step
@@ -46,7 +41,6 @@ contains
 
 !> Forget all: the way goes on at another rate, or has failed to predict
 pure subroutine forget(self)
-   !> Way
    class(path_type), intent(inout) :: self
 
    if (allocated(self%slope)) deallocate (self%slope)
@@ -55,7 +49,6 @@ end subroutine forget
 
 !> Note a converged step
 pure subroutine note(self, before, x, done, load, curved)
-   !> Way
    class(path_type), intent(inout) :: self
    !> Unknowns before and after the step, shape (n) each
    real(wp), contiguous, intent(in) :: before(:), x(:)
@@ -84,7 +77,6 @@ end subroutine note
 
 !> States that the way is told by, beside the last one
 pure integer function states(self)
-   !> Way
    class(path_type), intent(in) :: self
 
    states = 0
@@ -94,7 +86,6 @@ end function states
 
 !> Unknowns at a load, by some of the states
 pure function at(self, x, done, load, states) result(ahead)
-   !> Way
    class(path_type), intent(in) :: self
    !> Unknowns of the last state, shape (n)
    real(wp), contiguous, intent(in) :: x(:)

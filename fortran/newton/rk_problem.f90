@@ -78,7 +78,6 @@ module rk_problem
       !> Linearised rows, which assemble sets
       class(row_operator), pointer :: linearised => null()
    contains
-      !> Begin a load step or an iteration
       procedure :: start
       !> Residuals and, where wanted, their linearisation, which operator and hessian then give
       procedure(assemble_interface), deferred :: assemble
@@ -88,20 +87,17 @@ module rk_problem
       procedure :: apply_curvature
       !> Checks that can reject a converged state
       procedure :: rejection
-      !> The linearisation
       procedure, non_overridable :: operator
       !> Residuals, with their linearisation where wanted
       procedure, non_overridable :: evaluate
       !> Size of a change of the unknowns
       procedure, non_overridable :: scaled_norms
-      !> What a user can do where steps vanish but the gradient does not
       procedure, non_overridable :: advice
    end type problem_type
 
    abstract interface
       subroutine assemble_interface(self, x, stage, r, seen)
          import :: problem_type, evaluation_type, stage_type, wp
-         !> Problem
          class(problem_type), target, intent(inout) :: self
          !> Unknowns, shape (n)
          real(wp), contiguous, intent(in) :: x(:)
@@ -119,7 +115,6 @@ contains
 !> Begin a load step, during which row weights stay what they are, or a step of the iteration where
 !> the problem was linearised last, on which the linearisation at its end may depend
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(problem_type), target, intent(inout) :: self
    !> Unknowns there, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -143,7 +138,6 @@ end function operator
 
 !> Residuals and, where wanted, their linearisation, which otherwise stays what it was
 subroutine evaluate(self, x, load, r, seen, tangent, lifted)
-   !> Problem
    class(problem_type), target, intent(inout) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -172,7 +166,6 @@ end subroutine evaluate
 !> the body, pressures, where there are any, in shear moduli. Pressures may be 1e8 times as large as
 !> displacements; one norm of both would not see these.
 pure function scaled_norms(self, x) result(norms)
-   !> Problem
    class(problem_type), intent(in) :: self
    !> Unknowns or their change, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -191,7 +184,6 @@ end function scaled_norms
 !> Why a converged state is no answer of the equations that stand behind the rows, empty where
 !> no check rejects it: a least squares functional may have several stationary points
 function rejection(self, x) result(reason)
-   !> Problem
    class(problem_type), intent(in) :: self
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -226,7 +218,6 @@ end subroutine hessian
 
 !> Product of the sum of r_i times the second derivatives of r_i, as last found, with a vector
 subroutine apply_curvature(self, x, y)
-   !> Problem
    class(problem_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -240,7 +231,6 @@ end subroutine apply_curvature
 
 !> What a user can do where steps vanish but the gradient does not, in the words of the deck
 function advice(self) result(text)
-   !> Problem
    class(problem_type), intent(in) :: self
    character(len=:), allocatable :: text
 

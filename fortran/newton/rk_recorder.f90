@@ -108,10 +108,7 @@ module rk_recorder
    !> Receiver of what happens
    type, abstract :: recorder_type
    contains
-      !> An iteration was done
-      procedure :: iteration
-      !> A load step converged
-      procedure :: step
+      procedure :: iteration, step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
       !> Something happened on the way, or deserves attention
@@ -121,7 +118,6 @@ module rk_recorder
    abstract interface
       logical function stop_interface(self)
          import :: recorder_type
-         !> Receiver
          class(recorder_type), intent(inout) :: self
       end function stop_interface
    end interface
@@ -130,9 +126,7 @@ contains
 
 !> An iteration was done, of which not every receiver takes notice
 subroutine iteration(self, it)
-   !> Receiver
    class(recorder_type), intent(inout) :: self
-   !> Iteration
    type(iteration_type), intent(in) :: it
 
    associate (unused => self, unused_it => it)
@@ -141,7 +135,6 @@ end subroutine iteration
 
 !> A load step converged
 subroutine step(self, st, x)
-   !> Receiver
    class(recorder_type), intent(inout) :: self
    !> Load step
    type(step_type), intent(in) :: st
@@ -154,7 +147,6 @@ end subroutine step
 
 !> Something happened on the way; a receiver without a reader keeps still
 subroutine note(self, line, warning)
-   !> Receiver
    class(recorder_type), intent(inout) :: self
    !> What happened
    character(len=*), intent(in) :: line

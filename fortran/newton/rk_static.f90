@@ -24,7 +24,6 @@ contains
 
 !> Solve all load steps
 subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error, last)
-   !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Settings of the iteration
    type(newton_type), intent(inout) :: newton

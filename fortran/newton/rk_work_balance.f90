@@ -23,7 +23,6 @@ contains
 real(wp) function own_work_mismatch(problem, state) result(mismatch)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> State
    type(field_state), intent(in) :: state
    type(point_state) :: local
    real(wp) :: inside, outside, total, density, force(3)
@@ -65,7 +64,6 @@ real(wp) function surface_work(problem, side, state) result(work)
    class(discretisation_type), intent(in) :: problem
    !> Side of the body
    integer, intent(in) :: side
-   !> State
    type(field_state), intent(in) :: state
    type(error_type), allocatable :: error
    type(point_state) :: local

@@ -44,7 +44,6 @@ contains
 
 !> Invariants; J is their third number
 pure subroutine set_invariants(self, f, a, j)
-   !> Invariants
    type(invariants_type), intent(out) :: self
    !> F [-]
    real(wp), intent(in) :: f(9)

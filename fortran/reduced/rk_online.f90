@@ -195,7 +195,6 @@ end subroutine new_online
 
 !> Give back what a model has beside its record
 subroutine free_online(self)
-   !> Model
    type(online_model), intent(inout) :: self
 
    deallocate (self%laws)
@@ -203,7 +202,6 @@ end subroutine free_online
 
 !> What a state is asked for, of a column
 pure function condition_of(model, column) result(condition)
-   !> Model
    type(online_model), intent(in) :: model
    !> Activation, largest isometric stress and angle of each tissue, parameters of the materials,
    !> prescribed amplitudes
@@ -218,9 +216,7 @@ end function condition_of
 
 !> Room for the states of a model
 subroutine new_work(self, model)
-   !> Room
    type(work_type), intent(out) :: self
-   !> Model
    type(online_model), intent(in) :: model
    integer :: pieces, s, wide
 
@@ -237,7 +233,6 @@ end subroutine new_work
 
 !> Residual of all amplitudes and, where wanted, its derivatives
 subroutine assemble(model, work, z, condition, tangent, restart)
-   !> Model
    type(online_model), intent(in) :: model
    !> Room, of which residual, tangent and smallest J are set
    type(work_type), intent(inout) :: work
@@ -277,7 +272,6 @@ end subroutine assemble
 
 !> The part of the cells
 subroutine assemble_cells(model, work, z, condition, tangent)
-   !> Model
    type(online_model), intent(in) :: model
    !> Room
    type(work_type), intent(inout) :: work
@@ -364,7 +358,6 @@ end function rotation
 
 !> Newton's iteration from the amplitudes given
 subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterations, change)
-   !> Model
    type(online_model), intent(in) :: model
    !> Room
    type(work_type), intent(inout) :: work
@@ -428,7 +421,6 @@ end subroutine solve_state
 !> of what is prescribed under amplitudes of before would raise pressures without measure
 subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, iterations, &
    & change)
-   !> Model
    type(online_model), intent(in) :: model
    !> Room
    type(work_type), intent(inout) :: work

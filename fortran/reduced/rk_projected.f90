@@ -64,13 +64,10 @@ end subroutine new_projected
 
 !> Begin a load step or an iteration
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(projected_problem), target, intent(inout) :: self
    !> Amplitudes there, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load at the end of the step [-]
    real(wp), intent(in) :: load
-   !> Only an iteration begins
    logical, intent(in) :: iteration
 
    call self%full%start(matmul(self%modes, x), load, iteration)
@@ -78,15 +75,11 @@ end subroutine start
 
 !> Projected residuals and, where wanted, rows
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(projected_problem), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, and whether to linearise
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    class(row_operator), pointer :: full_rows
    real(wp), allocatable :: image(:)

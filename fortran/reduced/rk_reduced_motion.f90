@@ -56,7 +56,6 @@ contains
 
 !> Project a motion on modes
 subroutine new_moving_problem(self, full, modes, projection, error)
-   !> Reduced problem
    type(moving_problem), intent(inout) :: self
    !> Body in motion, which is the reduced problem's from now on
    class(form_motion), pointer, intent(in) :: full
@@ -98,7 +97,6 @@ end subroutine new_moving_problem
 
 !> Project the equations of a time step and solve them for what each amplitude does
 subroutine prepare(self, solver, error)
-   !> Problem
    type(moving_problem), intent(inout) :: self
    !> normal for Cholesky's factor of the projected equations, else QR where they are least squares
    character(len=*), intent(in) :: solver
@@ -131,7 +129,6 @@ end subroutine prepare
 
 !> Amplitudes of a right hand side of the full equations
 subroutine amplitudes(self, side, x, error)
-   !> Body
    type(reduced_motion), intent(in) :: self
    !> Right hand side, shape (full m)
    real(wp), contiguous, intent(in) :: side(:)
@@ -157,7 +154,6 @@ end subroutine amplitudes
 
 !> Amplitudes at the start and one time step later: the parts of the full body's in the modes
 subroutine start(self, first, second, error)
-   !> Body
    class(reduced_motion), intent(inout) :: self
    !> Amplitudes at both times, shape (r)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
@@ -174,15 +170,12 @@ end subroutine start
 
 !> Amplitudes at the next time
 subroutine advance(self, before, now, time, next, error)
-   !> Body
    class(reduced_motion), intent(inout) :: self
    !> Amplitudes at the last two times, shape (r)
    real(wp), contiguous, intent(in) :: before(:), now(:)
-   !> The later one of these times
    real(wp), intent(in) :: time
    !> Amplitudes one time step later, shape (r)
    real(wp), contiguous, intent(inout) :: next(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: side(:)
 
@@ -198,7 +191,6 @@ end subroutine advance
 
 !> Give the full body back
 subroutine free_reduced(self)
-   !> Body
    type(reduced_motion), intent(inout) :: self
 
    if (associated(self%full)) deallocate (self%full)
@@ -206,7 +198,6 @@ end subroutine free_reduced
 
 !> Rows of a time step times amplitudes
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(moving_problem), target, intent(inout) :: self
    !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
@@ -214,7 +205,6 @@ subroutine assemble(self, x, stage, r, seen)
    type(stage_type), intent(in) :: stage
    !> L U x, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
 
    associate (unused => stage)

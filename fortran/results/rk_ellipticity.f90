@@ -33,7 +33,6 @@ contains
 subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem
-   !> State
    type(field_state), intent(in) :: state
    !> Worst point
    type(ellipticity_type), intent(out) :: worst

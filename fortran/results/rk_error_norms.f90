@@ -39,7 +39,6 @@ subroutine error_norms(problem, x, time, norms, error)
    real(wp), contiguous, intent(in) :: x(:)
    !> Time, of no meaning where nothing moves
    real(wp), intent(in) :: time
-   !> Norms
    type(norms_type), intent(out) :: norms
    !> Error handling: no shape functions somewhere, a solution that is not finite
    type(error_type), allocatable, intent(out) :: error
@@ -116,7 +115,6 @@ subroutine add_integrals(problem, shape, place, weight, x, time, total, error)
    real(wp), intent(in) :: weight(:)
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Time
    real(wp), intent(in) :: time
    !> Error, solution, gradient of the error, gradient of the solution, to which these are added
    real(wp), intent(inout) :: total(4)

@@ -18,11 +18,9 @@ contains
 
 !> Value of a probe at full load in an exact solution with the material of the first point
 subroutine exact_value(scene, exact, value, error)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Solution
    type(exact_keys), intent(in) :: exact
-   !> Value
    real(wp), intent(out) :: value
    !> Error handling: no root
    type(error_type), allocatable, intent(out) :: error
@@ -70,7 +68,6 @@ end subroutine add_pressure
 
 !> Deformation gradient of a homogeneous solution
 subroutine exact_deformation(material, solution, amount, nd, f, error)
-   !> Material
    class(material_type), intent(in) :: material
    !> simple_shear, uniaxial, equibiaxial or dilation
    character(len=*), intent(in) :: solution
@@ -109,7 +106,6 @@ end subroutine exact_deformation
 
 !> Stretch of directions first..nd that makes them free of stress, by bisection in its logarithm
 subroutine free_stretch(material, f, first, nd, error)
-   !> Material
    class(material_type), intent(in) :: material
    !> Diagonal deformation gradient; the free entries are set [-]
    real(wp), intent(inout) :: f(3, 3)

@@ -27,9 +27,7 @@ contains
 subroutine compute_fields(problem, state, fields)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> State
    type(field_state), intent(in) :: state
-   !> Fields
    type(point_field), allocatable, intent(out) :: fields(:)
    type(point_state) :: local
    integer :: ip, k, nc

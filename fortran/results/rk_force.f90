@@ -22,7 +22,6 @@ contains
 subroutine set_forces(problem, state, left, largest)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> State
    type(field_state), intent(in) :: state
    !> Norm of the sum, and the largest norm, at least a share of what the stress transmits [force]
    real(wp), intent(out) :: left, largest

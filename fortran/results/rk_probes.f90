@@ -25,9 +25,7 @@ contains
 
 !> Prepare the probes of a scene
 subroutine new_probes(self, scene, error)
-   !> Probes
    type(probes_type), intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Error handling: a probe outside the body
    type(error_type), allocatable, intent(out) :: error
@@ -50,11 +48,9 @@ end subroutine new_probes
 subroutine probe_value(problem, probes, i, state, value, whole)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Probes
    type(probes_type), intent(in) :: probes
    !> Number of the probe
    integer, intent(in) :: i
-   !> State
    type(field_state), intent(in) :: state
    !> Value, shape (3); the first quantity_size numbers count
    real(wp), intent(out) :: value(3)
@@ -109,9 +105,7 @@ end subroutine probe_value
 function force_of(problem, probe, state) result(value)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Probe
    type(probe_type), intent(in) :: probe
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: value(3)
 
@@ -129,9 +123,7 @@ end function force_of
 real(wp) function muscle_value(problem, probe, state) result(value)
    !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Probe
    type(probe_type), intent(in) :: probe
-   !> State
    type(field_state), intent(in) :: state
    type(point_state) :: local
    real(wp) :: fiber(3), part, total, one
@@ -195,7 +187,6 @@ end function component
 pure function quantity(name, local) result(value)
    !> Quantity
    character(len=*), intent(in) :: name
-   !> State
    type(point_state), intent(in) :: local
    real(wp) :: value(3)
    real(wp) :: e(3), t(2)

@@ -14,7 +14,6 @@ contains
 !> Unit of a probe, empty for what has none. In fewer than three dimensions forces, torques and
 !> energies are those of a unit of thickness
 function probe_unit(deck, i) result(text)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Number of the probe
    integer, intent(in) :: i
@@ -44,7 +43,6 @@ end function probe_unit
 subroutine put_probe_units(json, deck)
    !> JSON inside an object
    type(json_type), intent(inout) :: json
-   !> Deck
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: name
    integer :: i
@@ -63,7 +61,6 @@ subroutine put_units(json, key, deck)
    type(json_type), intent(inout) :: json
    !> Name of the entry
    character(len=*), intent(in) :: key
-   !> Deck
    type(deck_type), intent(in) :: deck
 
    call json%begin_object(key)
@@ -76,7 +73,6 @@ end subroutine put_units
 
 !> Unit of the extent of a boundary set: its area, in the plane its length
 function set_unit(deck) result(text)
-   !> Deck
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: text
 
@@ -85,7 +81,6 @@ end function set_unit
 
 !> Space dimension
 integer function dimension_of(deck) result(nd)
-   !> Deck
    type(deck_type), intent(in) :: deck
 
    nd = 3
@@ -94,7 +89,6 @@ end function dimension_of
 
 !> Powers of the deck's units of force and length as text
 function composed(deck, force, length) result(text)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Power of the force, 0 or 1
    integer, intent(in) :: force

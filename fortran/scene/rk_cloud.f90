@@ -34,7 +34,6 @@ module rk_cloud
       !> Centre of the voxel at place 0, 0, 0 [length]
       real(wp) :: origin(3) = 0.0_wp
    contains
-      !> Centre of a collocation point's voxel
       procedure :: centre
    end type voxels_type
 
@@ -102,28 +101,19 @@ module rk_cloud
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
-      !> Number of a set by its name, 0 if unknown
       procedure :: find_set
       !> Whether a boundary entry lies in a set, number of sides, whether a set has a part of one
       procedure :: in_set
-      procedure :: sides
-      procedure :: meets_side
-      !> Middle of a set by area
-      procedure :: set_centroid
+      procedure :: sides, meets_side, set_centroid
       !> Distance of neighbouring source points, mean over points and directions
       procedure :: mean_spacing
-      !> Centres of the voxels, or the collocation points
-      procedure :: centres
-      !> Source point nearest to each collocation point
-      procedure :: nearest_sources
-      procedure :: nearest_source
+      procedure :: centres, nearest_sources, nearest_source
    end type cloud_type
 
 contains
 
 !> Centre of a collocation point's voxel [length]
 pure function centre(self, ip) result(x)
-   !> Voxels
    class(voxels_type), intent(in) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -134,9 +124,7 @@ end function centre
 
 !> Number of a set by its name, 0 if unknown
 pure integer function find_set(self, name)
-   !> Cloud
    class(cloud_type), intent(in) :: self
-   !> Name
    character(len=*), intent(in) :: name
    integer :: i
 
@@ -148,11 +136,9 @@ end function find_set
 
 !> Whether a boundary entry lies in a set
 elemental logical function in_set(self, e, set)
-   !> Cloud
    class(cloud_type), intent(in) :: self
    !> Boundary entry
    integer, intent(in) :: e
-   !> Set
    integer, intent(in) :: set
 
    if (allocated(self%within)) then
@@ -164,7 +150,6 @@ end function in_set
 
 !> Number of sides, whose sets come first
 pure integer function sides(self)
-   !> Cloud
    class(cloud_type), intent(in) :: self
 
    sides = size(self%set_names)
@@ -173,9 +158,7 @@ end function sides
 
 !> Whether a set has boundary entries on a side
 pure logical function meets_side(self, set, side)
-   !> Cloud
    class(cloud_type), intent(in) :: self
-   !> Set
    integer, intent(in) :: set
    !> Side, the set of which is itself
    integer, intent(in) :: side
@@ -189,7 +172,6 @@ end function meets_side
 
 !> Middle of a set by area, shape (nd) [length]
 pure function set_centroid(self, set) result(middle)
-   !> Cloud
    class(cloud_type), intent(in) :: self
    !> Set, which has entries
    integer, intent(in) :: set
@@ -208,7 +190,6 @@ end function set_centroid
 
 !> Distance of neighbouring source points: the edge of a cube as large as the mean cell [length]
 pure real(wp) function mean_spacing(self)
-   !> Cloud
    class(cloud_type), intent(in) :: self
 
    mean_spacing = product(sum(self%spacing, dim=2)/size(self%spacing, 2))**(1.0_wp/self%nd)
@@ -216,7 +197,6 @@ end function mean_spacing
 
 !> Centres of the voxels of the collocation points, or these where there are no voxels
 pure function centres(self) result(at)
-   !> Cloud
    class(cloud_type), intent(in) :: self
    real(wp) :: at(size(self%points, 1), size(self%points, 2))
    integer :: ip
@@ -231,7 +211,6 @@ end function centres
 !> Source points nearest to each collocation point, or to the centre of its voxel where it has one,
 !> in source spacings: several where these are equally near, 0 behind them, shape (:, nc)
 function nearest_sources(self) result(near)
-   !> Cloud
    class(cloud_type), intent(in) :: self
    integer, allocatable :: near(:, :)
    real(wp), allocatable :: at(:, :)
@@ -245,7 +224,6 @@ end function nearest_sources
 
 !> The most central of these
 function nearest_source(self) result(owner)
-   !> Cloud
    class(cloud_type), intent(in) :: self
    integer, allocatable :: owner(:)
 
@@ -257,7 +235,6 @@ end function nearest_source
 subroutine take_arrays(self, error)
    !> Model with nd = 3
    type(cloud_type), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: nb, np
 
@@ -328,7 +305,6 @@ contains
    subroutine check_indices(name, indices, n, count)
       !> Component
       character(len=*), intent(in) :: name
-      !> Indices
       integer, intent(in) :: indices(:)
       !> Entries there must be, and the count
       integer, intent(in) :: n, count
@@ -422,9 +398,7 @@ end subroutine take_arrays
 
 !> Refuse what no later station could make sense of
 subroutine check_cloud(self, error)
-   !> Cloud
    type(cloud_type), intent(in) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: i
 
@@ -462,9 +436,7 @@ end subroutine check_cloud
 
 !> Source points must be finite and all different: equal ones make the equations singular
 subroutine check_source(self, error)
-   !> Cloud
    type(cloud_type), intent(in) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: i
 
@@ -482,7 +454,6 @@ end subroutine check_source
 subroutine check_points(self, error)
    !> Cloud, its source points checked
    type(cloud_type), intent(in) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer :: i
 
@@ -504,7 +475,6 @@ subroutine check_distinct(points, near, kind, error)
    real(wp), intent(in) :: near(:, :)
    !> What they are called
    character(len=*), intent(in) :: kind
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: same
    integer :: i

@@ -142,7 +142,6 @@ end subroutine share_voxels
 !> Move what is in a block too empty to the fullest around it, in equal parts where there are
 !> several
 pure subroutine leave_empty(self, volume, least)
-   !> Shares
    type(shares_type), intent(inout) :: self
    !> Volume of the body in each block, with a layer of blocks around, from 0 [length^3]
    real(wp), intent(in) :: volume(0:, 0:, 0:)
@@ -322,7 +321,6 @@ end subroutine place_sources
 
 !> Different values in their order
 pure function distinct(value) result(found)
-   !> Values
    integer, intent(in) :: value(:)
    integer, allocatable :: found(:)
    integer :: next

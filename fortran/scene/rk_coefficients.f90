@@ -30,7 +30,6 @@ contains
 
 !> Coefficients at points, with or without derivatives
 subroutine new_coefficients(self, scene, x, with_slope, error)
-   !> Coefficients
    type(coefficients_type), intent(out) :: self
    !> Scene with an equation
    type(scene_type), intent(in) :: scene
@@ -67,7 +66,6 @@ end subroutine new_coefficients
 
 !> Coefficients at a place, as the deck gives them
 subroutine coefficient_at(equation, x, pair, error)
-   !> Equation
    type(equation_type), intent(in) :: equation
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -111,7 +109,6 @@ end subroutine coefficient_at
 
 !> First derivatives of the coefficients, by differences of sixth order on both sides of a place
 subroutine differentiate(equation, x, slope, error)
-   !> Equation
    type(equation_type), intent(in) :: equation
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -140,9 +137,7 @@ end subroutine differentiate
 !> Coefficients that reproducing kernel functions of order 1 interpolate between source points:
 !> jumps become smooth, as rows of second derivatives need them (thesis, figure 6.5)
 subroutine interpolate(self, scene, x, error)
-   !> Coefficients with room
    type(coefficients_type), intent(inout) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: x(:, :)
@@ -178,7 +173,6 @@ end subroutine interpolate
 
 !> Moduli c(i, A, k, B) of the operators
 pure function moduli(equation, nd, pair) result(c)
-   !> Equation
    type(equation_type), intent(in) :: equation
    !> Space dimension
    integer, intent(in) :: nd

@@ -39,9 +39,7 @@ contains
 
 !> Resolve the conditions of a scene
 subroutine new_boundary(self, scene, error, time)
-   !> Boundary points
    type(boundary_type), intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Error handling: contradicting conditions; of a linear problem a pin that is no boundary point,
    !> nothing prescribed
@@ -55,7 +53,6 @@ end subroutine new_boundary
 
 !> Prescribe components at the pins of a linear problem
 subroutine add_pins(self, scene, error)
-   !> Boundary points
    type(boundary_type), intent(inout) :: self
    !> Scene with an equation
    type(scene_type), intent(in) :: scene
@@ -87,7 +84,6 @@ end subroutine add_pins
 
 !> Resolve conditions
 subroutine find_boundary(self, cloud, condition, factors, error, time)
-   !> Boundary points
    type(boundary_type), intent(out) :: self
    !> Points
    type(cloud_type), intent(in) :: cloud
@@ -338,7 +334,6 @@ end function overlaps
 
 !> Components on which a condition acts
 pure function loaded(condition)
-   !> Condition
    type(condition_type), intent(in) :: condition
    logical :: loaded(3)
 

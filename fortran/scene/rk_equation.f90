@@ -29,12 +29,7 @@ module rk_equation
       !> Single points where it is 0
       type(pin_type), allocatable :: pin(:)
    contains
-      !> Whether its coefficients vary over the body
-      procedure :: varies
-      !> Whether a solution is known
-      procedure :: is_known
-      !> Components of the solution
-      procedure :: fields
+      procedure :: varies, is_known, fields
    end type equation_type
 
    !> What makes a linear problem move
@@ -42,17 +37,13 @@ module rk_equation
       !> Essential rows of collocation as published
       logical :: published = .false.
    contains
-      !> Density at a place
-      procedure :: density_at
-      !> Displacement or velocity at the start
-      procedure :: initial
+      procedure :: density_at, initial
    end type motion_type
 
 contains
 
 !> Density at a place
 subroutine density_at(self, x, density, error)
-   !> Motion
    class(motion_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -69,7 +60,6 @@ end subroutine density_at
 
 !> Displacement or velocity at the start
 subroutine initial(self, displacement, x, value, error)
-   !> Motion
    class(motion_type), intent(in) :: self
    !> The displacement, otherwise the velocity
    logical, intent(in) :: displacement
@@ -93,7 +83,6 @@ end subroutine initial
 
 !> Whether the coefficients vary over the body
 pure logical function varies(self)
-   !> Equation
    class(equation_type), intent(in) :: self
 
    varies = self%E%given() .or. self%nu%given() .or. self%conductivity%given()
@@ -101,7 +90,6 @@ end function varies
 
 !> Whether a solution is known
 pure logical function is_known(self)
-   !> Equation
    class(equation_type), intent(in) :: self
 
    is_known = self%exact(1)%given()
@@ -109,7 +97,6 @@ end function is_known
 
 !> Components of the solution: one of Poisson's problem, else those of the displacement
 pure integer function fields(self, nd)
-   !> Equation
    class(equation_type), intent(in) :: self
    !> Space dimension
    integer, intent(in) :: nd

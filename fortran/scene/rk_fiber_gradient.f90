@@ -38,7 +38,6 @@ subroutine fiber_gradients(scene, slope, error)
    !> N_k,A of each collocation point, shape (3, nd, nc) [1/length]; not allocated where all fibers
    !> of each tissue are parallel
    real(wp), allocatable, intent(out) :: slope(:, :, :)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: near
    real(wp), allocatable :: window(:, :)
@@ -81,7 +80,6 @@ end function parallel_fibers
 
 !> Slope at one point
 pure function fitted_slope(scene, window, near, ip) result(slope)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Half widths of the windows, shape (nd, nc) [length]
    real(wp), intent(in) :: window(:, :)
@@ -138,7 +136,6 @@ end function fitted_slope
 
 !> dP_iA/dN_k N_k,A, what turning fibers add to the divergence of P, and its derivatives by F
 pure subroutine fiber_divergence(material, f, fiber, slope, activation, pull, t)
-   !> Material
    class(material_type), intent(in) :: material
    !> F(i, A)
    real(wp), intent(in) :: f(3, 3)
@@ -174,7 +171,6 @@ end subroutine fiber_divergence
 
 !> Second derivatives by F of the pull times a vector
 pure subroutine fiber_divergence_curvature(material, f, fiber, slope, rho, activation, ff)
-   !> Material
    class(material_type), intent(in) :: material
    !> F(i, A)
    real(wp), intent(in) :: f(3, 3)

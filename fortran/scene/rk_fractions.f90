@@ -17,7 +17,6 @@ contains
 
 !> Fractions of the tissues at a collocation point
 pure function own_parts(scene, ip) result(part)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Collocation point
    integer, intent(in) :: ip
@@ -35,7 +34,6 @@ end function own_parts
 
 !> Fractions of the tissues that belong to each source point
 function shares(scene) result(share)
-   !> Scene
    type(scene_type), intent(in) :: scene
    real(wp), allocatable :: share(:, :)
    real(wp) :: volume(size(scene%cloud%source, 2)), part
@@ -101,7 +99,6 @@ end subroutine fractions
 
 !> Whether a tissue has fibers at a collocation point
 pure logical function has_fibers(scene, k, at)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Tissue
    integer, intent(in) :: k
@@ -116,7 +113,6 @@ end function has_fibers
 !> Collocation points whose fibers a tissue has at all of them: themselves, or the nearest of the
 !> tissue
 function fibered_points(scene, k) result(at)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Tissue with fibers
    integer, intent(in) :: k

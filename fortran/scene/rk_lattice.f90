@@ -21,7 +21,6 @@ contains
 
 !> Box with the corner at the origin; sets x0, x1, y0, y1, z0, z1
 subroutine new_box(self, size_, source, place, error, graded)
-   !> Cloud
    type(cloud_type), intent(out) :: self
    !> Edge lengths, shape (nd), > 0 [length]
    real(wp), intent(in) :: size_(:)
@@ -29,7 +28,6 @@ subroutine new_box(self, size_, source, place, error, graded)
    integer, intent(in) :: source(:)
    !> Collocation points in each direction, shape (nd), >= 2
    integer, intent(in) :: place(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> Sides towards which the spacing shrinks, in the order of set_number; none without it
    logical, intent(in), optional :: graded(:)
@@ -149,7 +147,6 @@ end function nearer
 
 !> Sides of a box whose names are in a text, in the order of set_number
 pure function box_sides(names) result(named)
-   !> Names
    character(len=*), intent(in) :: names
    logical :: named(size(box_faces))
    integer :: k
@@ -160,7 +157,6 @@ end function box_sides
 !> Quarter of a tube in plane strain, points radial x angular; sets inner, outer, x0 (the symmetry
 !> plane x = 0) and y0
 subroutine new_annulus(self, inner, outer, source, place, error)
-   !> Cloud
    type(cloud_type), intent(out) :: self
    !> Inner radius, > 0 [length]
    real(wp), intent(in) :: inner
@@ -170,7 +166,6 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    integer, intent(in) :: source(:)
    !> Collocation points, radial and angular
    integer, intent(in) :: place(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: at(:, :)
    real(wp) :: r, t, weight_r, weight_t
@@ -239,7 +234,6 @@ end subroutine new_annulus
 !> Move the source points of a box off their lattice, always in the same way. Those on the surface
 !> stay on their faces, edges and corners.
 subroutine jitter(self, share)
-   !> Box
    type(cloud_type), intent(inout) :: self
    !> Largest move, in spacings [-]
    real(wp), intent(in) :: share
@@ -365,7 +359,6 @@ subroutine check_counts(nd, source, place, error)
    integer, intent(in) :: source(:)
    !> Collocation points in each direction
    integer, intent(in) :: place(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (size(source) /= nd .or. size(place) /= nd) then
@@ -435,7 +428,6 @@ end subroutine default_tissue
 
 !> Room for boundary entries
 subroutine start_boundary(self, n)
-   !> Cloud
    type(cloud_type), intent(inout) :: self
    !> Number of entries
    integer, intent(in) :: n
@@ -445,7 +437,6 @@ end subroutine start_boundary
 
 !> Write the next boundary entry
 subroutine add_entry(self, n, point, set, normal, area)
-   !> Cloud
    type(cloud_type), intent(inout) :: self
    !> Entries so far
    integer, intent(inout) :: n

@@ -13,7 +13,6 @@ contains
 
 !> Whether activations vary within muscles
 pure logical function has_levels(scene)
-   !> Scene
    type(scene_type), intent(in) :: scene
    integer :: k
 
@@ -23,7 +22,6 @@ end function has_levels
 
 !> Part of its activation that a muscle has at a place
 subroutine find_level(scene, tissue, point, place, level, error)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Muscle
    integer, intent(in) :: tissue

@@ -68,19 +68,10 @@ module rk_mixture
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
-      !> Tissues with their fractions and fibers
-      procedure :: parts
-      !> Bulk modulus
-      procedure :: bulk
-      !> Bulk modulus of tissues that share one pressure
-      procedure :: bulk_at_one_pressure
-      !> Shear modulus of a deformed state
-      procedure :: shear_modulus
+      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
-      procedure :: fiber_of
-      !> Energy
-      procedure :: energy
+      procedure :: fiber_of, energy
       !> P
       procedure :: stress
       !> P and C4
@@ -97,7 +88,6 @@ contains
 
 !> Find the tissues of places
 subroutine new_mixture(self, scene, position, nearest, error)
-   !> Mixture
    type(mixture_type), intent(out) :: self
    !> Scene, which must outlive the mixture
    type(scene_type), target, intent(in) :: scene
@@ -105,7 +95,6 @@ subroutine new_mixture(self, scene, position, nearest, error)
    real(wp), intent(in) :: position(:, :)
    !> Collocation point nearest to each place, shape (np)
    integer, intent(in) :: nearest(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(coefficients_type) :: coefficient
    type(shape_type) :: shape
@@ -176,7 +165,6 @@ end subroutine new_mixture
 
 !> Tissues of a place with their fractions and fibers
 pure subroutine parts(self, ip, tissue, fraction, fiber)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -196,7 +184,6 @@ end subroutine parts
 
 !> Activation of the tissue of an entry; tissues without fibers have none [-]
 pure real(wp) function activation_of(self, e, load)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Entry
    integer, intent(in) :: e
@@ -211,7 +198,6 @@ end function activation_of
 
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -226,7 +212,6 @@ end function bulk
 !> Bulk modulus at a place where tissues share one pressure: their changes of volume add up, so that
 !> a share of stiff tissue takes no more than its own away [stress]
 pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -252,7 +237,6 @@ end function bulk_at_one_pressure
 
 !> Shear modulus of a deformed state at a place, without fibers [stress]
 pure real(wp) function shear_modulus(self, ip, f)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -273,11 +257,9 @@ end function shear_modulus
 
 !> Fraction of a tissue at a place [-]
 pure real(wp) function part_of(self, ip, tissue)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
-   !> Tissue
    integer, intent(in) :: tissue
 
    associate (first => self%first(ip) + 1, last => self%first(ip + 1))
@@ -287,11 +269,9 @@ end function part_of
 
 !> Fiber of a tissue at a place, zeros where it has none [-]
 pure function fiber_of(self, ip, tissue) result(fiber)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
-   !> Tissue
    integer, intent(in) :: tissue
    real(wp) :: fiber(3)
    integer :: e
@@ -304,7 +284,6 @@ end function fiber_of
 
 !> Energy of a tissue at a place, times its fraction [stress]
 pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -330,7 +309,6 @@ end function energy
 
 !> First Piola-Kirchhoff stress at a place
 pure subroutine stress(self, ip, f, load, p, volumetric, tissue)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -365,7 +343,6 @@ end subroutine stress
 
 !> Stress and tangent at a place
 pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -405,7 +382,6 @@ end subroutine tangent
 
 !> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
 pure function linear_moduli(self, ip) result(c4)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -419,7 +395,6 @@ end function linear_moduli
 
 !> Divergence of the stress, and everything a row of the strong form needs
 pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -488,7 +463,6 @@ end subroutine strong
 
 !> Second derivatives of P_iA R_iA by F as a symmetric 9x9 matrix, index j + 3 (B - 1)
 pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -517,7 +491,6 @@ end subroutine stress_curvature
 
 !> Second derivatives of s = r_i P_iA,A by F and by H
 pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric)
-   !> Mixture
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip

@@ -23,7 +23,6 @@ contains
 subroutine add_set(cloud, name, region, left, error)
    !> Cloud with its boundary entries and labels
    type(cloud_type), intent(inout) :: cloud
-   !> Name
    character(len=*), intent(in) :: name
    !> Part of the surface
    type(region_type), intent(in) :: region
@@ -98,7 +97,6 @@ end subroutine sets_of
 !> Area of a set and its middle: from fine samples of the sides of a lattice, whose boundary entries
 !> are too few to determine the extent of a part, from the entries elsewhere
 subroutine extent_of(cloud, set, area, middle, error)
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Set that has boundary entries
    integer, intent(in) :: set

@@ -42,15 +42,9 @@ module rk_programme
       !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
       real(wp), allocatable :: output(:)
    contains
-      !> Number of load factors
-      procedure :: count => count_factors
-      !> Factors at a load
-      procedure :: factors
-      !> Value of an amplitude, or of the ramp, at a load
-      procedure :: value => value_at
+      procedure :: count => count_factors, factors, value => value_at
       !> Number of the sine's factor of a rotation; that of 1 - cos follows
       procedure :: sine_of
-      !> Load steps
       procedure :: plan
       !> Whether it begins loaded
       procedure :: begins_loaded
@@ -75,7 +69,6 @@ contains
 
 !> Number of load factors
 pure integer function count_factors(self)
-   !> Programme
    class(programme_type), intent(in) :: self
 
    count_factors = self%sine_of(1) - 1
@@ -84,9 +77,7 @@ end function count_factors
 
 !> Number of the sine's factor of a rotation
 pure integer function sine_of(self, rotation)
-   !> Programme
    class(programme_type), intent(in) :: self
-   !> Rotation
    integer, intent(in) :: rotation
 
    sine_of = ramp + 2*rotation - 1
@@ -95,7 +86,6 @@ end function sine_of
 
 !> Factors at a load: the ramp, the amplitudes, sine and 1 - cos of the rotations
 pure function factors(self, load) result(factor)
-   !> Programme
    class(programme_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
@@ -121,7 +111,6 @@ end function factors
 
 !> Value of an amplitude, or of the ramp, at a load [-]
 pure real(wp) function value_at(self, amplitude, load) result(value)
-   !> Programme
    class(programme_type), intent(in) :: self
    !> Amplitude, 0 for the ramp
    integer, intent(in) :: amplitude
@@ -147,7 +136,6 @@ end function value_at
 !> Load steps: equal ones, or those that were asked for, and all knots of amplitudes. Steps in which
 !> something rotates far are taken in several.
 pure function plan(self, steps) result(planned)
-   !> Programme
    class(programme_type), intent(in) :: self
    !> Equal steps, where no load times were asked for
    integer, intent(in) :: steps
@@ -186,7 +174,6 @@ end function plan
 
 !> Whether the programme begins with another state than that at rest
 pure logical function begins_loaded(self) result(loaded)
-   !> Programme
    class(programme_type), intent(in) :: self
    integer :: a
 
@@ -248,7 +235,6 @@ end function last_until
 
 !> Whether the rate of an amplitude may jump at a load
 pure logical function is_knot(self, load)
-   !> Programme
    class(programme_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
@@ -266,7 +252,6 @@ end function is_knot
 
 !> Parts in which a change of load is taken, so that nothing rotates far in one of them
 pure integer function turns(self, from, to)
-   !> Programme
    class(programme_type), intent(in) :: self
    !> Loads before and after [-]
    real(wp), intent(in) :: from, to

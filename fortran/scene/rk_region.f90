@@ -21,7 +21,6 @@ module rk_region
       !> Where it is not zero; not given for everywhere
       type(expression_type) :: where
    contains
-      !> Which of the criteria a place meets
       procedure :: look
    end type region_type
 
@@ -32,7 +31,6 @@ contains
 
 !> Which of the criteria a place of the surface meets; those that a region does not have are met
 subroutine look(self, x, normal, side, label, met, error)
-   !> Region
    class(region_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)

@@ -53,7 +53,6 @@ module rk_scene
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
    contains
-      !> Whether displacements are prescribed that are not the same everywhere
       procedure :: moves_unevenly
       !> Whether a displacement, traction or pressure is prescribed that need not be zero
       procedure :: acts
@@ -129,33 +128,19 @@ module rk_scene
       !> Reference values
       type(reference_keys), allocatable :: reference(:)
    contains
-      !> Number of load steps
-      procedure :: steps => count_steps
-      !> Load factors at a load
-      procedure :: factors
-      !> Activation of a tissue at a load
-      procedure :: activation_at
-      !> Activation of muscles without one of their own
-      procedure :: common_activation
+      procedure :: steps => count_steps, factors, activation_at, common_activation
       !> Whether some muscle has one of its own
       procedure :: has_own_activations
-      !> Whether a muscle is active or a condition acts at a load
       procedure :: is_loaded
       !> Whether something prescribed is another at another load
       procedure :: changes
-      !> Shape functions at places
-      procedure :: shape_at
-      !> Largest ratio of a bulk modulus to its shear modulus
-      procedure :: stiffest_ratio
-      !> Whether the stress of a material has kinks
-      procedure :: has_kinks
+      procedure :: shape_at, stiffest_ratio, has_kinks
    end type scene_type
 
 contains
 
 !> Number of load steps, of a motion that of the states that are written
 pure integer function count_steps(self)
-   !> Scene
    class(scene_type), intent(in) :: self
    type(plan_type) :: planned
 
@@ -170,7 +155,6 @@ end function count_steps
 
 !> Load factors at a load: what is prescribed is linear in them
 pure function factors(self, load) result(factor)
-   !> Scene
    class(scene_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
@@ -182,9 +166,7 @@ end function factors
 
 !> Activation of a tissue's fibers at a load [-]
 elemental real(wp) function activation_at(self, tissue, load)
-   !> Scene
    class(scene_type), intent(in) :: self
-   !> Tissue
    integer, intent(in) :: tissue
    !> Load [-]
    real(wp), intent(in) :: load
@@ -196,7 +178,6 @@ end function activation_at
 
 !> Activation of muscles without one of their own at a load [-]
 elemental real(wp) function common_activation(self, load)
-   !> Scene
    class(scene_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
@@ -206,7 +187,6 @@ end function common_activation
 
 !> Whether some muscle has an activation of its own
 pure logical function has_own_activations(self) result(own)
-   !> Scene
    class(scene_type), intent(in) :: self
    integer :: k
 
@@ -220,7 +200,6 @@ end function has_own_activations
 
 !> Whether a muscle is active or a condition acts at a load
 pure logical function is_loaded(self, load)
-   !> Scene
    class(scene_type), intent(in) :: self
    !> Load [-]
    real(wp), intent(in) :: load
@@ -232,7 +211,6 @@ end function is_loaded
 
 !> Whether a muscle or a condition acts otherwise at one load than at another
 pure logical function changes(self, from, to)
-   !> Scene
    class(scene_type), intent(in) :: self
    !> Loads [-]
    real(wp), intent(in) :: from, to
@@ -246,7 +224,6 @@ end function changes
 
 !> Whether displacements are prescribed that are not the same everywhere
 pure logical function moves_unevenly(self)
-   !> Condition
    class(condition_type), intent(in) :: self
 
    moves_unevenly = self%is_radial .or. self%sine > 0 .or. any(self%value%given())
@@ -254,7 +231,6 @@ end function moves_unevenly
 
 !> Whether a probe is of a body or a tissue as a whole
 pure logical function of_body(self)
-   !> Probe
    class(probe_type), intent(in) :: self
 
    of_body = any(self%quantity == [character(len=13) :: 'energy', 'fiber_stretch', 'pennation'])
@@ -262,7 +238,6 @@ end function of_body
 
 !> Whether a probe is of a place in the body: not of a set, a plane or the body as a whole
 pure logical function at_a_place(self)
-   !> Probe
    class(probe_type), intent(in) :: self
 
    at_a_place = self%set == 0 .and. .not. self%of_body() .and. index(self%quantity, 'section') /= 1
@@ -270,7 +245,6 @@ end function at_a_place
 
 !> Whether a displacement or a traction is prescribed that need not be zero
 pure logical function acts(self, factor)
-   !> Condition
    class(condition_type), intent(in) :: self
    !> Load factors at which that is asked; without them: at any, shape (factors) [-]
    real(wp), intent(in), optional :: factor(:)
@@ -288,7 +262,6 @@ end function acts
 
 !> Shape functions of the source points at places
 subroutine shape_at(self, place, shape, error, first, plain)
-   !> Scene
    class(scene_type), intent(in) :: self
    !> Places, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
@@ -307,7 +280,6 @@ end subroutine shape_at
 
 !> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
 pure real(wp) function stiffest_ratio(self)
-   !> Scene with materials
    class(scene_type), intent(in) :: self
    integer :: k
 
@@ -320,7 +292,6 @@ end function stiffest_ratio
 
 !> Whether the stress of a material has kinks
 pure logical function has_kinks(self)
-   !> Scene with materials
    class(scene_type), intent(in) :: self
    integer :: k
 

@@ -30,7 +30,6 @@ contains
 
 !> Place of each collocation point in a lattice, shape (nd, nc); of size 0 where there is none
 function lattice_places(cloud) result(place)
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    integer, allocatable :: place(:, :)
 

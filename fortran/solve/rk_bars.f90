@@ -94,10 +94,7 @@ module rk_bars
       !> (probes)
       character(len=17), allocatable :: source(:)
    contains
-      !> Bars of a probe at a load
-      procedure :: at
-      !> Whether the bar is more than a tenth of the size
-      procedure :: unresolved
+      procedure :: at, unresolved
    end type bars_type
 
 contains
@@ -105,9 +102,7 @@ contains
 !> Values at full load, or of a programme, and sizes of their kinds; bars come later, from what they
 !> are compared with
 subroutine new_bars(self, problem, load, x, error)
-   !> Bars
    type(bars_type), intent(out) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Loads of the states, ascending, shape (m) [-]
    real(wp), intent(in) :: load(:)
@@ -151,13 +146,9 @@ end subroutine new_bars
 
 !> Values and sizes of a state
 subroutine look_at(self, problem, probes, state, value, whole)
-   !> Bars
    type(bars_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
-   !> Probes
    type(probes_type), intent(in) :: probes
-   !> State
    type(field_state), intent(in) :: state
    !> Values, shape (3, probes)
    real(wp), intent(out) :: value(:, :)
@@ -240,9 +231,7 @@ end function size_of
 
 !> Bars from a second solution
 subroutine bars_by_other(self, problem, other, kind, difference)
-   !> Bars with values
    type(bars_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Values of the second solution
    type(bars_type), intent(in) :: other
@@ -296,7 +285,6 @@ end subroutine bars_by_other
 
 !> Bars from the known solution of a linear problem; forces by its stress at the boundary points
 subroutine bars_by_solution(self, problem, time, error)
-   !> Bars with values
    type(bars_type), intent(inout) :: self
    !> Linear problem
    class(discretisation_type), intent(in) :: problem
@@ -348,7 +336,6 @@ end subroutine bars_by_solution
 
 !> Bars of one probe from other values of it
 subroutine set_bar(self, i, n, other, least_change, left, from)
-   !> Bars
    type(bars_type), intent(inout) :: self
    !> Probe
    integer, intent(in) :: i
@@ -393,7 +380,6 @@ end subroutine set_bar
 !> chance, three hardly. Where the probe has moved by more than its bar said, the new bar is too
 !> small by as much; and no error falls faster than the square of the spacing
 subroutine bars_by_earlier(self, earlier, growth)
-   !> Bars with values
    type(bars_type), intent(inout) :: self
    !> Those of the answer on fewer points, at the same loads
    type(bars_type), intent(in) :: earlier
@@ -416,7 +402,6 @@ end subroutine bars_by_earlier
 
 !> Least bar of a probe
 pure real(wp) function least(self, i, whole)
-   !> Bars
    type(bars_type), intent(in) :: self
    !> Probe
    integer, intent(in) :: i
@@ -428,7 +413,6 @@ end function least
 
 !> Bars of a probe at a load: of a ramp those of full load in proportion to it
 pure function at(self, i, load, value) result(bar)
-   !> Bars
    class(bars_type), intent(in) :: self
    !> Probe
    integer, intent(in) :: i
@@ -449,7 +433,6 @@ end function at
 
 !> Value as it is printed beside its bar: far below that it is rounding
 elemental real(wp) function printed(value, bar)
-   !> Value
    real(wp), intent(in) :: value
    !> Its bar, not a number where there is none
    real(wp), intent(in) :: bar
@@ -459,7 +442,6 @@ end function printed
 
 !> Whether the bar is more than a tenth of the size
 pure logical function unresolved(self, i)
-   !> Bars
    class(bars_type), intent(in) :: self
    !> Probe
    integer, intent(in) :: i

@@ -92,7 +92,6 @@ contains
 
 !> Solve the companion of a scene and look at the same probes
 subroutine solve_companion(self, problem, load, answer, deck, model, receiver, near)
-   !> What it says
    type(companion_type), intent(out) :: self
    !> Problem of the answer
    class(discretisation_type), intent(in) :: problem
@@ -128,7 +127,6 @@ end subroutine solve_companion
 
 !> Solve a deck with other words than an answer's, and look at the same probes
 subroutine solve_beside(self, problem, load, answer, deck, words, model, receiver)
-   !> What it says
    type(companion_type), intent(inout) :: self
    !> Problem of the answer
    class(discretisation_type), intent(in) :: problem
@@ -182,7 +180,6 @@ end subroutine solve_beside
 
 !> Form and points of the companion as overrides of the deck
 subroutine choose_companion(self, scene, deck, near, points, words)
-   !> Companion
    type(companion_type), intent(inout) :: self
    !> Scene of the answer
    type(scene_type), intent(in) :: scene
@@ -330,7 +327,6 @@ end function other_number
 
 !> Integers as a deck writes them
 pure function list(values) result(text)
-   !> Values
    integer, intent(in) :: values(:)
    character(len=:), allocatable :: text
    integer :: i
@@ -344,7 +340,6 @@ end function list
 
 !> Probes of the companion, and how far the displacements are from those of the answer
 subroutine look(self, problem, keeper, first, answer, error)
-   !> Companion
    type(companion_type), intent(inout) :: self
    !> Its problem
    class(discretisation_type), intent(in) :: problem
@@ -389,11 +384,8 @@ end subroutine look
 
 !> Keep a state that is compared
 subroutine step(self, st, x)
-   !> Receiver
    class(keeper_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
 
    integer :: k
@@ -404,7 +396,6 @@ end subroutine step
 
 !> Whether the caller wants to stop
 logical function stopped(self)
-   !> Receiver
    class(keeper_type), intent(inout) :: self
 
    stopped = self%receiver%stopped()

@@ -28,7 +28,6 @@ contains
 subroutine put_corners(cloud, deck)
    !> Points of the model file
    type(cloud_type), intent(inout) :: cloud
-   !> Deck
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: method
    integer, allocatable :: blocks(:)
@@ -44,7 +43,6 @@ end subroutine put_corners
 function finer_directions(cloud, deck) result(finer)
    !> Points of the model file
    type(cloud_type), intent(in) :: cloud
-   !> Deck
    type(deck_type), intent(in) :: deck
    logical :: finer(3)
    type(deck_type) :: defaults

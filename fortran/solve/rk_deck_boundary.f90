@@ -21,7 +21,6 @@ contains
 subroutine read_conditions(scene, deck, error)
    !> Scene with points
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling, one line more for each unknown set
    type(error_type), allocatable, intent(inout) :: error
@@ -63,7 +62,6 @@ end subroutine read_conditions
 subroutine read_probes(scene, deck, error)
    !> Scene with points
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling, one line more for each unknown set and each point outside
    type(error_type), allocatable, intent(inout) :: error
@@ -114,11 +112,9 @@ end subroutine read_probes
 subroutine find_named_set(cloud, deck, key, name, set, error)
    !> Points
    type(cloud_type), intent(in) :: cloud
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key that holds the name
    character(len=*), intent(in) :: key
-   !> Name
    character(len=*), intent(in) :: name
    !> Number of the set, 0 where there is none
    integer, intent(out) :: set
@@ -140,7 +136,6 @@ end subroutine find_named_set
 
 !> What kind of body it is, for messages
 function body_of(deck) result(kind)
-   !> Deck
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: kind
 

@@ -18,7 +18,6 @@ contains
 subroutine read_linear(scene, deck, error)
    !> Scene with points and solver
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling, one line more for each unknown side
    type(error_type), allocatable, intent(inout) :: error

@@ -25,9 +25,7 @@ contains
 subroutine read_materials(scene, deck, error)
    !> Scene with points
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: material_of(:)
    integer :: k, n
@@ -67,13 +65,11 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    type(scene_type), intent(inout) :: scene
    !> Number of the material
    integer, intent(in) :: k
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Whether materials have parts of the body by expressions or a label map
    logical, intent(in) :: regions
    !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(inout) :: material_of(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    type(material_item) :: item
    type(parameters_type) :: parameters
@@ -121,7 +117,6 @@ end subroutine read_tissue
 
 !> Whether some point has a fraction of a material
 pure logical function has_part(scene, material_of, k)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(in) :: material_of(:)
@@ -138,11 +133,9 @@ end function has_part
 
 !> Fractions of the materials from those of labels
 subroutine set_parts(scene, material_of, deck, error)
-   !> Scene
    type(scene_type), intent(inout) :: scene
    !> Material of each fraction, shape (nf)
    integer, intent(in) :: material_of(:)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling: a label without a material
    type(error_type), allocatable, intent(out) :: error
@@ -166,7 +159,6 @@ end subroutine set_parts
 
 !> Parameters of a material's law
 subroutine read_parameters(deck, at, name, parameters)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the material
    character(len=*), intent(in) :: at
@@ -216,7 +208,6 @@ end subroutine fill_points
 
 !> Uniform fiber direction of a material, empty where the model's directions hold
 subroutine read_direction(deck, at, nd, direction)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the material
    character(len=*), intent(in) :: at
@@ -239,13 +230,11 @@ end subroutine read_direction
 
 !> Fibers of a muscle's points
 subroutine set_fibers(scene, k, direction, deck, at, error)
-   !> Scene
    type(scene_type), intent(inout) :: scene
    !> Material
    integer, intent(in) :: k
    !> Uniform direction or nothing
    real(wp), intent(in) :: direction(:)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the material
    character(len=*), intent(in) :: at
@@ -266,7 +255,6 @@ end subroutine set_fibers
 
 !> No fibers where the material has none
 subroutine clear_fibers(scene, k)
-   !> Scene
    type(scene_type), intent(inout) :: scene
    !> Material
    integer, intent(in) :: k

@@ -15,9 +15,7 @@ contains
 
 !> Amplitudes and output times
 subroutine read_programme(programme, deck)
-   !> Programme
    type(programme_type), intent(out) :: programme
-   !> Deck
    type(deck_type), intent(in) :: deck
    integer :: k
 
@@ -32,7 +30,6 @@ end subroutine read_programme
 subroutine read_activation(scene, deck, at, k, error)
    !> Scene with its programme and load
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the material
    character(len=*), intent(in) :: at
@@ -74,7 +71,6 @@ subroutine read_motion(condition, programme, deck, at, nd)
    type(condition_type), intent(inout) :: condition
    !> Programme, to which the rotation is added
    type(programme_type), intent(inout) :: programme
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the entry
    character(len=*), intent(in) :: at

@@ -22,7 +22,6 @@ contains
 
 !> Whether the deck gives parts of the body by expressions or a label map
 logical function has_regions(deck)
-   !> Deck
    type(deck_type), intent(in) :: deck
    integer :: k
 
@@ -37,7 +36,6 @@ end function has_regions
 subroutine read_parts(tissue, deck, error)
    !> Materials in the order of the deck
    type(tissue_type), intent(inout) :: tissue(:)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling: what is wrong with the label map
    type(error_type), allocatable, intent(inout) :: error
@@ -56,7 +54,6 @@ subroutine label_regions(cloud, tissue, deck, error)
    type(cloud_type), intent(inout) :: cloud
    !> Materials with their parts
    type(tissue_type), intent(in) :: tissue(:)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error

@@ -30,13 +30,10 @@ contains
 
 !> Build the scene of a deck
 subroutine new_scene(scene, deck, model, error)
-   !> Scene
    type(scene_type), intent(out) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file, used where geometry.kind is "model"
    type(cloud_type), intent(in) :: model
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    logical :: is_linear
 
@@ -80,11 +77,9 @@ end subroutine new_scene
 
 !> Refuse a scene that does not fit into memory, before anything is allocated for it
 subroutine check_size(deck, model, error)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(estimate_type) :: estimate
    character(len=:), allocatable :: advice, method
@@ -106,11 +101,9 @@ end subroutine check_size
 subroutine read_geometry(cloud, deck, model, error)
    !> Points
    type(cloud_type), intent(out) :: cloud
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(geometry_keys) :: body
    character(len=:), allocatable :: graded
@@ -140,7 +133,6 @@ end subroutine read_geometry
 
 !> Refuse points in another unit than the deck's
 subroutine check_unit(deck, model, error)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
@@ -159,7 +151,6 @@ end subroutine check_unit
 subroutine read_approximation(scene, deck, error)
    !> Scene with points
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling: a name that the deck's check knows and this one does not
    type(error_type), allocatable, intent(out) :: error
@@ -200,7 +191,6 @@ end subroutine read_approximation
 
 !> Shape functions of a deck in words: coefficients belong to them
 function approximation_text(deck) result(text)
-   !> Deck
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: text, word
    real(wp), allocatable :: support(:)
@@ -218,9 +208,7 @@ end function approximation_text
 
 !> Loads, iteration, weights
 subroutine read_solver(scene, deck)
-   !> Scene
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
 
    call scene%load%read(deck, 'load')
@@ -235,7 +223,6 @@ end subroutine read_solver
 subroutine read_weights(scene, deck)
    !> Scene with points and method
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: weight
    real(wp) :: h

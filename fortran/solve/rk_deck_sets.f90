@@ -19,7 +19,6 @@ contains
 subroutine read_sets(scene, deck, error)
    !> Scene with points and tissues
    type(scene_type), intent(inout) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Error handling, one line more for each side that is not known and each set without a place
    type(error_type), allocatable, intent(inout) :: error
@@ -55,7 +54,6 @@ subroutine read_region(region, scene, deck, at, error)
    type(region_type), intent(inout) :: region
    !> Scene with points and tissues
    type(scene_type), intent(in) :: scene
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the set
    character(len=*), intent(in) :: at
@@ -84,7 +82,6 @@ end subroutine read_region
 
 !> How many boundary points each criterion of an empty set leaves
 function what_is_left(deck, at, all_, left) result(text)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Key of the set
    character(len=*), intent(in) :: at

@@ -44,7 +44,6 @@ contains
 
 !> Estimate sizes, memory and operations
 function estimate_cost(deck, model) result(self)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
@@ -141,9 +140,7 @@ end function estimate_cost
 subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    !> Estimate with dimension, points and neighbours
    type(estimate_type), intent(inout) :: self
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Method
    character(len=*), intent(in) :: method
    !> Unknowns of a source point
    integer, intent(in) :: fields

@@ -16,11 +16,9 @@ contains
 
 !> Set up the problem of a scene: linear where it has an equation, otherwise by the scene's method
 subroutine new_problem(problem, scene, error)
-   !> Problem
    class(discretisation_type), allocatable, intent(out) :: problem
    !> Scene, which must outlive the problem
    type(scene_type), target, intent(in) :: scene
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(equilibrium_problem), allocatable :: strong
    type(galerkin_problem), allocatable :: galerkin

@@ -86,7 +86,6 @@ contains
 
 !> Find the points of a deck that has a table refine, and write them into it
 subroutine refine(self, deck, model, receiver, error)
-   !> What was done
    type(refinement_type), intent(out) :: self
    !> Deck, replaced by one with the points that were found
    type(deck_type), intent(inout) :: deck
@@ -264,7 +263,6 @@ end subroutine refined_before
 
 !> Widest bar of the probes that count, over the size
 subroutine look_back(self, deck, scene, bars, error)
-   !> Search
    class(refinement_type), intent(inout) :: self
    !> Deck with a table refine
    type(deck_type), intent(in) :: deck
@@ -286,7 +284,6 @@ end subroutine look_back
 
 !> Refuse what has no lattice of cells and no second solution
 subroutine check(scene, deck, error)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
@@ -309,7 +306,6 @@ end subroutine check
 
 !> Probes whose error counts
 subroutine wanted_probes(deck, scene, counts, error)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Its scene
    type(scene_type), intent(in) :: scene
@@ -332,7 +328,6 @@ end subroutine wanted_probes
 
 !> Cells along each direction, and how many there may be
 subroutine cells_of(scene, cells, limit)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Cells, shape (nd)
    integer, allocatable, intent(out) :: cells(:)
@@ -350,7 +345,6 @@ end subroutine cells_of
 
 !> Overrides for a number of cells
 function words_of(deck, cloud, cells) result(words)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Its points
    type(cloud_type), intent(in) :: cloud
@@ -368,7 +362,6 @@ end function words_of
 
 !> Solve a scene and its companion
 subroutine solve(problem, scene, deck, model, receiver, deadline, run, bars, error)
-   !> Problem
    class(discretisation_type), intent(inout) :: problem
    !> Its scene
    type(scene_type), intent(inout) :: scene
@@ -382,7 +375,6 @@ subroutine solve(problem, scene, deck, model, receiver, deadline, run, bars, err
    real(wp), intent(in) :: deadline
    !> All load steps
    type(start_type), intent(out) :: run
-   !> Bars
    type(bars_type), intent(out) :: bars
    !> Error handling: a solution failed
    type(error_type), allocatable, intent(out) :: error
@@ -414,7 +406,6 @@ end subroutine solve
 !> Load step from which on states are compared: all of a programme, which may end at rest, of a ramp
 !> the last one
 integer function first_compared(scene, run) result(first)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Its run
    type(start_type), intent(in) :: run
@@ -425,7 +416,6 @@ end function first_compared
 
 !> How much of each probe's bar comes from each direction
 subroutine shares(problem, run, deck, model, cells, bars, receiver, share)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Its load steps
    type(start_type), intent(in) :: run
@@ -435,7 +425,6 @@ subroutine shares(problem, run, deck, model, cells, bars, receiver, share)
    type(cloud_type), intent(in) :: model
    !> Cells along each direction, shape (nd)
    integer, intent(in) :: cells(:)
-   !> Bars
    type(bars_type), intent(in) :: bars
    !> Receiver of the caller
    class(recorder_type), target, intent(inout) :: receiver
@@ -478,7 +467,6 @@ end subroutine shares
 
 !> Bars over the sizes of their probes, of a programme over the largest on the way [-]
 pure function relative(bars) result(bar)
-   !> Bars
    type(bars_type), intent(in) :: bars
    real(wp) :: bar(size(bars%size))
    integer :: i
@@ -543,9 +531,7 @@ end function divisor_from
 
 !> Keep an iteration
 subroutine iteration(self, it)
-   !> Receiver
    class(whole_run), intent(inout) :: self
-   !> Iteration
    type(iteration_type), intent(in) :: it
 
    self%run%iteration = [self%run%iteration, it]
@@ -553,11 +539,8 @@ end subroutine iteration
 
 !> Keep a load step
 subroutine step(self, st, x)
-   !> Receiver
    class(whole_run), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
 
    if (st%step == 0) then
@@ -571,7 +554,6 @@ end subroutine step
 
 !> Whether the caller wants to stop
 logical function stopped(self)
-   !> Receiver
    class(whole_run), intent(inout) :: self
    real(wp) :: now
 

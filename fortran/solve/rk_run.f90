@@ -64,7 +64,6 @@ module rk_run
       !> Wall time of the checks behind the warnings [s]
       real(wp) :: seconds = 0.0_wp
    contains
-      !> Keep a warning and tell it
       procedure :: warn
    end type outcome_type
 
@@ -77,10 +76,7 @@ module rk_run
       !> Where warnings are kept
       type(outcome_type), pointer :: outcome => null()
    contains
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-      procedure :: note => pass_on
+      procedure :: iteration, step, stopped, note => pass_on
    end type watcher_type
 
 contains
@@ -147,9 +143,7 @@ end subroutine solve_scene
 
 !> Solve any problem of a scene, full or reduced, with the settings of its deck
 subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
-   !> Problem
    class(problem_type), target, intent(inout) :: problem
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Least squares solver; blank for the scene's
    character(len=*), intent(in) :: linear
@@ -192,7 +186,6 @@ end subroutine solve_problem
 
 !> March a linear problem through time
 subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
-   !> Problem
    class(problem_type), target, intent(inout) :: problem
    !> Scene with a motion
    type(scene_type), intent(in) :: scene
@@ -223,7 +216,6 @@ end subroutine solve_motion
 
 !> Tell sets of the deck that overlap
 subroutine warn_of_overlaps(scene, outcome, recorder)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Where warnings are kept
    type(outcome_type), intent(inout) :: outcome
@@ -245,7 +237,6 @@ end subroutine warn_of_overlaps
 
 !> Keep a warning and tell it
 subroutine warn(self, line, recorder)
-   !> Outcome
    class(outcome_type), intent(inout) :: self
    !> Warning
    character(len=*), intent(in) :: line
@@ -259,7 +250,6 @@ end subroutine warn
 !> What is left of the forces in the state that is judged: the last one, whatever the way there, or
 !> where the loads were taken off again the one with the largest displacements
 subroutine find_imbalance(problem, outcome)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Outcome with states
    type(outcome_type), intent(inout) :: outcome
@@ -284,7 +274,6 @@ end subroutine find_imbalance
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
 subroutine check_response(problem, state, error)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Last state
    type(field_state), intent(in) :: state
@@ -306,9 +295,7 @@ end subroutine check_response
 
 !> An iteration was done
 subroutine iteration(self, it)
-   !> Watcher
    class(watcher_type), intent(inout) :: self
-   !> Iteration
    type(iteration_type), intent(in) :: it
 
    call self%receiver%iteration(it)
@@ -316,11 +303,8 @@ end subroutine iteration
 
 !> A load step converged: look where its material is nearest to losing its ellipticity
 subroutine step(self, st, x)
-   !> Watcher
    class(watcher_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    type(ellipticity_type) :: worst
    type(step_type) :: seen
@@ -357,7 +341,6 @@ end subroutine step
 
 !> Keep a state that is judged, beside those before it or instead of them
 subroutine keep(outcome, load, x, all)
-   !> Outcome
    type(outcome_type), intent(inout) :: outcome
    !> Load [-]
    real(wp), intent(in) :: load
@@ -377,11 +360,8 @@ end subroutine keep
 
 !> Something happened between two steps, or deserves attention
 subroutine pass_on(self, line, warning)
-   !> Watcher
    class(watcher_type), intent(inout) :: self
-   !> What happened
    character(len=*), intent(in) :: line
-   !> It deserves attention
    logical, intent(in) :: warning
 
    if (warning) then
@@ -393,7 +373,6 @@ end subroutine pass_on
 
 !> Whether the caller wants to stop
 logical function stopped(self)
-   !> Watcher
    class(watcher_type), intent(inout) :: self
 
    stopped = self%receiver%stopped()

@@ -71,19 +71,14 @@ module rk_verdict
       !> Second solution
       type(companion_type) :: companion
    contains
-      !> The reasons as one line
       procedure :: sentence
-      !> Add a reason
-      procedure, private :: object
-      !> Compare a measure with its bounds
-      procedure, private :: compare
+      procedure, private :: object, compare
    end type verdict_type
 
 contains
 
 !> Judge the answer of a run. What speaks against it joins the warnings of the run.
 subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
-   !> Verdict
    type(verdict_type), intent(out) :: self
    !> Full problem
    class(discretisation_type), intent(in) :: problem
@@ -185,7 +180,6 @@ end subroutine judge
 
 !> Error of a linear problem against its known solution
 subroutine judge_norms(self, outcome)
-   !> Verdict
    type(verdict_type), intent(inout) :: self
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
@@ -197,9 +191,7 @@ end subroutine judge_norms
 
 !> Work of the stress against that of the forces, where the form does not keep it by construction
 subroutine judge_works(self, problem, outcome)
-   !> Verdict
    type(verdict_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
@@ -220,11 +212,9 @@ end subroutine judge_works
 
 !> Volume in which J is not that of the pressure, where the pressure is a field of its own
 subroutine judge_volume(self, problem, state)
-   !> Verdict
    type(verdict_type), intent(inout) :: self
    !> Problem with displacements and pressure
    class(discretisation_type), intent(in) :: problem
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: u(problem%fields, problem%shape%nq), f(3, 3), h(3, 3, 3), off, total, wanted
    integer :: ip, nd
@@ -247,7 +237,6 @@ end subroutine judge_volume
 
 !> Warn where J at points is not that of the pressure, which weak forms keep over cells only
 subroutine warn_of_volume(problem, outcome, receiver)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
@@ -275,7 +264,6 @@ end subroutine warn_of_volume
 !> Places of output that are turned inside out or whose stress is not finite, in words: as a rule
 !> the corner of a fixed face, which is singular, but whoever reads the fields meets it
 function broken_text(problem, outcome) result(text)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
@@ -290,9 +278,7 @@ end function broken_text
 
 !> Places of output where the material has lost its ellipticity
 subroutine judge_lost(self, problem, outcome)
-   !> Verdict
    type(verdict_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
@@ -312,7 +298,6 @@ end subroutine judge_lost
 
 !> Whether bad places are a good part of the body, or near a probe
 logical function matters(problem, bad)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
@@ -322,7 +307,6 @@ end function matters
 
 !> Share of the volume in bad places [-]
 real(wp) function share_of(problem, bad) result(share)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
@@ -334,7 +318,6 @@ end function share_of
 
 !> A probe of a point near bad places, 0 where there is none
 integer function probe_near(problem, bad) result(near)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
@@ -355,7 +338,6 @@ end function probe_near
 
 !> How much of the body bad places are, in words
 function extent_of(problem, bad) result(words)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
@@ -370,9 +352,7 @@ end function extent_of
 
 !> Probes without a value, as stresses of places that are turned inside out
 subroutine judge_values(self, problem, outcome)
-   !> Verdict with values
    type(verdict_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
@@ -389,9 +369,7 @@ end subroutine judge_values
 
 !> Displacements as a whole, and the probe that is farthest off
 subroutine judge_probes(self, problem, lower, most, from, outcome)
-   !> Verdict with bars
    type(verdict_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Change of each probe from where on the answer is doubtful, shape (probes) [-]
    real(wp), intent(in) :: lower(:)
@@ -454,7 +432,6 @@ end subroutine judge_probes
 !> There is no second solution: a note where none was wanted or none is possible, a reason for doubt
 !> where one failed
 subroutine no_estimate(self, outcome)
-   !> Verdict
    type(verdict_type), intent(inout) :: self
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
@@ -471,7 +448,6 @@ end subroutine no_estimate
 
 !> Compare a measure with its bounds
 subroutine compare(self, measure, bounds, what)
-   !> Verdict
    class(verdict_type), intent(inout) :: self
    !> Measure [-]
    real(wp), intent(in) :: measure
@@ -489,7 +465,6 @@ end subroutine compare
 
 !> Add a reason
 subroutine object(self, state, reason)
-   !> Verdict
    class(verdict_type), intent(inout) :: self
    !> How bad it is
    integer, intent(in) :: state
@@ -502,7 +477,6 @@ end subroutine object
 
 !> The reasons as one line
 pure function sentence(self) result(text)
-   !> Verdict
    class(verdict_type), intent(in) :: self
    character(len=:), allocatable :: text
    integer :: i

@@ -89,13 +89,10 @@ contains
 
 !> Set up shape functions, materials, conditions and rows
 subroutine new_equilibrium(self, scene, mixed, error)
-   !> Problem
    type(equilibrium_problem), intent(inout) :: self
-   !> Scene
    type(scene_type), target, intent(in) :: scene
    !> The pressure is a field of its own
    logical, intent(in) :: mixed
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: place(:), range(:, :), rows(:)
    real(wp), allocatable :: further(:, :), position(:, :)
@@ -148,7 +145,6 @@ end subroutine new_equilibrium
 
 !> Norm of pressures of one shear modulus
 subroutine set_extent(self)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    integer :: k
 
@@ -160,9 +156,7 @@ end subroutine set_extent
 
 !> Take other loads from the scene; materials are asked at each evaluation
 subroutine renew(self, materials, error)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
-   !> Material parameters have changed as well
    logical, intent(in) :: materials
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
@@ -175,7 +169,6 @@ end subroutine renew
 
 !> Row weights and shares of row weights that do not change during a run
 subroutine set_weights(self)
-   !> Problem
    type(equilibrium_problem), intent(inout) :: self
    real(wp) :: near, reach
    integer, allocatable :: faces(:)
@@ -210,7 +203,6 @@ end subroutine set_weights
 
 !> Distance to the nearest edge between a clamped and a free face over a length, at most 1
 pure real(wp) function closeness(self, x, reach)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -222,7 +214,6 @@ end function closeness
 
 !> Distance to the nearest edge between a clamped and a free face, huge where there is none
 pure real(wp) function rim_distance(self, x)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -240,13 +231,10 @@ end function rim_distance
 !> (5.52b) by the tangent; with a pressure, volume and displacement rows by the stiffness: stresses
 !> of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
    !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load at the end of the step [-]
    real(wp), intent(in) :: load
-   !> Only an iteration begins
    logical, intent(in) :: iteration
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), p(3, 3)
    real(wp) :: c4(3, 3, 3, 3), factor
@@ -283,9 +271,7 @@ end subroutine start
 !> Where the volume is far from that of the pressure, away from rims. Rows may balance at such a
 !> state, which keeps the volume at the centres of cells but not between them.
 function rejection(self, x) result(reason)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    character(len=:), allocatable :: reason
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), volume, given, stray
@@ -311,7 +297,6 @@ end function rejection
 
 !> The same problem in terms of the amplitudes of modes
 subroutine reduce_rows(self, modes, copy)
-   !> Full problem
    class(equilibrium_problem), intent(in) :: self
    !> Orthonormal modes, shape (n, r)
    real(wp), intent(in) :: modes(:, :)
@@ -332,15 +317,11 @@ end subroutine reduce_rows
 
 !> Unknown fields and derivatives at a place from the unknowns
 subroutine field(self, ip, x, last, u)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    !> Unknowns: coefficients, or amplitudes of the modes, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Last derivative wanted
    integer, intent(in) :: last
-   !> Fields with derivatives, shape (fields, nq); displacement [length], [-], [1/length]
    real(wp), intent(out) :: u(:, :)
 
    if (allocated(self%modes)) then
@@ -352,15 +333,10 @@ end subroutine field
 
 !> Residuals (5.71)-(5.73) and, where wanted, rows (5.66)-(5.69) of all places
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, and whether to linearise
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    real(wp), allocatable :: volume(:)
    integer :: ip
@@ -389,7 +365,6 @@ end subroutine assemble
 
 !> Rows of one collocation point and, where it lies on the boundary, of its boundary conditions
 subroutine point_rows(self, ip, x, load, tangent, r, volume)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -450,7 +425,6 @@ end subroutine point_rows
 
 !> Rows of one boundary point
 subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Boundary point
    integer, intent(in) :: b
@@ -509,7 +483,6 @@ end subroutine boundary_rows
 
 !> Volume row of one cell
 subroutine volume_row(self, ip, x, tangent, r, volume)
-   !> Problem
    class(equilibrium_problem), intent(inout) :: self
    !> Place among the shape functions
    integer, intent(in) :: ip
@@ -546,15 +519,10 @@ end subroutine volume_row
 
 !> Second derivatives of r.r/2, of which those of the residuals, weighted with these, are kept
 subroutine hessian(self, x, load, r, a)
-   !> Problem, linearised at x
    class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, 0..1 [-]
    real(wp), intent(in) :: load
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
-   !> Upper triangle, shape (n, n)
    real(wp), contiguous, intent(inout), optional :: a(:, :)
    integer :: ip, nd
 
@@ -581,11 +549,8 @@ end subroutine hessian
 
 !> Product of these second derivatives with a vector of the full problem
 subroutine apply_curvature(self, x, y)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%rows%apply_second(x, y)
@@ -593,7 +558,6 @@ end subroutine apply_curvature
 
 !> Second derivatives of the residuals at one collocation point, weighted with the residuals
 subroutine point_curvature(self, ip, x, load, r, form)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -643,7 +607,6 @@ end subroutine point_curvature
 
 !> Second derivatives of J in a volume row, weighted with the residual
 subroutine volume_curvature(self, ip, x, r, form)
-   !> Problem
    class(equilibrium_problem), intent(in) :: self
    !> Place
    integer, intent(in) :: ip

@@ -34,20 +34,16 @@ module rk_linear
       !> Weighted right hand side, shape (m)
       real(wp), allocatable :: b(:)
    contains
-      !> Weighted right hand side
-      procedure :: own_side
-      procedure :: assemble
+      procedure :: own_side, assemble
    end type linear_problem
 
 contains
 
 !> Set up the linear problem of a scene
 subroutine new_linear(self, scene, error)
-   !> Problem
    type(linear_problem), intent(inout) :: self
    !> Scene with an equation
    type(scene_type), target, intent(in) :: scene
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: inside(:), range(:, :)
    integer :: nd, nb, b, d
@@ -87,7 +83,6 @@ end subroutine new_linear
 
 !> Rows (5.13)-(5.15)
 subroutine set_rows(self)
-   !> Problem
    class(linear_problem), intent(inout) :: self
    integer :: b
 
@@ -102,7 +97,6 @@ end subroutine set_rows
 
 !> L
 pure function domain_rows(self, ip) result(rows)
-   !> Problem
    class(linear_problem), intent(in) :: self
    !> Collocation point
    integer, intent(in) :: ip
@@ -131,7 +125,6 @@ end function domain_rows
 
 !> B^g and B^h with their weights
 pure function boundary_rows(self, b) result(rows)
-   !> Problem
    class(linear_problem), intent(in) :: self
    !> Boundary point
    integer, intent(in) :: b
@@ -158,7 +151,6 @@ end function boundary_rows
 
 !> Weighted right hand side at a time: sources inside, values and tractions at the boundary
 subroutine own_side(self, time, side, error)
-   !> Problem
    class(linear_problem), intent(in) :: self
    !> Time, of no meaning where nothing moves
    real(wp), intent(in) :: time
@@ -196,7 +188,6 @@ end subroutine own_side
 !> Weight of essential rows: the number of source points or a number over the squared spacing, times
 !> the largest coefficient
 subroutine set_essential_weight(scene, error)
-   !> Scene
    type(scene_type), intent(inout) :: scene
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
@@ -218,13 +209,9 @@ end subroutine set_essential_weight
 subroutine assemble(self, x, stage, r, seen)
    !> Problem, its rows assembled
    class(linear_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
 
    self%linearised => self%rows

@@ -18,19 +18,13 @@ module rk_modes
       !> Fields and derivatives of each mode at each place, shape (fields, nq, r, np)
       real(wp), allocatable :: value(:, :, :, :)
    contains
-      !> Fields at a place from amplitudes
-      procedure :: field
-      !> Rows times the modes
-      procedure :: project
-      !> Second derivatives by the amplitudes
-      procedure :: add_second
+      procedure :: field, project, add_second
    end type modes_type
 
 contains
 
 !> Project the shape functions
 subroutine new_modes(self, shape, fields, vectors)
-   !> Modes
    type(modes_type), intent(out) :: self
    !> Shape functions at the places
    type(shape_type), intent(in) :: shape
@@ -52,7 +46,6 @@ end subroutine new_modes
 
 !> Fields and derivatives at a place from amplitudes
 pure subroutine field(self, ip, x, last, u)
-   !> Modes
    class(modes_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -72,9 +65,7 @@ end subroutine field
 
 !> Rows times the modes, A'U
 subroutine project(self, rows, a)
-   !> Modes
    class(modes_type), intent(in) :: self
-   !> Rows A'
    type(rows_type), intent(in) :: rows
    !> Product, shape (m, r)
    real(wp), intent(inout) :: a(:, :)
@@ -98,7 +89,6 @@ end subroutine project
 
 !> Add second derivatives of the residuals by the amplitudes
 subroutine add_second(self, second, a)
-   !> Modes
    class(modes_type), intent(in) :: self
    !> Second derivatives of each place as in rk_rows, shape (nd*nd, fields, nq, np)
    real(wp), intent(in) :: second(:, :, :, :)

@@ -105,7 +105,6 @@ end subroutine find_reach
 pure integer function find(list, number)
    !> Ascending list
    integer, intent(in) :: list(:)
-   !> Number
    integer, intent(in) :: number
    integer :: low, high, middle
 

@@ -53,17 +53,10 @@ module rk_rows
       !> point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: envelope
-      procedure :: normal
-      !> Upper triangle of A^T A and the second derivatives
-      procedure :: expand
+      procedure :: apply, apply_transposed, envelope, normal, expand
       !> Product of the second derivatives alone with a vector
       procedure :: apply_second
-      procedure :: dense
-      procedure :: compressed
-      procedure :: unknown
+      procedure :: dense, compressed, unknown
    end type rows_type
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
@@ -74,7 +67,6 @@ contains
 
 !> Rows without coefficients
 subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
-   !> Rows
    type(rows_type), intent(out) :: self
    !> Shape functions at the places
    type(shape_type), target, intent(in) :: shape
@@ -124,7 +116,6 @@ end subroutine new_rows
 
 !> y = A x
 subroutine apply(self, x, y)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Coefficients of the unknowns, field fastest, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -149,7 +140,6 @@ end subroutine apply
 
 !> x = A^T y
 subroutine apply_transposed(self, x, y)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Rows, shape (m)
    real(wp), contiguous, intent(in) :: x(:)
@@ -210,7 +200,6 @@ end subroutine apply_second
 !> Coefficients of what acts on the derivatives at the places; every source point sums over the
 !> places that see it, so threads never meet
 subroutine collect(self, dual, y)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Factor of each derivative, shape (nq, nc, np)
    real(wp), intent(in) :: dual(:, :, :)
@@ -237,11 +226,9 @@ end subroutine collect
 
 !> A^T A in its envelope
 subroutine envelope(self, a, error)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Matrix
    type(envelope_type), intent(inout) :: a
-   !> Error handling: no memory
    type(error_type), allocatable, intent(out) :: error
 
    call accumulate(self, .false., a, error)
@@ -249,7 +236,6 @@ end subroutine envelope
 
 !> Upper triangle of A^T A
 subroutine normal(self, a)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -259,7 +245,6 @@ end subroutine normal
 
 !> Upper triangle of A^T A, with the second derivatives where wanted
 subroutine expand(self, curved, a)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Include second derivatives
    logical, intent(in) :: curved
@@ -279,7 +264,6 @@ end subroutine expand
 
 !> Matrix summed over groups of near places
 subroutine accumulate(self, curved, a, error)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Include second derivatives
    logical, intent(in) :: curved
@@ -335,7 +319,6 @@ end subroutine accumulate
 
 !> Add the second derivatives of the places of a group to its product
 subroutine add_second(self, g, node, product)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -395,7 +378,6 @@ end subroutine add_second
 
 !> First row of each column of the normal matrix, both in elimination order
 pure function by_position(self) result(reach)
-   !> Rows
    class(rows_type), intent(in) :: self
    integer :: reach(self%n)
    integer :: c, is
@@ -409,7 +391,6 @@ end function by_position
 
 !> Dense rows of a group over the unknowns it sees
 subroutine group_rows(self, g, node, unknown, run, rows, m)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -467,7 +448,6 @@ end subroutine group_rows
 
 !> Write the rows of one block into a dense matrix
 subroutine write_block(self, b, column, rows, row)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Block
    integer, intent(in) :: b
@@ -497,7 +477,6 @@ end subroutine write_block
 
 !> A itself
 subroutine dense(self, a)
-   !> Rows
    class(rows_type), intent(in) :: self
    !> Matrix, shape (m, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -518,13 +497,9 @@ end subroutine dense
 
 !> A in compressed rows
 subroutine compressed(self, start, column, value)
-   !> Rows
    class(rows_type), intent(in) :: self
-   !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
-   !> Column of each entry less 1, shape (entries)
    integer(i8), allocatable, intent(out) :: column(:)
-   !> Entries
    real(wp), allocatable, intent(out) :: value(:)
    real(wp), allocatable :: rows(:, :)
    integer, allocatable :: near(:)
@@ -569,9 +544,7 @@ end subroutine compressed
 
 !> Source point and field of an unknown, and where it is
 function unknown(self, j) result(text)
-   !> Rows
    class(rows_type), intent(in) :: self
-   !> Column
    integer, intent(in) :: j
    character(len=:), allocatable :: text
    integer :: is

@@ -32,15 +32,11 @@ contains
 !> moved to, whose virtual motion is a rotation: through the sections below the set, and by the
 !> traction integral over it where these have no room
 function set_force(self, set, state, share, about) result(force)
-   !> Problem
    class(strong_problem), intent(in) :: self
-   !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    !> Part of the way to the next fixed set that is looked at [-]
    real(wp), intent(in) :: share
-   !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3), work(3), pull(3), depth, reach
    real(wp) :: normal(self%scene%cloud%nd), origin(self%scene%cloud%nd)
@@ -96,13 +92,9 @@ end function set_force
 !> Force through a plane section: the mean of those through the sections of a slab of some spacings,
 !> which lies inside the body
 function section_force(self, place, normal, state) result(force)
-   !> Problem
    class(strong_problem), intent(in) :: self
-   !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
-   !> Its unit normal, shape (nd)
    real(wp), intent(in) :: normal(:)
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: force(3), height(size(self%scene%cloud%points, 2)), half, middle, away
    type(point_state) :: local
@@ -127,7 +119,6 @@ end function section_force
 
 !> Depth to which a virtual motion from a set may reach, and the components it may have
 subroutine find_reach(self, set, normal, origin, reach, usable)
-   !> Problem
    class(strong_problem), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set

@@ -48,9 +48,7 @@ contains
 
 !> Set up the motion of a problem
 subroutine new_strong_motion(self, problem, error)
-   !> Body
    type(strong_motion), intent(out) :: self
-   !> Problem
    type(linear_problem), target, intent(inout) :: problem
    !> Error handling: too many rows for a dense matrix, a density that is not positive
    type(error_type), allocatable, intent(out) :: error
@@ -133,9 +131,7 @@ end subroutine invert
 
 !> Largest stable time step, where the eigenvalues of a step may be computed
 subroutine limit(self, step, error)
-   !> Body
    class(strong_motion), intent(in) :: self
-   !> Largest stable step, huge where it is not known
    real(wp), intent(out) :: step
    !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
@@ -196,9 +192,7 @@ end subroutine limit
 
 !> Coefficients at the start (6.42a), and one time step later
 subroutine start(self, first, second, error)
-   !> Body
    class(strong_motion), intent(inout) :: self
-   !> Coefficients at both times, shape (n)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
@@ -232,13 +226,9 @@ end subroutine start
 !> Product of rows with coefficients: those of the new time (6.40), of mass and stiffness (6.38a),
 !> which the boundary has not
 subroutine product(self, what, x, y)
-   !> Body
    class(strong_motion), intent(in) :: self
-   !> left, mass or stiffness
    character(len=*), intent(in) :: what
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (m)
    real(wp), contiguous, intent(inout) :: y(:)
    integer :: inside
 
@@ -257,13 +247,10 @@ end subroutine product
 
 !> Loads inside, and boundary values
 subroutine loads(self, time, force, held, error)
-   !> Body
    class(strong_motion), intent(in) :: self
-   !> Time
    real(wp), intent(in) :: time
    !> Loads, and weighted boundary values, shape (m)
    real(wp), allocatable, intent(out) :: force(:), held(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    integer :: inside
 
@@ -278,11 +265,8 @@ end subroutine loads
 
 !> Least squares solution of the rows
 subroutine solve(self, y, x)
-   !> Body
    class(strong_motion), intent(in) :: self
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: y(:)
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
    x = matmul(self%inverse, y)
@@ -291,9 +275,7 @@ end subroutine solve
 !> Kinetic energy by the collocation points; the strong form has no stiffness whose energy it keeps,
 !> the other two are not numbers
 function energy(self, now, next)
-   !> Body
    class(strong_motion), intent(in) :: self
-   !> Coefficients at two times, shape (n)
    real(wp), contiguous, intent(in) :: now(:), next(:)
    real(wp) :: energy(3)
    real(wp) :: speed(self%m)

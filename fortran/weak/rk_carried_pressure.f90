@@ -26,13 +26,11 @@ module rk_carried_pressure
       !> Place, step and pressures of the last solve in this load step, and their change
       real(wp), allocatable, private :: begun(:), step(:), before(:, :), gained(:, :)
    contains
-      !> Begin a load step
       procedure :: forget
       !> Go to a place
       procedure :: go_to
       !> Extrapolate to the next place
       procedure :: extrapolate
-      !> Note a solve
       procedure :: note
    end type carried_pressure
 
@@ -43,7 +41,6 @@ contains
 
 !> Make room
 subroutine new_carried_pressure(self, rows, groups)
-   !> Pressures
    type(carried_pressure), intent(out) :: self
    !> Coefficients of a group, and groups
    integer, intent(in) :: rows, groups
@@ -53,7 +50,6 @@ end subroutine new_carried_pressure
 
 !> Begin a load step: nothing is carried from the last one
 subroutine forget(self)
-   !> Pressures
    class(carried_pressure), intent(inout) :: self
 
    self%foreseen = .false.
@@ -63,7 +59,6 @@ end subroutine forget
 !> Note where the tangent is taken next, and carry the pressures there: on the last step they are
 !> linear, elsewhere there are none to carry
 subroutine go_to(self, x)
-   !> Pressures
    class(carried_pressure), intent(inout) :: self
    !> Place, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -80,7 +75,6 @@ end subroutine go_to
 
 !> Carry pressures to the next place along the curve through those of the last states
 subroutine extrapolate(self, pressure, share)
-   !> Pressures
    class(carried_pressure), intent(inout) :: self
    !> Pressures of states at equal distances, the latest first, shape (1 + nd, groups, states)
    !> [stress length^(nd/2)]
@@ -105,7 +99,6 @@ end subroutine extrapolate
 
 !> Note a solve at the last place
 subroutine note(self, step, gained)
-   !> Pressures
    class(carried_pressure), intent(inout) :: self
    !> Its displacements, shape (n)
    real(wp), contiguous, intent(in) :: step(:)

@@ -35,10 +35,7 @@ module rk_constraint
       !> Factor of B B^T
       type(sparse_factor), private :: square
    contains
-      !> B x
-      procedure :: times
-      !> Add B^T m
-      procedure :: add_transposed
+      procedure :: times, add_transposed
       !> Multipliers that balance most of a vector
       procedure :: multipliers
       final :: free
@@ -50,17 +47,14 @@ module rk_constraint
       class(symmetric_matrix), pointer :: matrix => null()
       type(constraint_type), pointer :: constraint => null()
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: solve_square
+      procedure :: apply, apply_transposed, solve_square
    end type constrained_matrix
 
    !> B K^-1 B^T with the last factor of K
    type, extends(symmetric_system) :: compliance_type
       type(constrained_matrix), pointer :: whole => null()
    contains
-      procedure :: multiply
-      procedure :: precondition
+      procedure :: multiply, precondition
    end type compliance_type
 
    !> Residual of one search for multipliers, and their number: the next one starts from the rest
@@ -75,7 +69,6 @@ contains
 
 !> Take over rows and factorise B B^T
 subroutine new_constraint(self, n, unknown, value, resistance, error)
-   !> Constraints
    type(constraint_type), intent(inout) :: self
    !> Unknowns in all
    integer, intent(in) :: n
@@ -113,7 +106,6 @@ end subroutine new_constraint
 
 !> B x
 function times(self, x) result(y)
-   !> Constraints
    class(constraint_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), intent(in) :: x(:)
@@ -131,7 +123,6 @@ end function times
 
 !> Add B^T m
 subroutine add_transposed(self, m, y)
-   !> Constraints
    class(constraint_type), intent(in) :: self
    !> Multipliers, shape (rows)
    real(wp), intent(in) :: m(:)
@@ -149,7 +140,6 @@ end subroutine add_transposed
 
 !> Multipliers m for which B^T m is nearest to a vector: what is left is its projection
 function multipliers(self, y) result(m)
-   !> Constraints
    class(constraint_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), intent(in) :: y(:)
@@ -161,7 +151,6 @@ end function multipliers
 
 !> Give the factor back
 subroutine free(self)
-   !> Constraints
    type(constraint_type), intent(inout) :: self
 
    call self%square%free()
@@ -169,7 +158,6 @@ end subroutine free
 
 !> Part of a vector across the constraints
 function projected(self, x) result(y)
-   !> Constraints
    type(constraint_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), intent(in) :: x(:)
@@ -181,7 +169,6 @@ end function projected
 
 !> y = (P K + B^T R B) x
 subroutine apply(self, x, y)
-   !> Matrix
    class(constrained_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -195,7 +182,6 @@ end subroutine apply
 
 !> y = (K P + B^T R B) x
 subroutine apply_transposed(self, x, y)
-   !> Matrix
    class(constrained_matrix), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -208,15 +194,10 @@ end subroutine apply_transposed
 
 !> Solve A x = b, with shift times the diagonal of K in K
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Matrix
    class(constrained_matrix), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, no memory, multipliers that are not found
    type(error_type), allocatable, intent(out) :: error
@@ -266,7 +247,6 @@ end subroutine solve_square
 
 !> y = B K^-1 B^T x
 subroutine multiply(self, x, y)
-   !> System
    class(compliance_type), intent(in) :: self
    !> Multipliers, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)
@@ -282,7 +262,6 @@ end subroutine multiply
 
 !> y = R x: where resistances are large, little else resists
 subroutine precondition(self, x, y)
-   !> System
    class(compliance_type), intent(in) :: self
    !> Violations, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)

@@ -100,7 +100,6 @@ end subroutine add_pressure
 !> none where the other side of the rim has the same pressure, is a plane in which the rim stays, or
 !> leaves one component free at most
 pure logical function has_free_rim(scene)
-   !> Scene
    type(scene_type), intent(in) :: scene
    ! cosine of a zero angle [-]
    real(wp), parameter :: along = 1.0_wp - 1.0e-6_wp
@@ -140,7 +139,6 @@ end function has_free_rim
 
 !> Components that a condition prescribes
 pure function held(condition) result(fixed)
-   !> Condition
    type(condition_type), intent(in) :: condition
    logical :: fixed(3)
 
@@ -150,7 +148,6 @@ end function held
 
 !> Whether two sets have the same pressure
 pure logical function same_pressure(one, other)
-   !> Conditions
    type(condition_type), intent(in) :: one, other
 
    same_pressure = one%amplitude == other%amplitude &

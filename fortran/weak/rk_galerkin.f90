@@ -85,18 +85,8 @@ module rk_galerkin
       !> The next place is no step of the tangent: the pressure of its tangent is that of the base
       logical :: leaps = .false.
    contains
-      procedure :: start
-      procedure :: assemble
-      procedure :: state
-      procedure :: at_place
-      procedure :: strain_energy
-      procedure :: set_force
-      procedure :: set_displacement
-      procedure :: section_force
-      procedure :: set_point_loads
-      procedure :: renew
-      !> Forces of stresses
-      procedure :: inner_forces
+      procedure :: start, assemble, state, at_place, strain_energy, set_force, set_displacement
+      procedure :: section_force, set_point_loads, renew, inner_forces
    end type galerkin_problem
 
    !> Source points across four groups of two spacings each, which curvature needs in boxes
@@ -106,11 +96,8 @@ contains
 
 !> Set up the Galerkin problem of a scene
 subroutine new_galerkin(self, scene, error)
-   !> Problem
    type(galerkin_problem), intent(inout) :: self
-   !> Scene
    type(scene_type), target, intent(in) :: scene
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
    type(csr_type) :: covering
@@ -247,9 +234,7 @@ end function sources
 
 !> Take other loads and material parameters from the scene
 subroutine renew(self, materials, error)
-   !> Problem
    class(galerkin_problem), intent(inout) :: self
-   !> Material parameters have changed as well
    logical, intent(in) :: materials
    !> Error handling: what depends on materials cannot be made again
    type(error_type), allocatable, intent(out) :: error
@@ -299,13 +284,9 @@ end subroutine renew
 
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)
-   !> Problem
    class(galerkin_problem), intent(inout) :: self
-   !> Body force per undeformed volume, shape (3, n) [force/length^3]
    real(wp), intent(in) :: body_force(:, :)
-   !> Displacement of the essential components, shape (3, n) [length]
    real(wp), intent(in) :: displacement(:, :)
-   !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
    !> Only give the points where values are wanted: the integration points, those of the surface,
    !> then held source points, shape (nd, n) [length]
@@ -335,13 +316,10 @@ end subroutine set_point_loads
 !> Forget where the last load step came from; in an iteration the volume of the next tangent is
 !> linear in the step from here
 subroutine start(self, x, load, iteration)
-   !> Problem
    class(galerkin_problem), target, intent(inout) :: self
    !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load at the end of the step [-]
    real(wp), intent(in) :: load
-   !> Only an iteration begins
    logical, intent(in) :: iteration
 
    associate (unused => x, unused_too => load)
@@ -359,15 +337,11 @@ end subroutine start
 !> last converged state: they jump there, and the gradients into which they are lifted might not
 !> even keep J > 0. The jump acts linearly.
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem
    class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, and whether to linearise
    type(stage_type), intent(in) :: stage
    !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
    real(wp), allocatable :: part(:, :), force(:, :), factor(:), jump(:)
@@ -548,7 +522,6 @@ end subroutine group_part
 
 !> Derivative of the volume ratio by F, of a linear problem that of the trace [-]
 pure function volume_slope(self, f) result(slope)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Deformation gradient [-]
    real(wp), intent(in) :: f(3, 3)
@@ -583,7 +556,6 @@ end subroutine extrapolate
 !> curvature. Fewer groups than four across a box do not determine it: it put the outermost fiber of
 !> a clamped beam of 17x5 points 3.4 % off where it is 2.2 %; walls of tubes gain from two on.
 logical function curved(self)
-   !> Problem with cells
    class(galerkin_problem), intent(in) :: self
 
    associate (scene => self%scene)
@@ -625,13 +597,9 @@ end subroutine hold_points
 
 !> State of the body with stresses
 recursive subroutine state(self, x, load, at, tissue)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
    real(wp), intent(in) :: load
-   !> State
    type(field_state), intent(out) :: at
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
@@ -692,7 +660,6 @@ end subroutine state
 
 !> Internal less external forces of a state
 function forces(self, state) result(r)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> State with stresses
    type(field_state), intent(in) :: state
@@ -709,7 +676,6 @@ end function forces
 
 !> Add the forces of the stresses of a state
 subroutine inner_forces(self, state, r)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> State with stresses
    type(field_state), intent(in) :: state
@@ -734,11 +700,8 @@ end subroutine inner_forces
 !> Energy of the deformation, with that of the projected change of volume; of the whole body with
 !> that of its supports [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
-   !> Tissue whose part is wanted, 0 for all
    integer, intent(in) :: tissue
    real(wp) :: density, part, pressure
    integer :: g, nc, q
@@ -764,9 +727,7 @@ end function strain_energy
 
 !> Room for the deformation of all groups
 pure subroutine new_state(self, at)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> State
    type(field_state), intent(out) :: at
 
    allocate (at%f(3, 3, size(self%cells%weight)), at%j(size(self%cells%weight)))
@@ -775,7 +736,6 @@ end subroutine new_state
 
 !> Deformation of a group of points, and the pressure that its change of volume makes
 pure subroutine deform_group(self, g, x, at, lift, excess)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -829,17 +789,12 @@ end subroutine deform_group
 
 !> Stress and deformation at a place from the displacement and the pressure there
 subroutine at_place(self, state, ip, x, u, local)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
-   !> Collocation point whose material and fiber hold there
    integer, intent(in) :: ip
-   !> Undeformed place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
-   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
    integer :: i
@@ -874,13 +829,9 @@ end subroutine at_place
 !> work of the internal forces in a motion of one side against the other. In equilibrium it is
 !> exactly that of all forces behind the plane, however coarse the points are
 function section_force(self, place, normal, state) result(force)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
-   !> Its unit normal, shape (nd)
    real(wp), intent(in) :: normal(:)
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: force(3)
    real(wp), allocatable :: cut(:), inner(:)
@@ -907,7 +858,6 @@ end function section_force
 !> cut: near an end the plane is taken farther inside, and where there is no such room, the share
 !> grows all the way through the body
 function cut_through(scene, place, normal) result(share)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
@@ -939,15 +889,11 @@ end function cut_through
 
 !> Force that the surroundings exert on the body through a set, or its moment
 function set_force(self, set, state, share, about) result(force)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    !> Of no meaning: the work of the surface's own points is exact
    real(wp), intent(in) :: share
-   !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
    type(error_type), allocatable :: error
@@ -966,11 +912,8 @@ end function set_force
 !> Displacement of the middle of a set: of a part of the surface that of its integration points, of
 !> which there are more than boundary entries
 function set_displacement(self, set, state) result(value)
-   !> Problem
    class(galerkin_problem), intent(in) :: self
-   !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: value(3)
    real(wp) :: u(self%fields, self%surface%shape%nq), total

@@ -53,7 +53,6 @@ contains
 
 !> Make room
 subroutine new_group_stiffness(self, cells, shear)
-   !> Stiffness
    type(group_stiffness), intent(inout) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -73,7 +72,6 @@ end subroutine new_group_stiffness
 
 !> Set what the stiffness stands for
 subroutine attach(self, cells, gradient, pressure, multiplier)
-   !> Stiffness
    class(group_stiffness), intent(inout) :: self
    !> Integration points
    type(cells_type), target, intent(in) :: cells
@@ -94,7 +92,6 @@ end subroutine attach
 
 !> Right hand side of displacements and pressures
 subroutine split(self, n, b, right)
-   !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Unknowns that are displacements
    integer, intent(in) :: n
@@ -120,7 +117,6 @@ end subroutine split
 
 !> Unknowns from displacements and pressures
 subroutine join(self, n, both, x)
-   !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Unknowns that are displacements
    integer, intent(in) :: n
@@ -136,7 +132,6 @@ end subroutine join
 
 !> Add the forces of displacements and pressures, those given or those of the volume's change
 subroutine add_product(self, x, y, volume, pressure)
-   !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Displacements, or without pressures all unknowns, shape (n) [length]
    real(wp), contiguous, intent(in) :: x(:)
@@ -209,7 +204,6 @@ end subroutine add_forces
 
 !> Forces of one group
 pure subroutine group_force(self, g, member, x, volume, local, h, force, pressure)
-   !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -266,7 +260,6 @@ end subroutine group_force
 
 !> Part of a group's bulk modulus that stays with the displacements
 pure real(wp) function kept(self, g)
-   !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -276,7 +269,6 @@ end function kept
 
 !> Share of a group's bulk modulus that acts on its pressures [-]
 pure real(wp) function beside(self, g)
-   !> Stiffness
    class(group_stiffness), intent(in) :: self
    !> Group
    integer, intent(in) :: g

@@ -57,16 +57,10 @@ module rk_held
       !> Stiffness under them
       type(constrained_matrix) :: whole
    contains
-      !> Values and rows
-      procedure :: set
-      !> Add the resistance of the rows to the stiffness
-      procedure :: resist
+      procedure :: set, resist
       !> Residuals under the constraints, from forces
       procedure :: constrain
-      !> Forces on held points
-      procedure :: reaction
-      !> Force through a boundary set, or its moment
-      procedure :: force => set_force
+      procedure :: reaction, force => set_force
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
@@ -81,7 +75,6 @@ contains
 subroutine new_held(self, scene, cells, surface, error)
    !> What is held, not allocated where nothing is
    type(held_type), allocatable, intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -103,9 +96,7 @@ end subroutine new_held
 !> of a model corners of blocks in the plane of a side's voxel faces, or what nodal cells have there
 !> of their source points
 subroutine find_places(self, cloud, cells, surface, error)
-   !> What is held
    type(held_type), intent(inout) :: self
-   !> Cloud
    type(cloud_type), intent(in) :: cloud
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -215,7 +206,6 @@ end function on_faces
 subroutine set(self, scene, shear, bulk, n, error)
    !> What is held, with places and their shape functions
    class(held_type), target, intent(inout) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Shear modulus at each place, and bulk modulus, which may be infinite, shape (nh) [stress]
    real(wp), intent(in) :: shear(:), bulk(:)
@@ -284,7 +274,6 @@ end subroutine set
 
 !> Add the resistance of the rows to the stiffness, which the stiffness under them then knows
 subroutine resist(self, matrix)
-   !> What is held
    class(held_type), target, intent(inout) :: self
    !> Stiffness
    class(symmetric_matrix), target, intent(inout) :: matrix
@@ -302,7 +291,6 @@ end subroutine resist
 !> Residuals under the constraints: forces without those of the multipliers that balance them best,
 !> and the resistance of what is missed
 subroutine constrain(self, x, factor, r)
-   !> What is held
    class(held_type), intent(in) :: self
    !> Unknowns, shape (n) [length]
    real(wp), intent(in) :: x(:)
@@ -326,7 +314,6 @@ end subroutine constrain
 
 !> Forces of the supports on held points, which balance internal less external forces
 function reaction(self, f) result(force)
-   !> What is held
    class(held_type), intent(in) :: self
    !> Internal less external forces, shape (n) [force]
    real(wp), intent(in) :: f(:)
@@ -339,7 +326,6 @@ end function reaction
 !> Force of the supports through a boundary set, or its moment where the set has moved to; sets that
 !> hold the same component of a point have equal parts in it
 pure function set_force(self, set, held, x, about) result(force)
-   !> What is held
    class(held_type), intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set

@@ -44,9 +44,7 @@ contains
 
 !> Find the plates
 subroutine new_plates(self, scene, cells, before)
-   !> Plates
    type(plates_type), intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -73,7 +71,6 @@ end subroutine new_plates
 
 !> Displacement by which its plate moves a surface point, on the components that follow [length]
 pure function motion(self, s, x) result(u)
-   !> Plates
    class(plates_type), intent(in) :: self
    !> Surface point
    integer, intent(in) :: s
@@ -90,7 +87,6 @@ end function motion
 
 !> Source points that cover each surface point, and behind them the plate that it follows
 pure function coupled(self, neighbour) result(list)
-   !> Plates
    class(plates_type), intent(in) :: self
    !> Source points that cover each surface point
    type(csr_type), intent(in) :: neighbour
@@ -120,9 +116,7 @@ end function coupled
 
 !> Add the stiffness of the tendons, and the forces of ends that are moved
 subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)
-   !> Plates
    class(plates_type), intent(in) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells

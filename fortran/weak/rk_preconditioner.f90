@@ -70,9 +70,7 @@ contains
 
 !> Assemble, and set the cycles up
 subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
-   !> Preconditioner
    type(preconditioner_type), intent(inout) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Nodal cells, or cells of Gauss points between source points
    type(cells_type), intent(in) :: cells
@@ -153,7 +151,6 @@ end subroutine new_preconditioner
 
 !> Couplings of nodal cells through their facets, and their penalties
 subroutine nodal_network(self, cells, surface, shear)
-   !> Couplings
    type(network_type), intent(out) :: self
    !> Nodal cells
    type(cells_type), intent(in) :: cells
@@ -197,7 +194,6 @@ end subroutine nodal_network
 
 !> Couplings of source points along the edges of cells of Gauss points, and their penalties
 subroutine corner_network(self, scene, cells, surface, shear)
-   !> Couplings
    type(network_type), intent(out) :: self
    !> Scene whose source points are corners
    type(scene_type), intent(in) :: scene
@@ -345,7 +341,6 @@ end subroutine find_behind
 
 !> y = P^-1 x
 subroutine apply(self, x, y)
-   !> Preconditioner
    class(preconditioner_type), intent(in) :: self
    !> Forces, shape (n)
    real(wp), contiguous, intent(in) :: x(:)

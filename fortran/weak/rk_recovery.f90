@@ -38,9 +38,7 @@ contains
 
 !> Set up the shape functions
 subroutine new_recovery(self, scene, cells, error)
-   !> Recovery
    type(recovery_type), intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Nodal cells
    type(cells_type), intent(in) :: cells
@@ -80,7 +78,6 @@ end subroutine new_recovery
 
 !> Deformation gradient at a collocation point or a probe
 function gradient_at(self, ip, x, cell) result(f)
-   !> Recovery
    class(recovery_type), target, intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip
@@ -103,7 +100,6 @@ end function gradient_at
 
 !> Cells whose gradients make that at a collocation point or a probe, with their weights
 subroutine row(self, ip, x, nodes, values)
-   !> Recovery
    class(recovery_type), target, intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip

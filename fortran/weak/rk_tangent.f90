@@ -69,24 +69,13 @@ module rk_tangent
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
    contains
-      !> Begin a load step
       procedure :: forget
       !> Note a place, and carry the pressures there
       procedure :: carry
-      !> Size of a right hand side
-      procedure :: measure
-      !> Keep the linearisation of a group
-      procedure :: keep_group
+      procedure :: measure, keep_group
       !> Keep the stiffness of pressures that follow the surface
       procedure :: keep_followers
-      !> Complete the constant part
-      procedure :: complete
-      !> Product of the part that never changes with a vector
-      procedure :: constant_product
-      procedure :: apply
-      procedure :: apply_transposed
-      !> Newton's step
-      procedure :: solve_square
+      procedure :: complete, constant_product, apply, apply_transposed, solve_square
    end type tangent_type
 
    !> Displacements and pressures
@@ -95,8 +84,7 @@ module rk_tangent
       !> Damping in units of the preconditioner's diagonal [-]
       real(wp) :: shift = 0.0_wp
    contains
-      procedure :: multiply
-      procedure :: precondition
+      procedure :: multiply, precondition
    end type saddle_type
 
    !> Residual of a solve: that of the displacement form is K over the shear modulus larger
@@ -120,9 +108,7 @@ contains
 !> Set up the places of the entries and, where it is not formed, the preconditioner
 subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, inside, held, &
    & shear, error)
-   !> Tangent
    type(tangent_type), intent(inout) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Source points and plates
    integer, intent(in) :: ns
@@ -170,7 +156,6 @@ end subroutine new_tangent
 
 !> Begin a load step: nothing is carried from the last one
 subroutine forget(self)
-   !> Tangent
    class(tangent_type), intent(inout) :: self
 
    self%first = 0.0_wp
@@ -182,7 +167,6 @@ end subroutine forget
 
 !> Note where the tangent is taken next
 subroutine carry(self, x)
-   !> Tangent
    class(tangent_type), intent(inout) :: self
    !> Place, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -218,7 +202,6 @@ end subroutine keep_group
 
 !> Keep what pressures that follow the surface have added to the constant part
 subroutine keep_followers(self, constant)
-   !> Tangent
    class(tangent_type), intent(inout) :: self
    !> Entries of the constant part, shape (entries) [force/length]
    real(wp), intent(in) :: constant(:)
@@ -236,7 +219,6 @@ end subroutine keep_followers
 !> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
 !> their own where the tangent is not formed
 subroutine complete(self, constant, cells, inside, modulus)
-   !> Tangent
    class(tangent_type), intent(inout) :: self
    !> Entries of the constant part, shape (entries) [force/length]
    real(wp), intent(inout) :: constant(:)
@@ -268,7 +250,6 @@ end subroutine complete
 
 !> Product of the part that never changes with a vector
 subroutine constant_product(self, constant, x, y)
-   !> Tangent
    class(tangent_type), intent(in) :: self
    !> Entries of the constant part where the tangent is formed, shape (entries) [force/length]
    real(wp), contiguous, intent(in) :: constant(:)
@@ -296,7 +277,6 @@ end subroutine constant_product
 
 !> Product of what is not that of the groups, or of the matrix where it is formed
 subroutine linear_product(self, x, y)
-   !> Tangent
    class(tangent_type), intent(in) :: self
    !> Displacements, shape (n) [length]
    real(wp), contiguous, target, intent(in) :: x(:)
@@ -313,7 +293,6 @@ end subroutine linear_product
 
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
-   !> Tangent
    class(tangent_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -332,7 +311,6 @@ end subroutine apply
 
 !> y = K^T u
 subroutine apply_transposed(self, x, y)
-   !> Tangent
    class(tangent_type), intent(in) :: self
    !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -345,17 +323,12 @@ end subroutine apply_transposed
 
 !> Newton's step, by as many digits as the iteration can use
 recursive subroutine solve_square(self, shift, b, x, report, error)
-   !> Tangent
    class(tangent_type), target, intent(inout) :: self
-   !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory, no convergence
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: both(:), right(:), start(:), gained(:, :)
    real(wp) :: norm, share
@@ -416,7 +389,6 @@ end subroutine measure
 
 !> What is left of a right hand side by the pressures with which its solve begins
 subroutine begin_solve(self, shift, b, right, start, norm)
-   !> Tangent
    class(tangent_type), target, intent(in) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
@@ -450,7 +422,6 @@ end subroutine begin_solve
 
 !> Minimal residuals with displacements and pressures
 subroutine solve_saddle(self, shift, share, right, both, report, error)
-   !> Tangent
    class(tangent_type), target, intent(in) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
@@ -482,7 +453,6 @@ end subroutine solve_saddle
 
 !> Places of a group's pressures behind the displacements
 pure function places(self, g)
-   !> Tangent
    class(tangent_type), intent(in) :: self
    !> Group
    integer, intent(in) :: g
@@ -493,11 +463,9 @@ end function places
 
 !> Displacement and pressure rows
 subroutine multiply(self, x, y)
-   !> System
    class(saddle_type), intent(in) :: self
    !> Displacements [length], then pressures, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp), allocatable :: volume(:, :), pressure(:, :)
    integer :: g
@@ -523,11 +491,8 @@ end subroutine multiply
 
 !> Displacements, then pressures
 subroutine precondition(self, x, y)
-   !> System
    class(saddle_type), intent(in) :: self
-   !> Vector, shape (size)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (size)
    real(wp), contiguous, intent(inout) :: y(:)
    integer :: g, own, rows
 
@@ -548,7 +513,6 @@ end subroutine precondition
 
 !> Diagonal of the unknowns of plates, which stand behind those of the source points [force/length]
 pure function of_plates(self) result(diagonal)
-   !> Tangent
    class(tangent_type), intent(in) :: self
    real(wp) :: diagonal(self%n - size(self%preconditioner%diagonal))
    integer :: k

@@ -43,17 +43,7 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
-      !> Values and tractions that vary over the points
-      procedure :: set_varying
-      !> Areas and penalties
-      procedure :: set_penalty
-      !> Matrix of the penalty
-      procedure :: add_penalty
-      !> Forces of tractions and of the penalty's prescribed values
-      procedure :: add_forces
-      !> Energy of the penalty
-      procedure :: held_energy
-      !> Force through a set, or its moment
+      procedure :: set_varying, set_penalty, add_penalty, add_forces, held_energy
       procedure :: force => set_force
       !> Force of a pressure at a point, and the deformation gradient there
       procedure :: pressure_force
@@ -70,7 +60,6 @@ contains
 subroutine set_conditions(self, scene, cells, shear, error)
    !> Surface with shape functions
    type(surface_type), intent(inout) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -108,7 +97,6 @@ end subroutine set_conditions
 
 !> What is prescribed at surface points
 subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -173,7 +161,6 @@ end subroutine new_pins
 
 !> Deformation gradient of the approximation at a surface point
 pure function gradient_at(self, s, x) result(f)
-   !> Surface
    class(surface_type), intent(in) :: self
    !> Surface point
    integer, intent(in) :: s
@@ -191,7 +178,6 @@ end function gradient_at
 
 !> Force of a pressure on the deformed surface at a point, on the components that are not prescribed
 pure function pressure_force(self, cells, s, p, x) result(force)
-   !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -213,7 +199,6 @@ end function pressure_force
 
 !> Set values and tractions that vary over the points, at full load of the ramp
 subroutine set_varying(self, cells, displacement, stress)
-   !> Surface
    class(surface_type), intent(inout) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -237,9 +222,7 @@ end subroutine set_varying
 
 !> Areas and penalties of the points
 subroutine set_penalty(self, scene, cells, shear)
-   !> Surface
    class(surface_type), intent(inout) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -272,7 +255,6 @@ end subroutine set_penalty
 
 !> Matrix of the penalty and of springs
 subroutine add_penalty(self, matrix, value)
-   !> Surface
    class(surface_type), target, intent(in) :: self
    !> Places of the entries
    class(symmetric_matrix), intent(in) :: matrix
@@ -317,7 +299,6 @@ end subroutine add_penalty
 
 !> Forces of tractions and of the penalty's prescribed values that each load factor makes
 subroutine add_forces(self, force)
-   !> Surface
    class(surface_type), intent(in) :: self
    !> Forces, to which these are added, shape (n, factors) [force]
    real(wp), intent(inout) :: force(:, :)
@@ -361,13 +342,11 @@ end subroutine add_load
 !> Force that the surroundings exert on the body through a set: what does work when the set moves;
 !> or its moment where the set has moved to: what does work when it turns there
 function set_force(self, cells, set, state, value, traction, about) result(force)
-   !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Boundary set
    integer, intent(in) :: set
-   !> State
    type(field_state), intent(in) :: state
    !> Prescribed values and tractions of the state's time, in place of those of the load factors,
    !> shape (1, fields, ms) [length], [force/area]
@@ -399,11 +378,9 @@ end function set_force
 
 !> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
 pure function held_at(self, s, state) result(u)
-   !> Surface
    class(surface_type), intent(in) :: self
    !> Surface point
    integer, intent(in) :: s
-   !> State
    type(field_state), intent(in) :: state
    !> Displacement, shape (nd) [length]
    real(wp) :: u(size(self%value, 2))
@@ -426,9 +403,7 @@ end function by_factors
 
 !> Energy of the penalty: supports give way a little [force length]
 real(wp) function held_energy(self, state) result(energy)
-   !> Surface
    class(surface_type), intent(in) :: self
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: u(size(self%value, 2), self%shape%nq), held(size(self%value, 2))
    integer :: i, s
@@ -446,13 +421,11 @@ end function held_energy
 
 !> Force on the body at a surface point, and the displacement there
 subroutine add_point_force(self, cells, s, state, held, traction, force, displacement)
-   !> Surface
    class(surface_type), intent(in) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Surface point
    integer, intent(in) :: s
-   !> State
    type(field_state), intent(in) :: state
    !> What is prescribed there, shape (nd) [length], [force/area]
    real(wp), intent(in) :: held(:), traction(:)
@@ -492,7 +465,6 @@ pure function lifted_stress(cells, s, state) result(p)
    type(cells_type), intent(in) :: cells
    !> Surface point
    integer, intent(in) :: s
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: p(3, 3)
    integer :: k, q
@@ -507,13 +479,11 @@ end function lifted_stress
 !> What lifting and penalty add to the forces on source points, taken by a cut: it is the support of
 !> the surface, not a force inside the body
 function held_force(self, cells, cut, state) result(force)
-   !> Surface
    class(surface_type), target, intent(in) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Share of each source point, shape (ns) [-]
    real(wp), intent(in) :: cut(:)
-   !> State
    type(field_state), intent(in) :: state
    real(wp) :: force(3), u(size(self%value, 2), self%shape%nq), p(3, 3), share
    real(wp), pointer, contiguous :: values(:, :)

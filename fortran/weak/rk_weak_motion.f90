@@ -45,9 +45,7 @@ contains
 
 !> Set up the motion of a problem
 subroutine new_weak_motion(self, problem, error)
-   !> Body
    type(weak_motion), intent(out) :: self
-   !> Problem
    type(galerkin_problem), target, intent(inout) :: problem
    !> Error handling: a density that is not positive
    type(error_type), allocatable, intent(out) :: error
@@ -85,7 +83,6 @@ end subroutine new_weak_motion
 
 !> Give the factor back
 subroutine free_motion(self)
-   !> Body
    type(weak_motion), intent(inout) :: self
 
    call self%factor%free()
@@ -93,13 +90,10 @@ end subroutine free_motion
 
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
 subroutine loads(self, time, force, held, error)
-   !> Body
    class(weak_motion), intent(in) :: self
-   !> Time
    real(wp), intent(in) :: time
    !> Loads without the penalty, and its own times the time step squared, shape (n)
    real(wp), allocatable, intent(out) :: force(:), held(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: at
    logical, allocatable :: essential(:, :)
@@ -126,9 +120,7 @@ end subroutine loads
 
 !> Largest stable time step
 subroutine limit(self, step, error)
-   !> Body
    class(weak_motion), intent(in) :: self
-   !> Largest stable step
    real(wp), intent(out) :: step
    !> Error handling: a mass that is not positive
    type(error_type), allocatable, intent(out) :: error
@@ -142,9 +134,7 @@ end subroutine limit
 
 !> Coefficients at the start, whose values are the projected ones (6.42), and one time step later
 subroutine start(self, first, second, error)
-   !> Body
    class(weak_motion), intent(inout) :: self
-   !> Coefficients at both times, shape (n)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
@@ -165,11 +155,8 @@ end subroutine start
 
 !> Product of a matrix with coefficients; L is mass and penalty, which is that of the new time
 subroutine product(self, what, x, y)
-   !> Body
    class(weak_motion), intent(in) :: self
-   !> left, mass or stiffness
    character(len=*), intent(in) :: what
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
@@ -188,11 +175,9 @@ end subroutine product
 
 !> Solve with mass and penalty
 subroutine solve(self, y, x)
-   !> Body
    class(weak_motion), intent(in) :: self
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: y(:)
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
    x = y
@@ -201,7 +186,6 @@ end subroutine solve
 
 !> Initial displacement or velocity by the consistent mass: what is nearest to it
 subroutine project(self, displacement, x, error)
-   !> Body
    class(weak_motion), intent(in) :: self
    !> The displacement, otherwise the velocity
    logical, intent(in) :: displacement

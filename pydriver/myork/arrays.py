@@ -13,20 +13,6 @@ from numpy.typing import NDArray
 
 from myork.errors import InputError
 
-__all__ = [
-    "UNREADABLE",
-    "Rule",
-    "attribute",
-    "dataset",
-    "fitted",
-    "holds",
-    "index",
-    "offsets",
-    "raw",
-    "real",
-    "whole",
-]
-
 #: What h5py raises on damaged files, and json on damaged texts
 UNREADABLE = (
     OSError, LookupError, ArithmeticError, ValueError, TypeError, RuntimeError, AttributeError,
@@ -39,29 +25,17 @@ _SIZE = re.compile(r"(?:(\d+) )?(\D+?)(?: \+ (\d+))?")
 
 
 class Rule(NamedTuple):
-    """What an array must be.
+    """What an array must be."""
 
-    Attributes
-    ----------
-    kinds : str
-        Kinds of numbers that it may have, as in `numpy.dtype.kind`.
-    dtype : type
-        Type that it is given.
-    shape : tuple
-        Numbers, or names of sizes, `"points"`, `"cells + 1"`, `"8 pieces"`: a size that is not
-        known is that of the first array that has it, and at least one.
-    least, most : float or str
-        Range of its numbers; a size: that of an index into as many.
-    step : str
-        Name of the size by which numbers that rise from zero may rise at most.
-    """
-
-    kinds: str
-    dtype: type
+    kinds: str  #: Kinds of numbers that it may have, as in `numpy.dtype.kind`
+    dtype: type  #: Type that it is given
+    #: Numbers, or names of sizes, `"points"`, `"cells + 1"`, `"8 pieces"`: a size that is not known
+    #: is that of the first array that has it, and at least one
     shape: tuple[int | str, ...]
+    #: Range of its numbers; a size: that of an index into as many
     least: float = -np.inf
     most: float | str = np.inf
-    step: str = ""
+    step: str = ""  #: Name of the size by which numbers that rise from zero may rise at most
 
 
 def real(*shape: int | str, least: float = -np.inf, most: float = np.inf) -> Rule:
@@ -105,11 +79,8 @@ def holds(file: h5py.Group, name: str) -> bool:
 def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
     """Dataset of a file, whose numbers have not been read yet.
 
-    Raises
-    ------
-    InputError
-        There is none; it is not an array of numbers, they are in another file, or its shape
-        claims more of them than this one holds.
+    - raises InputError: there is none; it is not an array of numbers, they are in another file, or
+      its shape claims more of them than this one holds
     """
     for part in accumulate(name.split("/"), "{}/{}".format):
         if not holds(file, part):
@@ -137,19 +108,10 @@ def fitted(
 ) -> dict[str, NDArray[Any]]:
     """Arrays as their table wants them.
 
-    Parameters
-    ----------
-    table : mapping
-        Rules by name.
-    found : mapping
-        Arrays by name, or datasets of a file, which are read when all shapes are right.
-    sizes : mapping
-        Sizes that are known.
-
-    Raises
-    ------
-    InputError
-        An array is missing or wrong: which, and what is wrong.
+    - `table`: rules by name
+    - `found`: arrays by name, or datasets of a file, which are read when all shapes are right
+    - `sizes`: sizes that are known
+    - raises InputError: an array is missing or wrong: which, and what is wrong
     """
     known = dict(sizes)
     for name, rule in table.items():

@@ -12,8 +12,6 @@ from myork.core.deck import load_deck
 from myork.errors import ConvergenceError, RefusedError
 from myork.summary import asked
 
-__all__ = ["run_chain", "segment_and_draw"]
-
 
 def segment_and_draw(
     deck: str | Path,

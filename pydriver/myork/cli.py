@@ -27,8 +27,6 @@ from myork.files import write_json, write_text
 from myork.libraries import cure_of
 from myork.summary import asked
 
-__all__ = ["main"]
-
 _EXIT_STATUS = """\
 exit status: 0 done; 1 ended without convergence, the last state is written, or the answer is
 refused; 2 bad input; 3 a missing or broken part of the installation"""
@@ -42,15 +40,8 @@ _LEAST_BYTES = 800_000_000
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Words after the command name; default those of the process.
-
-    Returns
-    -------
-    int
-        Exit status.
+    - `arguments`: words after the command name; default those of the process
+    - returns exit status
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if " ".join(words[:2]) in _COMMANDS:

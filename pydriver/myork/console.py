@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-__all__ = ["Console", "ProgressCallback", "Unheard", "silent"]
-
 ProgressCallback = Callable[[str], None]
 
 _COUNTED = re.compile(r"\s*(?P<name>\w+)\s+(?P<done>\d+)\s*/\s*(?P<total>\d+)\s*(?P<rest>.*)")
@@ -31,10 +29,7 @@ def silent(line: str) -> None:
 class Unheard:
     """Stream of the process whose reader may go away, as `head` does: what follows goes nowhere.
 
-    Parameters
-    ----------
-    stream : TextIO
-        Standard output or standard error.
+    - `stream`: standard output or standard error
     """
 
     def __init__(self, stream: Any) -> None:

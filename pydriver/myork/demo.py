@@ -11,8 +11,6 @@ from myork.errors import RefusedError
 from myork.files import INPUTS, write_json, write_text
 from myork.summary import printed
 
-__all__ = ["run_demo"]
-
 _DECK = INPUTS / "mg_muscle.toml"
 #: Files of the reduced model, beside what stations write
 _MODEL, _PAGE = "mg_muscle.rom.h5", "mg_muscle.html"

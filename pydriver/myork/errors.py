@@ -89,12 +89,8 @@ _BY_CODE: dict[int, type[MyorkError]] = {
 def check(stat: int, message: str | bytes) -> None:
     """Raise the exception of a core status, if it is one.
 
-    Parameters
-    ----------
-    stat : int
-        Code returned by the core, 0 for success.
-    message : str or bytes
-        Its message; blanks at the end (a Fortran buffer) are cut off.
+    - `stat`: code returned by the core, 0 for success
+    - `message`: its message; blanks at the end (a Fortran buffer) are cut off
     """
     if stat == 0:
         return

@@ -17,19 +17,6 @@ from typing import Any
 
 from myork.errors import FileError
 
-__all__ = [
-    "INPUTS",
-    "alone_in",
-    "open_output",
-    "read_json",
-    "whole_file",
-    "write_csv",
-    "write_figure",
-    "write_json",
-    "write_text",
-]
-
-
 #: Decks of the installation; of an editable one those of the checkout
 INPUTS = Path(str(resources.files("myork") / "inputs" / "mg_muscle.toml")).parent
 
@@ -40,24 +27,11 @@ def open_output(path: Path, *, new: bool) -> int:
     Whoever can write to the folder may have put a link or a pipe there; what it leads to is not
     ours to write.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    new : bool
-        Whether it shall be empty; else it is opened as it is, and made where it is missing.
-
-    Returns
-    -------
-    int
-        Descriptor for reading and writing.
-
-    Raises
-    ------
-    FileError
-        The name is that of a link, a pipe or a folder.
-    OSError
-        It cannot be opened for another reason.
+    - `path`: the file
+    - `new`: whether it shall be empty; else it is opened as it is, and made where it is missing
+    - returns descriptor for reading and writing
+    - raises FileError: the name is that of a link, a pipe or a folder
+    - raises OSError: it cannot be opened for another reason
     """
     with suppress(FileNotFoundError):
         found = path.lstat()
@@ -83,10 +57,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     The executable `myork-solve` takes its folder in the same way. File systems without locks are
     accepted.
 
-    Raises
-    ------
-    FileError
-        Another run has the folder, or it cannot be written to.
+    - raises FileError: another run has the folder, or it cannot be written to
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -118,18 +89,10 @@ def alone_in(folder: Path) -> Iterator[None]:
 def whole_file(path: Path, *, by_suffix: bool = False) -> Iterator[Path]:
     """Path to write to in a block; the file takes its name when the block has ended well.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it stays as it was until the new one is whole.
-    by_suffix : bool
-        Whether what writes looks at the suffix: then `part.` stands before the name, else `.part`
-        behind it.
-
-    Raises
-    ------
-    FileError
-        The file cannot be written.
+    - `path`: the file; it stays as it was until the new one is whole
+    - `by_suffix`: whether what writes looks at the suffix: then `part.` stands before the name,
+      else `.part` behind it
+    - raises FileError: the file cannot be written
     """
     unfinished = path.with_name(f"part.{path.name}" if by_suffix else f"{path.name}.part")
     try:

@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["cure_of"]
-
 _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 
 
 def cure_of(complaint: str) -> str:
     """What to do about a complaint of the loader.
 
-    Parameters
-    ----------
-    complaint : str
-        Text of an exception, or what a program said that did not start.
-
-    Returns
-    -------
-    str
-        A sentence without a full stop.
+    - `complaint`: text of an exception, or what a program said that did not start
+    - returns a sentence without a full stop
     """
     found = _MISSING.search(complaint)
     if found is None:

@@ -20,8 +20,6 @@ from myork.errors import FileError, InputError
 from myork.files import whole_file
 from myork.records import PointCloud, Voxels
 
-__all__ = ["checked_cloud", "model_bytes", "model_of_bytes", "read_model", "write_model"]
-
 FORMAT = "myork-model 3"
 #: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
 #: shallow ends by three edges
@@ -77,12 +75,8 @@ def model_bytes(cloud: PointCloud) -> bytes:
 def read_model(path: Path) -> PointCloud:
     """Read a model.
 
-    Raises
-    ------
-    FileError
-        There is no such file, or it cannot be read.
-    InputError
-        It is of another format, or what it holds is no model.
+    - raises FileError: there is no such file, or it cannot be read
+    - raises InputError: it is of another format, or what it holds is no model
     """
     if not path.is_file():
         raise FileError(f"{path}: there is no such model; `myork build` writes one")
@@ -130,10 +124,7 @@ def _cloud_of(file: h5py.File) -> PointCloud:
 def checked_cloud(cloud: PointCloud) -> PointCloud:
     """A cloud with arrays of the types that the core takes.
 
-    Raises
-    ------
-    InputError
-        They do not fit together, or point to what is not there.
+    - raises InputError: they do not fit together, or point to what is not there
     """
     arrays = _arrays_of(cloud)
     arrays.pop("fraction_label", None)

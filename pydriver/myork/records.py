@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 
 from myork.types import F64, I32
 
-__all__ = ["Image", "Labels", "PointCloud", "Voxels"]
-
 
 class _Grid:
     """Voxels by an affine."""
@@ -32,43 +30,23 @@ class _Grid:
 
 @dataclass(frozen=True)
 class Image(_Grid):
-    """Values on a regular grid of voxels.
+    """Values on a regular grid of voxels."""
 
-    Attributes
-    ----------
-    data : NDArray
-        Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors.
-    affine : NDArray
-        Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm].
-    name : str
-        Where it comes from, for messages.
-    """
-
-    data: F64
+    data: F64  #: Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors
+    #: Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm]
     affine: F64
-    name: str = "image"
+    name: str = "image"  #: Where it comes from, for messages
 
 
 @dataclass(frozen=True)
 class Labels(_Grid):
-    """A whole number for each voxel; zero is nothing.
+    """A whole number for each voxel; zero is nothing."""
 
-    Attributes
-    ----------
-    data : NDArray
-        Labels, shape `(ni, nj, nk)`.
-    affine : NDArray
-        Voxel indices to world coordinates, shape `(4, 4)` [mm].
-    names : dict
-        Name of each label above zero that has one.
-    name : str
-        Where it comes from, for messages.
-    """
-
-    data: I32
-    affine: F64
+    data: I32  #: Labels, shape `(ni, nj, nk)`
+    affine: F64  #: Voxel indices to world coordinates, shape `(4, 4)` [mm]
+    #: Name of each label above zero that has one
     names: dict[int, str] = field(default_factory=dict)
-    name: str = "labels"
+    name: str = "labels"  #: Where it comes from, for messages
 
     def label_name(self, label: int) -> str:
         """Name of a label; one is made for a label without a name."""
@@ -77,21 +55,11 @@ class Labels(_Grid):
 
 @dataclass(frozen=True)
 class Voxels:
-    """Regular grid of the voxels that a model was made of.
+    """Regular grid of the voxels that a model was made of."""
 
-    Attributes
-    ----------
-    index : NDArray
-        Place of each collocation point's voxel in the grid, shape `(npoint, 3)`.
-    size : NDArray
-        Edges of a voxel, shape `(3,)` [length].
-    origin : NDArray
-        Centre of the voxel at place 0, 0, 0, shape `(3,)` [length].
-    """
-
-    index: I32
-    size: F64
-    origin: F64
+    index: I32  #: Place of each collocation point's voxel in the grid, shape `(npoint, 3)`
+    size: F64  #: Edges of a voxel, shape `(3,)` [length]
+    origin: F64  #: Centre of the voxel at place 0, 0, 0, shape `(3,)` [length]
 
     @property
     def centre(self) -> F64:
@@ -101,68 +69,37 @@ class Voxels:
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Points of a model; `model.h5` and the core have the same names.
+    """Points of a model; `model.h5` and the core have the same names."""
 
-    Attributes
-    ----------
-    source : NDArray
-        Source points, shape `(nsource, 3)` [length].
-    spacing : NDArray
-        Distance of neighbouring source points per direction, the unit of their supports, shape
-        `(3,)`, or `(nsource, 3)` where it varies [length].
-    points : NDArray
-        Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
-        [length].
-    label : NDArray
-        Label of each collocation point, shape `(npoint,)`.
-    fiber : NDArray
-        Unit fiber vectors, zero rows where the label has no fibers, shape `(npoint, 3)` [-].
-    volume : NDArray
-        Volume that belongs to each collocation point, shape `(npoint,)` [length^3].
-    boundary_point : NDArray
-        Collocation point of each boundary point (a point stands once in every set it belongs
-        to), shape `(nboundary,)`.
-    boundary_set : NDArray
-        Index into `set_names`, shape `(nboundary,)`.
-    normal : NDArray
-        Outward unit normals, shape `(nboundary, 3)` [-].
-    area : NDArray
-        Area that belongs to each boundary point, shape `(nboundary,)` [length^2].
-    set_names : tuple
-        Names of the boundary sets.
-    label_names : dict
-        Name of each label.
-    length_unit : str
-        Unit of all lengths.
-    source_images : str
-        Images behind the points: a line each, file name and SHA-256.
-    voxels : Voxels, optional
-        Voxels that belong to the collocation points; None for bodies that are not made of voxels.
-        Points of surface voxels lie on the surface, not in the centres of these.
-    fraction : NDArray, optional
-        Part of each point's volume that each label of `label_names` fills, in ascending order of
-        the labels, shape `(npoint, nlabel)` [-]; None where each point holds one label.
-    activation : NDArray, optional
-        Part of its muscle's activation that each point has, from 0 to 1, shape `(npoint,)` [-];
-        None where all have all of it.
-    """
-
-    source: F64
+    source: F64  #: Source points, shape `(nsource, 3)` [length]
+    #: Distance of neighbouring source points per direction, the unit of their supports, shape
+    #: `(3,)`, or `(nsource, 3)` where it varies [length]
     spacing: F64
+    #: Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
+    #: [length]
     points: F64
-    label: I32
+    label: I32  #: Label of each collocation point, shape `(npoint,)`
+    #: Unit fiber vectors, zero rows where the label has no fibers, shape `(npoint, 3)` [-]
     fiber: F64
-    volume: F64
+    volume: F64  #: Volume that belongs to each collocation point, shape `(npoint,)` [length^3]
+    #: Collocation point of each boundary point (a point stands once in every set it belongs to),
+    #: shape `(nboundary,)`
     boundary_point: I32
-    boundary_set: I32
-    normal: F64
-    area: F64
-    set_names: tuple[str, ...]
-    label_names: dict[int, str]
-    length_unit: str
-    source_images: str
+    boundary_set: I32  #: Index into `set_names`, shape `(nboundary,)`
+    normal: F64  #: Outward unit normals, shape `(nboundary, 3)` [-]
+    area: F64  #: Area that belongs to each boundary point, shape `(nboundary,)` [length^2]
+    set_names: tuple[str, ...]  #: Names of the boundary sets
+    label_names: dict[int, str]  #: Name of each label
+    length_unit: str  #: Unit of all lengths
+    source_images: str  #: Images behind the points: a line each, file name and SHA-256
+    #: Voxels that belong to the collocation points; None for bodies that are not made of voxels.
+    #: Points of surface voxels lie on the surface, not in the centres of these.
     voxels: Voxels | None = None
+    #: Part of each point's volume that each label of `label_names` fills, in ascending order of the
+    #: labels, shape `(npoint, nlabel)` [-]; None where each point holds one label
     fraction: F64 | None = None
+    #: Part of its muscle's activation that each point has, from 0 to 1, shape `(npoint,)` [-]; None
+    #: where all have all of it
     activation: F64 | None = None
 
     def label_volumes(self) -> dict[int, float]:

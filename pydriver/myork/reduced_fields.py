@@ -13,9 +13,6 @@ from myork.errors import FileError
 from myork.files import whole_file
 from myork.types import F64, I32, I64
 
-__all__ = ["REDUCED_FILE", "ReducedFields", "read_reduced", "write_reduced"]
-
-
 REDUCED_FILE = "reduced_fields.npz"
 _DAMAGES = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, OverflowError,
             RuntimeError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -24,27 +21,15 @@ _LARGEST = 1e150
 
 
 class ReducedFields(NamedTuple):
-    """One state of the full model and of reduced ones; the full model is the first everywhere.
+    """One state of the full model and of reduced ones; the full model is the first everywhere."""
 
-    Attributes
-    ----------
-    points : NDArray
-        Undeformed points, shape `(n, 3)` [length].
-    modes : NDArray
-        Number of modes of each reduced model, shape `(m,)`.
-    displacement : NDArray
-        Displacements, shape `(m + 1, n, 3)` [length].
-    stress : NDArray
-        Largest principal Cauchy stresses, not a number where J <= 0, shape `(m + 1, n)`
-        [force/length^2].
-    surface : NDArray
-        Points at the corners of the surface's triangles, as in `Results.surface`, shape `(t, 3)`.
-    """
-
-    points: F64
-    modes: I64
-    displacement: F64
+    points: F64  #: Undeformed points, shape `(n, 3)` [length]
+    modes: I64  #: Number of modes of each reduced model, shape `(m,)`
+    displacement: F64  #: Displacements, shape `(m + 1, n, 3)` [length]
+    #: Largest principal Cauchy stresses, not a number where J <= 0, shape `(m + 1, n)`
+    #: [force/length^2]
     stress: F64
+    #: Points at the corners of the surface's triangles, as in `Results.surface`, shape `(t, 3)`
     surface: I32
 
 
@@ -57,10 +42,7 @@ def write_reduced(folder: Path, fields: ReducedFields) -> None:
 def read_reduced(path: Path) -> ReducedFields:
     """Read the file.
 
-    Raises
-    ------
-    FileError
-        It is damaged.
+    - raises FileError: it is damaged
     """
     try:
         with np.load(path, allow_pickle=False) as content:

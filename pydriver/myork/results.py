@@ -24,9 +24,6 @@ from myork.errors import FileError, InputError, InstallationError
 from myork.summary import printed, read_summary
 from myork.types import F64, I32
 
-__all__ = ["RestartState", "Results", "restart_of"]
-
-
 _FILE = "results.vtkhdf"
 _DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
             OverflowError, MemoryError)  # fmt: skip
@@ -43,39 +40,17 @@ _MOST_CELLS = 100
 
 @dataclass(frozen=True)
 class RestartState:
-    """What is needed to go on from a step.
+    """What is needed to go on from a step."""
 
-    Attributes
-    ----------
-    step : int
-        Number of the step, 0 for the undeformed state.
-    load : float
-        Fraction of the full load [-].
-    activation : float
-        Activation of the muscle fibers [-].
-    coefficients : NDArray
-        Coefficients of the approximation, shape `(ndof,)`.
-    source : NDArray
-        Undeformed source points they belong to, shape `(ns, 3)` [length].
-    points : NDArray
-        Undeformed collocation points, shape `(np, 3)` [length].
-    approximation : str
-        Shape functions they belong to, in words; empty where none were given.
-    deck : str
-        Text of the deck that was solved.
-    version : str
-        Version of the program that wrote them.
-    """
-
-    step: int
-    load: float
-    activation: float
-    coefficients: F64
-    source: F64
-    points: F64
-    approximation: str
-    deck: str
-    version: str
+    step: int  #: Number of the step, 0 for the undeformed state
+    load: float  #: Fraction of the full load [-]
+    activation: float  #: Activation of the muscle fibers [-]
+    coefficients: F64  #: Coefficients of the approximation, shape `(ndof,)`
+    source: F64  #: Undeformed source points they belong to, shape `(ns, 3)` [length]
+    points: F64  #: Undeformed collocation points, shape `(np, 3)` [length]
+    approximation: str  #: Shape functions they belong to, in words; empty where none were given
+    deck: str  #: Text of the deck that was solved
+    version: str  #: Version of the program that wrote them
 
 
 class Results:
@@ -563,11 +538,8 @@ def _with_bar(step: dict[str, Any], name: str, units: dict[str, str]) -> str:
 def restart_of(words: str | Path) -> RestartState:
     """State of a result file by name.
 
-    Parameters
-    ----------
-    words : str or Path
-        Result file or its folder, and the number of the step behind a colon: `"out/block:3"`;
-        without it the last one.
+    - `words`: result file or its folder, and the number of the step behind a colon:
+      `"out/block:3"`; without it the last one
     """
     path, colon, step = str(words).rpartition(":")
     if colon and path and step.isdecimal() and not Path(words).exists():

@@ -28,8 +28,6 @@ from myork.stations.check import Check, check_deck
 from myork.stations.new import new_deck
 from myork.stations.solve import find_executable, run_deck
 
-__all__ = ["run_selftest"]
-
 #: Its solution is known: an eighth of a bar stretched to six times its length
 _BAR = INPUTS / "uniaxial_tension.toml"
 #: Displacement of the patch tests at a point X is this times X
@@ -51,17 +49,9 @@ def run_selftest(
 ) -> list[Check]:
     """Check an installation: nothing but the package is needed.
 
-    Parameters
-    ----------
-    out : str or Path, optional
-        Folder that keeps what the checks wrote and `selftest.json`; default none.
-    progress : callable
-        Called with a line a version, a library and a check.
-
-    Returns
-    -------
-    list of Check
-        What was found; none has failed where the installation works.
+    - `out`: folder that keeps what the checks wrote and `selftest.json`; default none
+    - `progress`: called with a line a version, a library and a check
+    - returns what was found; none has failed where the installation works
     """
     begin = time.perf_counter()
     with _folder(out) as folder:

@@ -10,18 +10,6 @@ from typing import Any
 from myork.errors import FileError
 from myork.files import alone_in, read_json, write_json
 
-__all__ = [
-    "SOLUTION",
-    "WAITING",
-    "asked",
-    "failures",
-    "printed",
-    "read_summary",
-    "renewing",
-    "update_summary",
-    "with_others",
-]
-
 #: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
 _BEFORE = ("segmentation", "tissue", "model", "tensors", "resampled", "damaged_slices")
 #: Files of a solution beside its summary (`system.c` has the same)
@@ -35,10 +23,7 @@ WAITING = "summary.json.previous"
 def asked(folder: Path) -> Iterator[None]:
     """Let the summary in a folder say why a run ended before its solve wrote it.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder; what another process has is left alone.
+    - `folder`: output folder; what another process has is left alone
     """
     try:
         yield
@@ -95,12 +80,8 @@ def renewing(folder: Path, *parts: str) -> Iterator[None]:
     A finished solution of what such a part was before is set aside. If the station fails, parts of
     an earlier run stay and say so in an entry `failed`.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder; made if it is missing.
-    parts : str
-        Entries of `summary.json` that the station writes.
+    - `folder`: output folder; made if it is missing
+    - `parts`: entries of `summary.json` that the station writes
     """
     with alone_in(folder):
         if {"segmentation", "model"}.intersection(parts):
@@ -138,12 +119,8 @@ def printed(step: Mapping[str, Any]) -> dict[str, Any]:
 def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
     """Put entries into `summary.json`, in place of entries of the same names.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder.
-    part : mapping
-        Entries: text, numbers, lists and mappings of them; what is not finite becomes null.
+    - `folder`: output folder
+    - `part`: entries: text, numbers, lists and mappings of them; what is not finite becomes null
     """
     write_json(folder / "summary.json", {**_read(folder), **part})
 
@@ -151,16 +128,10 @@ def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
 def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -> list[Any]:
     """A list of the summary to which several stations add: those of others stay.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder.
-    name : str
-        Of the list.
-    station : str
-        Station whose entries these are; it is noted in each.
-    entries : iterable of mapping
-        New entries.
+    - `folder`: output folder
+    - `name`: of the list
+    - `station`: station whose entries these are; it is noted in each
+    - `entries`: new entries
     """
     kept = [own for own in _read(folder).get(name, ()) if own.get("station") != station]
     return [*kept, *({**own, "station": station} for own in entries)]
@@ -169,10 +140,7 @@ def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -
 def read_summary(folder: Path) -> dict[str, Any]:
     """Entries of `summary.json`; nothing where it is missing.
 
-    Raises
-    ------
-    FileError
-        The file is not a JSON object, or cannot be read.
+    - raises FileError: the file is not a JSON object, or cannot be read
     """
     path = folder / "summary.json"
     return read_json(path) if path.exists() else {}

@@ -14,8 +14,6 @@ import numpy as np
 
 from myork.errors import InputError
 
-__all__ = ["NOT_TABLES", "deck_text", "differing_keys", "in_words", "override_text", "read_only"]
-
 #: Entries of a checked deck that are no tables
 NOT_TABLES = {"path", "folder", "sha256", "probe_units", "result_units"}
 #: Differences that are named
@@ -26,21 +24,10 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 def deck_text(tables: Mapping[str, Any]) -> str:
     """TOML text of a deck.
 
-    Parameters
-    ----------
-    tables : mapping
-        Tables by name, as a deck has them: mappings, or lists of mappings for what a deck writes
-        `[[name]]`. Values are texts, numbers, logicals, paths, lists and arrays of them.
-
-    Returns
-    -------
-    str
-        Text that `load_deck` reads from a file.
-
-    Raises
-    ------
-    InputError
-        A value that no deck can hold; the message names its key.
+    - `tables`: tables by name, as a deck has them: mappings, or lists of mappings for what a deck
+      writes `[[name]]`. Values are texts, numbers, logicals, paths, lists and arrays of them.
+    - returns text that `load_deck` reads from a file
+    - raises InputError: a value that no deck can hold; the message names its key
     """
     plain = {name: content for name, content in tables.items() if not _is_table(content)}
     lines = [_line(name, value, "") for name, value in plain.items()]
@@ -111,19 +98,10 @@ def differing_keys(
 ) -> dict[str, tuple[Any, Any]]:
     """Values of two decks where they differ, by key.
 
-    Parameters
-    ----------
-    one, other : mapping
-        Values of decks, defaults filled in.
-    tables : collection of str, optional
-        Tables that are looked at; default all.
-    apart : collection of str
-        Keys `table.key`, last words of keys and tables that are not.
-
-    Returns
-    -------
-    dict
-        Values of both by key, None where one has no such key.
+    - `one`, `other`: values of decks, defaults filled in
+    - `tables`: tables that are looked at; default all
+    - `apart`: keys `table.key`, last words of keys and tables that are not
+    - returns values of both by key, None where one has no such key
     """
 
     def flat(value: Any, name: str) -> dict[str, Any]:

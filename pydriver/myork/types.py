@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["C128", "F64", "I32", "I64", "Mask"]
-
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 I32 = NDArray[np.int32]

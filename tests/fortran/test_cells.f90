@@ -94,7 +94,6 @@ end subroutine test_gauss
 subroutine check_box(name, cells, edges)
    !> Name of the case
    character(len=*), intent(in) :: name
-   !> Cells
    type(cells_type), intent(in) :: cells
    !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: edges(:)

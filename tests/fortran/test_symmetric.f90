@@ -153,7 +153,6 @@ end subroutine test_large_factor
 pure function symmetric_part(n, number) result(a)
    !> Size
    integer, intent(in) :: n
-   !> Number
    integer, intent(in) :: number
    real(wp) :: a(n, n)
    integer :: i, j

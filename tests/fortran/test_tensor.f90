@@ -68,7 +68,6 @@ end subroutine test_principal_values
 
 !> Whether the principal values of a matrix are those it was made of
 logical function made_of(values)
-   !> Values
    real(wp), intent(in) :: values(3)
    real(wp) :: a(3, 3), found(3)
    integer :: k

@@ -183,24 +183,20 @@ end subroutine scene_surface
 !> How the collocation points hang together: the place of each in a lattice, from 0, or -1 without
 !> one; its label and its fiber, a unit vector or zero
 subroutine scene_body(handle, nd, nc, place, label, fiber, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    use rk_surface, only : lattice_places
    implicit none
    integer, intent(in) :: handle, nd, nc
    integer, intent(out) :: place(nd, nc), label(nc), stat
    double precision, intent(out) :: fiber(3, nc)
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer, allocatable :: found(:, :)
 
    place = -1
    label = 0
    fiber = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    label = slot%scene%cloud%label
    fiber = slot%scene%cloud%fiber
@@ -210,21 +206,17 @@ end subroutine scene_body
 
 !> Share of a label in the volume of each collocation point [-]
 subroutine scene_share(handle, label, nc, share, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle, label, nc
    double precision, intent(out) :: share(nc)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer :: k
 
    share = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    associate (cloud => slot%scene%cloud)
       if (allocated(cloud%fraction)) then
@@ -240,24 +232,20 @@ end subroutine scene_share
 !> Collocation points of a boundary set, from 0, with the area of each: their number, none where
 !> there is no such set, and as many as there is room for
 subroutine scene_set(handle, name, room, n, point, area, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
+   use rk_handles, only : look_up, slot_type
    implicit none
    integer, intent(in) :: handle, room
    character(len=*), intent(in) :: name
    integer, intent(out) :: n, point(room), stat
    double precision, intent(out) :: area(room)
    character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
    integer :: e, set
 
    n = 0
    point = 0
    area = 0
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
+   call look_up(handle, slot, stat, message)
    if (stat /= 0) return
    associate (cloud => slot%scene%cloud)
       set = cloud%find_set(name)

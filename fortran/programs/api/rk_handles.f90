@@ -115,7 +115,6 @@ end subroutine close_slot
 
 !> Row of a handle
 subroutine find_slot(handle, slot, error)
-   !> Handle
    integer, intent(in) :: handle
    !> Its row
    type(slot_type), pointer, intent(out) :: slot
@@ -132,7 +131,6 @@ end subroutine find_slot
 
 !> Row of a handle, for the boundary
 subroutine look_up_slot(handle, slot, stat, message)
-   !> Handle
    integer, intent(in) :: handle
    !> Its row
    type(slot_type), pointer, intent(out) :: slot
@@ -147,7 +145,6 @@ end subroutine look_up_slot
 
 !> Galerkin problem of a handle, of which a reduced model can be trained
 subroutine look_up_galerkin(handle, problem, stat, message)
-   !> Handle
    integer, intent(in) :: handle
    !> Its problem
    type(galerkin_problem), pointer, intent(out) :: problem
@@ -179,9 +176,7 @@ end subroutine look_up_galerkin
 
 !> Count an iteration
 subroutine iteration(self, it)
-   !> States
    class(states_type), intent(inout) :: self
-   !> Iteration
    type(iteration_type), intent(in) :: it
 
    self%iterations = self%iterations + 1
@@ -190,7 +185,6 @@ end subroutine iteration
 
 !> Keep a converged state; that at rest is not asked for
 subroutine step(self, st, x)
-   !> States
    class(states_type), intent(inout) :: self
    !> Load step
    type(step_type), intent(in) :: st
@@ -207,7 +201,6 @@ end subroutine step
 
 !> Whether Python asked to stop
 logical function stopped(self)
-   !> States
    class(states_type), intent(inout) :: self
 
    stopped = self%stop

@@ -16,7 +16,6 @@ contains
 
 !> Status and message of an error; 0 and blanks without one
 subroutine pack_error(error, stat, message)
-   !> Error
    type(error_type), allocatable, intent(in) :: error
    !> Code of the error, 0 for success
    integer, intent(out) :: stat
@@ -33,7 +32,6 @@ end subroutine pack_error
 
 !> Approximation from the names of kernel and window
 subroutine unpack_approximation(self, order, kernel, window, error)
-   !> Approximation
    type(approximation_type), intent(out) :: self
    !> Order of the basis
    integer, intent(in) :: order
@@ -49,7 +47,6 @@ end subroutine unpack_approximation
 
 !> Material from its name and its parameters by the keys of a deck
 subroutine unpack_material(item, name, keys, texts, numbers, error)
-   !> Material
    type(material_item), intent(out) :: item
    !> Name for messages
    character(len=*), intent(in) :: name
@@ -59,7 +56,6 @@ subroutine unpack_material(item, name, keys, texts, numbers, error)
    character(len=*), intent(in) :: texts(:)
    !> Values that are numbers, shape (n)
    real(wp), intent(in) :: numbers(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(parameters_type) :: parameters
    integer :: i

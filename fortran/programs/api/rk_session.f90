@@ -31,9 +31,7 @@ subroutine open_session(path, text, overrides, model, handle, error)
    character(len=*), intent(in) :: overrides(:)
    !> Points of the model file, where the deck wants one
    type(cloud_type), intent(in) :: model
-   !> Handle
    integer, intent(out) :: handle
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    type(deck_type) :: deck
@@ -61,7 +59,6 @@ end subroutine open_session
 !> Change loads, material parameters, steps, solver or probes of an open scene; its shape functions
 !> stay, and so does all of it where the change is refused
 subroutine update_session(handle, overrides, error)
-   !> Handle
    integer, intent(in) :: handle
    !> Overrides "table.key=value"
    character(len=*), intent(in) :: overrides(:)
@@ -116,7 +113,6 @@ contains
    subroutine take(from, to)
       !> The other scene
       type(scene_type), intent(in) :: from
-      !> Scene
       type(scene_type), intent(inout) :: to
 
       to%condition = from%condition
@@ -131,13 +127,11 @@ end subroutine update_session
 
 !> Full or reduced problem of a handle
 subroutine find_problem(handle, reduced, slot, problem, error)
-   !> Handle
    integer, intent(in) :: handle
    !> Want the reduced problem
    logical, intent(in) :: reduced
    !> Row of the handle
    type(slot_type), pointer, intent(out) :: slot
-   !> Problem
    class(problem_type), pointer, intent(out) :: problem
    !> Error handling: closed scene, no reduced model
    type(error_type), allocatable, intent(out) :: error
@@ -156,7 +150,6 @@ end subroutine find_problem
 
 !> Solve the full or the reduced problem through all load steps
 subroutine solve_session(handle, linear, reduced, estimate, x, error)
-   !> Handle
    integer, intent(in) :: handle
    !> Least squares solver; blank for the deck's
    character(len=*), intent(in) :: linear
@@ -166,7 +159,6 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
    logical, intent(in) :: estimate
    !> Unknowns at which the iteration begins, shape (n)
    real(wp), intent(in) :: x(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
    class(problem_type), pointer :: problem
@@ -207,7 +199,6 @@ end subroutine solve_session
 
 !> Problem with its residual and rows at a state
 subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
-   !> Handle
    integer, intent(in) :: handle
    !> Of the reduced problem
    logical, intent(in) :: reduced
@@ -217,7 +208,6 @@ subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
-   !> Problem
    class(problem_type), pointer, intent(out) :: problem
    !> Residual, shape (m)
    real(wp), allocatable, intent(out) :: r(:)

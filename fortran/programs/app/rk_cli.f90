@@ -42,7 +42,6 @@ contains
 subroutine read_arguments(config, error)
    !> What was asked
    type(config_type), intent(out) :: config
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: word, value
    integer :: i, stat
@@ -139,7 +138,6 @@ end function argument
 
 !> Name of a file without folder and ending
 pure function stem(path) result(name)
-   !> Path
    character(len=*), intent(in) :: path
    character(len=:), allocatable :: name
    integer :: dot

@@ -22,11 +22,9 @@ contains
 
 !> Print the explanation
 subroutine explain(deck, model, scene)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
-   !> Scene
    type(scene_type), intent(in) :: scene
    type(estimate_type) :: cost
    character(len=word_length), allocatable :: sides(:)
@@ -90,7 +88,6 @@ end subroutine explain
 
 !> Blocks of voxels between the source points, and where they became finer by themselves
 subroutine explain_blocks(deck, model, scene)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
@@ -116,7 +113,6 @@ end subroutine explain_blocks
 
 !> Sets that are parts of the surface, and which of them overlap
 subroutine explain_sets(scene)
-   !> Scene
    type(scene_type), intent(in) :: scene
    type(error_type), allocatable :: error
    character(len=:), allocatable :: text
@@ -143,7 +139,6 @@ end subroutine explain_sets
 
 !> Load steps and what grows in them
 subroutine explain_load(scene)
-   !> Scene
    type(scene_type), intent(in) :: scene
    integer :: k
 
@@ -199,7 +194,6 @@ end subroutine explain_equation
 
 !> What a condition prescribes
 function held(condition, nd) result(text)
-   !> Condition
    type(condition_type), intent(in) :: condition
    !> Dimension
    integer, intent(in) :: nd

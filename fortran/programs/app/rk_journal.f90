@@ -36,10 +36,7 @@ module rk_journal
    contains
       !> Start it, or go on behind its last whole record
       procedure :: open => open_journal
-      !> Add a text
-      procedure :: add_text
-      !> Add numbers
-      procedure :: add_numbers
+      procedure :: add_text, add_numbers
       !> Close it, and remove it: it is needed no more
       procedure :: remove => remove_journal
       procedure, private :: check
@@ -69,13 +66,11 @@ contains
 
 !> Start a journal, or go on behind its last whole record
 subroutine open_journal(self, path, behind, error)
-   !> Journal
    class(journal_type), intent(inout) :: self
    !> File
    character(len=*), intent(in) :: path
    !> Bytes that are whole, 0 for a new one
    integer(int64), intent(in) :: behind
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    self%path = path
@@ -89,7 +84,6 @@ subroutine add_text(self, kind, text, error)
    class(journal_type), intent(inout) :: self
    !> Kind of the record
    integer(int64), intent(in) :: kind
-   !> Text
    character(len=*), intent(in), target :: text
    !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
@@ -134,11 +128,9 @@ end subroutine remove_journal
 
 !> Turn the answer of C into an error
 subroutine check(self, why, error)
-   !> Journal
    class(journal_type), intent(in) :: self
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (c_associated(why)) call fatal_error(error, err_file, self%path//': cannot be written: ' &

@@ -69,22 +69,14 @@ module rk_output
       !> Load steps that the journal has already
       integer, private :: journaled = -1
    contains
-      !> Open the files
-      procedure :: open => open_output
-      !> Complete the files under their temporary names
-      procedure :: close => close_output
+      procedure :: open => open_output, close => close_output
       !> Give them their names
       procedure :: publish
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-      !> States that converged under load
-      procedure :: loaded_states
+      procedure :: iteration, step, stopped, loaded_states
       !> A line to the log and, unless quiet, to the terminal
       procedure :: say
       !> What happens between steps, and warnings, to the log and the terminal
       procedure :: note
-      !> Probes with their error bars, and the verdict into the log
       procedure :: tell_verdict
    end type output_type
 
@@ -92,9 +84,7 @@ contains
 
 !> Open the files of a run
 subroutine open_output(self, problem, folder, deck, version, error, history, whole)
-   !> Files
    class(output_type), intent(inout) :: self
-   !> Problem
    class(discretisation_type), target, intent(inout) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
@@ -102,7 +92,6 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    type(deck_type), intent(in) :: deck
    !> Version of the program
    character(len=*), intent(in) :: version
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> Lines of history.csv of the run that goes on, each with its line feed
    character(len=*), intent(in) :: history
@@ -151,7 +140,6 @@ end subroutine open_output
 
 !> Complete the files under their temporary names
 subroutine close_output(self, error)
-   !> Files
    class(output_type), intent(inout) :: self
    !> Error handling: the first failure of all writing
    type(error_type), allocatable, intent(out) :: error
@@ -172,7 +160,6 @@ end subroutine close_output
 subroutine publish(self, error)
    !> Closed files, all of them whole
    class(output_type), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    call self%results%publish(error)
@@ -184,7 +171,6 @@ end subroutine publish
 
 !> Keep the first failure of writing
 subroutine keep(self, error)
-   !> Files
    class(output_type), intent(inout) :: self
    !> Failure, if any
    type(error_type), allocatable, intent(inout) :: error
@@ -194,7 +180,6 @@ end subroutine keep
 
 !> States that converged under load, the state at rest not counted
 pure integer function loaded_states(self)
-   !> Files
    class(output_type), intent(in) :: self
    integer :: i
 
@@ -203,9 +188,7 @@ end function loaded_states
 
 !> An iteration was done
 subroutine iteration(self, it)
-   !> Files
    class(output_type), intent(inout) :: self
-   !> Iteration
    type(iteration_type), intent(in) :: it
    type(error_type), allocatable :: error
    character(len=300) :: line
@@ -232,11 +215,8 @@ end subroutine iteration
 
 !> A load step converged
 subroutine step(self, st, x)
-   !> Files
    class(output_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    type(step_record), allocatable :: grown(:)
    type(field_state) :: state
@@ -303,7 +283,6 @@ end subroutine step
 !> Stop on Ctrl-C, but not before all states of the run that goes on are recorded again, and where
 !> results cannot be written any more
 logical function stopped(self)
-   !> Files
    class(output_type), intent(inout) :: self
 
    stopped = (interrupted() .and. self%loaded_states() >= self%repeated) .or. allocated(self%error)
@@ -311,9 +290,7 @@ end function stopped
 
 !> A line to the log and, where wanted, to the terminal
 subroutine say(self, line, level)
-   !> Files
    class(output_type), intent(inout) :: self
-   !> Line
    character(len=*), intent(in) :: line
    !> Smallest verbosity that shows it
    integer, intent(in) :: level
@@ -326,11 +303,8 @@ end subroutine say
 
 !> What happened between two steps, or deserves attention
 subroutine note(self, line, warning)
-   !> Files
    class(output_type), intent(inout) :: self
-   !> Line
    character(len=*), intent(in) :: line
-   !> It deserves attention
    logical, intent(in) :: warning
 
    if (warning) then
@@ -342,11 +316,8 @@ end subroutine note
 
 !> Probes with their error bars, and the verdict into the log
 subroutine tell_verdict(self, deck, verdict)
-   !> Files
    class(output_type), intent(inout) :: self
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Verdict
    type(verdict_type), intent(in) :: verdict
    character(len=:), allocatable :: line
    integer :: i, n
@@ -375,7 +346,6 @@ end subroutine tell_verdict
 
 !> One number or a list of them
 function numbers(values, digits) result(text)
-   !> Values
    real(wp), intent(in) :: values(:)
    !> Digits of each
    integer, intent(in) :: digits

@@ -28,11 +28,9 @@ contains
 !> Load steps of an ended run in a folder, and the lines of its history that belong to them: by its
 !> journal where it was killed, by its results where it ended
 subroutine resume_run(folder, deck, problem, start, history, worst, journal, damage, error)
-   !> Folder
    character(len=*), intent(in) :: folder
    !> Deck, which must be that of the run
    type(deck_type), intent(in) :: deck
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Its load steps; not allocated where nothing was solved yet
    type(start_type), allocatable, intent(out) :: start
@@ -95,7 +93,6 @@ end subroutine resume_run
 !> Give a deck that has a table refine the points which its ended run had found, so that they are
 !> not searched again: another search may be ended by its cost at others
 subroutine resume_points(folder, deck, resumed, error)
-   !> Folder
    character(len=*), intent(in) :: folder
    !> Deck, replaced by one with these points
    type(deck_type), intent(inout) :: deck
@@ -127,7 +124,6 @@ end subroutine resume_points
 
 !> States of the run in a folder, that at load 0 first; none are allocated where there is no run
 subroutine read_run(folder, found, path, history, journal, damage, error)
-   !> Folder
    character(len=*), intent(in) :: folder
    !> States
    type(restart_type), intent(out) :: found
@@ -180,9 +176,7 @@ end subroutine read_run
 subroutine start_from(words, deck, problem, start, error)
    !> File and step, "FILE" for the last one or "FILE:STEP"
    character(len=*), intent(in) :: words
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Unknowns
    type(start_type), allocatable, intent(out) :: start
@@ -226,11 +220,9 @@ end subroutine start_from
 subroutine compare_decks(found, deck, path, error)
    !> Content of the file
    type(restart_type), intent(in) :: found
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> File
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
    integer :: k
@@ -255,13 +247,10 @@ end subroutine compare_decks
 subroutine compare_points(found, deck, problem, path, error)
    !> Content of the file
    type(restart_type), intent(in) :: found
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> File
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
 
@@ -298,7 +287,6 @@ end function to_space
 
 !> A step as the numbers that the file keeps
 pure function step_numbers(step, worst) result(row)
-   !> Step
    type(step_type), intent(in) :: step
    !> Worst backward error, misfit and condition of the run so far [-]
    real(wp), intent(in) :: worst(3)

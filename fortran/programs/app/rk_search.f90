@@ -20,7 +20,6 @@ contains
 
 !> Whether the user wants to stop
 logical function stopped(self)
-   !> Receiver
    class(search_type), intent(inout) :: self
 
    associate (unused => self)
@@ -30,9 +29,7 @@ end function stopped
 
 !> Something happened on the way
 subroutine note(self, line, warning)
-   !> Receiver
    class(search_type), intent(inout) :: self
-   !> What happened
    character(len=*), intent(in) :: line
    !> It deserves attention, which the run that follows will ask for again
    logical, intent(in) :: warning

@@ -37,9 +37,7 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
    & total_s, threads, converged, message, earlier, error)
    !> File
    character(len=*), intent(in) :: path
-   !> Deck
    type(deck_type), intent(in) :: deck
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
@@ -51,7 +49,6 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
    type(refinement_type), intent(in) :: refinement
    !> Wall times of shape functions and of everything [s]
    real(wp), intent(in) :: shape_s, total_s
-   !> Threads
    integer, intent(in) :: threads
    !> Whether full load was reached
    logical, intent(in) :: converged
@@ -59,7 +56,6 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
    character(len=*), intent(in) :: message
    !> Entries of the file that is there
    type(json_entry), intent(in) :: earlier(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
 
@@ -169,7 +165,6 @@ end function is_finished
 
 !> Whether the summary in a folder is that of a solve, finished or not
 logical function is_solved(folder)
-   !> Folder
    character(len=*), intent(in) :: folder
    type(json_entry), allocatable :: entries(:)
    logical :: damaged
@@ -192,7 +187,6 @@ subroutine set_aside(folder, whole, begins, deck, scene, message, error)
    type(scene_type), intent(in) :: scene
    !> Why there is no solution
    character(len=*), intent(in) :: message
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(json_entry), allocatable :: earlier(:)
    type(error_type), allocatable :: unwritten
@@ -231,9 +225,7 @@ end subroutine set_aside
 !> Entries of the summary in a folder; of that which was set aside where a run ended before it
 !> wrote one
 subroutine earlier_entries(folder, entries, damaged)
-   !> Folder
    character(len=*), intent(in) :: folder
-   !> Entries
    type(json_entry), allocatable, intent(out) :: entries(:)
    !> The file is there and is not a JSON object
    logical, intent(out), optional :: damaged
@@ -330,7 +322,6 @@ end subroutine put_lines
 subroutine write_norms(json, norms)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Norms
    type(norms_type), intent(in) :: norms
 
    call json%begin_object('errors')
@@ -345,7 +336,6 @@ end subroutine write_norms
 subroutine write_steps(json, problem, output, verdict)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
@@ -400,7 +390,6 @@ end subroutine write_steps
 subroutine write_activations(json, scene, load)
    !> JSON inside the step
    type(json_type), intent(inout) :: json
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Load [-]
    real(wp), intent(in) :: load
@@ -419,9 +408,7 @@ end subroutine write_activations
 subroutine write_bars(json, problem, record, bars)
    !> JSON inside the step
    type(json_type), intent(inout) :: json
-   !> Problem
    class(discretisation_type), intent(in) :: problem
-   !> The step
    type(step_record), intent(in) :: record
    !> Error bars
    type(bars_type), intent(in) :: bars
@@ -455,7 +442,6 @@ end subroutine write_bars
 
 !> How many numbers a probe has
 pure integer function numbers_of(problem, i)
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> Probe
    integer, intent(in) :: i
@@ -485,7 +471,6 @@ end subroutine put_values
 subroutine write_verdict(json, verdict)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Verdict
    type(verdict_type), intent(in) :: verdict
 
    call json%begin_object('verdict')
@@ -509,7 +494,6 @@ end subroutine write_verdict
 subroutine write_exact(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output
@@ -540,7 +524,6 @@ end subroutine write_exact
 subroutine write_references(json, problem, output)
    !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Problem
    class(discretisation_type), intent(in) :: problem
    !> What was recorded
    type(output_type), intent(in) :: output

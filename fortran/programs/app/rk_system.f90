@@ -92,7 +92,6 @@ end function cpu_seconds
 subroutine make_folder(path, error)
    !> Folder
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
 
@@ -153,7 +152,6 @@ end subroutine drop_previous
 
 !> Print a line; a reader that has gone away is no reason to end
 subroutine tell(line)
-   !> Line
    character(len=*), intent(in) :: line
    integer :: ignored
 

@@ -40,16 +40,7 @@ module rk_hdf5
    contains
       !> Start a new file under a temporary name
       procedure :: create
-      !> Open an existing file for reading
-      procedure :: open_read
-      !> Hand everything written so far to the operating system
-      procedure :: flush => flush_file
-      !> Close; a new file takes its real name
-      procedure :: close => close_file
-      !> Give a closed file its real name
-      procedure :: publish
-      !> Whether a dataset or group exists
-      procedure :: has
+      procedure :: open_read, flush => flush_file, close => close_file, publish, has
       !> Append along the last Fortran dimension; the first call creates the dataset
       procedure :: append
       procedure :: append_text
@@ -59,7 +50,6 @@ module rk_hdf5
       !> Set an attribute of a group or dataset
       generic :: put_attribute => put_integers, put_text
       procedure, private :: put_integers, put_text
-      !> Get a text attribute
       procedure :: get_attribute
    end type h5_type
 
@@ -150,7 +140,6 @@ subroutine create(self, path, error)
    class(h5_type), intent(inout) :: self
    !> Name the file takes when it is closed
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
    logical :: folder
@@ -176,7 +165,6 @@ subroutine open_read(self, path, error)
    class(h5_type), intent(inout) :: self
    !> Name of the file
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
 
@@ -189,9 +177,7 @@ end subroutine open_read
 
 !> Hand everything written so far to the operating system; a full disk shows here
 subroutine flush_file(self, error)
-   !> Open file
    class(h5_type), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, "", rkh5_flush(self%handle), error)
@@ -201,7 +187,6 @@ end subroutine flush_file
 subroutine close_file(self, error, unfinished)
    !> Open file; nothing happens to a closed one
    class(h5_type), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> Keep the temporary name
    logical, intent(in), optional :: unfinished
@@ -221,9 +206,7 @@ end subroutine close_file
 
 !> Give a closed file that was written its real name, unless a write has failed
 subroutine publish(self, error)
-   !> Closed file
    class(h5_type), intent(in) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
 
@@ -240,7 +223,6 @@ end subroutine publish
 
 !> Whether a dataset or group exists
 function has(self, name)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file, as "boundary/names"
    character(len=*), intent(in) :: name
@@ -251,14 +233,12 @@ end function has
 
 !> Append numbers of any kind and shape along the last Fortran dimension
 subroutine append(self, name, values, error)
-   !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers: real, integers of 4 or 8 bytes, or bytes; all dimensions but the last one are the
    !> same in every call
    type(*), intent(in), contiguous :: values(..)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, name, rkh5_append(self%handle, &
@@ -267,13 +247,11 @@ end subroutine append
 
 !> Append a text as bytes
 subroutine append_text(self, name, text, error)
-   !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Text, UTF-8
    character(len=*), intent(in) :: text
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    call self%append(name, transfer(text, [0_int8]), error)
@@ -281,13 +259,11 @@ end subroutine append_text
 
 !> Read a list of real numbers
 subroutine read_real1(self, name, values, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    real(wp), allocatable, target, intent(out) :: values(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
@@ -299,13 +275,11 @@ end subroutine read_real1
 
 !> Read a table of real numbers
 subroutine read_real2(self, name, values, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers, shape (m,n)
    real(wp), allocatable, target, intent(out) :: values(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(2)
 
@@ -317,13 +291,11 @@ end subroutine read_real2
 
 !> Read a list of integers
 subroutine read_int1(self, name, values, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers, shape (n)
    integer, allocatable, target, intent(out) :: values(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
@@ -335,13 +307,11 @@ end subroutine read_int1
 
 !> Read a table of integers
 subroutine read_int2(self, name, values, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers, shape (m,n)
    integer, allocatable, target, intent(out) :: values(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(2)
 
@@ -353,13 +323,11 @@ end subroutine read_int2
 
 !> Read a text stored as bytes
 subroutine read_text(self, name, text, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Text, UTF-8
    character(len=:), allocatable, target, intent(out) :: text
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: dims(1)
 
@@ -371,7 +339,6 @@ end subroutine read_text
 
 !> Fortran shape of a dataset, with the wanted number of dimensions and kind of numbers
 subroutine get_shape(self, name, kind, dims, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
@@ -379,7 +346,6 @@ subroutine get_shape(self, name, kind, dims, error)
    integer(c_int), intent(in) :: kind
    !> Shape
    integer(i8), intent(out) :: dims(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    type(c_ptr) :: why
    integer(c_int64_t) :: found(max_rank)
@@ -403,7 +369,6 @@ end subroutine get_shape
 
 !> Read all numbers of a dataset
 subroutine read_any(self, name, kind, values, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
@@ -411,7 +376,6 @@ subroutine read_any(self, name, kind, values, error)
    integer(c_int), intent(in) :: kind
    !> First number
    type(c_ptr), intent(in) :: values
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    type(c_ptr) :: why
 
@@ -422,7 +386,6 @@ end subroutine read_any
 
 !> Set whole numbers as an attribute
 subroutine put_integers(self, object, name, values, error)
-   !> File being written
    class(h5_type), intent(inout) :: self
    !> Group or dataset
    character(len=*), intent(in) :: object
@@ -430,7 +393,6 @@ subroutine put_integers(self, object, name, values, error)
    character(len=*), intent(in) :: name
    !> Numbers, shape (n); one is stored as a scalar
    integer, intent(in), contiguous, target :: values(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
@@ -439,7 +401,6 @@ end subroutine put_integers
 
 !> Set a text as an attribute
 subroutine put_text(self, object, name, text, error)
-   !> File being written
    class(h5_type), intent(inout) :: self
    !> Group or dataset
    character(len=*), intent(in) :: object
@@ -447,7 +408,6 @@ subroutine put_text(self, object, name, text, error)
    character(len=*), intent(in) :: name
    !> Text, ASCII, not empty
    character(len=*), intent(in), target :: text
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
@@ -456,15 +416,12 @@ end subroutine put_text
 
 !> Get a text attribute
 subroutine get_attribute(self, object, name, text, error)
-   !> Open file
    class(h5_type), intent(in) :: self
    !> Group or dataset
    character(len=*), intent(in) :: object
    !> Name of the attribute
    character(len=*), intent(in) :: name
-   !> Text
    character(len=:), allocatable, intent(out) :: text
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    type(c_ptr) :: why
    character(kind=c_char) :: buffer(4096)
@@ -487,13 +444,11 @@ end subroutine get_attribute
 
 !> Where a write has failed, the file will not take its real name
 subroutine check_write(self, name, why, error)
-   !> File being written
    class(h5_type), intent(inout) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
 

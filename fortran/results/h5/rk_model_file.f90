@@ -24,11 +24,9 @@ contains
 subroutine read_model_cloud(cloud, deck, out, error)
    !> Points
    type(cloud_type), intent(out) :: cloud
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Output folder, looked into first
    character(len=*), intent(in) :: out
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: kind, file, path, beside
    logical :: found
@@ -58,7 +56,6 @@ subroutine read_model(cloud, path, error)
    type(cloud_type), intent(out) :: cloud
    !> Name of the file
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: ignored
    type(h5_type) :: file
@@ -88,7 +85,6 @@ subroutine read_parts(cloud, file, path, error)
    type(h5_type), intent(in) :: file
    !> Name of the file
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: text
 
@@ -122,7 +118,6 @@ subroutine read_voxels(voxels, file, path, error)
    type(h5_type), intent(in) :: file
    !> Name of the file
    character(len=*), intent(in) :: path
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    real(wp), allocatable :: edges(:), origin(:)
    integer, allocatable :: index(:, :)

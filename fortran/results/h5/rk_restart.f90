@@ -31,7 +31,6 @@ contains
 
 !> Read all of it; states that were not written as a whole are left out
 subroutine read_restart(self, path, error)
-   !> Content
    type(restart_type), intent(out) :: self
    !> Result file, whole or unfinished
    character(len=*), intent(in) :: path

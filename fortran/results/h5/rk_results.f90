@@ -41,17 +41,7 @@ module rk_results
       !> Load of the last step
       real(wp) :: load = 0.0_wp
    contains
-      !> Start the file
-      procedure :: open => open_results
-      !> What the coefficients belong to
-      procedure :: describe
-      !> How the points hang together
-      procedure :: add_lattice
-      !> Append a converged state
-      procedure :: add_step
-      !> Complete the file and give it its name
-      procedure :: close => close_results
-      !> Give a closed file its name
+      procedure :: open => open_results, describe, add_lattice, add_step, close => close_results
       procedure :: publish
    end type results_type
 
@@ -75,7 +65,6 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    character(len=*), intent(in) :: deck_text
    !> Version of the program
    character(len=*), intent(in) :: version
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    self%npoint = size(label)
@@ -96,13 +85,11 @@ end subroutine open_results
 
 !> What the coefficients belong to, for runs that start from them
 subroutine describe(self, overrides, approximation, error)
-   !> File without steps
    class(results_type), intent(inout) :: self
    !> Overrides of the deck, each with its line feed
    character(len=*), intent(in) :: overrides
    !> Shape functions in words
    character(len=*), intent(in) :: approximation
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    ! no text is empty in the file
@@ -112,14 +99,12 @@ end subroutine describe
 
 !> How the points hang together; nothing is written of what is empty
 subroutine add_lattice(self, place, triangle, error)
-   !> File without steps
    class(results_type), intent(inout) :: self
    !> Place of each point in a lattice, shape (nd,np) or (nd,0)
    integer, intent(in), contiguous :: place(:, :)
    !> Points at the corners of the surface's triangles, or of those that fill a plane body, from 1,
    !> shape (3,nt)
    integer, intent(in), contiguous :: triangle(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (size(place) > 0) call self%file%append(own//"/lattice", place, error)
@@ -132,7 +117,6 @@ subroutine write_geometry(file, points, error)
    type(h5_type), intent(inout) :: file
    !> Points, shape (3,np) [length]
    real(wp), intent(in), contiguous :: points(:, :)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    integer(i8) :: np, i
 
@@ -150,7 +134,6 @@ end subroutine write_geometry
 
 !> Append a converged state; the first one is the undeformed state
 subroutine add_step(self, load, activation, fields, coefficients, error, step, carried)
-   !> Result file
    class(results_type), intent(inout) :: self
    !> Fraction of the full load, greater than that of the step before [-]
    real(wp), intent(in) :: load
@@ -160,7 +143,6 @@ subroutine add_step(self, load, activation, fields, coefficients, error, step, c
    type(point_field), intent(in), target :: fields(:)
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> Numbers of the step, as many as in every step
    real(wp), intent(in), contiguous, optional :: step(:)
@@ -195,13 +177,11 @@ end subroutine add_step
 
 !> Refuse what cannot follow the steps before
 subroutine start_step(self, load, coefficients, error)
-   !> Result file
    class(results_type), intent(inout) :: self
    !> Fraction of the full load [-]
    real(wp), intent(in) :: load
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    if (self%nstep == 0) self%ncoefficient = size(coefficients)
@@ -215,7 +195,6 @@ end subroutine start_step
 
 !> Write what stands beside the fields of a step
 subroutine finish_step(self, load, activation, coefficients, fields, error)
-   !> Result file
    class(results_type), intent(inout) :: self
    !> Fraction of the full load [-]
    real(wp), intent(in) :: load
@@ -225,7 +204,6 @@ subroutine finish_step(self, load, activation, coefficients, fields, error)
    real(wp), intent(in), contiguous :: coefficients(:)
    !> Fields that were written
    type(point_field), intent(in) :: fields(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    call add_state(self%file, load, activation, coefficients, error)
@@ -242,9 +220,7 @@ end subroutine finish_step
 !> Complete the file and give it its name; after a failed write, or where it is to be left
 !> unfinished, it keeps the name `path.part`
 subroutine close_results(self, error, unfinished)
-   !> File
    class(results_type), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
    !> Keep the temporary name
    logical, intent(in), optional :: unfinished
@@ -254,9 +230,7 @@ end subroutine close_results
 
 !> Give a closed file its name
 subroutine publish(self, error)
-   !> Closed file
    class(results_type), intent(inout) :: self
-   !> Error handling
    type(error_type), allocatable, intent(out) :: error
 
    call self%file%publish(error)
@@ -272,7 +246,6 @@ subroutine add_state(file, load, activation, coefficients, error)
    real(wp), intent(in) :: activation
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    call file%append(own//"/load", [load], error)
@@ -288,9 +261,7 @@ subroutine add_offsets(file, load, first, fields, error)
    real(wp), intent(in) :: load
    !> Index, from 0, of the step's first value in every field
    integer(i8), intent(in) :: first
-   !> Fields
    type(point_field), intent(in) :: fields(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
    character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
@@ -316,7 +287,6 @@ subroutine check_shape(name, found, wanted, error)
    integer, intent(in) :: found(:)
    !> Shape it must have
    integer, intent(in) :: wanted(:)
-   !> Error handling
    type(error_type), allocatable, intent(inout) :: error
 
    if (allocated(error) .or. all(found == wanted)) return

@@ -43,10 +43,8 @@ Study = Callable[[Path, ProgressCallback, bool], dict[str, Any]]
 def find_study(name: str) -> Study:
     """Function of a benchmark.
 
-    Raises
-    ------
-    InputError
-        Its name is unknown, or it belongs to a checkout and the working directory is none.
+    - raises InputError: its name is unknown, or it belongs to a checkout and the working directory
+      is none
     """
     if name not in BENCHES:
         raise InputError(
@@ -79,26 +77,11 @@ def run_benches(
 ) -> dict[str, Any]:
     """Run benchmarks and write `bench.json` and `bench.html`.
 
-    Parameters
-    ----------
-    names : list of str
-        From `BENCHES`, or `all`: those of the package and, in a checkout, of it.
-    out : Path
-        Folder of the results; made if it is missing.
-    quick : bool
-        Small cases only.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    dict
-        Content of `bench.json`; a benchmark that failed has an entry `ended`.
-
-    Raises
-    ------
-    InputError
-        A name is unknown.
+    - `names`: from `BENCHES`, or `all`: those of the package and, in a checkout, of it
+    - `out`: folder of the results; made if it is missing
+    - `quick`: small cases only
+    - returns content of `bench.json`; a benchmark that failed has an entry `ended`
+    - raises InputError: a name is unknown
     """
     from myork.bench.machine import machine
     from myork.bench.page import write_page

@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 from myork.bench.runs import lattice
 
-__all__ = ["GALERKIN", "MODES", "MOTIONS", "PATHS", "RKCM", "LoadPath", "Motion"]
-
 _WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
 #: The published form: order, support, kernel and weights
 RKCM = (
@@ -44,33 +42,20 @@ MOTIONS = (
 
 
 class LoadPath(NamedTuple):
-    """A path of loads with what was published of it.
+    """A path of loads with what was published of it."""
 
-    Attributes
-    ----------
-    name, deck : str
-        Problem and deck.
-    overrides : tuple of str
-        The published discretisation.
-    modes : tuple of int
-        Numbers of modes.
-    e1, e2 : tuple of float
-        Published errors with each number of modes.
-    full_min, reduced_min
-        Published processor time of the full model, and with each number of modes [min].
-    saved : tuple of float
-        Published share of time saved with each number of modes [%].
-    """
-
+    #: Problem and deck
     name: str
     deck: str
-    overrides: tuple[str, ...]
-    modes: tuple[int, ...]
+    overrides: tuple[str, ...]  #: The published discretisation
+    modes: tuple[int, ...]  #: Numbers of modes
+    #: Published errors with each number of modes
     e1: tuple[float, ...] = ()
     e2: tuple[float, ...] = ()
+    #: Published processor time of the full model, and with each number of modes [min]
     full_min: float | None = None
     reduced_min: tuple[float, ...] = ()
-    saved: tuple[float, ...] = ()
+    saved: tuple[float, ...] = ()  #: Published share of time saved with each number of modes [%]
 
 
 _SHEAR = LoadPath(

@@ -16,76 +16,36 @@ from myork.bench.linear import PUBLISHED_STUDIES, Study
 from myork.bench.materials import RUBBER
 from myork.bench.runs import lattice, read_deck
 
-__all__ = ["TABLES", "WITHOUT_NUMBERS", "Row", "Run", "Table"]
-
 
 class Run(NamedTuple):
-    """A computation.
+    """A computation."""
 
-    Attributes
-    ----------
-    kind : str
-        What is computed, a key of `myork.bench.reproduce.RUNS`.
-    deck : str
-        Name of an installed deck, or of tables in `myork.bench.phantoms`.
-    overrides : tuple of str
-        What differs from the deck.
-    more : LoadPath, Motion, Study, str or None
-        What else the kind of run wants.
-    """
-
-    kind: str
-    deck: str
-    overrides: tuple[str, ...] = ()
-    more: LoadPath | Motion | Study | str | None = None
+    kind: str  #: What is computed, a key of `myork.bench.reproduce.RUNS`
+    deck: str  #: Name of an installed deck, or of tables in `myork.bench.phantoms`
+    overrides: tuple[str, ...] = ()  #: What differs from the deck
+    more: LoadPath | Motion | Study | str | None = None  #: What else the kind of run wants
 
 
 class Row(NamedTuple):
-    """A number of a table or figure.
+    """A number of a table or figure."""
 
-    Attributes
-    ----------
-    name : str
-        What it is, with its unit.
-    published : float, callable or None
-        The number; a callable evaluates a formula. None where ours stands alone.
-    quantity : tuple of str
-        Run and key of its record (`"probes.stress"`); a second pair divides the first.
-    note : str
-        Where ours differs: why, and how to see it.
-    """
-
-    name: str
+    name: str  #: What it is, with its unit
+    #: The number; a callable evaluates a formula. None where ours stands alone.
     published: float | Callable[[], float] | None
+    #: Run and key of its record (`"probes.stress"`); a second pair divides the first
     quantity: tuple[str, ...]
-    note: str = ""
+    note: str = ""  #: Where ours differs: why, and how to see it
 
 
 class Table(NamedTuple):
-    """A table or figure.
+    """A table or figure."""
 
-    Attributes
-    ----------
-    name : str
-        `6.8`, or `figure-5.2`: what `myork reproduce` takes.
-    title : str
-        What it shows.
-    runs : mapping
-        Runs by name.
-    rows : tuple of Row
-        Its numbers.
-    cost_s : float
-        Processor time of one thread, roughly [s].
-    note : str
-        Where all rows differ: why, and how to see it.
-    """
-
-    name: str
-    title: str
-    runs: dict[str, Run]
-    rows: tuple[Row, ...]
-    cost_s: float
-    note: str = ""
+    name: str  #: `6.8`, or `figure-5.2`: what `myork reproduce` takes
+    title: str  #: What it shows
+    runs: dict[str, Run]  #: Runs by name
+    rows: tuple[Row, ...]  #: Its numbers
+    cost_s: float  #: Processor time of one thread, roughly [s]
+    note: str = ""  #: Where all rows differ: why, and how to see it
 
 
 #: The transformation method and the quadratic basis that figures 5.13, 5.17, 5.30 and tables 5.2,

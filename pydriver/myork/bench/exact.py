@@ -18,35 +18,15 @@ from scipy.optimize import brentq
 from myork.errors import ConvergenceError
 from myork.types import F64
 
-__all__ = [
-    "Polynomial",
-    "Tube",
-    "dilation",
-    "equibiaxial",
-    "inner_stress",
-    "simple_shear",
-    "tube",
-    "uniaxial",
-]
-
-
 # solve_bvp takes no stricter tolerance without a warning of its own
 _TOLERANCE = 1e-9
 
 
 class Polynomial(NamedTuple):
-    """Polynomial in the isochoric invariants (4.35), `W = sum A_ij (I1-3)^i (I2-3)^j`.
+    """Polynomial in the isochoric invariants (4.35), `W = sum A_ij (I1-3)^i (I2-3)^j`."""
 
-    Attributes
-    ----------
-    coefficients : mapping
-        `A_ij` by `(i, j)` [stress].
-    bulk : float
-        Bulk modulus, may be infinite [stress].
-    """
-
-    coefficients: Mapping[tuple[int, int], float]
-    bulk: float
+    coefficients: Mapping[tuple[int, int], float]  #: `A_ij` by `(i, j)` [stress]
+    bulk: float  #: Bulk modulus, may be infinite [stress]
 
     @classmethod
     def from_deck(cls, material: Mapping[str, Any], bulk: float | None = None) -> Polynomial:
@@ -71,15 +51,8 @@ class Polynomial(NamedTuple):
     def isochoric(self, stretches: Any) -> Any:
         """Isochoric first Piola-Kirchhoff stresses.
 
-        Parameters
-        ----------
-        stretches : array_like
-            Principal stretches in the first axis, shape `(3, ...)` [-].
-
-        Returns
-        -------
-        array
-            Principal stresses, same shape [stress].
+        - `stretches`: principal stretches in the first axis, shape `(3, ...)` [-]
+        - returns principal stresses, same shape [stress]
         """
         lam = np.asarray(stretches)
         j = lam[0] * lam[1] * lam[2]
@@ -94,21 +67,11 @@ class Polynomial(NamedTuple):
 
 
 class Tube(NamedTuple):
-    """Inflated tube in plane strain.
+    """Inflated tube in plane strain."""
 
-    Attributes
-    ----------
-    place : F64
-        Undeformed radii, shape `(n,)` [length].
-    radius : F64
-        Deformed radii, shape `(n,)` [length].
-    radial : F64
-        Radial Cauchy stress, shape `(n,)` [stress].
-    """
-
-    place: F64
-    radius: F64
-    radial: F64
+    place: F64  #: Undeformed radii, shape `(n,)` [length]
+    radius: F64  #: Deformed radii, shape `(n,)` [length]
+    radial: F64  #: Radial Cauchy stress, shape `(n,)` [stress]
 
 
 def tube(
@@ -119,21 +82,10 @@ def tube(
     The equation `d(P_rr)/dR + (P_rr - P_tt)/R = 0` is solved for the radius and `P_rr`; the
     pressure follows from these two at each place.
 
-    Parameters
-    ----------
-    material : Polynomial
-        Material.
-    inner, outer : float
-        Undeformed radii [length].
-    radial : float
-        Displacement of the inner surface [length].
-    place : array_like, optional
-        Undeformed radii at which the solution is wanted; default the inner surface.
-
-    Raises
-    ------
-    ConvergenceError
-        The boundary value problem was not solved.
+    - `inner`, `outer`: undeformed radii [length]
+    - `radial`: displacement of the inner surface [length]
+    - `place`: undeformed radii at which the solution is wanted; default the inner surface
+    - raises ConvergenceError: the boundary value problem was not solved
     """
     compliance = 1.0 / material.bulk
 

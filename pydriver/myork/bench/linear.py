@@ -16,8 +16,6 @@ import numpy as np
 from myork.bench.runs import Deck, lattice, read_deck, solve_case
 from myork.errors import ConvergenceError
 
-__all__ = ["HIGHER_STUDIES", "PUBLISHED_STUDIES", "Study", "study_rates"]
-
 #: A displacement of sines in both directions, and its stress and body force with E = 1, nu = 1/4
 _U = ("sin(pi*x)*sin(pi*y)", "sin(pi*(x + 1/4))*sin(pi*(y + 1/4))")
 _XX = "pi*(1.2*cos(pi*x)*sin(pi*y) + 0.4*sin(pi*(x + 1/4))*cos(pi*(y + 1/4)))"
@@ -50,32 +48,18 @@ Sizes = tuple[tuple[int, ...], ...]
 
 
 class Study(NamedTuple):
-    """A problem on several grids.
+    """A problem on several grids."""
 
-    Attributes
-    ----------
-    problem, deck : str
-        Name in tables and curves; installed deck, or `plane_strain`.
-    source, collocation : Sizes
-        Points along each edge, coarsest grid first.
-    order : int
-        Order of the basis; the support is one spacing more.
-    support : float
-        Half width of the support in spacings.
-    traction : float
-        Weight of the traction rows.
-    published : tuple of float
-        Published L2 and H1 rates, empty where there are none.
-    """
-
+    #: Name in tables and curves; installed deck, or `plane_strain`
     problem: str
     deck: str
+    #: Points along each edge, coarsest grid first
     source: Sizes
     collocation: Sizes
-    order: int = 2
-    support: float = 3.0
-    traction: float = 1.0
-    published: tuple[float, ...] = ()
+    order: int = 2  #: Order of the basis; the support is one spacing more
+    support: float = 3.0  #: Half width of the support in spacings
+    traction: float = 1.0  #: Weight of the traction rows
+    published: tuple[float, ...] = ()  #: Published L2 and H1 rates, empty where there are none
 
     @property
     def label(self) -> str:

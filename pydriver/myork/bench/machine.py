@@ -10,8 +10,6 @@ from typing import Any
 
 import myork
 
-__all__ = ["machine"]
-
 
 def machine() -> dict[str, Any]:
     """Version, date, processor and number of cores."""

@@ -13,8 +13,6 @@ from scipy.optimize import brentq
 
 from myork.core.material import Material, stress
 
-__all__ = ["MUSCLE", "RUBBER", "along_fibers"]
-
 #: Muscle of table 4.1, per N/cm2
 MUSCLE = {
     "name": "muscle",
@@ -33,19 +31,10 @@ RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A3
 def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:
     """Cauchy stress along the fibers of a muscle whose sides are free of stress.
 
-    Parameters
-    ----------
-    table : mapping
-        Table `[[material]]` of a deck, with a finite bulk modulus.
-    stretch : float
-        Stretch of the fibers [-].
-    activation : float
-        Activation [-].
-
-    Returns
-    -------
-    float
-        Stress [stress].
+    - `table`: table `[[material]]` of a deck, with a finite bulk modulus
+    - `stretch`: stretch of the fibers [-]
+    - `activation`: activation [-]
+    - returns stress [stress]
     """
     material = Material.of_table(table)
 

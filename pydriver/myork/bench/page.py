@@ -16,8 +16,6 @@ from myork.report.figures import COLOURS, MARKERS
 from myork.report.frame import Page, Section, figure, table
 from myork.report.numbers import DASH, number
 
-__all__ = ["write_page"]
-
 _RIVAL = "#777777"
 #: Letters of a sentence, which makes a column too wide
 _LONG = 44

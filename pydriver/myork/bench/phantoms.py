@@ -41,25 +41,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Muscle:
-    """A medial gastrocnemius.
+    """A medial gastrocnemius."""
 
-    Attributes
-    ----------
-    name : str
-        Whose it is.
-    scale : float
-        Size of the calf across [-].
-    imat, imct : float
-        Part of the muscle that is fat, or connective tissue [-].
-    layer : float
-        Thickness of the connective tissue around it in a calf of scale 1 [mm].
-    """
-
-    name: str
-    scale: float
+    name: str  #: Whose it is
+    scale: float  #: Size of the calf across [-]
+    #: Part of the muscle that is fat, or connective tissue [-]
     imat: float
     imct: float
-    layer: float = 1.9
+    layer: float = 1.9  #: Thickness of the connective tissue around it in a calf of scale 1 [mm]
 
 
 YOUNG = Muscle("young", 1.0901, 0.0231, 0.1701)

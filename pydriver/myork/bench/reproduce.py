@@ -51,17 +51,6 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.types import F64
 
-__all__ = [
-    "FAR",
-    "RUNS",
-    "compute",
-    "find_tables",
-    "list_tables",
-    "reproduce",
-    "row_columns",
-    "rows_of",
-]
-
 #: A number further from the published one has a reason
 FAR = 0.2
 #: Runs longer than this are said to be long [s]
@@ -264,16 +253,9 @@ RUNS: dict[str, Callable[[Run, ProgressCallback], Record]] = {
 def find_tables(names: Sequence[str]) -> list[Table]:
     """Tables and figures by their names.
 
-    Parameters
-    ----------
-    names : sequence of str
-        `6.8`, `table-6.8`, `figure-5.2`, or `all`. A bare number is the table of that number, or
-        the figure where there is no such table.
-
-    Raises
-    ------
-    InputError
-        There is no such table or figure, or it has no numbers.
+    - `names`: `6.8`, `table-6.8`, `figure-5.2`, or `all`. A bare number is the table of that
+      number, or the figure where there is no such table.
+    - raises InputError: there is no such table or figure, or it has no numbers
     """
     if "all" in names:
         return sorted(TABLES.values(), key=lambda table: table.cost_s)
@@ -343,29 +325,14 @@ def reproduce(
 ) -> dict[str, Any]:
     """Compute tables and figures again, and put ours beside the published numbers.
 
-    Parameters
-    ----------
-    names : sequence of str
-        As of `find_tables`.
-    out : Path
-        Folder of `reproduce.json`, `reproduce.md` and `reproduce.html`; other tables that are
-        there already, from this version, stay.
-    progress : callable
-        Called with every line of progress.
-    show : callable
-        Called with the text of each table that is finished.
-
-    Returns
-    -------
-    dict
-        Content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`, `ratio`,
-        `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note` and, where
-        there is no number, `ended`.
-
-    Raises
-    ------
-    InputError
-        A name is unknown.
+    - `names`: as of `find_tables`
+    - `out`: folder of `reproduce.json`, `reproduce.md` and `reproduce.html`; other tables that are
+      there already, from this version, stay
+    - `show`: called with the text of each table that is finished
+    - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
+      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note` and,
+      where there is no number, `ended`
+    - raises InputError: a name is unknown
     """
     wanted = find_tables(names)
     records: dict[Run, Record] = {}

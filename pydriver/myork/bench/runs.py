@@ -24,18 +24,6 @@ from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.stations.solve import find_executable
 
-__all__ = [
-    "METHODS",
-    "PUBLISHED_BLOCK",
-    "Deck",
-    "Ending",
-    "lattice",
-    "outcome_text",
-    "read_deck",
-    "run_command",
-    "solve_case",
-]
-
 #: A deck file, the name of one in `INPUTS`, or tables
 Deck = str | Path | Mapping[str, Any]
 
@@ -57,21 +45,11 @@ _KEPT = (
 
 
 class Ending(NamedTuple):
-    """How a command ended.
+    """How a command ended."""
 
-    Attributes
-    ----------
-    outcome : str
-        `done`, `not converged`, `refused`, `failed`, `crashed` or `time limit`.
-    message : str
-        What it said on its error output, or its last lines.
-    seconds : float
-        Wall time [s].
-    """
-
-    outcome: str
-    message: str
-    seconds: float
+    outcome: str  #: `done`, `not converged`, `refused`, `failed`, `crashed` or `time limit`
+    message: str  #: What it said on its error output, or its last lines
+    seconds: float  #: Wall time [s]
 
 
 def run_command(words: Sequence[str | Path], limit: float) -> Ending:
@@ -134,29 +112,17 @@ def solve_case(
 ) -> dict[str, Any]:
     """Solve a deck with one thread and record what the summary says.
 
-    Parameters
-    ----------
-    deck : Deck
-        Deck file, the name of one in `INPUTS`, or tables.
-    overrides : sequence of str
-        `"table.key=value"` each.
-    cloud : PointCloud, optional
-        Points of the body, where the tables want a model.
-    limit : float
-        Wall time after which the run is ended [s].
-    look : callable, optional
-        Called with the folder of the results before it is removed, if a step converged; what it
-        returns joins the record.
-    error : bool
-        Compute a second solution for the error bars; its time is in that of the process.
-
-    Returns
-    -------
-    dict
-        `deck`, `overrides`, `outcome`, `message`, `seconds` (wall time of the process), and of a
-        solve that took place the sizes, solver, timings, verdict and `iterations`, `min_J`,
-        `max_J`, `load` (reached), `probes` and `probe_errors` (by name, at the load reached),
-        `history` (probes, activation and range of J in all steps).
+    - `deck`: deck file, the name of one in `INPUTS`, or tables
+    - `overrides`: `"table.key=value"` each
+    - `cloud`: points of the body, where the tables want a model
+    - `limit`: wall time after which the run is ended [s]
+    - `look`: called with the folder of the results before it is removed, if a step converged; what
+      it returns joins the record
+    - `error`: compute a second solution for the error bars; its time is in that of the process
+    - returns `deck`, `overrides`, `outcome`, `message`, `seconds` (wall time of the process), and
+      of a solve that took place the sizes, solver, timings, verdict and `iterations`, `min_J`,
+      `max_J`, `load` (reached), `probes` and `probe_errors` (by name, at the load reached),
+      `history` (probes, activation and range of J in all steps)
     """
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         if isinstance(deck, Mapping):

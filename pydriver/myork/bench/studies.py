@@ -23,8 +23,6 @@ from myork.bench.runs import METHODS, PUBLISHED_BLOCK, lattice, read_deck
 from myork.bench.tables import plot, table
 from myork.console import ProgressCallback
 
-__all__ = ["STUDIES", "run"]
-
 #: Seconds that a table may take where small cases are wanted
 _QUICK = 3.0
 #: Value of a problem from its deck

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["Columns", "Shown", "entry_of", "plot", "table"]
-
 #: What is shown of a case: a key (`"solver.used"` or a tuple of keys of a mapping within), or a
 #: function of the case
 Shown = str | tuple[str, ...] | Callable[[Mapping[str, Any]], Any]

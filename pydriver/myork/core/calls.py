@@ -16,8 +16,6 @@ from typing import Any
 
 from myork.errors import InputError, check
 
-__all__ = ["Turn", "call_in_thread", "called"]
-
 
 def called(function: Callable[..., Any], *arguments: Any) -> Any:
     """What a function of the core gives before its status and message; a single value by itself.
@@ -87,20 +85,12 @@ def call_in_thread(
 ) -> bool:
     """Run a compiled call in a thread and wait for its end, whatever happens meanwhile.
 
-    Parameters
-    ----------
-    work : callable
-        The call; what it raises is raised here.
-    poll : callable
-        Called again and again while it runs; if it raises, the call is stopped and waited for
-        first.
-    stop : callable
-        Asks the call to end soon.
-
-    Returns
-    -------
-    bool
-        Whether Ctrl-C (or SIGTERM, where it is handled like that) came; the call was asked to stop.
+    - `work`: the call; what it raises is raised here
+    - `poll`: called again and again while it runs; if it raises, the call is stopped and waited for
+      first
+    - `stop`: asks the call to end soon
+    - returns whether Ctrl-C (or SIGTERM, where it is handled like that) came; the call was asked to
+      stop
     """
     done = threading.Event()
     failures: list[BaseException] = []

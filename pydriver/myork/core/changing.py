@@ -9,8 +9,6 @@ from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.tables import override_text
 
-__all__ = ["scene_at"]
-
 
 def scene_at(
     scene: Scene,
@@ -20,19 +18,10 @@ def scene_at(
 ) -> Scene:
     """The scene with other values; another one in its place where fibers or points change.
 
-    Parameters
-    ----------
-    scene : Scene
-        Scene that may be changed; it is closed where another one takes its place.
-    known, wanted : mapping
-        Values by key that it has, and that it is to have.
-    open_scene : callable
-        Opens the scene with overrides.
-
-    Raises
-    ------
-    InputError
-        A wrong value.
+    - `scene`: scene that may be changed; it is closed where another one takes its place
+    - `known`, `wanted`: values by key that it has, and that it is to have
+    - `open_scene`: opens the scene with overrides
+    - raises InputError: a wrong value
     """
     changes = {key: value for key, value in wanted.items() if known.get(key) != value}
     try:

@@ -14,17 +14,6 @@ from myork.core.states import States
 from myork.results import RestartState, restart_of
 from myork.types import F64
 
-__all__ = [
-    "check_changeable",
-    "field_sizes",
-    "finite",
-    "lines_of",
-    "modes_of",
-    "shaped",
-    "unknowns_of",
-]
-
-
 #: Tables that an open scene can change, and keys of theirs that it cannot
 _CHANGEABLE = {"load", "material", "boundary", "amplitude", "solver", "probe"}
 _FIXED_KEYS = {"set", "label", "model", "fiber", "fiber_angle", "name"}
@@ -91,16 +80,10 @@ def unknowns_of(
 ) -> F64:
     """Unknowns of a state at which the iteration of a scene begins.
 
-    Parameters
-    ----------
-    start : F64, States, RestartState, str or Path
-        Unknowns, or a state that holds them.
-    points : F64
-        Collocation points of the scene, shape `(np, dimension)` [length].
-    approximation : str
-        Its shape functions, in words.
-    dofs : int
-        Its unknowns.
+    - `start`: unknowns, or a state that holds them
+    - `points`: collocation points of the scene, shape `(np, dimension)` [length]
+    - `approximation`: its shape functions, in words
+    - `dofs`: its unknowns
     """
     if isinstance(start, str | Path):
         start = restart_of(start)

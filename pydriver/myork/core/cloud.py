@@ -12,8 +12,6 @@ from myork import errors
 from myork.model_file import checked_cloud, read_model
 from myork.records import PointCloud, Voxels
 
-__all__ = ["NO_CLOUD", "check_cloud", "model_of", "model_path", "packed", "with_cloud"]
-
 # One unused point: the wrapper cannot infer the shape of nothing.
 NO_CLOUD = PointCloud(
     source=np.zeros((1, 3)),

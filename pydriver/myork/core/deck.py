@@ -17,17 +17,6 @@ from numpy.typing import NDArray
 from myork import _core, errors
 from myork.tables import deck_text
 
-__all__ = [
-    "NAME_OF_TABLES",
-    "as_texts",
-    "check_deck",
-    "deck_key",
-    "deck_values",
-    "load_deck",
-    "table_defaults",
-    "text_of_tables",
-]
-
 #: What stands for the file in messages about tables
 NAME_OF_TABLES = "tables"
 
@@ -88,17 +77,10 @@ def text_of_tables(tables: Mapping[str, Any]) -> str:
 def table_defaults(table: str, key: str = "", value: str = "") -> Mapping[str, Any]:
     """Values that the schema gives to keys of a table which a deck leaves out.
 
-    Parameters
-    ----------
-    table : str
-        Name of the table.
-    key, value : str
-        A key of the table with its value, on which other keys depend: `"model", "muscle"`.
-
-    Returns
-    -------
-    mapping
-        Values by key, the given one included.
+    - `table`: name of the table
+    - `key`, `value`: a key of the table with its value, on which other keys depend:
+      `"model", "muscle"`
+    - returns values by key, the given one included
     """
     answer, length, stat, message = _core.deck_defaults(
         table.encode(), key.encode() or b" ", value.encode() or b" ", _CAPACITY
@@ -111,24 +93,13 @@ def table_defaults(table: str, key: str = "", value: str = "") -> Mapping[str, A
 def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: str = "") -> str:
     """The key that `--set` would set, with the name of its entry.
 
-    Parameters
-    ----------
-    path : str or Path
-        Deck file, or its name for messages.
-    key : str
-        Key as in `--set`: `material.K` is that of the first material, `material.2.K` and
-        `material.fat.K` that of the second.
-    overrides : sequence of str
-        `table.key=value` each.
-    text : str
-        Text of the deck; empty for that of the file. It may have other faults.
-
-    Raises
-    ------
-    InputError
-        The deck has no such key or entry.
-    FileError
-        The deck cannot be read.
+    - `path`: deck file, or its name for messages
+    - `key`: key as in `--set`: `material.K` is that of the first material, `material.2.K` and
+      `material.fat.K` that of the second
+    - `overrides`: `table.key=value` each
+    - `text`: text of the deck; empty for that of the file. It may have other faults.
+    - raises InputError: the deck has no such key or entry
+    - raises FileError: the deck cannot be read
     """
     full, stat, message = _core.deck_key(
         os.fsencode(path), text.encode() or b" ", as_texts(overrides), key.encode() or b" "

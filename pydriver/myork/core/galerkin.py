@@ -11,126 +11,65 @@ from myork.core.checks import modes_of
 from myork.core.scene import Scene
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "GalerkinParts",
-    "LoadParts",
-    "PlaceParts",
-    "galerkin_parts",
-    "load_parts",
-    "modal_gradients",
-    "modal_products",
-    "place_parts",
-    "probe_sets",
-    "tissue_laws",
-]
-
 
 class GalerkinParts(NamedTuple):
-    """What the Galerkin form integrates.
+    """What the Galerkin form integrates."""
 
-    Attributes
-    ----------
-    weight, local_bulk : F64
-        Volume of the integration points and their own part of the bulk modulus, shape `(np,)`.
-    group : I32
-        Points before each group, shape `(groups + 1,)`.
-    bulk : F64
-        Bulk modulus on the projected volume of each group, shape `(groups,)` [stress].
-    polynomials : I32
-        Polynomials of each group.
-    basis, total : F64
-        Their values at the points and their integrals, shapes `(np, 1 + nd)`, `(groups, 1 + nd)`.
-    set : I32
-        Boundary set of the surface points, from 1.
-    essential : NDArray
-        Whether a component is prescribed there, shape `(ms, nd)`.
-    penalty : F64
-        Penalty times area of the surface points, shape `(ms,)` [force/length].
-    first, tissue : I32
-        Entries before each point, shape `(np + 1,)`, and the tissue of each, from 0.
-    fraction, fiber : F64
-        Fraction and fiber of the entries, shapes `(ne,)`, `(ne, 3)`.
-    """
-
+    #: Volume of the integration points and their own part of the bulk modulus, shape `(np,)`
     weight: F64
     local_bulk: F64
-    group: I32
-    bulk: F64
-    polynomials: I32
+    group: I32  #: Points before each group, shape `(groups + 1,)`
+    bulk: F64  #: Bulk modulus on the projected volume of each group, shape `(groups,)` [stress]
+    polynomials: I32  #: Polynomials of each group
+    #: Their values at the points and their integrals, shapes `(np, 1 + nd)`, `(groups, 1 + nd)`
     basis: F64
     total: F64
-    set: I32
-    essential: Mask
-    penalty: F64
+    set: I32  #: Boundary set of the surface points, from 1
+    essential: Mask  #: Whether a component is prescribed there, shape `(ms, nd)`
+    penalty: F64  #: Penalty times area of the surface points, shape `(ms,)` [force/length]
+    #: Entries before each point, shape `(np + 1,)`, and the tissue of each, from 0
     first: I32
     tissue: I32
+    #: Fraction and fiber of the entries, shapes `(ne,)`, `(ne, 3)`
     fraction: F64
     fiber: F64
 
 
 class LoadParts(NamedTuple):
-    """What a scene prescribes at full load.
+    """What a scene prescribes at full load."""
 
-    Attributes
-    ----------
-    value, push : F64
-        Prescribed displacements of the surface points and forces of their tractions, shape
-        `(ms, nd)`.
-    given : F64
-        Displacement gradients that the values make, index 3 i + A, shape `(np, 9)`.
-    force : F64
-        Forces on the unknowns, shape `(n,)`.
-    """
-
+    #: Prescribed displacements of the surface points and forces of their tractions, shape
+    #: `(ms, nd)`
     value: F64
     push: F64
-    given: F64
-    force: F64
+    given: F64  #: Displacement gradients that the values make, index 3 i + A, shape `(np, 9)`
+    force: F64  #: Forces on the unknowns, shape `(n,)`
 
 
 class PlaceParts(NamedTuple):
-    """The place of a probe.
+    """The place of a probe."""
 
-    Attributes
-    ----------
-    gradient : F64
-        Displacement gradients of modes there, shape `(9, r)`; zero where gradients are smoothed.
-    weight : F64
-        Weights of the gradients of the integration points; zero where they are not smoothed.
-    pressure : F64
-        Weights of the coefficients of the groups' pressures, shape `(groups, 1 + nd)`.
-    local_bulk : float
-        Part of the bulk modulus that acts there.
-    tissue : I32
-        Its tissues, from 0.
-    fraction, fiber : F64
-        Their fractions and fibers, shapes `(k,)`, `(k, 3)`.
-    face, normal : F64
-        On a free face, where the stress has no traction, gradients along it and its normal, shapes
-        `(9, r)`, `(3,)`; otherwise zero.
-    bulk : float
-        Bulk modulus there, 0 elsewhere.
-    """
-
+    #: Displacement gradients of modes there, shape `(9, r)`; zero where gradients are smoothed
     gradient: F64
+    #: Weights of the gradients of the integration points; zero where they are not smoothed
     weight: F64
-    pressure: F64
-    local_bulk: float
-    tissue: I32
+    pressure: F64  #: Weights of the coefficients of the groups' pressures, shape `(groups, 1 + nd)`
+    local_bulk: float  #: Part of the bulk modulus that acts there
+    tissue: I32  #: Its tissues, from 0
+    #: Their fractions and fibers, shapes `(k,)`, `(k, 3)`
     fraction: F64
     fiber: F64
+    #: On a free face, where the stress has no traction, gradients along it and its normal, shapes
+    #: `(9, r)`, `(3,)`; otherwise zero
     face: F64
     normal: F64
-    bulk: float
+    bulk: float  #: Bulk modulus there, 0 elsewhere
 
 
 def galerkin_parts(scene: Scene) -> GalerkinParts:
     """Points, groups, surface and tissues of an open scene.
 
-    Raises
-    ------
-    InputError
-        The scene is of another form, or has an infinite bulk modulus.
+    - raises InputError: the scene is of another form, or has an infinite bulk modulus
     """
     points, groups, surface, entries, _ = _sizes(scene)
     cells = scene._ask(_core.galerkin_cells, scene.dimension, points, groups, surface)
@@ -146,20 +85,13 @@ def galerkin_parts(scene: Scene) -> GalerkinParts:
 def tissue_laws(scene: Scene) -> tuple[F64, F64, F64]:
     """Laws of the tissues of an open scene.
 
-    Returns
-    -------
-    coefficients : F64
-        A10, A01, A20, A11, A02, A30, A21, A12, A03 of each, shape `(nt, 9)` [stress].
-    fibers : F64
-        lambda_o, gamma1, gamma2, whether the curves are smooth, and the axis about which
-        `fiber_angle` turns fibers, shape `(nt, 7)`.
-    state : F64
-        Whether there are fibers, largest isometric stress and activation, shape `(nt, 3)`.
-
-    Raises
-    ------
-    InputError
-        A law that is no polynomial with fibers.
+    - returns `coefficients`: A10, A01, A20, A11, A02, A30, A21, A12, A03 of each, shape `(nt, 9)`
+      [stress]
+    - returns `fibers`: lambda_o, gamma1, gamma2, whether the curves are smooth, and the axis about
+      which `fiber_angle` turns fibers, shape `(nt, 7)`
+    - returns `state`: whether there are fibers, largest isometric stress and activation, shape
+      `(nt, 3)`
+    - raises InputError: a law that is no polynomial with fibers
     """
     coefficients, fibers, state = scene._ask(_core.galerkin_laws, _sizes(scene)[4])
     return coefficients.T, fibers.T, state.T

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from myork import _core, errors
 from myork.core.calls import called
 
-__all__ = ["evolve_level_sets"]
-
 
 def evolve_level_sets(
     channels: ArrayLike,
@@ -32,36 +30,22 @@ def evolve_level_sets(
 ) -> dict[str, NDArray[Any]]:
     """Evolve level sets by the scheme of Appendix A, energy (3.29) and gamma P of (3.38).
 
-    Parameters
-    ----------
-    channels : ArrayLike
-        Values, shape `(ni, nj, nk, nchannel)` [-].
-    weight : ArrayLike
-        Weights of the voxels' misfit, zero for voxels that take no part (whatever values they
-        hold), shape `(ni, nj, nk)` [-].
-    start : ArrayLike
-        First level sets, shape `(ni, nj, nk, nlevel)` [-].
-    spacing : tuple
-        Voxel sizes along the three axes [-].
-    mu, nu, epsilon, dt, tolerance, iterations
-        Weights of length and area, width of the step (3.16), largest time step, the part of the
-        voxels that may change their region in ten iterations at rest, and the largest number of
-        iterations.
-    lambdas, channel_weights : ArrayLike
-        Weights of the misfit of each region, shape `(nregion,)`, and of each channel; there are
-        more than half of `2**nlevel` regions.
-    volume : bool
-        Whether the slices are one volume; else each is a problem of its own.
-    gamma : float
-        Weight of P (3.39), which keeps the level sets near distance functions [-].
-
-    Returns
-    -------
-    dict
-        `phi` like `start`; `energy` at the start and after each iteration, shape
-        `(iterations + 1, nblock)`; `means`, shape `(nchannel, nregion, nblock)`; `iterations`
-        and `ended` (0 limit, 1 regions at rest, 2 no step lowers the energy), shape
-        `(nblock,)`. A block is a slice or the volume.
+    - `channels`: values, shape `(ni, nj, nk, nchannel)` [-]
+    - `weight`: weights of the voxels' misfit, zero for voxels that take no part (whatever values
+      they hold), shape `(ni, nj, nk)` [-]
+    - `start`: first level sets, shape `(ni, nj, nk, nlevel)` [-]
+    - `spacing`: voxel sizes along the three axes [-]
+    - `mu`, `nu`, `epsilon`, `dt`, `tolerance`, `iterations`: weights of length and area, width of
+      the step (3.16), largest time step, the part of the voxels that may change their region in ten
+      iterations at rest, and the largest number of iterations
+    - `lambdas`, `channel_weights`: weights of the misfit of each region, shape `(nregion,)`, and of
+      each channel; there are more than half of `2**nlevel` regions
+    - `volume`: whether the slices are one volume; else each is a problem of its own
+    - `gamma`: weight of P (3.39), which keeps the level sets near distance functions [-]
+    - returns `phi` like `start`; `energy` at the start and after each iteration, shape
+      `(iterations + 1, nblock)`; `means`, shape `(nchannel, nregion, nblock)`; `iterations` and
+      `ended` (0 limit, 1 regions at rest, 2 no step lowers the energy), shape `(nblock,)`. A block
+      is a slice or the volume.
     """
     values = np.asfortranarray(channels, dtype=float)
     part = np.asfortranarray(weight, dtype=float)

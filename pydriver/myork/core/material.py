@@ -65,33 +65,19 @@ class Material:
 
 
 class Tangents(NamedTuple):
-    """What a row of the strong form needs at each point.
+    """What a row of the strong form needs at each point."""
 
-    Attributes
-    ----------
-    stress : F64
-        First Piola-Kirchhoff stress `P[p, i, A]` [stress].
-    tangent : F64
-        `C4[p, i, A, j, B] = dP_iA/dF_jB` [stress].
-    contracted : F64
-        `T[p, i, k, C]`, the sum of `C6[i, A, j, B, k, C] H[j, B, A]` [stress/length].
-    """
-
-    stress: F64
-    tangent: F64
+    stress: F64  #: First Piola-Kirchhoff stress `P[p, i, A]` [stress]
+    tangent: F64  #: `C4[p, i, A, j, B] = dP_iA/dF_jB` [stress]
+    #: `T[p, i, k, C]`, the sum of `C6[i, A, j, B, k, C] H[j, B, A]` [stress/length]
     contracted: F64
 
 
 class FiberCurves(NamedTuple):
-    """Forces of fibers against their stretch.
+    """Forces of fibers against their stretch."""
 
-    Attributes
-    ----------
-    active, passive : F64
-        Integral of the force from stretch 1, the force and its first three derivatives, shape
-        `(5, n)` [-].
-    """
-
+    #: Integral of the force from stretch 1, the force and its first three derivatives, shape
+    #: `(5, n)` [-]
     active: F64
     passive: F64
 
@@ -106,28 +92,14 @@ def energy(
 ) -> F64:
     """Energy per reference volume at points.
 
-    Parameters
-    ----------
-    material : Material
-        Material of all points.
-    gradient : ArrayLike
-        Deformation gradients `F[p, i, A]` with a positive determinant, shape `(n, 3, 3)` [-].
-    fiber : ArrayLike
-        Unit vectors in the reference body, shape `(n, 3)` or `(3,)`; zeros: no fibers [-].
-    activation : float
-        Activation of the fibers, 0 to 1 [-].
-    volumetric : bool
-        Include `K/2 (J - 1)^2`?
-
-    Returns
-    -------
-    F64
-        Energies, shape `(n,)` [stress].
-
-    Raises
-    ------
-    InputError
-        Impossible parameter of the material, or wrong shapes.
+    - `material`: material of all points
+    - `gradient`: deformation gradients `F[p, i, A]` with a positive determinant, shape `(n, 3, 3)`
+      [-]
+    - `fiber`: unit vectors in the reference body, shape `(n, 3)` or `(3,)`; zeros: no fibers [-]
+    - `activation`: activation of the fibers, 0 to 1 [-]
+    - `volumetric`: include `K/2 (J - 1)^2`?
+    - returns energies, shape `(n,)` [stress]
+    - raises InputError: impossible parameter of the material, or wrong shapes
     """
     return _at_points(material, gradient, None, 3, fiber, activation, volumetric)[0]
 
@@ -142,10 +114,7 @@ def stress(
 ) -> F64:
     """First Piola-Kirchhoff stress at points; parameters as for `energy`.
 
-    Returns
-    -------
-    F64
-        Stresses `P[p, i, A]`, shape `(n, 3, 3)` [stress].
+    Returns stresses `P[p, i, A]`, shape `(n, 3, 3)` [stress].
     """
     return _at_points(material, gradient, None, 3, fiber, activation, volumetric)[1]
 
@@ -162,14 +131,10 @@ def strong(
 ) -> Tangents:
     """Stress, tangent and contracted third derivative at points; parameters as for `energy`.
 
-    Parameters
-    ----------
-    second : ArrayLike
-        Second derivatives of the displacement `H[p, j, B, A] = u_j,BA`, shape `(n, 3, 3, 3)`
-        [1/length].
-    dimension : int
-        3, or 2 for plane strain: `F[:, 2, 2] = 1`; then entries of the results with an index 2
-        are zero, apart from those of the stress.
+    - `second`: second derivatives of the displacement `H[p, j, B, A] = u_j,BA`, shape
+      `(n, 3, 3, 3)` [1/length]
+    - `dimension`: 3, or 2 for plane strain: `F[:, 2, 2] = 1`; then entries of the results with an
+      index 2 are zero, apart from those of the stress
     """
     if dimension not in (2, 3):
         raise errors.InputError(f"dimension must be 2 or 3, not {dimension}")
@@ -180,12 +145,8 @@ def strong(
 def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
     """Active and passive force of fibers (4.37), (4.38), as corrected, and their derivatives.
 
-    Parameters
-    ----------
-    stretch : ArrayLike
-        Normalised stretches lambda*, shape `(n,)` [-].
-    **parameters : float or str
-        `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent.
+    - `stretch`: normalised stretches lambda*, shape `(n,)` [-]
+    - `**parameters`: `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent
     """
     muscle = {**table_defaults("material", "model", "muscle"), **parameters}
     curve, gamma1, gamma2 = (muscle[key] for key in ("curve", "gamma1", "gamma2"))

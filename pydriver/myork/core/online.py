@@ -9,46 +9,23 @@ import numpy as np
 from myork import _core
 from myork.types import F64, I32, I64
 
-__all__ = [
-    "Cells",
-    "Model",
-    "Record",
-    "assemble",
-    "cell_stresses",
-    "online_states",
-    "record",
-    "triples",
-]
-
 
 class Cells(NamedTuple):
-    """Cells of a reduced model, all of them or a sample; arrays as the core takes them.
+    """Cells of a reduced model, all of them or a sample; arrays as the core takes them."""
 
-    Attributes
-    ----------
-    h : F64
-        Displacement gradients of the amplitudes, shape `(9, nc, s)`.
-    weight, local_bulk : F64
-        Volume times weight, bulk modulus of the cell itself.
-    a : F64
-        Coefficients of the polynomial, shape `(9, nc)`.
-    first, tissue : I32
-        Fibers before each cell, and the tissue of each, from 1.
-    fraction, fiber : F64
-        Their fraction and direction, shapes `(ne,)`, `(3, ne)`.
-    a_slope, bulk_slope : F64
-        Derivatives of `a` and `local_bulk` by parameters of materials, shapes `(9, nc, nm)`,
-        `(nc, nm)`.
-    """
-
-    h: F64
+    h: F64  #: Displacement gradients of the amplitudes, shape `(9, nc, s)`
+    #: Volume times weight, bulk modulus of the cell itself
     weight: F64
     local_bulk: F64
-    a: F64
+    a: F64  #: Coefficients of the polynomial, shape `(9, nc)`
+    #: Fibers before each cell, and the tissue of each, from 1
     first: I32
     tissue: I32
+    #: Their fraction and direction, shapes `(ne,)`, `(3, ne)`
     fraction: F64
     fiber: F64
+    #: Derivatives of `a` and `local_bulk` by parameters of materials, shapes `(9, nc, nm)`,
+    #: `(nc, nm)`
     a_slope: F64
     bulk_slope: F64
 
@@ -79,35 +56,19 @@ class Cells(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What the core needs of a reduced model.
+    """What the core needs of a reduced model."""
 
-    Attributes
-    ----------
-    r : int
-        Number of modes; the other amplitudes are prescribed.
-    cells : Cells
-        Cells that are evaluated.
-    constant : F64
-        Penalty and stabilisation, shape `(s, s)`.
-    constant_slope : F64
-        Its derivatives by parameters of materials, shape `(s, s, nm)`.
-    volume : F64
-        Changes of volume as a cubic form, shape `(s + 1, s + 1, s + 1, kept)`; entries whose
-        indices rise count.
-    volume_slope : F64
-        Derivatives of the factor on the energy of each change, shape `(kept, nm)`, those of eight
-        in a row equal.
-    fibers : F64
-        As in `Laws`, shape `(7, nt)`.
-    """
-
-    r: int
-    cells: Cells
-    constant: F64
-    constant_slope: F64
+    r: int  #: Number of modes; the other amplitudes are prescribed
+    cells: Cells  #: Cells that are evaluated
+    constant: F64  #: Penalty and stabilisation, shape `(s, s)`
+    constant_slope: F64  #: Its derivatives by parameters of materials, shape `(s, s, nm)`
+    #: Changes of volume as a cubic form, shape `(s + 1, s + 1, s + 1, kept)`; entries whose indices
+    #: rise count
     volume: F64
+    #: Derivatives of the factor on the energy of each change, shape `(kept, nm)`, those of eight in
+    #: a row equal
     volume_slope: F64
-    fibers: F64
+    fibers: F64  #: As in `Laws`, shape `(7, nt)`
 
 
 class Record(NamedTuple):
@@ -191,11 +152,8 @@ def online_states(
     below which they are none, and the tolerance; `lift` says how they follow the amplitudes
     wanted, shape `(r, nf, n)`.
 
-    Returns
-    -------
-    tuple
-        Amplitudes `(s, n)`, iterations, negative where a state failed, relative size of the last
-        step, smallest J, forces `(nf, n)`.
+    Returns amplitudes `(s, n)`, iterations, negative where a state failed, relative size of the
+    last step, smallest J, forces `(nf, n)`.
     """
     return tuple(
         _core.online_states(

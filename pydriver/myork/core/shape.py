@@ -13,25 +13,15 @@ from myork.core.deck import table_defaults
 
 
 class ShapeFunctions(NamedTuple):
-    """Shape functions at places in compressed rows.
+    """Shape functions at places in compressed rows."""
 
-    Attributes
-    ----------
-    offset : NDArray
-        Row of place `i` is `offset[i]:offset[i + 1]`, shape `(nplace + 1,)`.
-    neighbour : NDArray
-        Source points, shape `(nnz,)`.
-    value : NDArray
-        Value, first derivatives, second derivatives in the order 11, 12, 13, 22, 23, 33,
-        shape `(nnz, nq)` [1, 1/length, 1/length^2].
-    stencils : int
-        Number of different stencils that were evaluated.
-    """
-
+    #: Row of place `i` is `offset[i]:offset[i + 1]`, shape `(nplace + 1,)`
     offset: NDArray[np.int64]
-    neighbour: NDArray[np.int32]
+    neighbour: NDArray[np.int32]  #: Source points, shape `(nnz,)`
+    #: Value, first derivatives, second derivatives in the order 11, 12, 13, 22, 23, 33, shape
+    #: `(nnz, nq)` [1, 1/length, 1/length^2]
     value: NDArray[np.float64]
-    stencils: int
+    stencils: int  #: Number of different stencils that were evaluated
 
 
 def shape_functions(
@@ -45,23 +35,13 @@ def shape_functions(
 ) -> ShapeFunctions:
     """Evaluate all shape functions and their derivatives at all places.
 
-    Parameters
-    ----------
-    source : ArrayLike
-        Source points, shape `(nsource, ndim)` [length].
-    support : ArrayLike
-        Support sizes, broadcast to the shape of `source`, positive [length].
-    place : ArrayLike
-        Places, shape `(nplace, ndim)` [length].
-    order : int, optional
-        Order of the basis, 0 to 6; decks' default where absent, as of kernel and window.
-    kernel, window : str, optional
-        Names in decks: `quintic` (5.6), `cubic`; `product`, `radial`.
-
-    Raises
-    ------
-    InputError
-        Wrong shapes, or a place with a singular moment matrix; the message names it.
+    - `source`: source points, shape `(nsource, ndim)` [length]
+    - `support`: support sizes, broadcast to the shape of `source`, positive [length]
+    - `place`: places, shape `(nplace, ndim)` [length]
+    - `order`: order of the basis, 0 to 6; decks' default where absent, as of kernel and window
+    - `kernel`, `window`: names in decks: `quintic` (5.6), `cubic`; `product`, `radial`
+    - raises InputError: wrong shapes, or a place with a singular moment matrix; the message names
+      it
     """
     source = as_points("source", source)
     place = as_points("place", place)

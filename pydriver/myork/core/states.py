@@ -10,75 +10,44 @@ import numpy as np
 
 from myork.types import F64, I64
 
-__all__ = ["VERDICTS", "Fields", "States", "states_of"]
-
-
 #: In the order of the core
 VERDICTS = ("", "accepted", "doubtful", "refused")
 
 
 class States(NamedTuple):
-    """Converged states of a solve.
+    """Converged states of a solve."""
 
-    Attributes
-    ----------
-    x : F64
-        Unknowns: coefficients, or amplitudes of the modes, shape `(nstep, n)`.
-    load : F64
-        Fraction of the full load, shape `(nstep,)`.
-    iterations : NDArray
-        Iterations of each step, shape `(nstep,)`.
-    min_j, max_j : F64
-        Smallest and largest volume ratio, shape `(nstep,)`.
-    assemble_s, solve_s : float
-        Wall times of assembly and least squares [s].
-    checks_s : float
-        Wall time of what follows `backward_error` [s].
-    backward_error : float
-        Largest backward error of a least squares solution.
-    min_acoustic : F64
-        Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
-        positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear
-        problems and reduced models, as what follows is zero or empty there.
-    min_acoustic_point : F64
-        Where it was found, shape `(nstep, dimension)` [length].
-    force_imbalance : float
-        Sum of the forces on all boundary sets in the last state, of the largest of them [-].
-    work_mismatch : float
-        Work of the stress in the last state's own displacement less that of the forces, relative
-        [-]. Not a number where it is not compared: weak forms, which keep it by construction,
-        linear problems, and loads that `set_fields` has set.
-    errors : dict
-        Norms of the error of a linear problem, whose solution is known, by the names of
-        `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`.
-    warnings : list of str
-        What deserves attention, the same list as in `summary.json`.
-    verdict : str
-        "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged.
-    reasons : list of str
-        Reasons for doubt in the answer, and checks that were not made.
-    probe_errors : F64
-        Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
-        number where there is no estimate.
-    """
-
-    x: F64
-    load: F64
-    iterations: I64
+    x: F64  #: Unknowns: coefficients, or amplitudes of the modes, shape `(nstep, n)`
+    load: F64  #: Fraction of the full load, shape `(nstep,)`
+    iterations: I64  #: Iterations of each step, shape `(nstep,)`
+    #: Smallest and largest volume ratio, shape `(nstep,)`
     min_j: F64
     max_j: F64
+    #: Wall times of assembly and least squares [s]
     assemble_s: float
     solve_s: float
-    checks_s: float
-    backward_error: float
+    checks_s: float  #: Wall time of what follows `backward_error` [s]
+    backward_error: float  #: Largest backward error of a least squares solution
+    #: Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
+    #: positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear problems
+    #: and reduced models, as what follows is zero or empty there.
     min_acoustic: F64
-    min_acoustic_point: F64
+    min_acoustic_point: F64  #: Where it was found, shape `(nstep, dimension)` [length]
+    #: Sum of the forces on all boundary sets in the last state, of the largest of them [-]
     force_imbalance: float
+    #: Work of the stress in the last state's own displacement less that of the forces, relative
+    #: [-]. Not a number where it is not compared: weak forms, which keep it by construction, linear
+    #: problems, and loads that `set_fields` has set.
     work_mismatch: float
+    #: Norms of the error of a linear problem, whose solution is known, by the names of
+    #: `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`
     errors: dict[str, float]
-    warnings: list[str]
+    warnings: list[str]  #: What deserves attention, the same list as in `summary.json`
+    #: "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged
     verdict: str
-    reasons: list[str]
+    reasons: list[str]  #: Reasons for doubt in the answer, and checks that were not made
+    #: Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
+    #: number where there is no estimate
     probe_errors: F64
 
     def __repr__(self) -> str:
@@ -106,24 +75,13 @@ class States(NamedTuple):
 
 
 class Fields(NamedTuple):
-    """Fields at the collocation points.
+    """Fields at the collocation points."""
 
-    Attributes
-    ----------
-    u : F64
-        Displacement, shape `(npoint, 3)` [length].
-    f : F64
-        Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`.
-    cauchy : F64
-        Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress].
-    named : dict
-        These and all others by the names they have in result files, shape
-        `(npoint, components)`; tensors row by row.
-    """
-
-    u: F64
-    f: F64
-    cauchy: F64
+    u: F64  #: Displacement, shape `(npoint, 3)` [length]
+    f: F64  #: Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`
+    cauchy: F64  #: Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress]
+    #: These and all others by the names they have in result files, shape `(npoint, components)`;
+    #: tensors row by row
     named: dict[str, F64]
 
 
@@ -154,21 +112,13 @@ def states_of(
 ) -> States:
     """States from the arrays of the core.
 
-    Parameters
-    ----------
-    x : F64
-        Unknowns, shape `(n, nstep)`.
-    info : F64
-        Load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0 for
-        none, shape `(6, nstep)`.
-    numbers : sequence of F64
-        Wall times; backward error, imbalance and mismatch of work; norms of errors.
-    places : F64
-        Collocation points, shape `(dimension, npoint)` [length].
-    warnings : list of str
-        Warnings of the solve.
-    judged : tuple
-        Verdict, reasons, and error bars of the probes.
+    - `x`: unknowns, shape `(n, nstep)`
+    - `info`: load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0
+      for none, shape `(6, nstep)`
+    - `numbers`: wall times; backward error, imbalance and mismatch of work; norms of errors
+    - `places`: collocation points, shape `(dimension, npoint)` [length]
+    - `warnings`: warnings of the solve
+    - `judged`: verdict, reasons, and error bars of the probes
     """
     seconds, worst, norms = numbers
     point = info[5].astype(np.int64)

@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from myork import _core
 from myork.errors import InputError
 
-__all__ = ["MOST_THREADS", "core_threads", "thread_count"]
-
 #: More than any machine that shares memory has: the system would refuse to start them, and the
 #: process would end
 MOST_THREADS = 1024

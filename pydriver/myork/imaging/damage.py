@@ -10,8 +10,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["Damage", "damaged_slices", "missing_slices"]
-
 # Mean signal of a slice, of that of its neighbours, below which it has none
 _NO_SIGNAL = 0.05
 # Factor from the signal between both neighbours that no anatomy makes where those beyond them agree
@@ -23,18 +21,10 @@ _COARSER = 0.25
 
 
 class Damage(NamedTuple):
-    """Slices of an image with one fault.
+    """Slices of an image with one fault."""
 
-    Attributes
-    ----------
-    slices : list of int
-        From 0, along the axis of the longest voxels.
-    why : str
-        Fault.
-    """
-
-    slices: list[int]
-    why: str
+    slices: list[int]  #: From 0, along the axis of the longest voxels
+    why: str  #: Fault
 
     def said(self, name: str) -> str:
         """Warning about the file."""
@@ -49,17 +39,10 @@ class Damage(NamedTuple):
 def damaged_slices(image: Image) -> list[Damage]:
     """Slices of an image that cannot be anatomy.
 
-    Parameters
-    ----------
-    image : Image
-        Values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several volumes the
-        mean is looked at.
-
-    Returns
-    -------
-    list of Damage
-        `no signal` between slices with signal, `the values of the slice before`, and a signal
-        1.4 times brighter or darker than two neighbours on either side agree on.
+    - `image`: values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several
+      volumes the mean is looked at
+    - returns `no signal` between slices with signal, `the values of the slice before`, and a signal
+      1.4 times brighter or darker than two neighbours on either side agree on
     """
     data = np.abs(np.asarray(image.data, float))
     data = data.mean(axis=3) if data.ndim == 4 else data

@@ -13,9 +13,6 @@ from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
 from myork.types import F64
 
-__all__ = ["dicom_files", "load_dicom", "series_files"]
-
-
 # Names that promise a DICOM file
 _SUFFIXES = (".dcm", ".dicom", ".ima")
 
@@ -38,12 +35,7 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     Rescale slope and intercept are applied. Files that are no DICOM images are passed over. Where
     the folder itself holds none, all folders below it are searched.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder.
-    choice : str
-        Which of several images, see `chosen_files`.
+    - `choice`: which of several images, see `chosen_files`
     """
     slices = [_slice(*file) for file in series_files(folder, choice)]
     _check_series(folder, slices)

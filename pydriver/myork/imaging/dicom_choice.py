@@ -16,8 +16,6 @@ import numpy as np
 
 from myork.errors import InputError
 
-__all__ = ["DicomFile", "ListedImage", "chosen_files", "listed_images", "split_choice"]
-
 _KEYS = ("series", "echo", "kind")
 # Words of ImageType from the third on; what they leave to the scanner is taken as it is.
 _SPECIES = {
@@ -43,27 +41,13 @@ class DicomFile(NamedTuple):
 
 @dataclass(frozen=True)
 class ListedImage:
-    """An image of a folder.
+    """An image of a folder."""
 
-    Attributes
-    ----------
-    files : sequence of DicomFile
-        Its files.
-    series : tuple
-        Number and UID of its series.
-    echo : int
-        Number of the echo, from 1.
-    kind : str
-        Magnitude, phase, water and so on.
-    text : str
-        What chooses it, `series=5,echo=2`.
-    """
-
-    files: Sequence[DicomFile]
-    series: tuple[str, str]
-    echo: int
-    kind: str
-    text: str = ""
+    files: Sequence[DicomFile]  #: Its files
+    series: tuple[str, str]  #: Number and UID of its series
+    echo: int  #: Number of the echo, from 1
+    kind: str  #: Magnitude, phase, water and so on
+    text: str = ""  #: What chooses it, `series=5,echo=2`
 
     @property
     def weighted(self) -> bool:
@@ -104,10 +88,7 @@ class ListedImage:
 def split_choice(path: Path) -> tuple[Path, str]:
     """A folder and what is chosen in it, of `DIR:series=5,echo=2,kind=phase`.
 
-    Parameters
-    ----------
-    path : Path
-        As a deck names an image; without a choice it comes back as it is, with an empty text.
+    - `path`: as a deck names an image; without a choice it comes back as it is, with an empty text
     """
     found = re.fullmatch(r"(.*):(\w+=[^:]*)", path.name)
     if found is None or path.exists():
@@ -118,15 +99,10 @@ def split_choice(path: Path) -> tuple[Path, str]:
 def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[DicomFile]:
     """Files of the one image that a choice leaves.
 
-    Parameters
-    ----------
-    folder : Path
-        For messages.
-    files : sequence
-        All files of the folder that have pixels, one at least.
-    choice : str
-        `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its number
-        or its UID, echoes are counted from 1 by their times.
+    - `folder`: for messages
+    - `files`: all files of the folder that have pixels, one at least
+    - `choice`: `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its
+      number or its UID, echoes are counted from 1 by their times.
     """
     images = listed_images(files)
     wanted = _wanted(folder, choice)
@@ -149,10 +125,7 @@ def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[
 def listed_images(files: Sequence[DicomFile]) -> list[ListedImage]:
     """Images of files, by series, kind and echo.
 
-    Parameters
-    ----------
-    files : sequence of DicomFile
-        Files with pixels.
+    - `files`: files with pixels
     """
     # Some tools that take names out leave no UID, or the same for all.
     series: dict[tuple[str, str], list[DicomFile]] = {}

@@ -16,19 +16,13 @@ from myork.errors import FileError, InputError
 from myork.imaging.dicom import series_files
 from myork.imaging.formats import library
 
-__all__ = ["diffusion_series"]
-
 
 @contextmanager
 def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:
     """A NIfTI file of a diffusion series, its .bval and .bvec beside it, while the context lasts.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of DICOM images.
-    choice : str
-        Which of several series, see `chosen_files`.
+    - `folder`: folder of DICOM images
+    - `choice`: which of several series, see `chosen_files`
     """
     files = series_files(folder, choice)
     converter = library("dcm2niix", "dicom", folder).bin

@@ -26,23 +26,6 @@ from myork.imaging.io import read_image
 from myork.records import Image
 from myork.types import F64, Mask
 
-__all__ = [
-    "Diffusion",
-    "fit_tensors",
-    "fractional_anisotropy",
-    "full_tensors",
-    "known_tensors",
-    "lead_vector",
-    "mean_diffusivity",
-    "parse_axes",
-    "read_diffusion",
-    "read_tensors",
-    "tensor_components",
-    "tensor_maps",
-    "turn_tensors",
-]
-
-
 # Order of the components
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Voxels solved at a time: 33 images of them take some tens of megabytes.
@@ -56,6 +39,11 @@ def tensor_components(full: F64) -> F64:
     return np.stack([full[..., i, j] for i, j in _PAIRS], axis=-1)
 
 
+def dyads_of(vector: F64) -> F64:
+    """Components of the dyads of vectors, shape `(..., 6)` from `(..., 3)`."""
+    return tensor_components(vector[..., :, np.newaxis] * vector[..., np.newaxis, :])
+
+
 def full_tensors(components: F64) -> F64:
     """Symmetric tensors of shape `(..., 3, 3)` from `(..., 6)`."""
     full = np.empty((*components.shape[:-1], 3, 3))
@@ -67,10 +55,7 @@ def full_tensors(components: F64) -> F64:
 def lead_vector(components: F64) -> F64:
     """Unit eigenvector of the largest eigenvalue, turned to point upwards (z, then y, then x).
 
-    Parameters
-    ----------
-    components : NDArray
-        Symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`.
+    - `components`: symmetric tensors xx, yy, zz, xy, xz, yz, shape `(n, 6)`
     """
     vector = np.linalg.eigh(full_tensors(components))[1][..., -1]
     z_y_x = vector[..., ::-1]
@@ -99,16 +84,9 @@ def fractional_anisotropy(components: F64) -> F64:
 def tensor_maps(tensor: Image) -> dict[str, Image]:
     """Fractional anisotropy, mean diffusivity and eigenvalues; zero where there is no tensor.
 
-    Parameters
-    ----------
-    tensor : Image
-        Shape `(ni, nj, nk, 6)` [mm^2/s].
-
-    Returns
-    -------
-    dict
-        `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the largest
-        first.
+    - `tensor`: shape `(ni, nj, nk, 6)` [mm^2/s]
+    - returns `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the
+      largest first
     """
     components = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
     values = np.linalg.eigvalsh(full_tensors(components))[..., ::-1]
@@ -175,10 +153,7 @@ def fit_tensors(dwi: Image, table: GradientTable) -> Image:
 def parse_axes(text: str) -> F64:
     """Signed permutation of axes: `"x -z y"` takes x, minus z and y as first, second, third.
 
-    Returns
-    -------
-    NDArray
-        Matrix with one entry of 1 or -1 in each row and column, shape `(3, 3)`.
+    Returns matrix with one entry of 1 or -1 in each row and column, shape `(3, 3)`.
     """
     words = text.split()
     letters = [word.removeprefix("-") for word in words]
@@ -194,35 +169,20 @@ def parse_axes(text: str) -> F64:
 
 
 class Diffusion(NamedTuple):
-    """What a deck says of diffusion.
+    """What a deck says of diffusion."""
 
-    Attributes
-    ----------
-    tensor : Image
-        Tensors in the world frame, shape `(ni, nj, nk, 6)`.
-    mean : Image or None
-        Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None of a file of tensors.
-    """
-
-    tensor: Image
+    tensor: Image  #: Tensors in the world frame, shape `(ni, nj, nk, 6)`
+    #: Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None of a file of tensors
     mean: Image | None
 
 
 def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
     """Tensors of a deck: from a file of tensors, or fitted to diffusion-weighted images.
 
-    Parameters
-    ----------
-    table : mapping
-        Table `image` of the deck: `tensor` with `tensor_frame`, or `dwi`, see `read_diffusion`;
-        `gradient_axes`.
-    folder : Path
-        Where the deck's relative paths start.
-
-    Returns
-    -------
-    Diffusion or None
-        None where the deck names neither.
+    - `table`: table `image` of the deck: `tensor` with `tensor_frame`, or `dwi`, see
+      `read_diffusion`; `gradient_axes`
+    - `folder`: where the deck's relative paths start
+    - returns none where the deck names neither
     """
     axes = parse_axes(table["gradient_axes"])
     if "dwi" in table:
@@ -238,16 +198,9 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
 def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
     """Diffusion-weighted images and their gradients.
 
-    Parameters
-    ----------
-    path : Path
-        4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM images, see
-        `read_image`.
-
-    Returns
-    -------
-    tuple
-        Images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes.
+    - `path`: 4-D image with .bval and .bvec of the same name beside it, or a folder of DICOM
+      images, see `read_image`
+    - returns images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes
     """
     folder, choice = split_choice(path)
     if folder.is_dir():
@@ -263,14 +216,9 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:
     """Tensors in the world frame with the voxel axes of the gradients exchanged or flipped.
 
-    Parameters
-    ----------
-    tensor : Image
-        Shape `(ni, nj, nk, 6)`.
-    axes : NDArray
-        Signed permutation of the voxel axes, shape `(3, 3)`.
-    tensor_frame : str
-        Axes of the components: `world` or `voxel`.
+    - `tensor`: shape `(ni, nj, nk, 6)`
+    - `axes`: signed permutation of the voxel axes, shape `(3, 3)`
+    - `tensor_frame`: axes of the components: `world` or `voxel`
     """
     columns = frame(tensor.affine)
     turn = columns @ axes @ (columns.T if tensor_frame == "world" else np.eye(3))

@@ -35,9 +35,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
 
-__all__ = ["WaterFat", "echo", "fat_factors", "separate", "separate_many", "water_and_fat"]
-
-
 # Peaks of fat: shift from water [ppm] and part of the signal
 _SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
 _PART = (0.087, 0.694, 0.128, 0.004, 0.039, 0.048)
@@ -63,29 +60,17 @@ _CLEARLY = 1.2  # ratio of misfits by which one way around is the better one
 
 
 class WaterFat(NamedTuple):
-    """Water and fat.
+    """Water and fat."""
 
-    Attributes
-    ----------
-    water, fat : NDArray
-        Signals, not negative, zero outside of the body, shape `(ni, nj, nk)`.
-    fraction : NDArray
-        Fat of both together, 0 to 1, same shape [-].
-    phase : NDArray
-        Smooth phase from the first echo to the second (of more: of the pair that parts best), same
-        shape [radian].
-    decay : NDArray or None
-        R2* of both, of three echoes and more, same shape [1/s].
-    doubt : str
-        Why water and fat may be exchanged or wrong; empty where nothing speaks for it.
-    """
-
+    #: Signals, not negative, zero outside of the body, shape `(ni, nj, nk)`
     water: F64
     fat: F64
-    fraction: F64
+    fraction: F64  #: Fat of both together, 0 to 1, same shape [-]
+    #: Smooth phase from the first echo to the second (of more: of the pair that parts best), same
+    #: shape [radian]
     phase: F64
-    decay: F64 | None
-    doubt: str
+    decay: F64 | None  #: R2* of both, of three echoes and more, same shape [1/s]
+    doubt: str  #: Why water and fat may be exchanged or wrong; empty where nothing speaks for it
 
 
 def echo(magnitude: F64, phase: F64) -> C128:
@@ -94,10 +79,7 @@ def echo(magnitude: F64, phase: F64) -> C128:
     A turn of the phase is the least of the usual ones (radians, degrees, 4096, thousandths of a
     radian, 8192, 65536) that covers its range.
 
-    Parameters
-    ----------
-    magnitude, phase : NDArray
-        Shape `(ni, nj, nk)`.
+    - `magnitude`, `phase`: shape `(ni, nj, nk)`
     """
     reach = float(np.ptp(phase))
     fitting = [one for one in _TURNS if reach <= 1.001 * one]
@@ -112,12 +94,8 @@ def echo(magnitude: F64, phase: F64) -> C128:
 def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, ...]:
     """What is left of a unit of fat at echo times, seen from water.
 
-    Parameters
-    ----------
-    times : sequence
-        Echo times [ms].
-    strength : float
-        Field of the scanner [T].
+    - `times`: echo times [ms]
+    - `strength`: field of the scanner [T]
     """
     turns = np.outer(times, _SHIFT) * (1e-3 * _GYROMAGNETIC * strength)
     return tuple(map(complex, np.exp(2j * np.pi * turns) @ np.array(_PART)))
@@ -176,18 +154,11 @@ def separate_many(
 ) -> WaterFat:
     """Part three and more echoes into water and fat.
 
-    Parameters
-    ----------
-    echoes : sequence of NDArray
-        Complex echoes, shape `(ni, nj, nk)` each.
-    body : NDArray
-        Voxels of the body, same shape.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [mm].
-    factors : sequence
-        Of fat in each echo, see `fat_factors` [-].
-    times : sequence
-        Echo times [ms].
+    - `echoes`: complex echoes, shape `(ni, nj, nk)` each
+    - `body`: voxels of the body, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `factors`: of fat in each echo, see `fat_factors` [-]
+    - `times`: echo times [ms]
     """
     pairs = list(combinations(range(len(echoes)), 2))
     worth = [_averages((factors[i], factors[j])) for i, j in pairs]
@@ -241,16 +212,11 @@ def separate(
 ) -> WaterFat:
     """Part two echoes into water and fat.
 
-    Parameters
-    ----------
-    first, second : NDArray
-        Complex echoes, shape `(ni, nj, nk)`.
-    body : NDArray
-        Voxels of the body, same shape.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [mm].
-    factors : tuple
-        Of fat in both echoes, see `fat_factors`; by default in phase and in opposed phase [-].
+    - `first`, `second`: complex echoes, shape `(ni, nj, nk)`
+    - `body`: voxels of the body, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `factors`: of fat in both echoes, see `fat_factors`; by default in phase and in opposed phase
+      [-]
     """
     size = np.asarray(spacing, float)
     one, two = _inside((first, second), body).T
@@ -557,17 +523,11 @@ def _average(values: C128, body: Mask, size: F64) -> C128:
 def _fit(signal: C128, factors: C128, left: F64) -> tuple[F64, F64, C128, F64]:
     """Water and fat, not negative, by least squares with one phase for both (Bydder 2011).
 
-    Parameters
-    ----------
-    signal, left : NDArray
-        Echoes of one frequency, and what decay leaves of each, shape `(nvoxel, necho)`.
-    factors : NDArray
-        Of fat in each echo, shape `(necho,)`.
-
-    Returns
-    -------
-    tuple
-        Water, fat, the phasor of both, shape `(nvoxel, 1)`, and the sum of squares that is left.
+    - `signal`, `left`: echoes of one frequency, and what decay leaves of each, shape
+      `(nvoxel, necho)`
+    - `factors`: of fat in each echo, shape `(necho,)`
+    - returns water, fat, the phasor of both, shape `(nvoxel, 1)`, and the sum of squares that is
+      left
     """
     weight = left**2
     a, b, c = weight.sum(-1), weight @ factors.real, weight @ np.abs(factors) ** 2

@@ -17,8 +17,6 @@ import numpy as np
 
 from myork.errors import FileError, InputError, InstallationError
 
-__all__ = ["FLIP", "ITK_SUFFIXES", "library", "load_itk", "save_itk"]
-
 _META_SUFFIXES = (".mha", ".mhd")
 ITK_SUFFIXES = (".nrrd", ".nhdr", *_META_SUFFIXES)
 

@@ -13,21 +13,6 @@ from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.types import F64
 
-__all__ = [
-    "canonical",
-    "check_affine",
-    "check_same_grid",
-    "corner_distance",
-    "corners",
-    "frame",
-    "length_factor",
-    "reordered",
-    "same_grid",
-    "seed_voxel",
-    "slice_axis",
-    "to_voxels",
-]
-
 Grid = TypeVar("Grid", Image, Labels)
 
 # An affine is stored in single precision; spacings and angles are compared with this slack.
@@ -42,12 +27,8 @@ _FARTHEST = 1e6
 def check_affine(affine: F64, name: str) -> None:
     """Refuse an affine that does not span a box of voxels with right angles.
 
-    Parameters
-    ----------
-    affine : NDArray
-        Voxel indices to world coordinates, shape `(4, 4)` [mm].
-    name : str
-        File, for the message.
+    - `affine`: voxel indices to world coordinates, shape `(4, 4)` [mm]
+    - `name`: file, for the message
     """
     columns = affine[:3, :3]
     size = np.linalg.norm(columns, axis=0)
@@ -147,14 +128,9 @@ def to_voxels(affine: F64, world: F64) -> F64:
 def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
     """Voxel in which a seed lies; refused outside of the image.
 
-    Parameters
-    ----------
-    image : Image
-        Gives the grid.
-    seed : NDArray
-        World coordinates, shape `(3,)` [mm].
-    name : str
-        Of the seed, for messages.
+    - `image`: gives the grid
+    - `seed`: world coordinates, shape `(3,)` [mm]
+    - `name`: of the seed, for messages
     """
     place = tuple(np.rint(to_voxels(image.affine, seed)).astype(int).tolist())
     if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):
@@ -168,12 +144,8 @@ def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
 def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:
     """Axis along which slices follow each other: that of a single slice, or of the longest voxels.
 
-    Parameters
-    ----------
-    spacing : NDArray
-        Voxel sizes, shape `(3,)`; of equal ones the last counts as longest [mm].
-    shape : sequence, optional
-        Numbers of voxels, shape `(3,)`.
+    - `spacing`: voxel sizes, shape `(3,)`; of equal ones the last counts as longest [mm]
+    - `shape`: numbers of voxels, shape `(3,)`
     """
     single = [axis for axis, count in enumerate(shape) if count == 1]
     return max(single or range(3), key=lambda axis: float(spacing[axis]) * (1.0 + 1e-6 * axis))

@@ -18,9 +18,6 @@ from myork.imaging.geometry import frame
 from myork.imaging.plain import read_text
 from myork.types import F64, Mask
 
-__all__ = ["GradientTable", "fsl_axes", "read_gradients"]
-
-
 # Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
 STILL = 50.0
 
@@ -30,18 +27,10 @@ _LARGEST_B = 1e6
 
 @dataclass(frozen=True)
 class GradientTable:
-    """Diffusion weighting of each image of a series.
+    """Diffusion weighting of each image of a series."""
 
-    Attributes
-    ----------
-    b : NDArray
-        Weighting, shape `(n,)` [s/mm^2].
-    direction : NDArray
-        Unit vectors in the world frame, zero without gradient, shape `(n, 3)` [-].
-    """
-
-    b: F64
-    direction: F64
+    b: F64  #: Weighting, shape `(n,)` [s/mm^2]
+    direction: F64  #: Unit vectors in the world frame, zero without gradient, shape `(n, 3)` [-]
 
     @property
     def still(self) -> Mask:
@@ -58,14 +47,9 @@ class GradientTable:
 def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> GradientTable:
     """Read b values and directions in FSL's convention.
 
-    Parameters
-    ----------
-    bval, bvec : Path
-        Text files: a row of values; three rows of components (or a row per image).
-    affine : NDArray
-        Affine of the diffusion images, shape `(4, 4)` [mm].
-    volumes : int
-        Number of diffusion images.
+    - `bval`, `bvec`: text files: a row of values; three rows of components (or a row per image)
+    - `affine`: affine of the diffusion images, shape `(4, 4)` [mm]
+    - `volumes`: number of diffusion images
     """
     b = _numbers(bval).ravel()
     vector = _numbers(bvec)

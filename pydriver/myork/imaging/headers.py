@@ -19,32 +19,19 @@ from myork.imaging.dicom import series_files
 from myork.imaging.dicom_choice import split_choice
 from myork.imaging.plain import read_text
 
-__all__ = ["Header", "bids_name", "read_header"]
-
 
 class Header(NamedTuple):
-    """What a header says; None where it says nothing.
+    """What a header says; None where it says nothing."""
 
-    Attributes
-    ----------
-    echo_time : float or None
-        Time of the echo [ms].
-    field : float or None
-        Field of the scanner [T].
-    """
-
-    echo_time: float | None
-    field: float | None
+    echo_time: float | None  #: Time of the echo [ms]
+    field: float | None  #: Field of the scanner [T]
 
 
 def read_header(path: Path) -> Header:
     """Echo time and field of an image.
 
-    Parameters
-    ----------
-    path : Path
-        File, described by the JSON files of BIDS: of the same name beside it, or for several
-        images, in a folder above; or folder of DICOM images, see `read_image`.
+    - `path`: file, described by the JSON files of BIDS: of the same name beside it, or for several
+      images, in a folder above; or folder of DICOM images, see `read_image`
     """
     folder, choice = split_choice(path)
     if folder.is_dir():

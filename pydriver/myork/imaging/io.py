@@ -26,10 +26,6 @@ from myork.imaging.plain import check_kind, read_text
 from myork.imaging.rois import read_rois
 from myork.records import Image, Labels
 
-__all__ = [
-    "read_image", "read_labels", "read_reference", "renew_images", "write_image", "write_labels",
-]  # fmt: skip
-
 # Larger values are no measurement; squares of smaller ones can be added up.
 _LARGEST = 1e30
 _LAST_LABEL = int(np.iinfo(np.int32).max)
@@ -38,20 +34,12 @@ _LAST_LABEL = int(np.iinfo(np.int32).max)
 def read_image(path: Path, values: int | None = 1) -> Image:
     """Read an image.
 
-    Parameters
-    ----------
-    path : Path
-        NIfTI, NRRD or MetaImage file, or folder of DICOM images; one of several is chosen by
-        `DIR:series=5,echo=2,kind=phase` or a part of it.
-    values : int or None
-        Values per voxel: 1 for a 3-D image, whose values must be finite; more for the last axis
-        of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
-        any number of them, one for a 3-D image.
-
-    Returns
-    -------
-    Image
-        Values as floating point numbers; a single slice has shape `(ni, nj, 1)`.
+    - `path`: NIfTI, NRRD or MetaImage file, or folder of DICOM images; one of several is chosen by
+      `DIR:series=5,echo=2,kind=phase` or a part of it
+    - `values`: values per voxel: 1 for a 3-D image, whose values must be finite; more for the last
+      axis of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
+      any number of them, one for a 3-D image
+    - returns values as floating point numbers; a single slice has shape `(ni, nj, 1)`
     """
     data, affine = _load(path, raw=False)
     data = _grid(path, data.astype(np.float64, copy=False), values)
@@ -79,12 +67,8 @@ def read_labels(path: Path, like: Image | Labels | None = None) -> Labels:
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
     `{"name": label}`, where there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
 
-    Parameters
-    ----------
-    path : Path
-        Label map, or masks of Dafne (.npz), which have no grid of their own.
-    like : Image or Labels, optional
-        Image that masks of Dafne were drawn in.
+    - `path`: label map, or masks of Dafne (.npz), which have no grid of their own
+    - `like`: image that masks of Dafne were drawn in
     """
     if path.suffix == ".npz":
         return read_rois(path, like)
@@ -116,14 +100,9 @@ def read_reference(
 ) -> Labels:
     """Read a label map of others: one without names of its own takes those of its folder.
 
-    Parameters
-    ----------
-    path : Path
-        Label map; data sets have one `labels.json` for all maps of a folder.
-    progress : callable
-        Called with a warning where that file holds something else, which is then ignored.
-    like : Image or Labels, optional
-        As of `read_labels`.
+    - `path`: label map; data sets have one `labels.json` for all maps of a folder
+    - `progress`: called with a warning where that file holds something else, which is then ignored
+    - `like`: as of `read_labels`
     """
     labels, own = read_labels(path, like), _names_path(path)
     if own.is_file() or path.suffix == ".npz":

@@ -15,8 +15,6 @@ from myork.errors import FileError, InputError
 from myork.imaging.geometry import check_affine
 from myork.imaging.plain import check_kind
 
-__all__ = ["load_nifti", "save_nifti"]
-
 # Scales (scl_slope) below are of values that were spread; larger ones of images
 _SPREAD = 0.25
 _TO_MM = {"meter": 1000.0, "micron": 0.001}

@@ -23,9 +23,6 @@ from myork.imaging.io import write_image, write_labels
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = ["TISSUES", "Phantom", "make_phantom", "write_phantom"]
-
-
 #: Labels of the materials a leg is made of
 TISSUES = {1: "muscle", 2: "fat", 3: "connective_tissue", 4: "bone"}
 
@@ -90,42 +87,23 @@ _SUBSTANCES = (
 
 @dataclass(frozen=True)
 class Phantom:
-    """Images of the phantom and the answer behind them.
+    """Images of the phantom and the answer behind them."""
 
-    Attributes
-    ----------
-    anatomy : Image
-        T1-like MR image with shading and Rician noise, shape `(ni, nj, nk)` [-].
-    fat, connective : Image
-        Images of special sequences in which fat, or connective tissue (and cortex), is bright;
-        shading and noise as in `anatomy`.
-    tensor : Image
-        Diffusion tensors with noise, xx, yy, zz, xy, xz, yz in the world frame, shape
-        `(ni, nj, nk, 6)` [mm^2/s].
-    truth : Labels
-        The six muscles, 1 to 6, with the fat and the connective tissue in them.
-    tissue : Labels
-        Materials, as in `TISSUES`.
-    fiber : Image
-        True fiber directions, zero outside muscles, shape `(ni, nj, nk, 3)` [-].
-    bias : Image
-        Factor of the shading, shape `(ni, nj, nk)` [-].
-    still : Image
-        Signal of a diffusion image without gradient and without noise, shape `(ni, nj, nk)` [-].
-    clean_tensor : Image
-        Tensors without noise.
-    """
-
-    anatomy: Image
+    anatomy: Image  #: T1-like MR image with shading and Rician noise, shape `(ni, nj, nk)` [-]
+    #: Images of special sequences in which fat, or connective tissue (and cortex), is bright;
+    #: shading and noise as in `anatomy`
     fat: Image
     connective: Image
+    #: Diffusion tensors with noise, xx, yy, zz, xy, xz, yz in the world frame, shape
+    #: `(ni, nj, nk, 6)` [mm^2/s]
     tensor: Image
-    truth: Labels
-    tissue: Labels
-    fiber: Image
-    bias: Image
+    truth: Labels  #: The six muscles, 1 to 6, with the fat and the connective tissue in them
+    tissue: Labels  #: Materials, as in `TISSUES`
+    fiber: Image  #: True fiber directions, zero outside muscles, shape `(ni, nj, nk, 3)` [-]
+    bias: Image  #: Factor of the shading, shape `(ni, nj, nk)` [-]
+    #: Signal of a diffusion image without gradient and without noise, shape `(ni, nj, nk)` [-]
     still: Image
-    clean_tensor: Image
+    clean_tensor: Image  #: Tensors without noise
 
 
 def make_phantom(
@@ -145,32 +123,18 @@ def make_phantom(
 ) -> Phantom:
     """Make the images of the phantom; equal arguments give equal images.
 
-    Parameters
-    ----------
-    size : sequence
-        Columns, rows and slices.
-    spacing : sequence
-        Voxel size [mm].
-    snr : float
-        Signal of muscle over the standard deviation of the noise [-]; the tensors' noise has the
-        same ratio to the mean diffusivity.
-    bias : float
-        Amplitude of the multiplicative shading, 0 to 0.9 [-].
-    seed : int
-        Start of the random numbers.
-    scale : float
-        Size of the calf across, 1 for semi-axes of 54 and 52 mm [-].
-    septum : float
-        Thickness of the fat and fascia between muscles; 0 lets muscles touch [mm].
-    growth : float
-        Growth of all muscles but the medial gastrocnemius into the fat between them, until they
-        meet; 15 packs the calf full [mm].
-    aponeurosis : float
-        Thickness of the connective tissue around the medial gastrocnemius [mm].
-    imat, imct : float
-        Part of each muscle's volume that is fat, or connective tissue, 0 to 0.5 [-].
-    pennation : float
-        Factor of the angles of all fibers against z [-].
+    - `size`: columns, rows and slices
+    - `spacing`: voxel size [mm]
+    - `snr`: signal of muscle over the standard deviation of the noise [-]; the tensors' noise has
+      the same ratio to the mean diffusivity
+    - `bias`: amplitude of the multiplicative shading, 0 to 0.9 [-]
+    - `scale`: size of the calf across, 1 for semi-axes of 54 and 52 mm [-]
+    - `septum`: thickness of the fat and fascia between muscles; 0 lets muscles touch [mm]
+    - `growth`: growth of all muscles but the medial gastrocnemius into the fat between them, until
+      they meet; 15 packs the calf full [mm]
+    - `aponeurosis`: thickness of the connective tissue around the medial gastrocnemius [mm]
+    - `imat`, `imct`: part of each muscle's volume that is fat, or connective tissue, 0 to 0.5 [-]
+    - `pennation`: factor of the angles of all fibers against z [-]
     """
     if not imat + imct < 1.0:
         raise InputError(f"phantom: imat + imct = {imat + imct:g} leaves no muscle; lower one")

@@ -10,8 +10,6 @@ import numpy as np
 
 from myork.errors import FileError, InputError
 
-__all__ = ["check_kind", "read_arrays", "read_text"]
-
 # No list of names and no table of gradients is longer [bytes].
 _LONGEST_TEXT = 1 << 24
 

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import known_tensors, lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, known_tensors, lead_vector
 from myork.imaging.geometry import Grid, corner_distance, corners, reordered, same_grid
 from myork.records import Image, Labels
 from myork.types import F64, Mask
-
-__all__ = ["WAYS", "Move", "on_grid"]
 
 #: How values come upon another grid
 WAYS = ("nearest", "linear", "tensor-wise")
@@ -29,27 +27,13 @@ _LOST = 0.05
 
 
 class Move(NamedTuple):
-    """How an image came upon a grid.
+    """How an image came upon a grid."""
 
-    Attributes
-    ----------
-    file : str
-        Name of the image.
-    how : str
-        `reordered`, or one of `WAYS`.
-    shift : float
-        How far the corners of both grids are apart at most, axes in one order [mm].
-    said : str
-        A sentence for the log.
-    doubts : tuple of str
-        Warnings.
-    """
-
-    file: str
-    how: str
-    shift: float
-    said: str
-    doubts: tuple[str, ...] = ()
+    file: str  #: Name of the image
+    how: str  #: `reordered`, or one of `WAYS`
+    shift: float  #: How far the corners of both grids are apart at most, axes in one order [mm]
+    said: str  #: A sentence for the log
+    doubts: tuple[str, ...] = ()  #: Warnings
 
 
 def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Move | None]:
@@ -132,7 +116,7 @@ def _tensors(image: Image | Labels, like: Image | Labels) -> F64:
     length = np.linalg.norm(data, axis=-1, keepdims=True)
     known = (np.isfinite(length) & (length > 0))[..., 0]
     unit = np.divide(data, length, out=np.zeros(data.shape), where=known[..., np.newaxis])
-    dyad = tensor_components(unit[..., :, np.newaxis] * unit[..., np.newaxis, :])
+    dyad = dyads_of(unit)
     mean = _mean(dyad, known, image, like)
     some = mean.any(axis=-1)
     fibers = np.zeros((*some.shape, 3))

@@ -14,24 +14,14 @@ from myork.errors import FileError, InputError
 from myork.records import Image, Labels
 from myork.types import F64
 
-__all__ = ["read_rois"]
-
 
 def read_rois(path: Path, like: Image | Labels | None) -> Labels:
     """Masks of Dafne as a label map, in alphabetical order of their names.
 
-    Parameters
-    ----------
-    path : Path
-        Archive (.npz): for each region a mask of shape `(nrow, ncolumn, nslice)`, or of a single
-        slice without the last axis.
-    like : Image or Labels or None
-        Image that they were drawn in.
-
-    Returns
-    -------
-    Labels
-        On the grid of the image; where masks overlap the later name.
+    - `path`: archive (.npz): for each region a mask of shape `(nrow, ncolumn, nslice)`, or of a
+      single slice without the last axis
+    - `like`: image that they were drawn in
+    - returns on the grid of the image; where masks overlap the later name
     """
     if like is None:
         raise InputError(

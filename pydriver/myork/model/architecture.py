@@ -23,8 +23,6 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["COLUMNS", "Maps", "Numbers", "fat_of_label", "muscle_numbers"]
-
 # A muscle has a long axis where the variance along it is so many times that along the second one.
 _LONG = 1.5**2
 # It is cut where an end of the image holds so much of its largest section.
@@ -36,62 +34,32 @@ _STEP = 0.5
 
 
 class Maps(NamedTuple):
-    """What is known of each voxel of a label map, on its grid; None where nothing is.
+    """What is known of each voxel of a label map, on its grid; None where nothing is."""
 
-    Attributes
-    ----------
-    fibers : Image or None
-        Vectors in the world frame, shape `(ni, nj, nk, 3)`.
-    fat : Image or None
-        Fraction of fat [-].
-    signal : Image or None
-        Signal by which the fraction of fat is weighted.
-    fa, md : Image or None
-        Fractional anisotropy [-] and mean diffusivity [mm^2/s], 0 where there is no tensor.
-    """
-
-    fibers: Image | None = None
-    fat: Image | None = None
-    signal: Image | None = None
+    fibers: Image | None = None  #: Vectors in the world frame, shape `(ni, nj, nk, 3)`
+    fat: Image | None = None  #: Fraction of fat [-]
+    signal: Image | None = None  #: Signal by which the fraction of fat is weighted
+    #: Fractional anisotropy [-] and mean diffusivity [mm^2/s], 0 where there is no tensor
     fa: Image | None = None
     md: Image | None = None
 
 
 class Numbers(NamedTuple):
-    """Numbers of a muscle; None where the data at hand do not allow one.
+    """Numbers of a muscle; None where the data at hand do not allow one."""
 
-    Attributes
-    ----------
-    muscle : str
-        Name.
-    volume : float
-        Of its voxels [mm^3].
-    area : float
-        Largest section across the voxel axis nearest to its long axis [mm^2].
-    fat_fraction : float or None
-        All its fat in all its signal [-].
-    fa, md : float or None
-        Medians of fractional anisotropy [-] and mean diffusivity [mm^2/s].
-    fiber_length : float or None
-        Median; None where a quarter of the fibers leave the image at an end of the muscle [mm].
-    pennation : float or None
-        Median angle of the fibers to its long axis, None without one [degree].
-    pcsa : float or None
-        None also for a muscle that the image cuts [mm^2].
-    cut : bool
-        Whether the image cuts it.
-    """
-
-    muscle: str
-    volume: float
-    area: float
-    fat_fraction: float | None
+    muscle: str  #: Name
+    volume: float  #: Of its voxels [mm^3]
+    area: float  #: Largest section across the voxel axis nearest to its long axis [mm^2]
+    fat_fraction: float | None  #: All its fat in all its signal [-]
+    #: Medians of fractional anisotropy [-] and mean diffusivity [mm^2/s]
     fa: float | None
     md: float | None
+    #: Median; None where a quarter of the fibers leave the image at an end of the muscle [mm]
     fiber_length: float | None
+    #: Median angle of the fibers to its long axis, None without one [degree]
     pennation: float | None
-    pcsa: float | None
-    cut: bool
+    pcsa: float | None  #: None also for a muscle that the image cuts [mm^2]
+    cut: bool  #: Whether the image cuts it
 
 
 #: Head and unit of each column of a table, and the power of the length in it
@@ -128,12 +96,8 @@ def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -
 def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
     """All fat of some voxels in all of their signal [-]; None where they have no signal.
 
-    Parameters
-    ----------
-    own : NDArray
-        The voxels, shape `(ni, nj, nk)`.
-    fraction, signal : Image
-        Fraction of fat [-] and signal of water and fat.
+    - `own`: the voxels, shape `(ni, nj, nk)`
+    - `fraction`, `signal`: fraction of fat [-] and signal of water and fat
     """
     weight = np.maximum(signal.data[own], 0.0)
     return float(np.average(fraction.data[own], weights=weight)) if weight.sum() > 0 else None

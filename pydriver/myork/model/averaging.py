@@ -32,14 +32,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.imaging.diffusion import full_tensors, lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, full_tensors, lead_vector, tensor_components
 from myork.records import Image
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32, Mask
-
-__all__ = [
-    "LEAST_WEIGHT", "Average", "best_average", "gathered", "tensor_logarithms", "tensor_trust",
-]  # fmt: skip
 
 #: Gaussian weight below which a place counts as having no usable neighbour [-]
 LEAST_WEIGHT = 1e-8
@@ -63,18 +59,10 @@ _SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # components in the norm of
 def tensor_logarithms(tensor: Image, inside: Mask) -> tuple[F64, Mask]:
     """Logarithms of the tensors, and where there are some.
 
-    Parameters
-    ----------
-    tensor : Image
-        Components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit].
-    inside : NDArray
-        Voxels that are wanted, shape `(ni, nj, nk)`.
-
-    Returns
-    -------
-    tuple
-        Components of the logarithms, zero where unusable, shape `(ni, nj, nk, 6)`; voxels whose
-        tensor is finite and positive, shape `(ni, nj, nk)`.
+    - `tensor`: components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit]
+    - `inside`: voxels that are wanted, shape `(ni, nj, nk)`
+    - returns components of the logarithms, zero where unusable, shape `(ni, nj, nk, 6)`; voxels
+      whose tensor is finite and positive, shape `(ni, nj, nk)`
     """
     usable = inside & np.isfinite(tensor.data).all(-1)
     value, vector = np.linalg.eigh(full_tensors(tensor.data[usable]))
@@ -91,12 +79,8 @@ def tensor_logarithms(tensor: Image, inside: Mask) -> tuple[F64, Mask]:
 def tensor_trust(logarithm: F64, usable: Mask, label: I32) -> F64:
     """Weight of each tensor in the average of its label, 1 for the usual, shape `(ni, nj, nk)`.
 
-    Parameters
-    ----------
-    logarithm, usable : NDArray
-        From `tensor_logarithms`.
-    label : NDArray
-        Label of each voxel, shape `(ni, nj, nk)`.
+    - `logarithm`, `usable`: from `tensor_logarithms`
+    - `label`: label of each voxel, shape `(ni, nj, nk)`
     """
     trust = np.zeros(label.shape)
     for number, box in enumerate(ndimage.find_objects(label), start=1):
@@ -112,18 +96,10 @@ def tensor_trust(logarithm: F64, usable: Mask, label: I32) -> F64:
 
 
 class Average(NamedTuple):
-    """How tensors are averaged.
+    """How tensors are averaged."""
 
-    Attributes
-    ----------
-    label : NDArray
-        Voxels that are averaged with each other have one number, shape `(ni, nj, nk)`.
-    width : float
-        Standard deviation of the Gaussian [mm].
-    """
-
-    label: I32
-    width: float
+    label: I32  #: Voxels that are averaged with each other have one number, shape `(ni, nj, nk)`
+    width: float  #: Standard deviation of the Gaussian [mm]
 
 
 def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Average:
@@ -132,23 +108,18 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
     Labels may hold several muscles. Averages of the whole labels are clustered by their fibers, and
     the least number of clusters is taken whose averages predict tensors as well as any.
 
-    Parameters
-    ----------
-    logarithm : NDArray
-        Logarithms of the tensors, shape `(ni, nj, nk, 6)`.
-    trust : NDArray
-        Their weights, shape `(ni, nj, nk)`.
-    label : NDArray
-        Labels, within which tensors are averaged, shape `(ni, nj, nk)`.
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
+    - `logarithm`: logarithms of the tensors, shape `(ni, nj, nk, 6)`
+    - `trust`: their weights, shape `(ni, nj, nk)`
+    - `label`: labels, within which tensors are averaged, shape `(ni, nj, nk)`
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
     """
     shape = logarithm.copy()
     shape[..., :3] -= shape[..., :3].mean(axis=-1, keepdims=True)
     alike = [_alike(shape, trust, label, axis) for axis in range(3)]
     width, least = _width(logarithm, trust, label, spacing, alike)
     found = [(least, Average(label, width))]
-    known, dyads = _dyads(logarithm, trust, label, width / spacing)
+    fiber, known = label_fibers(logarithm, trust, label, width / spacing)
+    dyads = dyads_of(fiber[known]) * np.sqrt(_SQUARES)
     for count in _FAMILIES if len(dyads) else ():
         family = label.copy()
         family[known] += (int(label.max()) + 1) * kmeans(dyads, count)[0]
@@ -163,9 +134,9 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
     return next(average for error, average in found if not error > best * (1.0 + _AS_WELL))
 
 
-def _dyads(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[Mask, F64]:
-    """Voxels of labels with a usable average, and the dyads of its fibers, shape `(n, 6)`."""
-    known, dyads = np.zeros(label.shape, bool), np.zeros((*label.shape, 6))
+def label_fibers(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[F64, Mask]:
+    """Fibers of averages within each label, shape `(ni, nj, nk, 3)`, and where there are any."""
+    fiber, known = np.zeros((*label.shape, 3)), np.zeros(label.shape, bool)
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         if box is None:
             continue
@@ -173,10 +144,9 @@ def _dyads(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[Mask, F6
         weight = trust[box] * here
         sums, near = gathered(logarithm[box] * weight[..., np.newaxis], weight, sigma)
         usable = here & (near > LEAST_WEIGHT)
-        fiber = lead_vector(sums[usable] / near[usable][:, np.newaxis])
-        dyads[box][usable] = tensor_components(fiber[:, :, np.newaxis] * fiber[:, np.newaxis, :])
+        fiber[box][usable] = lead_vector(sums[usable] / near[usable][:, np.newaxis])
         known[box] |= usable
-    return known, dyads[known] * np.sqrt(_SQUARES)
+    return fiber, known
 
 
 def _width(
@@ -206,14 +176,8 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
     times one less its correlation, and grows with the square of the distance as fibers bend. Noise
     three and four voxels apart has nothing in common: there both can be separated.
 
-    Parameters
-    ----------
-    shape : NDArray
-        Logarithms without their traces, shape `(ni, nj, nk, 6)`.
-    trust, label : NDArray
-        As in `best_average`.
-    axis : int
-        The axis.
+    - `shape`: logarithms without their traces, shape `(ni, nj, nk, 6)`
+    - `trust`, `label`: as in `best_average`
     """
     apart = np.arange(1, 5)
     half = np.full(4, np.nan)
@@ -272,14 +236,9 @@ def _prediction_error(
 def gathered(values: F64, weight: NDArray[Any], sigma: F64) -> tuple[F64, F64]:
     """Gaussian sums of weighted values and of weights; their ratio is the average.
 
-    Parameters
-    ----------
-    values : NDArray
-        Values times their weights, shape `(ni, nj, nk, n)`.
-    weight : NDArray
-        Weights, shape `(ni, nj, nk)`.
-    sigma : NDArray
-        Standard deviations [voxel].
+    - `values`: values times their weights, shape `(ni, nj, nk, n)`
+    - `weight`: weights, shape `(ni, nj, nk)`
+    - `sigma`: standard deviations [voxel]
     """
     near = ndimage.gaussian_filter(weight.astype(float), sigma, mode="constant", truncate=_TRUNCATE)
     sums = np.empty(values.shape)

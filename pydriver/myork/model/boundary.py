@@ -13,34 +13,18 @@ from myork.model.points import BONE, first_voxel
 from myork.records import Labels
 from myork.types import F64, I32, Mask
 
-__all__ = ["Boundary", "bone_beside", "boundary_sets"]
-
 Voxels = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Boundary points set by set.
+    """Boundary points set by set."""
 
-    Attributes
-    ----------
-    names : tuple
-        Names of the sets.
-    point : NDArray
-        Index of the voxel in the list of body voxels, shape `(nboundary,)`.
-    set : NDArray
-        Index into `names`, shape `(nboundary,)`.
-    normal : NDArray
-        Outward unit normals, shape `(nboundary, 3)` [-].
-    area : NDArray
-        Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2].
-    """
-
-    names: tuple[str, ...]
-    point: NDArray[np.intp]
-    set: NDArray[np.intp]
-    normal: F64
-    area: F64
+    names: tuple[str, ...]  #: Names of the sets
+    point: NDArray[np.intp]  #: Index of the voxel in the list of body voxels, shape `(nboundary,)`
+    set: NDArray[np.intp]  #: Index into `names`, shape `(nboundary,)`
+    normal: F64  #: Outward unit normals, shape `(nboundary, 3)` [-]
+    area: F64  #: Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2]
 
 
 def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None = None) -> Boundary:
@@ -49,14 +33,10 @@ def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None 
     A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
     skin to both. A single slice has no ends; without bone there is no such set.
 
-    Parameters
-    ----------
-    labels : Labels
-        Labels above zero are the body, `BONE` bounds it.
-    normals : str
-        Method of `surface_normals`.
-    around : NDArray, optional
-        Labels with one layer more on all four sides, `bone_beside`; without it nothing is there.
+    - `labels`: labels above zero are the body, `BONE` bounds it
+    - `normals`: method of `surface_normals`
+    - `around`: labels with one layer more on all four sides, `bone_beside`; without it nothing is
+      there
     """
     body = labels.data > 0
     spacing = labels.spacing
@@ -116,19 +96,10 @@ def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
     The body is cut to the box of its own voxels; bone beyond the box bounds it all the same. A
     block of the layer is bone where that fills more than half of it.
 
-    Parameters
-    ----------
-    labels : Labels
-        Labels as they were selected, not trimmed.
-    merged : Labels
-        The trimmed and merged ones, shape `(ni, nj, nk)`.
-    block : sequence
-        Voxels per block in each direction.
-
-    Returns
-    -------
-    NDArray
-        Shape `(ni + 2, nj + 2, nk)`.
+    - `labels`: labels as they were selected, not trimmed
+    - `merged`: the trimmed and merged ones, shape `(ni, nj, nk)`
+    - `block`: voxels per block in each direction
+    - returns shape `(ni + 2, nj + 2, nk)`
     """
     size, n = np.array(block), np.array(merged.data.shape) + [2, 2, 0]
     first = first_voxel(labels, merged, block) - size * [1, 1, 0]
@@ -153,14 +124,9 @@ def _projected(areas: F64, normal: F64) -> F64:
 def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
     """Area of the facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
 
-    Parameters
-    ----------
-    body : NDArray
-        Shape `(ni, nj, nk)`.
-    beyond : NDArray
-        The other voxels, with a layer more on all sides.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [mm].
+    - `body`: shape `(ni, nj, nk)`
+    - `beyond`: the other voxels, with a layer more on all sides
+    - `spacing`: voxel size, shape `(3,)` [mm]
     """
     facets = np.zeros((*body.shape, 3, 2))
     middle = (slice(1, -1),) * 3

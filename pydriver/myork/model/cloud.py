@@ -19,8 +19,6 @@ from myork.model.slices import extruded, finer_fibers, finer_labels, finer_value
 from myork.model.surface import end_offsets, surface_offsets
 from myork.records import Image, Labels, PointCloud, Voxels
 
-__all__ = ["Body", "build_cloud"]
-
 # A cut plane with fewer points can hold the model only badly.
 _FEW_AT_END = 6
 # An end with less of the largest section is a tip; slices that are no tip have so much of it
@@ -30,24 +28,13 @@ _FEW_ACROSS = 4
 
 
 class Body(NamedTuple):
-    """What points are made of, on one grid.
+    """What points are made of, on one grid."""
 
-    Attributes
-    ----------
-    labels : Labels
-        Label map, in any orientation.
-    fibers : Image or None
-        Fiber vectors in the world frame.
-    activation : Image or None
-        Part of its muscle's activation that each voxel has.
-    fractions : Image or None
-        Part of each voxel that each label above zero fills, labels ascending, shape
-        `(ni, nj, nk, nlabel)`.
-    """
-
-    labels: Labels
-    fibers: Image | None = None
-    activation: Image | None = None
+    labels: Labels  #: Label map, in any orientation
+    fibers: Image | None = None  #: Fiber vectors in the world frame
+    activation: Image | None = None  #: Part of its muscle's activation that each voxel has
+    #: Part of each voxel that each label above zero fills, labels ascending, shape
+    #: `(ni, nj, nk, nlabel)`
     fractions: Image | None = None
 
 

@@ -15,53 +15,34 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, lead_vector
 from myork.imaging.geometry import frame
 from myork.imaging.resampling import on_grid
 from myork.model.averaging import (
     LEAST_WEIGHT,
     best_average,
     gathered,
+    label_fibers,
     tensor_logarithms,
     tensor_trust,
 )
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "activation_at_points",
-    "FiberField",
-    "fiber_field",
-    "fibers_at_points",
-    "fibers_of_labels",
-    "fill_from_own",
-]
-
 
 class FiberField(NamedTuple):
-    """Fibers of a tissue.
+    """Fibers of a tissue."""
 
-    Attributes
-    ----------
-    fibers : Image
-        Unit vectors in the world frame, zero outside of the tissue, shape `(ni, nj, nk, 3)`.
-    filled : int
-        Voxels whose own tensor was unusable (not finite or not positive): they took the average
-        around them.
-    far : int
-        Voxels with nothing usable within the reach of the average, or beyond the image of the
-        tensors: they took the average at the nearest voxel that has one.
-    distance : float
-        Largest distance to such a voxel [mm].
-    smoothing : float
-        Standard deviation of the average [mm].
-    """
-
+    #: Unit vectors in the world frame, zero outside of the tissue, shape `(ni, nj, nk, 3)`
     fibers: Image
+    #: Voxels whose own tensor was unusable (not finite or not positive): they took the average
+    #: around them
     filled: int
+    #: Voxels with nothing usable within the reach of the average, or beyond the image of the
+    #: tensors: they took the average at the nearest voxel that has one
     far: int
-    distance: float
-    smoothing: float
+    distance: float  #: Largest distance to such a voxel [mm]
+    smoothing: float  #: Standard deviation of the average [mm]
 
     def doubts(self) -> list[str]:
         """Sentences about fibers that are not those of their own tensors."""
@@ -100,18 +81,7 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
     width = smoothing
     if width is None:
         label, width = best_average(logarithm, trust, label, tensor.spacing)
-    sigma = width / tensor.spacing
-    fiber = np.zeros((*inside.shape, 3))
-    known = np.zeros(inside.shape, dtype=bool)
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        if box is None:
-            continue
-        here = label[box] == number
-        weight = trust[box] * here
-        average, weight = gathered(logarithm[box] * weight[..., np.newaxis], weight, sigma)
-        near = here & (weight > LEAST_WEIGHT)
-        fiber[box][near] = lead_vector(average[near] / weight[near][:, np.newaxis])
-        known[box] |= near
+    fiber, known = label_fibers(logarithm, trust, label, width / tensor.spacing)
     if not inside.any():
         raise InputError(f"{tensor.name}: no voxel to find fibers in; check the mask or the labels")
     if not known.any():
@@ -181,22 +151,12 @@ def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
 def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
     """Give voxels without a value that of the nearest voxel of their own label, in place.
 
-    Parameters
-    ----------
-    values : NDArray
-        Changed where a label has no value, shape `(ni, nj, nk)` or `(ni, nj, nk, n)`.
-    known : NDArray
-        Voxels that have a value, shape `(ni, nj, nk)`.
-    label : NDArray
-        Labels, 0 where nothing is wanted, shape `(ni, nj, nk)`.
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
-
-    Returns
-    -------
-    NDArray
-        Distance to that voxel, infinite where the label has no value at all, zero where nothing
-        was missing, shape `(ni, nj, nk)` [mm].
+    - `values`: changed where a label has no value, shape `(ni, nj, nk)` or `(ni, nj, nk, n)`
+    - `known`: voxels that have a value, shape `(ni, nj, nk)`
+    - `label`: labels, 0 where nothing is wanted, shape `(ni, nj, nk)`
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - returns distance to that voxel, infinite where the label has no value at all, zero where
+      nothing was missing, shape `(ni, nj, nk)` [mm]
     """
     away = np.where((label != 0) & ~known, np.inf, 0.0)
     for number, box in enumerate(ndimage.find_objects(label), start=1):
@@ -218,24 +178,13 @@ def fibers_at_points(
 ) -> F64:
     """Fiber vectors at points, in the frame of the voxel axes.
 
-    Parameters
-    ----------
-    fibers : Image
-        Vectors in the world frame, zero or not a number where there is none, on the grid of
-        `labels`, shape `(ni, nj, nk, 3)`.
-    labels : Labels
-        Labels; only voxels of a point's own label count for it.
-    place : NDArray
-        Voxel indices of the points, whole or between voxels, shape `(npoint, 3)`.
-    label : NDArray
-        Labels of the points, shape `(npoint,)`.
-    block : sequence
-        Voxels per point in each direction: the scale of the average.
-
-    Returns
-    -------
-    NDArray
-        Unit vectors, shape `(npoint, 3)`; zeros for a label without any fiber.
+    - `fibers`: vectors in the world frame, zero or not a number where there is none, on the grid of
+      `labels`, shape `(ni, nj, nk, 3)`
+    - `labels`: labels; only voxels of a point's own label count for it
+    - `place`: voxel indices of the points, whole or between voxels, shape `(npoint, 3)`
+    - `label`: labels of the points, shape `(npoint,)`
+    - `block`: voxels per point in each direction: the scale of the average
+    - returns unit vectors, shape `(npoint, 3)`; zeros for a label without any fiber
     """
     length = np.linalg.norm(fibers.data, axis=-1)
     valid = np.isfinite(length) & (length > 0)
@@ -247,7 +196,7 @@ def fibers_at_points(
             continue
         vector = fibers.data[usable] / length[usable][:, np.newaxis]
         dyad = np.zeros((*usable.shape, 6))
-        dyad[usable] = tensor_components(vector[:, :, np.newaxis] * vector[:, np.newaxis, :])
+        dyad[usable] = dyads_of(vector)
         average, near = _averages(dyad, usable, place[here], block)
         known = near > LEAST_WEIGHT
         if not known.all():
@@ -268,23 +217,12 @@ def activation_at_points(
 ) -> F64:
     """Part of their muscle's activation that points have.
 
-    Parameters
-    ----------
-    image : Image
-        Parts from 0 to 1 on the grid of `labels`, shape `(ni, nj, nk)`.
-    labels : Labels
-        Labels; only voxels of a point's own label count for it.
-    place : NDArray
-        Voxel indices of the points, whole or between voxels, shape `(npoint, 3)`.
-    label : NDArray
-        Labels of the points, shape `(npoint,)`.
-    block : sequence
-        Voxels per point in each direction: the scale of the average.
-
-    Returns
-    -------
-    NDArray
-        Shape `(npoint,)` [-].
+    - `image`: parts from 0 to 1 on the grid of `labels`, shape `(ni, nj, nk)`
+    - `labels`: labels; only voxels of a point's own label count for it
+    - `place`: voxel indices of the points, whole or between voxels, shape `(npoint, 3)`
+    - `label`: labels of the points, shape `(npoint,)`
+    - `block`: voxels per point in each direction: the scale of the average
+    - returns shape `(npoint,)` [-]
     """
     bad = np.argwhere((labels.data > 0) & ~((image.data >= 0) & (image.data <= 1)))
     if len(bad):

@@ -20,9 +20,6 @@ from myork.imaging.geometry import canonical, frame
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["flow_fibers"]
-
-
 _TOLERANCE = 1e-5  # residual of the potential, relative; directions are then known to a degree
 _LEAST = 1e-12  # smallest flow that has a direction, of the largest
 
@@ -30,21 +27,10 @@ _LEAST = 1e-12  # smallest flow that has a direction, of the largest
 def flow_fibers(labels: Labels) -> Image:
     """Fiber vectors of all voxels with a label, each connected piece of a label by itself.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map, in any orientation.
-
-    Returns
-    -------
-    Image
-        Unit vectors in the world frame on the grid of the labels with its axes turned to the
-        nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`.
-
-    Raises
-    ------
-    ConvergenceError
-        The potential of a piece is not found.
+    - `labels`: label map, in any orientation
+    - returns unit vectors in the world frame on the grid of the labels with its axes turned to the
+      nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`
+    - raises ConvergenceError: the potential of a piece is not found
     """
     whole = canonical(labels)
     flow = np.zeros((*whole.data.shape, 3))

@@ -19,9 +19,6 @@ from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels
 from myork.types import F64
 
-__all__ = ["read_tracts", "tract_fibers", "voxelise"]
-
-
 # Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
 _NEAREST = 24
 # Beyond this a point belongs to no body [mm].
@@ -31,16 +28,10 @@ _FARTHEST = 1e6
 def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> Labels:
     """Voxels whose centres lie inside a closed surface.
 
-    Parameters
-    ----------
-    path : Path
-        Surface (STL, PLY, OBJ, VTK) or structured grid (VTS), whose skin is taken.
-    to_mm : float
-        Millimetres in the unit of the file.
-    spacing : sequence
-        Voxel size along x, y and z [mm].
-    name : str
-        Name of the label.
+    - `path`: surface (STL, PLY, OBJ, VTK) or structured grid (VTS), whose skin is taken
+    - `to_mm`: millimetres in the unit of the file
+    - `spacing`: voxel size along x, y and z [mm]
+    - `name`: name of the label
     """
     mesh = read_mesh(path)
     if not len(mesh.triangles):
@@ -81,18 +72,10 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
 def read_tracts(path: Path, to_mm: float) -> list[F64]:
     """Lines along fibers.
 
-    Parameters
-    ----------
-    path : Path
-        NumPy archive with `points` (n, 3) and `offsets` (where each line starts, or also where
-        the last ends), or a structured grid (VTS) whose third index runs along the fibers.
-    to_mm : float
-        Millimetres in the unit of the file.
-
-    Returns
-    -------
-    list
-        Points of each line, shape `(m, 3)`, two at least [mm].
+    - `path`: NumPy archive with `points` (n, 3) and `offsets` (where each line starts, or also
+      where the last ends), or a structured grid (VTS) whose third index runs along the fibers
+    - `to_mm`: millimetres in the unit of the file
+    - returns points of each line, shape `(m, 3)`, two at least [mm]
     """
     if path.suffix == ".npz":
         lines = _archived_lines(path)
@@ -137,14 +120,9 @@ def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") ->
     Directions are averaged as dyads: a line has no sign. Weights fall off with the distance, so
     that a voxel between lines gets the direction of all around it.
 
-    Parameters
-    ----------
-    tracts : sequence
-        Points of each line, shape `(m, 3)` [mm].
-    labels : Labels
-        The body.
-    name : str
-        Of the tracts, for messages.
+    - `tracts`: points of each line, shape `(m, 3)` [mm]
+    - `labels`: the body
+    - `name`: of the tracts, for messages
     """
     start = np.vstack([line[:-1] for line in tracts])
     step = np.vstack([np.diff(line, axis=0) for line in tracts])

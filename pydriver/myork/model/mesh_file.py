@@ -21,8 +21,6 @@ import numpy as np
 from myork.errors import FileError, InputError, InstallationError
 from myork.types import F64, I64
 
-__all__ = ["Mesh", "main", "read_mesh"]
-
 # What the reader may take beside the file's size [bytes]: most is its libraries' address space.
 _MEMORY = 4 << 30
 _PER_BYTE = 64
@@ -32,28 +30,15 @@ _PER_SECOND = 1e6
 
 
 class Mesh(NamedTuple):
-    """What a file of VTK holds.
+    """What a file of VTK holds."""
 
-    Attributes
-    ----------
-    points : NDArray
-        Corners of the skin, shape `(npoint, 3)`.
-    triangles : NDArray
-        Three corners of each triangle of the skin, shape `(ntriangle, 3)`.
-    open_edges : int
-        Edges of one triangle only: a closed surface has none.
-    grid : NDArray
-        Points of a structured grid, the first index running fastest, shape `(ni*nj*nk, 3)`; empty
-        for other meshes.
-    dimensions : tuple
-        Its numbers of points ni, nj and nk, zeros for other meshes.
-    """
-
-    points: F64
-    triangles: I64
-    open_edges: int
+    points: F64  #: Corners of the skin, shape `(npoint, 3)`
+    triangles: I64  #: Three corners of each triangle of the skin, shape `(ntriangle, 3)`
+    open_edges: int  #: Edges of one triangle only: a closed surface has none
+    #: Points of a structured grid, the first index running fastest, shape `(ni*nj*nk, 3)`; empty
+    #: for other meshes
     grid: F64
-    dimensions: tuple[int, int, int]
+    dimensions: tuple[int, int, int]  #: Its numbers of points ni, nj and nk, zeros for other meshes
 
 
 def read_mesh(path: Path) -> Mesh:

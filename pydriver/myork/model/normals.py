@@ -13,9 +13,6 @@ from scipy import ndimage
 
 from myork.types import F64, Mask
 
-__all__ = ["surface_normals"]
-
-
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
 # normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
 _SMOOTHING = 2.5
@@ -44,23 +41,13 @@ def surface_normals(
     body few slices high is flattened. Distances therefore count in the metric in which the body
     is as nearly round as one between voxels and lengths makes it.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [length].
-    voxels : NDArray
-        Where, shape `(n, 3)`.
-    method : str
-        `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
-        multiquadrics fitted to it in a window around each voxel.
-
-    Returns
-    -------
-    NDArray
-        Shape `(n, 3)` [-]; zeros where phi has no gradient (in the middle of a sheet one voxel
-        thick).
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `spacing`: voxel size, shape `(3,)` [length]
+    - `voxels`: where, shape `(n, 3)`
+    - `method`: `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
+      multiquadrics fitted to it in a window around each voxel
+    - returns shape `(n, 3)` [-]; zeros where phi has no gradient (in the middle of a sheet one
+      voxel thick)
     """
     pad = np.array([_LAYERS, _LAYERS, 0])
     whole = np.pad(body, [(n, n) for n in pad])

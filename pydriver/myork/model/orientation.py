@@ -28,9 +28,6 @@ from myork.model.normals import surface_normals
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["Finding", "Orientation", "check_orientation"]
-
-
 # How much more fibers may cross walls as the files say than with the best candidate. Right tables
 # came to 0.20 at most on phantoms and real muscles.
 _CROSSING = 0.25
@@ -41,51 +38,30 @@ _ALIKE = 0.1
 
 
 class Orientation(NamedTuple):
-    """Evidence for one order of the gradient axes.
+    """Evidence for one order of the gradient axes."""
 
-    Attributes
-    ----------
-    axes : str
-        Value for `image.gradient_axes`.
-    crossing : float
-        Mean square cosine between fibers at the walls of muscles and the walls' normals, 0 to 1:
-        0 along the walls, a third at random [-].
-    agreement : float or None
-        With the anatomy of the calf, -1 to 1; None where no muscle has a known name [-].
-    """
-
-    axes: str
+    axes: str  #: Value for `image.gradient_axes`
+    #: Mean square cosine between fibers at the walls of muscles and the walls' normals, 0 to 1: 0
+    #: along the walls, a third at random [-]
     crossing: float
+    #: With the anatomy of the calf, -1 to 1; None where no muscle has a known name [-]
     agreement: float | None
 
 
 class Finding(NamedTuple):
-    """What the fibers say about the gradient axes.
+    """What the fibers say about the gradient axes."""
 
-    Attributes
-    ----------
-    evidence : list of Orientation
-        That of the files first.
-    doubt : str
-        A warning, empty without a doubt.
-    remark : str
-        What was checked and what cannot be decided, empty with a doubt or without fibers.
-    """
-
-    evidence: list[Orientation]
-    doubt: str
+    evidence: list[Orientation]  #: That of the files first
+    doubt: str  #: A warning, empty without a doubt
+    #: What was checked and what cannot be decided, empty with a doubt or without fibers
     remark: str
 
 
 def check_orientation(fibers: Image, muscles: Labels) -> Finding:
     """Compare all orders and flips of the gradient axes.
 
-    Parameters
-    ----------
-    fibers : Image
-        Fiber vectors in the world frame as the files say, shape `(ni, nj, nk, 3)`.
-    muscles : Labels
-        Muscles whose walls are looked at; their names are used where they are known.
+    - `fibers`: fiber vectors in the world frame as the files say, shape `(ni, nj, nk, 3)`
+    - `muscles`: muscles whose walls are looked at; their names are used where they are known
     """
     columns = frame(fibers.affine)
     vector, normal = _at_walls(fibers, muscles)

@@ -18,21 +18,6 @@ from myork.imaging.geometry import frame, to_voxels
 from myork.records import Labels
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "blunt_ends",
-    "BONE",
-    "changed_volumes",
-    "coarsen",
-    "connected_body",
-    "first_voxel",
-    "points_across",
-    "positions",
-    "select",
-    "source_voxels",
-    "thin_voxels",
-    "trimmed",
-]
-
 Voxels = NDArray[np.intp]
 
 # Label of voxels outside the model that are bone
@@ -51,16 +36,10 @@ def select(
 ) -> Labels:
     """Keep some labels, in the slices of the model.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map with axes along the world's, shape `(ni, nj, nk)`.
-    ids : sequence
-        Labels to keep; empty keeps all above zero.
-    slices : sequence or None
-        First and last slice to keep, counted from 0 at the lower end.
-    bone : sequence
-        Labels of bone, which is no part of the model but bounds it; they become `BONE`.
+    - `labels`: label map with axes along the world's, shape `(ni, nj, nk)`
+    - `ids`: labels to keep; empty keeps all above zero
+    - `slices`: first and last slice to keep, counted from 0 at the lower end
+    - `bone`: labels of bone, which is no part of the model but bounds it; they become `BONE`
     """
     data = np.where(np.isin(labels.data, bone), BONE, labels.data).astype(np.int32)
     present = np.unique(data[data > 0])
@@ -90,17 +69,12 @@ def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> La
     Blocks are laid symmetrically about the middle; those that reach beyond the map are filled up
     with nothing, along z with the end slices.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    block : sequence
-        Voxels per block in each direction.
-    merge : str
-        `majority`: a block of which the body fills a third belongs to it (its volume counts by
-        what is filled, see `myork.model.shares`), and gets the label that fills most of that,
-        after a little blur, so that where two are even the voxels around decide. `sample`: a
-        block gets the label (or nothing) of the voxel in its middle (thesis section 4.1.2).
+    - `labels`: label map
+    - `block`: voxels per block in each direction
+    - `merge`: `majority`: a block of which the body fills a third belongs to it (its volume counts
+      by what is filled, see `myork.model.shares`), and gets the label that fills most of that,
+      after a little blur, so that where two are even the voxels around decide. `sample`: a block
+      gets the label (or nothing) of the voxel in its middle (thesis section 4.1.2).
     """
     if max(block) == 1:
         return labels
@@ -155,14 +129,9 @@ def changed_volumes(
 ) -> list[str]:
     """A sentence for each label whose volume the merging of voxels changed by more than a tenth.
 
-    Parameters
-    ----------
-    fine : Labels
-        Label map before the merging.
-    model : mapping
-        Volume of each label afterwards [mm^3].
-    wanted : mapping, optional
-        Volume of each label before; without it that of its voxels [mm^3].
+    - `fine`: label map before the merging
+    - `model`: volume of each label afterwards [mm^3]
+    - `wanted`: volume of each label before; without it that of its voxels [mm^3]
     """
     sentences = []
     for label in np.unique(fine.data[fine.data > 0]).tolist():
@@ -182,17 +151,9 @@ def changed_volumes(
 def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
     """Find pieces that touch neither end, which nothing would hold in place.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map whose first and last slice are the ends; a single slice has no ends.
-    islands : str
-        `error` refuses them by name, `drop` leaves them out.
-
-    Returns
-    -------
-    tuple
-        Labels without the pieces, and a sentence for each piece left out.
+    - `labels`: label map whose first and last slice are the ends; a single slice has no ends
+    - `islands`: `error` refuses them by name, `drop` leaves them out
+    - returns labels without the pieces, and a sentence for each piece left out
     """
     body = labels.data > 0
     if body.shape[2] == 1:
@@ -226,12 +187,8 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
 def blunt_ends(body: Mask, least: float) -> tuple[int, int]:
     """First and last slice that hold at least a part of the largest section.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    least : float
-        The part [-].
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `least`: the part [-]
     """
     area = body.sum(axis=(0, 1))
     full = np.flatnonzero(area >= least * area.max())
@@ -261,12 +218,8 @@ def points_across(body: Mask, step: Sequence[int]) -> float:
 
     Bodies of voxels are fixed at their ends: directions along slices count, that across does not.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    step : sequence
-        Distance of source points in each direction [voxel].
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `step`: distance of source points in each direction [voxel]
     """
     least = np.full(int(body.sum()), np.inf)
     for d in range(2):
@@ -287,17 +240,9 @@ def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
     supports cover the boundary too, every voxel (in lexicographic order) that still has no source
     point nearer than one step in all directions at once.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    step : sequence
-        Distance of source points in each direction [voxel].
-
-    Returns
-    -------
-    NDArray
-        Voxels in lexicographic order, shape `(nsource, 3)`.
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `step`: distance of source points in each direction [voxel]
+    - returns voxels in lexicographic order, shape `(nsource, 3)`
     """
     chosen = np.zeros(body.shape, dtype=bool)
     chosen[np.ix_(*(_nodes(n, s) for n, s in zip(body.shape, step, strict=True)))] = True

@@ -21,9 +21,6 @@ from myork.model.points import first_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["LabelParts", "checked_parts", "label_shares"]
-
-
 # Parts are written in single precision.
 _SLACK = 1e-3
 # No voxel of a body is emptier than this [-]: it would be nearly free to move.
@@ -33,12 +30,8 @@ _LEAST = 0.1
 def checked_parts(image: Image, labels: Labels) -> Image:
     """Refuse parts that do not go with the labels of a map, or are none.
 
-    Parameters
-    ----------
-    image : Image
-        Shape `(ni, nj, nk, nlabel)`.
-    labels : Labels
-        Label map whose labels above zero the volumes are of, one each, ascending.
+    - `image`: shape `(ni, nj, nk, nlabel)`
+    - `labels`: label map whose labels above zero the volumes are of, one each, ascending
     """
     check_same_grid(image, labels)
     numbers = np.unique(labels.data[labels.data > 0]).tolist()
@@ -73,18 +66,10 @@ def checked_parts(image: Image, labels: Labels) -> Image:
 
 
 class LabelParts(NamedTuple):
-    """Parts of labels in each voxel of an image.
+    """Parts of labels in each voxel of an image."""
 
-    Attributes
-    ----------
-    image : Image
-        Part of each label, shape `(ni, nj, nk, nlabel)` [-].
-    labels : NDArray
-        Labels, ascending, shape `(nlabel,)`.
-    """
-
-    image: Image
-    labels: I32
+    image: Image  #: Part of each label, shape `(ni, nj, nk, nlabel)` [-]
+    labels: I32  #: Labels, ascending, shape `(nlabel,)`
 
     def first(self, fine: Labels) -> I64:
         """Voxel in which a label map cut out of the image's grid begins, shape `(3,)`."""
@@ -122,25 +107,14 @@ def label_shares(
     that share a face, or where there are none, an edge or a corner. What touches no block of the
     body is lost.
 
-    Parameters
-    ----------
-    fine : Labels
-        Label map.
-    coarse : Labels
-        Its blocks merged, those above zero are the body.
-    block : sequence
-        Voxels per block in each direction.
-    left_out : NDArray
-        Merged voxels that are left out with all that they hold, shape of `coarse.data`.
-    parts : LabelParts, optional
-        Parts of labels in each voxel, on the grid that `fine` was cut out of; without it each voxel
-        of `fine` holds its label only.
-
-    Returns
-    -------
-    tuple
-        Shares in lexicographic order of the body's voxels, shape `(nbody, nlabel)` [-], the sum
-        of a row is more than 1 where a neighbour was left out; and the labels, ascending.
+    - `fine`: label map
+    - `coarse`: its blocks merged, those above zero are the body
+    - `block`: voxels per block in each direction
+    - `left_out`: merged voxels that are left out with all that they hold, shape of `coarse.data`
+    - `parts`: parts of labels in each voxel, on the grid that `fine` was cut out of; without it
+      each voxel of `fine` holds its label only
+    - returns shares in lexicographic order of the body's voxels, shape `(nbody, nlabel)` [-], the
+      sum of a row is more than 1 where a neighbour was left out; and the labels, ascending
     """
     body = coarse.data > 0
     numbers = np.unique(fine.data[fine.data > 0])

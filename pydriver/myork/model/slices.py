@@ -22,15 +22,12 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.csgraph import connected_components
 
 from myork.errors import InputError
-from myork.imaging.diffusion import lead_vector, tensor_components
+from myork.imaging.diffusion import dyads_of, lead_vector
 from myork.imaging.geometry import canonical, slice_axis
 from myork.model.fibers import fill_from_own
 from myork.records import Image, Labels
 from myork.segmentation.outlines import signed_distances
 from myork.types import F64, I32, I64, Mask
-
-__all__ = ["extruded", "finer_fibers", "finer_labels", "finer_values", "slice_parts"]
-
 
 _ROOM = 8  # pixels around a label that it may move into
 # Gaussian over the distances, which know the steps of pixels only [pixel]
@@ -42,12 +39,8 @@ Map = TypeVar("Map", Labels, Image)
 def extruded(image: Map, length: float) -> Map:
     """A single slice drawn out to a prism, of slices about as thick as its pixels are wide.
 
-    Parameters
-    ----------
-    image : Labels or Image
-        One slice across the axis nearest to superior, however thick.
-    length : float
-        Length of the prism, whose middle is the slice [mm].
+    - `image`: one slice across the axis nearest to superior, however thick
+    - `length`: length of the prism, whose middle is the slice [mm]
     """
     slice_ = canonical(image)
     if slice_.data.shape[2] != 1:
@@ -65,12 +58,8 @@ def extruded(image: Map, length: float) -> Map:
 def slice_parts(spacing: F64, thickness: float) -> tuple[int, int]:
     """Axis along which voxels are longest, and the parts into which each is cut.
 
-    Parameters
-    ----------
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
-    thickness : float
-        Wanted thickness of slices [mm].
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `thickness`: wanted thickness of slices [mm]
     """
     axis = slice_axis(spacing)
     return axis, max(1, round(float(spacing[axis]) / thickness))
@@ -128,14 +117,10 @@ def finer_labels(labels: Labels, axis: int, parts: int) -> Labels:
 def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts: int) -> Image:
     """Fibers for every voxel of the finer labels.
 
-    Parameters
-    ----------
-    fibers : Image
-        Vectors, zero or not a number where there is none, shape `(ni, nj, nk, 3)`.
-    labels, finer : Labels
-        Labels before and after `finer_labels`; a voxel takes fibers of its own label only.
-    axis, parts : int
-        As there.
+    - `fibers`: vectors, zero or not a number where there is none, shape `(ni, nj, nk, 3)`
+    - `labels`, `finer`: labels before and after `finer_labels`; a voxel takes fibers of its own
+      label only
+    - `axis`, `parts`: as there
     """
     vector = np.moveaxis(fibers.data, axis, 2)
     before, after = (np.moveaxis(one.data, axis, 2) for one in (labels, finer))
@@ -143,7 +128,7 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
     valid = np.isfinite(length) & (length > 0) & (before > 0)
     unit = np.zeros(vector.shape)
     unit[valid] = vector[valid] / length[valid][:, np.newaxis]
-    dyad = tensor_components(unit[..., :, np.newaxis] * unit[..., np.newaxis, :])
+    dyad = dyads_of(unit)
     low, share = _neighbours(before.shape[2], parts)
     share = np.clip(share, 0.0, 1.0)
     result = np.zeros((*after.shape, 3))
@@ -164,15 +149,10 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
 def finer_values(image: Image, labels: Labels, finer: Labels, axis: int, parts: int) -> Image:
     """Values of slices, given to all of their parts.
 
-    Parameters
-    ----------
-    image : Image
-        Shape `(ni, nj, nk)`.
-    labels, finer : Labels
-        Labels before and after `finer_labels`; a voxel of a label takes values of that one only:
-        what lies outside of a muscle is often zero.
-    axis, parts : int
-        As there.
+    - `image`: shape `(ni, nj, nk)`
+    - `labels`, `finer`: labels before and after `finer_labels`; a voxel of a label takes values of
+      that one only: what lies outside of a muscle is often zero
+    - `axis`, `parts`: as there
     """
     data = np.repeat(image.data, parts, axis=axis)
     own = np.repeat(labels.data, parts, axis=axis) == finer.data

@@ -8,8 +8,6 @@ from scipy.spatial import cKDTree
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = ["source_spacing"]
-
 
 def source_spacing(source: F64, aspect: F64 | None = None) -> F64:
     """Spacing around each source point: the distance of its sixth neighbour, four in a plane.
@@ -18,18 +16,11 @@ def source_spacing(source: F64, aspect: F64 | None = None) -> F64:
     points are torn apart the distance grows, and the support with it, as one-sided neighbourhoods
     need; where points crowd it shrinks.
 
-    Parameters
-    ----------
-    source : NDArray
-        Source points, shape `(n, 3)`, in a plane all with the same third coordinate [length].
-    aspect : NDArray, optional
-        Spacing in each direction relative to the others, for clouds drawn out along axes, shape
-        `(3,)` [-].
-
-    Returns
-    -------
-    NDArray
-        Shape `(n, 3)` [length].
+    - `source`: source points, shape `(n, 3)`, in a plane all with the same third coordinate
+      [length]
+    - `aspect`: spacing in each direction relative to the others, for clouds drawn out along axes,
+      shape `(3,)` [-]
+    - returns shape `(n, 3)` [length]
     """
     unit = np.ones(3) if aspect is None else np.asarray(aspect, float)
     directions = int((np.ptp(source, axis=0) > 0).sum())

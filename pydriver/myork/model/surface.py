@@ -17,9 +17,6 @@ from scipy.special import ndtri
 
 from myork.types import F64, Mask
 
-__all__ = ["end_offsets", "surface_offsets"]
-
-
 # Standard deviation of the blur [voxel]: as far as a stair of the voxels reaches.
 _BLUR = 1.0
 # Layers added around the body, further than the blur reaches.
@@ -34,19 +31,10 @@ _APART = 0.2
 def end_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp]) -> F64:
     """Moves that bring the voxels' centres of the end slices onto the ends of the body.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`; a single slice is plane and has no ends.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [length].
-    voxels : NDArray
-        Voxels, shape `(n, 3)`.
-
-    Returns
-    -------
-    NDArray
-        Shape `(n, 3)` [length].
+    - `body`: voxels of the body, shape `(ni, nj, nk)`; a single slice is plane and has no ends
+    - `spacing`: voxel size, shape `(3,)` [length]
+    - `voxels`: voxels, shape `(n, 3)`
+    - returns shape `(n, 3)` [length]
     """
     move = np.zeros(voxels.shape)
     last = body.shape[2] - 1
@@ -63,21 +51,11 @@ def surface_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp], normal: 
     No point moves inwards, none by more than a voxel, and those that would meet in a hole of one
     voxel by half of that.
 
-    Parameters
-    ----------
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    spacing : NDArray
-        Voxel size, shape `(3,)` [length].
-    voxels : NDArray
-        Surface voxels, shape `(n, 3)`.
-    normal : NDArray
-        Outward unit normals there, shape `(n, 3)` [-].
-
-    Returns
-    -------
-    NDArray
-        Shape `(n, 3)` [length].
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `spacing`: voxel size, shape `(3,)` [length]
+    - `voxels`: surface voxels, shape `(n, 3)`
+    - `normal`: outward unit normals there, shape `(n, 3)` [-]
+    - returns shape `(n, 3)` [length]
     """
     whole = np.pad(body.astype(float), [(_LAYERS, _LAYERS), (_LAYERS, _LAYERS), (0, 0)])
     whole = np.pad(whole, [(0, 0), (0, 0), (_LAYERS, _LAYERS)], mode="edge")

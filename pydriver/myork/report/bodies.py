@@ -33,9 +33,6 @@ from myork.report.sources import Deformation
 from myork.report.surface import Panel, board
 from myork.types import F64, I32
 
-__all__ = ["compared_figure", "plane_figure", "reduced_figure", "slices_figure", "surface_figure"]
-
-
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
 _TISSUES = (
    "#D55E00", "#56B4E9", "#F0E442", "#009E73", "#CC79A7", "#E69F00", "#0072B2",

@@ -18,8 +18,6 @@ from myork.report.tables import run_table
 from myork.summary import printed, read_summary
 from myork.tables import differing_keys
 
-__all__ = ["compare_page"]
-
 #: Keys of decks that differ, and probes, that are shown
 _MOST_KEYS, _MOST_PROBES = 40, 9
 #: Bodies side by side

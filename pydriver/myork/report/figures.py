@@ -20,17 +20,6 @@ from myork.report.numbers import labelled
 from myork.report.tables import MODEL_KINDS
 from myork.types import F64
 
-__all__ = [
-    "Series",
-    "history_figure",
-    "panels_of",
-    "probe_figure",
-    "rom_figure",
-    "rom_series",
-    "timing_figure",
-]
-
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", "--", ":", "-.")
@@ -51,20 +40,12 @@ def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
 
 
 class Series(NamedTuple):
-    """Probes on the way through the load.
+    """Probes on the way through the load."""
 
-    Attributes
-    ----------
-    name : str
-        Whose they are; empty for the only one of a figure.
-    steps : Sequence of Mapping
-        Steps as in the summary: `load`, `activation`, `probes`, `probe_errors`.
-    look : Mapping
-        How its curves differ from those that others have, as `Axes.plot` takes it.
-    """
-
-    name: str
+    name: str  #: Whose they are; empty for the only one of a figure
+    #: Steps as in the summary: `load`, `activation`, `probes`, `probe_errors`
     steps: Sequence[Mapping[str, Any]]
+    #: How its curves differ from those that others have, as `Axes.plot` takes it
     look: Mapping[str, Any] = MappingProxyType({})
 
 

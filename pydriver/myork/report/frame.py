@@ -13,9 +13,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-__all__ = ["Answer", "Page", "Section", "figure", "folded", "render", "table"]
-
-
 #: Points an inch of figures, inches of those as wide as the page, and the least width of these in
 #: letters
 _DPI, _WIDTH, _LEAST = 130, 11.0, 42.0
@@ -27,66 +24,32 @@ _FIGURE = Markup(
 
 
 class Answer(NamedTuple):
-    """A question of the reader with its answer.
+    """A question of the reader with its answer."""
 
-    Attributes
-    ----------
-    question : str
-        A word or two.
-    lines : list of str or Markup
-        Sentences of the answer, the most important one first.
-    """
-
-    question: str
-    lines: list[str | Markup]
+    question: str  #: A word or two
+    lines: list[str | Markup]  #: Sentences of the answer, the most important one first
 
 
 class Section(NamedTuple):
-    """A section of a page.
+    """A section of a page."""
 
-    Attributes
-    ----------
-    key : str
-        Its anchor.
-    name : str
-        Its heading.
-    parts : iterable of Markup
-        Figures, tables and other HTML.
-    """
-
-    key: str
-    name: str
-    parts: Iterable[Markup]
+    key: str  #: Its anchor
+    name: str  #: Its heading
+    parts: Iterable[Markup]  #: Figures, tables and other HTML
 
 
 class Page(NamedTuple):
-    """All that a page shows.
+    """All that a page shows."""
 
-    Attributes
-    ----------
-    title : str
-        Its heading.
-    sections : iterable of Section
-        Those without parts are left out.
-    footer : Markup
-        What made it.
-    badges : iterable of tuple
-        Kind (`good`, `unsure`, `bad`) and words of each, behind the heading.
-    about : str
-        A line on what it is.
-    story : iterable of Answer
-        What a reader asks first; questions without an answer are left out.
-    warnings : sequence of str
-        What is wrong.
-    """
-
-    title: str
-    sections: Iterable[Section]
-    footer: Markup
+    title: str  #: Its heading
+    sections: Iterable[Section]  #: Those without parts are left out
+    footer: Markup  #: What made it
+    #: Kind (`good`, `unsure`, `bad`) and words of each, behind the heading
     badges: Iterable[tuple[str, str]] = ()
-    about: str = ""
+    about: str = ""  #: A line on what it is
+    #: What a reader asks first; questions without an answer are left out
     story: Iterable[Answer] = ()
-    warnings: Sequence[str] = ()
+    warnings: Sequence[str] = ()  #: What is wrong
 
     def text(self) -> str:
         """The page as one file without external parts."""

@@ -24,9 +24,6 @@ from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.sketch import draw_strokes
 from myork.types import F64, I32
 
-__all__ = ["area_figure", "draw_labels", "slice_figure"]
-
-
 #: What is shown around the labels [mm]
 _AROUND = 10.0
 #: Fibers drawn across the longer side of a picture
@@ -80,15 +77,8 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
 def draw_labels(folder: Path) -> list[Path]:
     """Draw the label maps that `segment` left in a folder upon the image, as PNG beside them.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder of `segment`.
-
-    Returns
-    -------
-    list of Path
-        `segmentation.png`, and `tissue.png` where there are tissues.
+    - `folder`: output folder of `segment`
+    - returns `segmentation.png`, and `tissue.png` where there are tissues
     """
     image, pictures = read_image(folder / "anatomy.nii.gz"), []
     for name in ("segmentation", "tissue"):
@@ -139,24 +129,16 @@ def _corner(shown: Labels) -> F64:
 
 @dataclass(frozen=True)
 class _Body:
-    """What is around the labels, its axes turned to right, anterior, superior.
+    """What is around the labels, its axes turned to right, anterior, superior."""
 
-    Attributes
-    ----------
-    labels, grey, vectors : NDArray or None
-        Labels, image, and components of the fibers along the turned axes.
-    spacing, corner : NDArray
-        Size of a voxel, and lowest corner in the world, shape `(3,)` [mm].
-    colours : dict
-        Of the labels.
-    """
-
+    #: Labels, image, and components of the fibers along the turned axes
     labels: I32
     grey: F64 | None
     vectors: F64 | None
+    #: Size of a voxel, and lowest corner in the world, shape `(3,)` [mm]
     spacing: F64
     corner: F64
-    colours: dict[int, str]
+    colours: dict[int, str]  #: Of the labels
 
     @classmethod
     def of(cls, labels: Labels, image: Image | None, fibers: Image | None) -> _Body:

@@ -8,18 +8,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-__all__ = [
-    "DASH",
-    "fraction",
-    "labelled",
-    "number",
-    "plain",
-    "probe_units",
-    "typeset",
-    "unit_of",
-    "with_error",
-]
-
 DASH = "–"
 _MINUS = "\u2212"
 

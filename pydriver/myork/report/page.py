@@ -22,8 +22,6 @@ from myork.report.story import is_phantom, story
 from myork.report.sweep_page import SWEEP_FILE, read_sweep, sweep_page
 from myork.summary import failures
 
-__all__ = ["compare_runs", "make_report"]
-
 _NAME = "report.html"
 #: Probes that are compared with those of reduced models
 _MOST = 3
@@ -57,12 +55,8 @@ def make_report(folder: str | Path) -> Path:
 def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -> Path:
     """Write `compare.html`: two or more runs side by side.
 
-    Parameters
-    ----------
-    folders : sequence of str or Path
-        Output folders of `solve`; the first is what the others are compared with.
-    out : str or Path, optional
-        Folder of the page; default the first of them.
+    - `folders`: output folders of `solve`; the first is what the others are compared with
+    - `out`: folder of the page; default the first of them
     """
     runs = [read_folder(Path(folder)) for folder in folders]
     if len(runs) < 2:

@@ -16,21 +16,6 @@ from matplotlib.tri import Triangulation
 
 from myork.types import F64, I32
 
-__all__ = [
-    "NO_VALUE",
-    "RIM",
-    "draw_bar",
-    "draw_ruler",
-    "draw_strokes",
-    "draw_triad",
-    "frame_of",
-    "limits_of",
-    "rim_of",
-    "shade_plane",
-    "views_of",
-]
-
-
 #: Colour of places without a value, which no map of colours in use has
 NO_VALUE = "#FF00C8"
 #: How the outline of an undeformed plane body looks

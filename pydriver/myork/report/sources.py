@@ -19,8 +19,6 @@ from myork.results import Results
 from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
 
-__all__ = ["Deformation", "RunFolder", "read_folder"]
-
 T = TypeVar("T")
 
 # Columns of history.csv that are no numbers
@@ -31,42 +29,25 @@ _OTHERS = ("cauchy", "fiber", "label")
 
 @dataclass(frozen=True)
 class Deformation:
-    """Last state of a solve, and the way to it.
+    """Last state of a solve, and the way to it."""
 
-    Attributes
-    ----------
-    points : NDArray
-        Undeformed points, shape `(np, 3)` [length].
-    displacement : NDArray
-        Displacement in the last step, shape `(np, 3)` [length].
-    stress : NDArray
-        Largest principal Cauchy stress in the last step, not a number where there is none: where
-        J <= 0, shape `(np,)` [force/length^2].
-    volume_ratio : NDArray
-        J in the last step, shape `(np,)` [-].
-    loads, activations : NDArray
-        Load and activation of all steps, shape `(nstep,)` [-].
-    surface, lattice : NDArray
-        As in `Results`, without rows where they are not known.
-    cauchy : NDArray or None
-        Cauchy stress in the last step, shape `(np, 3, 3)` [force/length^2].
-    fiber : NDArray or None
-        Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-].
-    label : NDArray or None
-        Label of the material of each point, shape `(np,)`.
-    """
-
-    points: F64
-    displacement: F64
+    points: F64  #: Undeformed points, shape `(np, 3)` [length]
+    displacement: F64  #: Displacement in the last step, shape `(np, 3)` [length]
+    #: Largest principal Cauchy stress in the last step, not a number where there is none: where J
+    #: <= 0, shape `(np,)` [force/length^2]
     stress: F64
-    volume_ratio: F64
+    volume_ratio: F64  #: J in the last step, shape `(np,)` [-]
+    #: Load and activation of all steps, shape `(nstep,)` [-]
     loads: F64
     activations: F64
+    #: As in `Results`, without rows where they are not known
     surface: I32
     lattice: I32
+    #: Cauchy stress in the last step, shape `(np, 3, 3)` [force/length^2]
     cauchy: F64 | None = None
+    #: Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-]
     fiber: F64 | None = None
-    label: I32 | None = None
+    label: I32 | None = None  #: Label of the material of each point, shape `(np,)`
 
     @property
     def moved(self) -> F64:
@@ -86,31 +67,17 @@ class Deformation:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Content of an output folder.
+    """Content of an output folder."""
 
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    summary : dict
-        `summary.json`, empty without one.
-    history : dict
-        Columns of `history.csv` by name, each of shape `(niteration,)`; text where the file has
-        text. Empty without the file.
-    deformation : Deformation or None
-        From `results.vtkhdf`.
-    reduced : ReducedFields or None
-        Fields of reduced models beside the full one.
-    labels, tissue, image, fibers : Labels, Image or None
-        Output of `segment`: label map, materials of a leg, image and fiber vectors (three values
-        a voxel).
-    """
-
-    path: Path
-    summary: dict[str, Any] = field(default_factory=dict)
+    path: Path  #: The folder
+    summary: dict[str, Any] = field(default_factory=dict)  #: `summary.json`, empty without one
+    #: Columns of `history.csv` by name, each of shape `(niteration,)`; text where the file has
+    #: text. Empty without the file.
     history: dict[str, NDArray[Any]] = field(default_factory=dict)
-    deformation: Deformation | None = None
-    reduced: ReducedFields | None = None
+    deformation: Deformation | None = None  #: From `results.vtkhdf`
+    reduced: ReducedFields | None = None  #: Fields of reduced models beside the full one
+    #: Output of `segment`: label map, materials of a leg, image and fiber vectors (three values a
+    #: voxel)
     labels: Labels | None = None
     tissue: Labels | None = None
     image: Image | None = None
@@ -120,10 +87,8 @@ class RunFolder:
 def read_folder(path: Path) -> RunFolder:
     """Read whatever of a run is in an output folder.
 
-    Raises
-    ------
-    FileError
-        There is nothing to report, or files are damaged: the message names all of them.
+    - raises FileError: there is nothing to report, or files are damaged: the message names all of
+      them
     """
     if not path.is_dir():
         raise FileError(f"{path}: no such folder; give the output folder of a command")

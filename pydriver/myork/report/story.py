@@ -13,8 +13,6 @@ from myork.report.numbers import fraction, number, plain, probe_units, unit_of, 
 from myork.report.sources import Deformation, RunFolder
 from myork.summary import printed
 
-__all__ = ["is_phantom", "story"]
-
 #: Volume ratios further than this from 1 are counted
 _OFF = 0.1
 _VERDICTS = {

@@ -29,8 +29,6 @@ from myork.report.sketch import (
 )
 from myork.types import F64, I32, I64
 
-__all__ = ["Panel", "board", "show"]
-
 #: Facets that meet at a larger angle have an edge there [degree]
 _EDGE_ANGLE = 60.0
 #: Normals at corners are the mean of their facets' but where these are further from it [cosine]
@@ -45,36 +43,20 @@ _EDGE, _STROKE, _PARTS = 0.002, 0.003, 4
 
 
 class Panel(NamedTuple):
-    """What is drawn of a body.
+    """What is drawn of a body."""
 
-    Attributes
-    ----------
-    rest, positions : NDArray
-        Undeformed points, whose edges are drawn grey, and their places, shape `(n, 3)` [length].
-    triangles : NDArray
-        Surface, shape `(m, 3)`; where there is none, points are drawn.
-    values : NDArray
-        What colours the points, shape `(n,)`.
-    limits : tuple
-        Values at the ends of the colours, and which of them values pass, as of `limits_of`.
-    colours : str
-        Name of a colour map of matplotlib, or colours between commas.
-    strokes : NDArray
-        Ends of strokes on the body, shape `(k, 2, 3)` [length].
-    view : NDArray
-        Directions to the right and upwards in the picture and towards the reader, shape `(3, 3)`.
-    title, bar : str
-        What stands above the picture and beside its bar of colours; without words no bar.
-    """
-
+    #: Undeformed points, whose edges are drawn grey, and their places, shape `(n, 3)` [length]
     rest: F64
     positions: F64
-    triangles: I32
-    values: F64 = np.empty(0)
+    triangles: I32  #: Surface, shape `(m, 3)`; where there is none, points are drawn
+    values: F64 = np.empty(0)  #: What colours the points, shape `(n,)`
+    #: Values at the ends of the colours, and which of them values pass, as of `limits_of`
     limits: tuple[float, float, str] = (0.0, 1.0, "neither")
-    colours: str = "viridis"
-    strokes: F64 = np.empty((0, 2, 3))
+    colours: str = "viridis"  #: Name of a colour map of matplotlib, or colours between commas
+    strokes: F64 = np.empty((0, 2, 3))  #: Ends of strokes on the body, shape `(k, 2, 3)` [length]
+    #: Directions to the right and upwards in the picture and towards the reader, shape `(3, 3)`
     view: F64 = np.eye(3)
+    #: What stands above the picture and beside its bar of colours; without words no bar
     title: str = ""
     bar: str = ""
 

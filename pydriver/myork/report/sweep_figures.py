@@ -14,9 +14,6 @@ from myork.report.figures import panels_of
 from myork.report.numbers import labelled
 from myork.types import F64
 
-__all__ = ["VERDICTS", "Column", "Fit", "response_figure", "tornado_figure", "trend_figure"]
-
-
 #: Colour and mark of the points of each verdict
 VERDICTS = {
     "accepted": ("#0072B2", "o"),
@@ -31,22 +28,13 @@ _POINTS_A_TERM = 1.5
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of a sweep.
+    """A column of the table of a sweep."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Its head.
-    values : list
-        A value a finished point; words for a key that takes words.
-    errors : list of float
-        Error bars; empty for a key.
-    """
-
+    #: Its head
     name: str
     unit: str
-    values: list[Any]
-    errors: list[float]
+    values: list[Any]  #: A value a finished point; words for a key that takes words
+    errors: list[float]  #: Error bars; empty for a key
 
     def numbers(self) -> F64 | None:
         """The values, or nothing where one is not a number."""
@@ -65,26 +53,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Fit:
-    """A polynomial of degree 1 or 2 in all numeric keys, through the values of a probe.
+    """A polynomial of degree 1 or 2 in all numeric keys, through the values of a probe."""
 
-    Attributes
-    ----------
-    probe : Column
-        What it follows.
-    keys : list of Column
-        Numeric keys that vary.
-    degree : int
-        2 where there are points enough, else 1.
-    coefficients : NDArray
-        One a term.
-    predicted : float
-        Part of the variance predicted for points left out one at a time, 1 is all [-].
-    """
-
-    probe: Column
-    keys: list[Column]
-    degree: int
-    coefficients: F64
+    probe: Column  #: What it follows
+    keys: list[Column]  #: Numeric keys that vary
+    degree: int  #: 2 where there are points enough, else 1
+    coefficients: F64  #: One a term
+    #: Part of the variance predicted for points left out one at a time, 1 is all [-]
     predicted: float
 
     @classmethod

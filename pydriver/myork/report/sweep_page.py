@@ -19,8 +19,6 @@ from myork.report.frame import Answer, Page, Section, figure, folded, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
 from myork.report.sweep_figures import VERDICTS, Column, Fit
 
-__all__ = ["SWEEP_FILE", "SweepFolder", "read_sweep", "sweep_page"]
-
 #: Finished points of a sweep, by which its folder is known
 SWEEP_FILE = "points.jsonl"
 #: Probes, keys, and rows of tables that are shown
@@ -28,31 +26,18 @@ _MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
 
 
 class SweepFolder(NamedTuple):
-    """Finished points of a sweep.
+    """Finished points of a sweep."""
 
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    total : int
-        Number of points that were asked for.
-    keys, probes : list of Column
-        What was varied and what came out, a value a finished point.
-    verdicts, messages : list of str
-        Of each finished point.
-    cpu : list of float
-        CPU time of each finished point [s].
-    about : dict
-        `sweep.json`: title of the deck, units of the columns, name of the reduced model.
-    """
-
-    path: Path
-    total: int
+    path: Path  #: The folder
+    total: int  #: Number of points that were asked for
+    #: What was varied and what came out, a value a finished point
     keys: list[Column]
     probes: list[Column]
+    #: Of each finished point
     verdicts: list[str]
     messages: list[str]
-    cpu: list[float]
+    cpu: list[float]  #: CPU time of each finished point [s]
+    #: `sweep.json`: title of the deck, units of the columns, name of the reduced model
     about: dict[str, Any]
 
     @property
@@ -64,10 +49,7 @@ class SweepFolder(NamedTuple):
 def read_sweep(path: Path) -> SweepFolder:
     """Read what is finished of a sweep; a line that a kill cut short is left out.
 
-    Raises
-    ------
-    FileError
-        The file is not that of a sweep, or nothing in it is finished.
+    - raises FileError: the file is not that of a sweep, or nothing in it is finished
     """
     file = path / SWEEP_FILE
     try:

@@ -12,20 +12,6 @@ from myork.report.frame import table
 from myork.report.numbers import DASH, fraction, labelled, number, typeset, unit_of, with_error
 from myork.summary import printed
 
-__all__ = [
-    "MODEL_KINDS",
-    "exact_table",
-    "label_table",
-    "muscle_table",
-    "orientation_table",
-    "probe_table",
-    "reference_table",
-    "resampled_table",
-    "rom_table",
-    "run_table",
-    "timing_table",
-]
-
 #: Kinds of reduced models as the summary names them
 MODEL_KINDS = {"galerkin": "Galerkin", "reduced": "reduced assembly", "hyper": "hyper-reduced"}
 _STAGES = {

@@ -7,8 +7,6 @@ import numpy as np
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = ["proper_orthogonal_modes", "unit_states"]
-
 #: Eigenvalues of products below this, of the largest, are rounding
 _ROUNDING = 1e-13
 
@@ -16,21 +14,13 @@ _ROUNDING = 1e-13
 def proper_orthogonal_modes(snapshots: F64, image: F64 | None = None) -> tuple[F64, F64]:
     """Proper orthogonal modes of snapshots, and their values.
 
-    Parameters
-    ----------
-    snapshots : F64
-        One state a row, shape `(s, dofs)`.
-    image : F64, optional
-        Their products with the matrix in whose inner product modes are wanted, shape `(dofs, s)`:
-        by the method of snapshots (6.19), which loses modes whose values are below rounding of the
-        largest. Without it the product is Euclid's, and modes come from singular values (6.22).
-
-    Returns
-    -------
-    modes : F64
-        Orthonormal columns, shape `(dofs, n)`.
-    values : F64
-        Proper orthogonal values, shape `(n,)`, falling.
+    - `snapshots`: one state a row, shape `(s, dofs)`
+    - `image`: their products with the matrix in whose inner product modes are wanted, shape
+      `(dofs, s)`: by the method of snapshots (6.19), which loses modes whose values are below
+      rounding of the largest. Without it the product is Euclid's, and modes come from singular
+      values (6.22).
+    - returns `modes`: orthonormal columns, shape `(dofs, n)`
+    - returns `values`: proper orthogonal values, shape `(n,)`, falling
     """
     if not snapshots.any():
         raise InputError("modes need at least one state that is not zero")

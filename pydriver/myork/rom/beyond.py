@@ -12,9 +12,6 @@ from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, Snapshots
 from myork.types import F64
 
-__all__ = ["states_beyond", "values_beyond"]
-
-
 #: How far modes are to hold: this times the largest sigma_max of the range
 REACH = 1.75
 #: States that fill what is beyond, and those of the largest active stress at most

@@ -17,42 +17,17 @@ from myork.rom.parameters import spread_points
 from myork.rom.setting import Setting, force_values
 from myork.types import F64, Mask
 
-__all__ = [
-    "CellErrors",
-    "Tests",
-    "cell_errors",
-    "compare",
-    "errors_of",
-    "largest_errors",
-    "measure",
-    "solve_tests",
-    "started",
-]
-
-
 #: Forces are compared with their own size, but not with less than this share of the largest
 LEAST_FORCE = 0.05
 
 
 class Tests(NamedTuple):
-    """Full states at values that no training sees.
+    """Full states at values that no training sees."""
 
-    Attributes
-    ----------
-    values : F64
-        Values of the parameters, shape `(n, p)`.
-    states : list of FullState
-        The states there.
-    failed : int
-        Further ones that the full model did not reach.
-    seed : int
-        Start of the random numbers that chose the values.
-    """
-
-    values: F64
-    states: list[FullState]
-    failed: int
-    seed: int
+    values: F64  #: Values of the parameters, shape `(n, p)`
+    states: list[FullState]  #: The states there
+    failed: int  #: Further ones that the full model did not reach
+    seed: int  #: Start of the random numbers that chose the values
 
 
 def compare(
@@ -68,15 +43,8 @@ def compare(
     Displacements are compared in L2 over the body, with that of the same state (`median`, `p95`,
     `max`) and with the largest of all states (`max_of_largest`).
 
-    Returns
-    -------
-    dict
-        What `check.json` holds; with other `ranges` also all ranges of the points, by key.
-
-    Raises
-    ------
-    InputError
-        A range of a key that is no parameter, or whose ends are exchanged.
+    - returns what `check.json` holds; with other `ranges` also all ranges of the points, by key
+    - raises InputError: a range of a key that is no parameter, or whose ends are exchanged
     """
     other = {rom.key_of(name): ends for name, ends in (ranges or {}).items()}
     for key, (low, high) in other.items():
@@ -111,10 +79,7 @@ def solve_tests(
 ) -> Tests:
     """Full states of a test, each from the state that a reduced model guesses.
 
-    Raises
-    ------
-    ConvergenceError
-        None was reached.
+    - raises ConvergenceError: none was reached
     """
     states, kept = [], []
     for i, (row, start) in enumerate(zip(values, guess(values), strict=True)):
@@ -156,17 +121,10 @@ def largest_errors(
 
 
 class CellErrors(NamedTuple):
-    """What the few cells of a model add, as the test measures errors; smaller is better.
+    """What the few cells of a model add, as the test measures errors; smaller is better."""
 
-    Attributes
-    ----------
-    failed : int
-        States that are not found.
-    force, u : float
-        Largest errors of the others: of forces, of displacements in the largest one.
-    """
-
-    failed: int
+    failed: int  #: States that are not found
+    #: Largest errors of the others: of forces, of displacements in the largest one
     force: float
     u: float
 
@@ -180,16 +138,11 @@ def cell_errors(
 ) -> CellErrors:
     """Errors of a model with few cells against one of the same modes with all.
 
-    Parameters
-    ----------
-    rom : ReducedModel
-        Model with few cells.
-    setting : Setting
-        What it was trained in.
-    values : F64
-        Values of the parameters, shape `(n, p)`.
-    answer, force
-        Converged states with all cells, and their forces without tractions, shape `(n, nf)`.
+    - `rom`: model with few cells
+    - `setting`: what it was trained in
+    - `values`: values of the parameters, shape `(n, p)`
+    - `answer`, `force`: converged states with all cells, and their forces without tractions, shape
+      `(n, nf)`
     """
     batch = rom.batch(values)
     good = batch.converged

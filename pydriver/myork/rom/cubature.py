@@ -9,8 +9,6 @@ import numpy as np
 
 from myork.types import F64, I64
 
-__all__ = ["Sketch", "few_cells"]
-
 
 class Sketch:
     """Contributions of all cells to many equations, kept as random sums of a fixed number.
@@ -18,14 +16,8 @@ class Sketch:
     The norm of a combination of cells is that of all equations within a few per cent, at a memory
     that does not grow with them.
 
-    Parameters
-    ----------
-    cells : int
-        Number of cells.
-    rows : int
-        Sums to keep.
-    seed : int
-        Start of the random numbers.
+    - `cells`: number of cells
+    - `rows`: sums to keep
     """
 
     def __init__(self, cells: int, rows: int, seed: int) -> None:
@@ -41,23 +33,12 @@ class Sketch:
 def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
     """Cells and positive weights that keep the sums of rows.
 
-    Parameters
-    ----------
-    rows : F64
-        Contributions of the cells, shape `(equations, cells)`.
-    tolerance : float
-        Relative residual at which no cell is added any more.
-    most : int
-        Cells at most.
-
-    Returns
-    -------
-    cells : NDArray
-        Numbers of the cells, ascending.
-    weights : F64
-        Their weights, above zero, in the same order.
-    residual : float
-        Relative residual that is left.
+    - `rows`: contributions of the cells, shape `(equations, cells)`
+    - `tolerance`: relative residual at which no cell is added any more
+    - `most`: cells at most
+    - returns `cells`: numbers of the cells, ascending
+    - returns `weights`: their weights, above zero, in the same order
+    - returns `residual`: relative residual that is left
     """
     target = rows.sum(axis=1)
     size = np.linalg.norm(target)

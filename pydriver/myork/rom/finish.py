@@ -18,9 +18,6 @@ from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, force_values
 from myork.types import F64, I64
 
-__all__ = ["finish"]
-
-
 #: Solutions of the model with all cells that the cubature is trained on beside the full ones
 VIRTUAL = 96
 #: Tolerance of the cells that estimate the error, of that of the model: they are not to share it

@@ -23,9 +23,6 @@ from myork.rom.snapshots import solution_of, stored_states
 from myork.tables import override_text
 from myork.types import F64
 
-__all__ = ["FullModel", "FullState", "cloud_arrays", "full_model_of"]
-
-
 #: Relative change of the unknowns up to which a solution is the one that was guessed
 _NEAR = 0.2
 #: Tables of a deck of which its states depend, and keys in them on which they do not
@@ -34,46 +31,24 @@ _OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
 
 
 class FullState(NamedTuple):
-    """Converged states of one full solve on the way to its parameters.
+    """Converged states of one full solve on the way to its parameters."""
 
-    Attributes
-    ----------
-    x : F64
-        Unknowns, shape `(steps, n)`.
-    load : F64
-        Part of the way, shape `(steps,)`.
-    probes : F64
-        Values of the probes, shape `(steps, probes, 3)`.
-    mass : F64
-        The last unknowns times the mass of density one, shape `(n,)`: their product is the square
-        of the displacement over the body.
-    cpu_s : float
-        Processor time of the solve [s].
-    started : bool
-        Whether the iteration began at a guess of the state and not at rest.
-    """
-
-    x: F64
-    load: F64
-    probes: F64
+    x: F64  #: Unknowns, shape `(steps, n)`
+    load: F64  #: Part of the way, shape `(steps,)`
+    probes: F64  #: Values of the probes, shape `(steps, probes, 3)`
+    #: The last unknowns times the mass of density one, shape `(n,)`: their product is the square of
+    #: the displacement over the body
     mass: F64
-    cpu_s: float
-    started: bool = False
+    cpu_s: float  #: Processor time of the solve [s]
+    started: bool = False  #: Whether the iteration began at a guess of the state and not at rest
 
 
 class FullModel:
     """A deck whose parameters are set before each solve.
 
-    Parameters
-    ----------
-    deck : str
-        Text of the deck.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    cloud : PointCloud or None
-        Points of its model file.
-    threads : int, optional
-        Threads of a solve.
+    - `deck`: text of the deck
+    - `cloud`: points of its model file
+    - `threads`: threads of a solve
     """
 
     def __init__(
@@ -141,10 +116,7 @@ class FullModel:
         A guess `start` of the unknowns saves the way from rest; where the iteration does not end
         from it, the way is gone.
 
-        Raises
-        ------
-        ConvergenceError
-            The solve ended before its full load.
+        - raises ConvergenceError: the solve ended before its full load
         """
         scene = self._at(parameters, values)
         begin = time.process_time()
@@ -175,10 +147,7 @@ class FullModel:
     def read(self, parameters: Sequence[Parameter], folder: Path) -> tuple[F64, FullState]:
         """States of the results in a folder, with the values of their parameters.
 
-        Raises
-        ------
-        InputError
-            They are of another deck, of other points or of another approximation.
+        - raises InputError: they are of another deck, of other points or of another approximation
         """
         summary = solution_of(folder)
         values = np.array([value_of(p, summary["deck"]) for p in parameters])
@@ -215,10 +184,7 @@ class FullModel:
     ) -> F64:
         """How unknowns at values follow a value that is prescribed, by a small step of it.
 
-        Raises
-        ------
-        ConvergenceError
-            The solve did not follow.
+        - raises ConvergenceError: the solve did not follow
         """
         scene = self._at(parameters, values)
         before = {key: prescribed, "solver.tolerance": scene.deck["solver"]["tolerance"]}

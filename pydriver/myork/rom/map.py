@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,13 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from myork.errors import InputError
 from myork.files import write_csv, write_figure, write_json
 from myork.rom.model import Batch, ReducedModel
+from myork.rom.parameters import grid_in
 from myork.types import F64
-
-__all__ = ["map_model"]
-
 
 #: States of one call: their arrays stay small
 _AT_ONCE = 20_000
@@ -27,25 +23,15 @@ def map_model(
 ) -> dict[str, Any]:
     """Evaluate a model on a grid.
 
-    Parameters
-    ----------
-    rom : ReducedModel
-        Model.
-    vary : sequence of str
-        `KEY=LOW:HIGH:N` each.
-    fixed : mapping
-        Values of other parameters by key or short name; those without one are in the middle of
-        their range.
-    out : Path
-        Folder of `map.csv`, `map.json` and `map.png`.
-
-    Returns
-    -------
-    dict
-        What `map.json` holds: numbers of states, of failures, times.
+    - `rom`: model
+    - `vary`: `KEY=LOW:HIGH:N` each
+    - `fixed`: values of other parameters by key or short name; those without one are in the middle
+      of their range
+    - `out`: folder of `map.csv`, `map.json` and `map.png`
+    - returns what `map.json` holds: numbers of states, of failures, times
     """
     keys = [p.key for p in rom.parameters]
-    axes = dict(_axis(rom, item) for item in vary)
+    axes = {rom.key_of(key): axis for key, axis in map(grid_in, vary)}
     values = {p.key: 0.5 * (p.low + p.high) for p in rom.parameters}
     values |= {rom.key_of(name): float(value) for name, value in fixed.items()}
     columns = [axes.get(key, np.array([values[key]])) for key in keys]
@@ -83,17 +69,6 @@ def map_model(
     _draw(rom, list(axes), grid, joined, out / "map.png")
     write_json(out / "map.json", summary)
     return summary
-
-
-def _axis(rom: ReducedModel, item: str) -> tuple[str, F64]:
-    match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+):(\d+)\s*", item)
-    try:
-        assert match is not None and int(match[4]) >= 1
-        return rom.key_of(match[1]), np.linspace(float(match[2]), float(match[3]), int(match[4]))
-    except (AssertionError, ValueError):
-        raise InputError(
-            f"--vary {item}: KEY=LOW:HIGH:N is needed, as in load.activation=0:1:21"
-        ) from None
 
 
 def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Path) -> None:

@@ -22,37 +22,19 @@ from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
 from myork.types import F64, I64, Mask
 
-__all__ = ["Batch", "ReducedModel", "ReducedState"]
-
 
 class Batch(NamedTuple):
-    """Answers for many parameters.
+    """Answers for many parameters."""
 
-    Attributes
-    ----------
-    force : F64
-        The first force probe, shape `(n,)`, or `(n, 3)` where it is a vector.
-    probes : dict
-        Values of all probes that the model knows by name.
-    indicator : F64
-        Estimated relative error of the displacement; not a number where it was not asked for.
-    inside : NDArray
-        Whether the parameters lie in the range of the training.
-    converged : NDArray
-        Whether the state solves the equations; a fixed number of corrections may not be enough.
-    iterations : NDArray
-        Newton's iterations.
-    amplitudes : F64
-        Amplitudes of the modes, shape `(n, r)`.
-    """
-
-    force: F64
-    probes: dict[str, F64]
+    force: F64  #: The first force probe, shape `(n,)`, or `(n, 3)` where it is a vector
+    probes: dict[str, F64]  #: Values of all probes that the model knows by name
+    #: Estimated relative error of the displacement; not a number where it was not asked for
     indicator: F64
-    inside: Mask
+    inside: Mask  #: Whether the parameters lie in the range of the training
+    #: Whether the state solves the equations; a fixed number of corrections may not be enough
     converged: Mask
-    iterations: I64
-    amplitudes: F64
+    iterations: I64  #: Newton's iterations
+    amplitudes: F64  #: Amplitudes of the modes, shape `(n, r)`
 
     def scalars(self) -> dict[str, F64]:
         """Probes as scalars by name, those of vectors with their axis behind, shape `(n,)` each."""

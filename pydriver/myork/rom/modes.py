@@ -19,9 +19,6 @@ from myork.rom.sampling import force_lifts
 from myork.rom.setting import Setting, Snapshots
 from myork.types import F64
 
-__all__ = ["Draft", "joined", "make_draft"]
-
-
 #: Modes at most; beyond, the volume and not the cells sets the time. Large bodies have more: with
 #: 30 the calf's force was off by 1.7e-3 even with all cells, with 34 by 8e-4
 MOST_MODES, MOST_OF_LARGE = 30, 34
@@ -54,25 +51,14 @@ class Basis(NamedTuple):
 
 
 class Draft(NamedTuple):
-    """The reduced model of the states so far, with all cells.
+    """The reduced model of the states so far, with all cells."""
 
-    Attributes
-    ----------
-    basis : Basis
-        Modes, `r` of which are the model's.
-    model, finer : Model
-        Models of `r` and of all modes.
-    known : Snapshots
-        States of the range.
-    amplitudes : F64
-        Their amplitudes, shape `(n, modes)`.
-    """
-
-    basis: Basis
+    basis: Basis  #: Modes, `r` of which are the model's
+    #: Models of `r` and of all modes
     model: Model
     finer: Model
-    known: Snapshots
-    amplitudes: F64
+    known: Snapshots  #: States of the range
+    amplitudes: F64  #: Their amplitudes, shape `(n, modes)`
 
     def solve(self, setting: Setting, values: F64) -> Answer:
         """States at values of the parameters."""
@@ -120,18 +106,11 @@ def make_draft(
 ) -> Draft:
     """The reduced model of snapshots and fields of forces, with all cells.
 
-    Parameters
-    ----------
-    scene, setting, snapshots, tolerance
-        What it is made of, and the error that is wanted.
-    lifts : F64
-        Fields of forces, shape `(n, dofs)`.
-    beyond : F64, optional
-        States outside of the range that have a say in the modes alone, shape `(n, dofs)`.
-    most : int, optional
-        Modes at most.
-    more : int
-        Modes that the estimate of the error has more.
+    - `scene`, `setting`, `snapshots`, `tolerance`: what it is made of, and the error that is wanted
+    - `lifts`: fields of forces, shape `(n, dofs)`
+    - `beyond`: states outside of the range that have a say in the modes alone, shape `(n, dofs)`
+    - `most`: modes at most
+    - `more`: modes that the estimate of the error has more
     """
     if most is None:
         most = MOST_OF_LARGE if len(setting.parts.weight) > LARGE else MOST_MODES

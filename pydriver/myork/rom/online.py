@@ -11,9 +11,6 @@ from myork.errors import InputError
 from myork.rom.projection import Laws
 from myork.types import F64, I64, Mask
 
-__all__ = ["Answer", "Regression", "Solver"]
-
-
 #: Newton's iteration ends at a relative step of this size: the next one would be its square, and
 #: is below 3e-7
 TOLERANCE = 3e-4
@@ -26,27 +23,13 @@ _NEAR, _LEAST = 0.3, 0.2
 
 
 class Answer(NamedTuple):
-    """States of many parameters.
+    """States of many parameters."""
 
-    Attributes
-    ----------
-    amplitudes : F64
-        Amplitudes of the modes, shape `(n, r)`.
-    force : F64
-        Forces that were asked for, shape `(n, nf)`.
-    iterations : NDArray
-        Newton's iterations, fallbacks included, shape `(n,)`.
-    converged : NDArray
-        Whether a state is a solution, shape `(n,)`.
-    min_j : F64
-        Smallest volume ratio of the cells that were evaluated, shape `(n,)`.
-    """
-
-    amplitudes: F64
-    force: F64
-    iterations: I64
-    converged: Mask
-    min_j: F64
+    amplitudes: F64  #: Amplitudes of the modes, shape `(n, r)`
+    force: F64  #: Forces that were asked for, shape `(n, nf)`
+    iterations: I64  #: Newton's iterations, fallbacks included, shape `(n,)`
+    converged: Mask  #: Whether a state is a solution, shape `(n,)`
+    min_j: F64  #: Smallest volume ratio of the cells that were evaluated, shape `(n,)`
 
 
 class Regression:
@@ -79,23 +62,14 @@ class Regression:
 
 
 class Conditions(NamedTuple):
-    """What states are asked for, by rows.
+    """What states are asked for, by rows."""
 
-    Attributes
-    ----------
-    activation, sigma_max, turn : F64
-        Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`.
-    modulus : F64
-        Moduli that are parameters less their values in the model, shape `(n, nm)`.
-    given : F64
-        Prescribed amplitudes, shape `(n, s - r)`.
-    """
-
+    #: Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`
     activation: F64
     sigma_max: F64
     turn: F64
-    modulus: F64
-    given: F64
+    modulus: F64  #: Moduli that are parameters less their values in the model, shape `(n, nm)`
+    given: F64  #: Prescribed amplitudes, shape `(n, s - r)`
 
     def one(self, i: int) -> Conditions:
         """Those of one state."""
@@ -111,18 +85,11 @@ class Conditions(NamedTuple):
 class Solver:
     """A reduced model with known states to start from.
 
-    Parameters
-    ----------
-    model : Model
-        Cells that are evaluated in Newton's iteration.
-    whole : Cells
-        Cells by which forces are found.
-    wanted : sequence of int
-        Amplitudes, from 0, whose forces are wanted.
-    threads : int
-        Number of threads, 0 for all cores.
-    least : float
-        Size of the amplitudes below which they are none.
+    - `model`: cells that are evaluated in Newton's iteration
+    - `whole`: cells by which forces are found
+    - `wanted`: amplitudes, from 0, whose forces are wanted
+    - `threads`: number of threads, 0 for all cores
+    - `least`: size of the amplitudes below which they are none
     """
 
     def __init__(
@@ -152,12 +119,8 @@ class Solver:
         `lift` describes how the modes follow the amplitudes whose forces are wanted, shape
         `(n, r, nf)`; without it forces are not stationary.
 
-        Returns
-        -------
-        answer : Answer
-            The states.
-        change : F64
-            Relative size of their last steps.
+        - returns `answer`: the states
+        - returns `change`: relative size of their last steps
         """
         n, r = len(start), self.model.r
         s = self.model.cells.h.shape[2]
@@ -220,20 +183,11 @@ def conditions_of(
 ) -> Conditions:
     """Conditions of states by the values of the parameters.
 
-    Parameters
-    ----------
-    values : F64
-        Values, shape `(n, p)`.
-    kinds : sequence of Parameter
-        Parameters.
-    laws : Laws
-        Materials of the deck.
-    columns : int
-        Prescribed fields that parameters scale.
-    extra : int
-        Amplitudes of forces, which are zero.
-    share : F64, optional
-        Part of what the deck prescribes beside the parameters; 1 by default.
+    - `values`: values, shape `(n, p)`
+    - `laws`: materials of the deck
+    - `columns`: prescribed fields that parameters scale
+    - `extra`: amplitudes of forces, which are zero
+    - `share`: part of what the deck prescribes beside the parameters; 1 by default
     """
     n = len(values)
     activation = np.tile(laws.activation, (n, 1))

@@ -11,18 +11,6 @@ import numpy as np
 from myork.errors import InputError
 from myork.types import F64
 
-__all__ = [
-    "KINDS",
-    "Parameter",
-    "as_parameters",
-    "numbers_of",
-    "parse_vary",
-    "short_names",
-    "spread_points",
-    "value_of",
-]
-
-
 _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
@@ -38,25 +26,14 @@ _MODULI = (
 
 
 class Parameter(NamedTuple):
-    """A key of the deck that a reduced model leaves free.
+    """A key of the deck that a reduced model leaves free."""
 
-    Attributes
-    ----------
-    key : str
-        Key as in `--set`.
-    low, high : float
-        Range of the training.
-    kind : str
-        One of `KINDS`.
-    tissues : tuple of int
-        Materials that it changes, from 0; none for a load or a rotation.
-    """
-
-    key: str
+    key: str  #: Key as in `--set`
+    #: Range of the training
     low: float
     high: float
-    kind: str
-    tissues: tuple[int, ...]
+    kind: str  #: One of `KINDS`
+    tissues: tuple[int, ...]  #: Materials that it changes, from 0; none for a load or a rotation
 
     @property
     def grows(self) -> bool:
@@ -84,6 +61,27 @@ def parse_vary(items: Sequence[str], option: str = "--vary") -> dict[str, tuple[
     return found
 
 
+def number_in(item: str, text: str) -> float:
+    """A finite number of an item of the option `--vary`."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"--vary {item}: {text.strip()!r} is not a number")
+    return value
+
+
+def grid_in(item: str) -> tuple[str, F64]:
+    """Key and values of an item `KEY=LOW:HIGH:N` of the option `--vary`."""
+    key, _, text = item.partition("=")
+    words = text.split(":")
+    if len(words) != 3 or not words[2].strip().isdigit() or int(words[2]) < 1:
+        raise InputError(f"--vary {item}: KEY=LOW:HIGH:N is needed, as in load.activation=0:1:21")
+    low, high = (number_in(item, word) for word in words[:2])
+    return key.strip(), np.linspace(low, high, int(words[2]))
+
+
 def numbers_of(items: Sequence[str]) -> dict[str, float]:
     """Numbers from texts `KEY=VALUE`."""
     found = {}
@@ -101,19 +99,10 @@ def as_parameters(
 ) -> tuple[Parameter, ...]:
     """Parameters of a deck by their ranges; short names become keys.
 
-    Parameters
-    ----------
-    ranges : mapping
-        Lowest and highest value by key as in `--set`, or by the last word of one.
-    deck : mapping
-        Values of the deck.
-    key_of : callable
-        Full name of a key, as `deck_key` has it.
-
-    Raises
-    ------
-    InputError
-        A key that no reduced model can vary, or an empty range.
+    - `ranges`: lowest and highest value by key as in `--set`, or by the last word of one
+    - `deck`: values of the deck
+    - `key_of`: full name of a key, as `deck_key` has it
+    - raises InputError: a key that no reduced model can vary, or an empty range
     """
     if not ranges:
         raise InputError("a reduced model needs parameters: name a key and its range")

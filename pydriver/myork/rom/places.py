@@ -15,8 +15,6 @@ from myork.rom.online import Conditions
 from myork.rom.setting import Setting
 from myork.types import F64
 
-__all__ = ["Places", "place_arrays"]
-
 #: Iterations, change of the deformation gradient at which they end, and step of differences
 _MOST, _EXACT, _SMALL = 20, 1e-9, 1e-7
 
@@ -26,26 +24,15 @@ def place_arrays(
 ) -> dict[str, Any]:
     """Arrays of the places of probes.
 
-    Parameters
-    ----------
-    scene : Scene
-        Open scene.
-    setting : Setting
-        What is the same for all models.
-    modes : F64
-        Modes, shape `(n, r)`.
-    model : Model
-        The reduced model with all cells.
-    probes : sequence of int
-        Probes of the deck, from 0.
-
-    Returns
-    -------
-    dict
-        `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
-        `(places, s + 1, s + 1, s + 1)`; of those on free faces gradients along them, `places/face`
-        of shape `(9, places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places
-        as `Cells` of weight one.
+    - `scene`: open scene
+    - `setting`: what is the same for all models
+    - `modes`: modes, shape `(n, r)`
+    - `model`: the reduced model with all cells
+    - `probes`: probes of the deck, from 0
+    - returns `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
+      `(places, s + 1, s + 1, s + 1)`; of those on free faces gradients along them, `places/face` of
+       shape `(9, places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places as
+       `Cells` of weight one
     """
     if not len(probes):
         return {}
@@ -95,14 +82,9 @@ def place_arrays(
 class Places:
     """Stresses at places, of the amplitudes of a reduced model.
 
-    Parameters
-    ----------
-    cells : Cells
-        The places as cells of weight one.
-    pressure, face, normal, bulk : F64
-        As in `place_arrays`.
-    fibers : F64
-        Of a `Model`.
+    - `cells`: the places as cells of weight one
+    - `pressure`, `face`, `normal`, `bulk`: as in `place_arrays`
+    - `fibers`: of a `Model`
     """
 
     def __init__(

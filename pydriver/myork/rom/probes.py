@@ -8,8 +8,6 @@ from typing import Any
 from myork.core.scene import Scene
 from myork.types import F64
 
-__all__ = ["force_names", "is_stress", "named_probes", "places_of", "probe_columns"]
-
 #: Quantities of a point that follow from its deformation and pressure
 _STRESSES = {f"cauchy_{a}{b}" for a in "xyz" for b in "xyz"} | {"J", "pressure", "principal_max"}
 #: Quantities of several components

@@ -19,85 +19,42 @@ from myork.core.online import Cells, Model
 from myork.core.scene import Scene
 from myork.types import F64, I32, I64, Mask
 
-__all__ = [
-    "Columns",
-    "Directions",
-    "Laws",
-    "Variant",
-    "cells_of",
-    "laws_of",
-    "project",
-    "volume_directions",
-    "volume_rows",
-    "volume_slopes",
-    "with_volume",
-]
-
-
 #: Unit tensor as F is stored
 _UNIT = np.eye(3).ravel()
 
 
 class Laws(NamedTuple):
-    """Materials of the tissues as the reduced model has them.
+    """Materials of the tissues as the reduced model has them."""
 
-    Attributes
-    ----------
-    coefficients, fibers : F64
-        As `tissue_laws` has them.
-    fibered : NDArray
-        Whether a tissue has fibers, shape `(nt,)`.
-    sigma_max, activation, angle : F64
-        Largest isometric stress, activation and `fiber_angle` [degree] of the deck, shape `(nt,)`.
-    modulus : F64
-        Values of the deck of those parameters that are moduli, one zero where there is none.
-    """
-
+    #: As `tissue_laws` has them
     coefficients: F64
     fibers: F64
-    fibered: Mask
+    fibered: Mask  #: Whether a tissue has fibers, shape `(nt,)`
+    #: Largest isometric stress, activation and `fiber_angle` [degree] of the deck, shape `(nt,)`
     sigma_max: F64
     activation: F64
     angle: F64
+    #: Values of the deck of those parameters that are moduli, one zero where there is none
     modulus: F64
 
 
 class Variant(NamedTuple):
-    """The full model at another value of a modulus that is a parameter.
+    """The full model at another value of a modulus that is a parameter."""
 
-    Attributes
-    ----------
-    step : float
-        That value less the deck's.
-    scene : Scene
-        Open scene.
-    parts, laws, columns
-        Its parts.
-    """
-
-    step: float
-    scene: Scene
+    step: float  #: That value less the deck's
+    scene: Scene  #: Open scene
+    #: Its parts
     parts: GalerkinParts
     laws: Laws
     columns: Columns
 
 
 class Directions(NamedTuple):
-    """Directions in which volume changes, by blocks whose energy has one factor.
+    """Directions in which volume changes, by blocks whose energy has one factor."""
 
-    Attributes
-    ----------
-    basis : F64
-        Columns, of each block up to a multiple of eight, shape `(rows, kept)`.
-    slope : F64
-        Derivatives of their factors by parameters of materials, shape `(kept, nm)`.
-    blocks : tuple of int
-        Columns of each block that are not zero.
-    """
-
-    basis: F64
-    slope: F64
-    blocks: tuple[int, ...]
+    basis: F64  #: Columns, of each block up to a multiple of eight, shape `(rows, kept)`
+    slope: F64  #: Derivatives of their factors by parameters of materials, shape `(kept, nm)`
+    blocks: tuple[int, ...]  #: Columns of each block that are not zero
 
     def first(self, count: int) -> I64:
         """Numbers of the first columns of each block, up to a multiple of eight."""
@@ -109,21 +66,11 @@ class Directions(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Amplitudes beside the modes: what is prescribed, and what forces are wanted of.
+    """Amplitudes beside the modes: what is prescribed, and what forces are wanted of."""
 
-    Attributes
-    ----------
-    given : F64
-        Displacement gradients at the integration points, shape `(np, 9, m)`.
-    force : F64
-        Forces on the unknowns, shape `(n, m)`.
-    value : F64
-        Prescribed displacements of the surface points, shape `(ms, nd, m)`.
-    """
-
-    given: F64
-    force: F64
-    value: F64
+    given: F64  #: Displacement gradients at the integration points, shape `(np, 9, m)`
+    force: F64  #: Forces on the unknowns, shape `(n, m)`
+    value: F64  #: Prescribed displacements of the surface points, shape `(ms, nd, m)`
 
     @classmethod
     def of(cls, loads: Sequence[LoadParts]) -> Columns:
@@ -151,18 +98,11 @@ def cells_of(
 ) -> Cells:
     """Points as cells.
 
-    Parameters
-    ----------
-    h : F64
-        Displacement gradients of the amplitudes, shape `(9, points, s)`.
-    weight, bulk : F64
-        Weight of each point, and the part of the bulk modulus that acts there.
-    first : NDArray
-        Entries of tissues before each point, shape `(points + 1,)`.
-    tissues : tuple
-        Tissue of each entry, from 0, its fraction and fiber, as in `GalerkinParts`.
-    laws : Laws
-        Materials.
+    - `h`: displacement gradients of the amplitudes, shape `(9, points, s)`
+    - `weight`, `bulk`: weight of each point, and the part of the bulk modulus that acts there
+    - `first`: entries of tissues before each point, shape `(points + 1,)`
+    - `tissues`: tissue of each entry, from 0, its fraction and fiber, as in `GalerkinParts`
+    - `laws`: materials
     """
     tissue, fraction, fiber = tissues
     points = len(weight)
@@ -202,12 +142,9 @@ def project(
 ) -> tuple[Model, sparse.csr_matrix, F64]:
     """The reduced model with all its cells, but without its volume.
 
-    Returns
-    -------
-    model : Model
-        With an empty `volume`.
-    rows, total : sparse matrix, F64
-        Change of volume of the groups from J at the points: `rows @ J - total`, in roots of energy.
+    - returns `model`: with an empty `volume`
+    - returns `rows, total`: change of volume of the groups from J at the points:
+      `rows @ J - total`, in roots of energy
     """
     r = modes.shape[1]
     s = r + columns.force.shape[1]

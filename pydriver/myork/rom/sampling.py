@@ -11,9 +11,6 @@ from myork.rom.cubature import Sketch, few_cells
 from myork.rom.setting import Setting
 from myork.types import F64, I64
 
-__all__ = ["force_lifts", "sample_cells", "sample_forces"]
-
-
 #: Equations that stand for all in the cubature
 SKETCH_ROWS = 900
 #: Part of the tolerance that few cells may add to the displacement, in the mean of the states

@@ -20,75 +20,37 @@ from myork.rom.projection import Columns, Laws, Variant, laws_of
 from myork.tables import override_text
 from myork.types import F64, I64
 
-__all__ = ["Setting", "Snapshots", "force_values", "make_setting"]
-
 
 class Snapshots(NamedTuple):
-    """Full states with what they were asked for.
+    """Full states with what they were asked for."""
 
-    Attributes
-    ----------
-    values : F64
-        Values of the parameters, those of loads scaled with the way, shape `(n, p)`.
-    share : F64
-        Part of what is prescribed beside the parameters, shape `(n,)`.
-    x : F64
-        Unknowns, shape `(n, dofs)`.
-    probes : F64
-        Values of the probes, shape `(n, probes, 3)`.
-    """
-
-    values: F64
-    share: F64
-    x: F64
-    probes: F64
+    values: F64  #: Values of the parameters, those of loads scaled with the way, shape `(n, p)`
+    share: F64  #: Part of what is prescribed beside the parameters, shape `(n,)`
+    x: F64  #: Unknowns, shape `(n, dofs)`
+    probes: F64  #: Values of the probes, shape `(n, probes, 3)`
 
 
 class Setting(NamedTuple):
-    """What is the same for all models of one training.
+    """What is the same for all models of one training."""
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Keys with their ranges.
-    laws : Laws
-        Materials.
-    parts : GalerkinParts
-        Integration points.
-    columns : Columns
-        What the deck prescribes beside the parameters, a unit of each load or two of a rotation, a
-        unit of each set whose force is wanted and that no load moves.
-    loads, extra : int
-        Numbers of the last two.
-    wanted : NDArray
-        Columns whose forces are wanted.
-    threads : int
-        Number of threads.
-    still : tuple
-        Keys of the values of those sets, with the values.
-    pushes : F64
-        Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`.
-    places : tuple
-        Probe and component of each wanted force.
-    stresses : tuple of int
-        Probes of stresses, from 0.
-    variants : tuple of Variant
-        The full model at other values of the moduli that are parameters.
-    """
-
-    parameters: tuple[Parameter, ...]
-    laws: Laws
-    parts: GalerkinParts
+    parameters: tuple[Parameter, ...]  #: Keys with their ranges
+    laws: Laws  #: Materials
+    parts: GalerkinParts  #: Integration points
+    #: What the deck prescribes beside the parameters, a unit of each load or two of a rotation, a
+    #: unit of each set whose force is wanted and that no load moves
     columns: Columns
+    #: Numbers of the last two
     loads: int
     extra: int
-    wanted: I64
+    wanted: I64  #: Columns whose forces are wanted
     threads: int
-    still: tuple[tuple[str, float], ...]
+    still: tuple[tuple[str, float], ...]  #: Keys of the values of those sets, with the values
+    #: Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`
     pushes: F64
-    places: tuple[tuple[int, int], ...]
+    places: tuple[tuple[int, int], ...]  #: Probe and component of each wanted force
+    #: The full model at other values of the moduli that are parameters
     variants: tuple[Variant, ...]
-    stresses: tuple[int, ...]
+    stresses: tuple[int, ...]  #: Probes of stresses, from 0
 
     def conditions(self, values: F64, share: F64 | None = None) -> Conditions:
         """Conditions of states by their parameters."""
@@ -107,10 +69,7 @@ def make_setting(
 
     Scenes at other values of moduli are opened in `opened`.
 
-    Raises
-    ------
-    InputError
-        A modulus on which the model does not depend linearly.
+    - raises InputError: a modulus on which the model does not depend linearly
     """
     base, units = full.loads(kinds)
     parts = galerkin_parts(scene)

@@ -19,49 +19,26 @@ from myork.summary import read_summary
 from myork.tables import differing_keys, in_words
 from myork.types import F64
 
-__all__ = ["States", "full_states", "solution_of", "stored_states"]
-
 # Two builds of one version evaluate a state alike to rounding times the condition of the rows.
 _ALIKE = 1e-8
 
 
 class States(NamedTuple):
-    """Converged states of the full model at all load steps.
+    """Converged states of the full model at all load steps."""
 
-    Attributes
-    ----------
-    x : F64
-        Unknowns, shape `(nstep, dofs)`.
-    load : F64
-        Fraction of the full load, shape `(nstep,)`.
-    iterations : list of int
-        Iterations of each step.
-    seconds : float
-        Wall time of the load steps, without shape functions and output [s].
-    origin : str
-        File that the states were read from; empty where they were solved for.
-    """
-
-    x: F64
-    load: F64
-    iterations: list[int]
-    seconds: float
-    origin: str
+    x: F64  #: Unknowns, shape `(nstep, dofs)`
+    load: F64  #: Fraction of the full load, shape `(nstep,)`
+    iterations: list[int]  #: Iterations of each step
+    seconds: float  #: Wall time of the load steps, without shape functions and output [s]
+    origin: str  #: File that the states were read from; empty where they were solved for
 
 
 def full_states(scene: Scene, out: Path, threads: int, progress: ProgressCallback) -> States:
     """States of the full model, from the results in a folder where they are those of the scene.
 
-    Parameters
-    ----------
-    scene : Scene
-        The full model.
-    out : Path
-        Folder in which an earlier solve may have left `results.vtkhdf` and `summary.json`.
-    threads : int
-        Number of threads; a solve with another number has other timings.
-    progress : callable
-        Called with every line of progress.
+    - `scene`: the full model
+    - `out`: folder in which an earlier solve may have left `results.vtkhdf` and `summary.json`
+    - `threads`: number of threads; a solve with another number has other timings
     """
     try:
         found = _of_folder(scene, out, threads)
@@ -124,21 +101,11 @@ def stored_states(
 ) -> tuple[F64, F64, list[dict[str, Any]]]:
     """Unknowns and loads of all load steps of the solve in a folder, and their entries.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene whose states they are to be.
-    folder : Path
-        Output folder of a solve.
-    summary : dict
-        Its summary, from `solution_of`.
-    tables, apart : collection of str
-        What the decks must have in common, as `differing_keys` takes it.
-
-    Raises
-    ------
-    InputError
-        They are of another deck, of other points or of other materials.
+    - `scene`: the scene whose states they are to be
+    - `folder`: output folder of a solve
+    - `summary`: its summary, from `solution_of`
+    - `tables`, `apart`: what the decks must have in common, as `differing_keys` takes it
+    - raises InputError: they are of another deck, of other points or of other materials
     """
     different = differing_keys(summary["deck"], scene.deck, tables, apart)
     if different:

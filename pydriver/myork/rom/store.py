@@ -24,8 +24,6 @@ from myork.model_file import model_of_bytes
 from myork.rom.parameters import KINDS, Parameter
 from myork.rom.probes import is_stress
 
-__all__ = ["read_arrays", "write_arrays"]
-
 FORMAT = "myork-rom 5"
 
 _CELLS = {"all": int, "kept": int, "force": int}
@@ -62,10 +60,7 @@ _CERTIFICATE: dict[str, Any] = {
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write the arrays of a reduced model; the file is there whole or not at all.
 
-    Raises
-    ------
-    InputError
-        An array is missing, wrong, or none of a reduced model.
+    - raises InputError: an array is missing, wrong, or none of a reduced model
     """
     values = {name: np.asarray(v) for name, v in arrays.items() if name != "head"}
     head = np.asarray(np.bytes_(arrays["head"].encode()))
@@ -84,12 +79,8 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 def read_arrays(path: Path) -> dict[str, Any]:
     """Read what `write_arrays` wrote.
 
-    Raises
-    ------
-    FileError
-        There is no such file, or its content is not what was written.
-    InputError
-        It is of another format, or what it holds is no reduced model.
+    - raises FileError: there is no such file, or its content is not what was written
+    - raises InputError: it is of another format, or what it holds is no reduced model
     """
     if not path.is_file():
         raise FileError(f"{path}: there is no such reduced model; `myork rom train` writes one")

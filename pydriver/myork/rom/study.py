@@ -23,17 +23,6 @@ from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES
 from myork.types import F64, I32
 
-__all__ = [
-    "PathStates",
-    "displacement_error",
-    "gradient_error",
-    "largest_error",
-    "reduced_fields",
-    "reduced_path",
-    "run_rom",
-    "times_faster",
-]
-
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
 
@@ -226,24 +215,12 @@ def _study(
 
 
 class PathStates(NamedTuple):
-    """States along a path of loads, with what errors need of them.
+    """States along a path of loads, with what errors need of them."""
 
-    Attributes
-    ----------
-    x : F64
-        Unknowns of the full model, shape `(nstep, dofs)`.
-    load : F64
-        Fractions of the full load, shape `(nstep,)`.
-    fields : list of Fields
-        Fields of each state.
-    probes : dict
-        Probes by name.
-    """
-
-    x: F64
-    load: F64
-    fields: list[Fields]
-    probes: dict[str, Any]
+    x: F64  #: Unknowns of the full model, shape `(nstep, dofs)`
+    load: F64  #: Fractions of the full load, shape `(nstep,)`
+    fields: list[Fields]  #: Fields of each state
+    probes: dict[str, Any]  #: Probes by name
 
     @classmethod
     def of(cls, scene: Scene, x: F64, load: F64) -> PathStates:
@@ -257,19 +234,12 @@ def reduced_path(
 ) -> tuple[dict[str, Any], Fields]:
     """Project a scene on modes and solve all its load steps; errors, times and the last fields.
 
-    Parameters
-    ----------
-    scene : Scene
-        The full model.
-    full : PathStates
-        Its states.
-    modes : F64
-        Orthonormal columns, shape `(dofs, r)`.
-    projection : str
-        As of `Scene.reduce`.
-    published : bool
-        Rows assembled in full and then projected, and Cholesky's factor of (A'U)^T A'U (6.67),
-        instead of rows in the span of the modes and Householder's QR.
+    - `scene`: the full model
+    - `full`: its states
+    - `modes`: orthonormal columns, shape `(dofs, r)`
+    - `projection`: as of `Scene.reduce`
+    - `published`: rows assembled in full and then projected, and Cholesky's factor of (A'U)^T A'U
+      (6.67), instead of rows in the span of the modes and Householder's QR
     """
     started = time.perf_counter()
     scene.reduce(modes, projection, assembled=published)

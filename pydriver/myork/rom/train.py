@@ -39,9 +39,6 @@ from myork.rom.setting import Setting, Snapshots, make_setting
 from myork.tables import override_text
 from myork.types import F64
 
-__all__ = ["train"]
-
-
 #: Load steps of the first solves, from rest to the corners of the range
 RAY_STEPS = 8
 #: Corners at most
@@ -77,38 +74,17 @@ def train(
     that nothing is chosen by ends the training where it meets the tolerance; its errors are the
     certificate.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file; its method is one of the Galerkin forms.
-    parameters : mapping or sequence of str
-        Ranges `(low, high)` by key, or texts `KEY=LOW:HIGH`.
-    tolerance : float
-        Wanted error: of the force relative, of the displacement in the largest one of the test.
-    full_solves : int
-        Full solves of the training at most, the corners included.
-    tests : int
-        Further full solves of the test; without them the training does not end before.
-    snapshots : sequence of str or Path
-        Folders with solutions of the deck at other values of the parameters, of which all states
-        are taken; what they hold is not solved again.
-    seed : int
-        Start of the random numbers.
-    out : str or Path, optional
-        Folder in which the model file of the deck is looked for first.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads; default all cores.
-    progress : callable
-        Called with every line of progress.
-
-    Raises
-    ------
-    InputError
-        A parameter or the deck is wrong for a reduced model.
-    ConvergenceError
-        Too few full solves converged.
+    - `deck`: deck file; its method is one of the Galerkin forms
+    - `parameters`: ranges `(low, high)` by key, or texts `KEY=LOW:HIGH`
+    - `tolerance`: wanted error: of the force relative, of the displacement in the largest one of
+      the test
+    - `full_solves`: full solves of the training at most, the corners included
+    - `tests`: further full solves of the test; without them the training does not end before
+    - `snapshots`: folders with solutions of the deck at other values of the parameters, of which
+      all states are taken; what they hold is not solved again
+    - `out`: folder in which the model file of the deck is looked for first
+    - raises InputError: a parameter or the deck is wrong for a reduced model
+    - raises ConvergenceError: too few full solves converged
     """
     begin = time.process_time()
     deck = Path(deck)
@@ -186,16 +162,10 @@ def train(
 class _Training:
     """Full solves of a training, and the reduced model that they make.
 
-    Parameters
-    ----------
-    full : FullModel
-        Full model.
-    scene : Scene
-        The deck as it is, of which the parts are taken.
-    setting : Setting
-        What is the same for all models.
-    tolerance, full_solves, seed, progress
-        As in `train`.
+    - `full`: full model
+    - `scene`: the deck as it is, of which the parts are taken
+    - `setting`: what is the same for all models
+    - `tolerance`, `full_solves`, `seed`, `progress`: as in `train`
     """
 
     def __init__(

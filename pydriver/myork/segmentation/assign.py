@@ -23,9 +23,6 @@ from myork.segmentation.regions import piece_with_seed
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
-__all__ = ["BACKGROUND", "label_by_phase", "label_by_reference", "label_by_rules", "label_by_seeds"]
-
-
 #: Name of the label of seeds that is no tissue
 BACKGROUND = "background"
 # Its number while others are parted

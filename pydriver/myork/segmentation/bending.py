@@ -23,9 +23,6 @@ from myork.imaging.formats import library
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-__all__ = ["bend_labels"]
-
-
 # Mesh of the last B-splines, a quarter of the first [mm]
 _MESH = 30.0
 # Gaussians over both images for the affine map, and for B-splines from coarse to fine [mm]

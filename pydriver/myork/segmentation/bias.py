@@ -23,9 +23,6 @@ from myork.records import Image
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from myork.types import F64, Mask
 
-__all__ = ["BiasField", "check_positive", "clustered_bias", "of_mean_one"]
-
-
 # Width of the step function (3.16). With the wide one of a segmentation every mean holds a part of
 # the other regions, and the field takes up the difference.
 _EPSILON = 0.02
@@ -43,34 +40,22 @@ _DARK = 0.3  # of the median value: what is darker is mostly noise
 
 @dataclass(frozen=True)
 class BiasField:
-    """Estimate of a bias field.
+    """Estimate of a bias field."""
 
-    Attributes
-    ----------
-    field : NDArray
-        Factor on the true values, mean one inside the mask and going on beyond it without a step,
-        shape `(ni, nj, nk)` [-].
-    energy : NDArray
-        Energy (3.38) of each round of the second estimate, before the field is improved, shape
-        `(rounds,)` [-].
-    converged : bool
-        Whether the field came to rest.
-    """
-
+    #: Factor on the true values, mean one inside the mask and going on beyond it without a step,
+    #: shape `(ni, nj, nk)` [-]
     field: F64
+    #: Energy (3.38) of each round of the second estimate, before the field is improved, shape
+    #: `(rounds,)` [-]
     energy: F64
-    converged: bool
+    converged: bool  #: Whether the field came to rest
 
 
 def check_positive(image: Image, mask: Mask) -> None:
     """Refuse an image of which a good part is negative: a factor explains no change of sign.
 
-    Parameters
-    ----------
-    image : Image
-        MR image, shape `(ni, nj, nk)`.
-    mask : NDArray
-        Voxels of the body, same shape.
+    - `image`: MR image, shape `(ni, nj, nk)`
+    - `mask`: voxels of the body, same shape
     """
     share = float((image.data[mask] < 0).mean())
     if share > _NEGATIVE:
@@ -95,18 +80,11 @@ def clustered_bias(
     the level sets evolve on the image J with voxel weights w, and their means are (3.40). Field
     and level sets are improved in turn; neither raises the energy (3.38).
 
-    Parameters
-    ----------
-    values : NDArray
-        Image, shape `(ni, nj, nk)`; its slices are one volume [-].
-    mask : NDArray
-        Voxels that take part, same shape.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [mm].
-    regions : int
-        Number of regions.
-    gamma : float
-        Weight of P (3.39), which keeps the level sets near distance functions [-].
+    - `values`: image, shape `(ni, nj, nk)`; its slices are one volume [-]
+    - `mask`: voxels that take part, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `regions`: number of regions
+    - `gamma`: weight of P (3.39), which keeps the level sets near distance functions [-]
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -181,12 +159,8 @@ def clustered_bias(
 def of_mean_one(field: F64, mask: Mask) -> F64:
     """Field with the mean one inside a mask, going on beyond; refused where it is no factor.
 
-    Parameters
-    ----------
-    field : NDArray
-        Factor on the true values; looked at inside the mask only, shape `(ni, nj, nk)` [-].
-    mask : NDArray
-        Voxels of the body, same shape.
+    - `field`: factor on the true values; looked at inside the mask only, shape `(ni, nj, nk)` [-]
+    - `mask`: voxels of the body, same shape
     """
     if not (np.isfinite(field[mask]) & (field[mask] > 0)).all():
         raise InputError("bias: the field is not positive everywhere; set bias.method = 'none'")

@@ -8,13 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import full_tensors, tensor_components
+from myork.imaging.diffusion import dyads_of, full_tensors
 from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, Mask
-
-__all__ = ["fiber_channels", "noise_level", "noise_weight", "scaled_values", "smoothed_tensor"]
-
 
 # The ratio of noises says little of how much regions differ: no channel counts more than this many
 # times as much as another one.
@@ -24,12 +21,8 @@ _WEIGHTS = 16.0
 def scaled_values(image: Image, region: Mask) -> F64:
     """Grey values with the 1st and 99th percentile of a region at zero and one.
 
-    Parameters
-    ----------
-    image : Image
-        MR image, shape `(ni, nj, nk)`.
-    region : NDArray
-        Voxels that count, same shape.
+    - `image`: MR image, shape `(ni, nj, nk)`
+    - `region`: voxels that count, same shape
     """
     if not region.any():
         raise InputError(
@@ -44,12 +37,8 @@ def scaled_values(image: Image, region: Mask) -> F64:
 def noise_level(values: F64, region: Mask) -> float:
     """Standard deviation of the noise, by the median of second differences in the slices.
 
-    Parameters
-    ----------
-    values : NDArray
-        Shape `(ni, nj, nk)`.
-    region : NDArray
-        Voxels that count, same shape.
+    - `values`: shape `(ni, nj, nk)`
+    - `region`: voxels that count, same shape
     """
     found = []
     for axis in (0, 1):
@@ -63,10 +52,7 @@ def noise_level(values: F64, region: Mask) -> float:
 def noise_weight(first: float, other: float) -> float:
     """Weight of a channel against that of the first one, by the noise of both.
 
-    Parameters
-    ----------
-    first, other : float
-        Noise; where one is zero (a map of few values) the weight is 1.
+    - `first`, `other`: noise; where one is zero (a map of few values) the weight is 1
     """
     if not (first > 0 and other > 0):
         return 1.0
@@ -79,14 +65,9 @@ def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
     Sums, not logarithms: tensors of noisy images need not be positive, and only the direction is
     used.
 
-    Parameters
-    ----------
-    tensor : Image
-        Shape `(ni, nj, nk, 6)`; a tensor that is not finite does not count.
-    region : NDArray
-        Voxels that count, shape `(ni, nj, nk)`.
-    sigma : float
-        Standard deviation [mm].
+    - `tensor`: shape `(ni, nj, nk, 6)`; a tensor that is not finite does not count
+    - `region`: voxels that count, shape `(ni, nj, nk)`
+    - `sigma`: standard deviation [mm]
     """
     usable = region & np.isfinite(tensor.data).all(axis=-1)
     blur = sigma / tensor.spacing
@@ -104,22 +85,13 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     Where water moves alike in all directions (fat, bone) the lead eigenvector is noise; so
     channels fade with the difference of the largest and the smallest eigenvalue.
 
-    Parameters
-    ----------
-    tensor : Image
-        xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)`; a tensor that is not finite counts as
-        having no direction.
-    region : NDArray
-        Voxels that count, shape `(ni, nj, nk)`.
-    kind : str
-        `dyad`: the six components of v v^T, those off the diagonal times the square root of
-        two, so that squared differences are 2 sin^2 of the angle; `absolute`: |v_x|, |v_y|,
-        |v_z|; `aligned`: v turned to point up, (4.2).
-
-    Returns
-    -------
-    NDArray
-        Shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-].
+    - `tensor`: xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)`; a tensor that is not finite counts
+      as having no direction
+    - `region`: voxels that count, shape `(ni, nj, nk)`
+    - `kind`: `dyad`: the six components of v v^T, those off the diagonal times the square root of
+      two, so that squared differences are 2 sin^2 of the angle; `absolute`: |v_x|, |v_y|, |v_z|;
+      `aligned`: v turned to point up, (4.2)
+    - returns shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-]
     """
     known = np.isfinite(tensor.data).all(axis=-1, keepdims=True)
     values, vectors = np.linalg.eigh(full_tensors(np.where(known, tensor.data, 0.0)))
@@ -133,4 +105,4 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     if kind == "aligned":
         return strength * np.where(lead[..., 2:] < 0, -lead, lead)
     scale = np.sqrt([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    return strength * scale * tensor_components(lead[..., :, np.newaxis] * lead[..., np.newaxis, :])
+    return strength * scale * dyads_of(lead)

@@ -15,9 +15,6 @@ import numpy as np
 from myork.errors import InputError
 from myork.types import F64, Mask
 
-__all__ = ["Clusters", "fuzzy_c_means"]
-
-
 # The best of so many starts: where one cluster is small, a start may end with it in another.
 _STARTS = 6
 _FUZZINESS = 2.0  # the usual exponent of memberships
@@ -27,18 +24,10 @@ _AT_REST = 1e-4  # part of the range of the values by which centres may still mo
 
 @dataclass(frozen=True)
 class Clusters:
-    """Result of a clustering.
+    """Result of a clustering."""
 
-    Attributes
-    ----------
-    membership : NDArray
-        Of every voxel of the region, rows sum to one, shape `(n, clusters)` [-].
-    centre : NDArray
-        Sorted by the first channel, shape `(clusters, channels)`.
-    """
-
-    membership: F64
-    centre: F64
+    membership: F64  #: Of every voxel of the region, rows sum to one, shape `(n, clusters)` [-]
+    centre: F64  #: Sorted by the first channel, shape `(clusters, channels)`
 
     def place(self, region: Mask, cluster: int) -> Mask:
         """Voxels of a region whose largest membership is that of a cluster."""
@@ -51,14 +40,9 @@ class Clusters:
 def fuzzy_c_means(channels: F64, region: Mask, clusters: int) -> Clusters:
     """Cluster the voxels of a region by their grey values; equal arguments give equal clusters.
 
-    Parameters
-    ----------
-    channels : NDArray
-        Grey values, shape `(ni, nj, nk)` or `(ni, nj, nk, channels)`.
-    region : NDArray
-        Voxels that take part, shape `(ni, nj, nk)`.
-    clusters : int
-        Number of clusters, 2 at least.
+    - `channels`: grey values, shape `(ni, nj, nk)` or `(ni, nj, nk, channels)`
+    - `region`: voxels that take part, shape `(ni, nj, nk)`
+    - `clusters`: number of clusters, 2 at least
     """
     if not region.any():
         raise InputError("fuzzy clustering: the region is empty")

@@ -14,48 +14,26 @@ from myork.imaging.geometry import seed_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "Muscle",
-    "check_seeds",
-    "group_by_reference",
-    "group_by_rules",
-    "nearest_labels",
-    "rule_seeds",
-]
-
 
 @dataclass(frozen=True)
 class Muscle:
-    """Rule for a muscle.
+    """Rule for a muscle."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the label.
-    seeds : NDArray
-        World coordinates inside of it, shape `(nseed, 3)` [mm]: the connected pieces of regions
-        that hold one are taken.
-    rim : float
-        Thickness of the band along the edge of the segmented region that belongs to it, for
-        walks [mm].
-    """
-
-    name: str
+    name: str  #: Name of the label
+    #: World coordinates inside of it, shape `(nseed, 3)` [mm]: the connected pieces of regions that
+    #: hold one are taken
     seeds: F64
+    #: Thickness of the band along the edge of the segmented region that belongs to it, for walks
+    #: [mm]
     rim: float = 0.0
 
 
 def check_seeds(inside: Mask, image: Image, muscles: Sequence[Muscle]) -> None:
     """Refuse seeds outside of what is segmented.
 
-    Parameters
-    ----------
-    inside : NDArray
-        Voxels to segment, shape `(ni, nj, nk)`.
-    image : Image
-        Gives the grid.
-    muscles : sequence
-        Rules.
+    - `inside`: voxels to segment, shape `(ni, nj, nk)`
+    - `image`: gives the grid
+    - `muscles`: rules
     """
     for muscle in muscles:
         for place in _places(image, muscle):
@@ -71,19 +49,10 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
 
     A voxel that the rules give to several muscles goes to the one with the nearest seed.
 
-    Parameters
-    ----------
-    region : NDArray
-        Region of each voxel, -1 for none, shape `(ni, nj, nk)`.
-    image : Image
-        Gives the grid.
-    muscles : sequence
-        Rules.
-
-    Returns
-    -------
-    tuple
-        Labels, shape `(ni, nj, nk)`, and warnings.
+    - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
+    - `image`: gives the grid
+    - `muscles`: rules
+    - returns labels, shape `(ni, nj, nk)`, and warnings
     """
     check_seeds(region >= 0, image, muscles)
     given = np.stack([_given_by(region, image, muscle) for muscle in muscles])
@@ -109,12 +78,8 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
 def group_by_reference(region: I32, reference: Labels) -> Labels:
     """Each connected piece of a region becomes the label that most of its voxels have.
 
-    Parameters
-    ----------
-    region : NDArray
-        Region of each voxel, -1 for none, shape `(ni, nj, nk)`.
-    reference : Labels
-        Label map on the same grid, for instance of a neighbour's or an atlas.
+    - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
+    - `reference`: label map on the same grid, for instance of a neighbour's or an atlas
     """
     found = np.zeros(region.shape, np.int32)
     known, place = np.unique(reference.data, return_inverse=True)
@@ -137,22 +102,12 @@ def rule_seeds(
 ) -> tuple[Mask, I32]:
     """Voxels that the rules part among muscles, and those whose label they determine.
 
-    Parameters
-    ----------
-    region : NDArray
-        Region of each voxel, -1 for none, shape `(ni, nj, nk)`.
-    image : Image
-        Gives the grid.
-    muscles : sequence
-        Rules.
-    radius : float
-        Of the disc around a seed that belongs to its muscle, in the slice [mm].
-
-    Returns
-    -------
-    tuple
-        Whether a voxel takes part, and its label, 1 for the first muscle, -1 where it is not
-        known; both of shape `(ni, nj, nk)`.
+    - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
+    - `image`: gives the grid
+    - `muscles`: rules
+    - `radius`: of the disc around a seed that belongs to its muscle, in the slice [mm]
+    - returns whether a voxel takes part, and its label, 1 for the first muscle, -1 where it is not
+      known; both of shape `(ni, nj, nk)`
     """
     where = region >= 0
     check_seeds(where, image, muscles)
@@ -183,16 +138,10 @@ def rule_seeds(
 def nearest_labels(where: Mask, known: I32, spacing: F64, margin: float) -> I32:
     """Label of the nearest voxel that has one, shape `(ni, nj, nk)`.
 
-    Parameters
-    ----------
-    where : NDArray
-        Voxels that get one, shape `(ni, nj, nk)`.
-    known : NDArray
-        Labels above zero where they are known, same shape.
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
-    margin : float
-        No label beyond this distance [mm].
+    - `where`: voxels that get one, shape `(ni, nj, nk)`
+    - `known`: labels above zero where they are known, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `margin`: no label beyond this distance [mm]
     """
     if not (known > 0).any():
         return np.zeros(known.shape, np.int32)

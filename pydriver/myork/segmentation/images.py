@@ -37,8 +37,6 @@ from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
 
-__all__ = ["Images", "Segmentation", "segment_images"]
-
 # Width of the Gaussian over the tensors before the fiber channels are taken [mm]
 _SMOOTHING = 1.0
 # Weight of the misfit of fiber channels against that of the grey values
@@ -53,48 +51,25 @@ _EVEN = 3
 
 @dataclass(frozen=True)
 class Images:
-    """What a segmentation looks at; what is missing is None or empty.
+    """What a segmentation looks at; what is missing is None or empty."""
 
-    Attributes
-    ----------
-    anatomy : Image
-        MR image; with fat it is water.
-    fat : Image or None
-        Fat of a Dixon sequence.
-    decay : Image or None
-        R2* of its water and fat [1/s].
-    others : tuple of Image
-        Further channels.
-    tensor, measured : Image or None
-        Diffusion tensors, and as they were measured where that is another grid.
-    truth, seeds : Labels or None
-        To score against; known labels from which walks start.
-    reference, drawn_in : Labels, Image or None
-        Labels that nearly fit, and the image that they were drawn in.
-    body : NDArray or None
-        What the user calls body.
-    region : Labels or None
-        What the user limits the segmentation to.
-    source : str
-        Where the anatomy comes from.
-    doubt : str
-        Why water and fat may be exchanged.
-    """
-
-    anatomy: Image
-    fat: Image | None = None
-    decay: Image | None = None
-    others: tuple[Image, ...] = ()
+    anatomy: Image  #: MR image; with fat it is water
+    fat: Image | None = None  #: Fat of a Dixon sequence
+    decay: Image | None = None  #: R2* of its water and fat [1/s]
+    others: tuple[Image, ...] = ()  #: Further channels
+    #: Diffusion tensors, and as they were measured where that is another grid
     tensor: Image | None = None
     measured: Image | None = None
+    #: To score against; known labels from which walks start
     truth: Labels | None = None
     seeds: Labels | None = None
+    #: Labels that nearly fit, and the image that they were drawn in
     reference: Labels | None = None
     drawn_in: Image | None = None
-    body: Mask | None = None
-    region: Labels | None = None
-    source: str = "phantom"
-    doubt: str = ""
+    body: Mask | None = None  #: What the user calls body
+    region: Labels | None = None  #: What the user limits the segmentation to
+    source: str = "phantom"  #: Where the anatomy comes from
+    doubt: str = ""  #: Why water and fat may be exchanged
 
     @property
     def channels(self) -> list[Image]:
@@ -149,42 +124,18 @@ class Images:
 
 @dataclass(frozen=True)
 class Segmentation:
-    """What was found in images.
+    """What was found in images."""
 
-    Attributes
-    ----------
-    images : Images
-        Without shading.
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    field : NDArray or None
-        Shading that was taken out, same shape [-].
-    bias : dict
-        Method, range and rest of the shading.
-    regions : Regions
-        Of the level sets.
-    labels : Labels
-        Muscles, or what else is wanted.
-    values : NDArray
-        Anatomy and channels, scaled to the region, shape `(ni, nj, nk, nchannel)` [-].
-    weights : list
-        Of the channels beside the anatomy [-].
-    fraction : Image or None
-        Fraction of fat.
-    warnings : list
-        Sentences.
-    """
-
-    images: Images
-    body: Mask
-    field: F64 | None
-    bias: dict[str, Any]
-    regions: Regions
-    labels: Labels
-    values: F64
-    weights: list[float]
-    fraction: Image | None
-    warnings: list[str]
+    images: Images  #: Without shading
+    body: Mask  #: Voxels of the body, shape `(ni, nj, nk)`
+    field: F64 | None  #: Shading that was taken out, same shape [-]
+    bias: dict[str, Any]  #: Method, range and rest of the shading
+    regions: Regions  #: Of the level sets
+    labels: Labels  #: Muscles, or what else is wanted
+    values: F64  #: Anatomy and channels, scaled to the region, shape `(ni, nj, nk, nchannel)` [-]
+    weights: list[float]  #: Of the channels beside the anatomy [-]
+    fraction: Image | None  #: Fraction of fat
+    warnings: list[str]  #: Sentences
 
 
 def segment_images(

@@ -29,9 +29,6 @@ from myork.segmentation.regions import body_mask, large_pieces
 from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
-__all__ = ["Tissues", "find_bones", "leg_tissues", "outer_boundary"]
-
-
 # Marrow in a slice [mm^2]: larger than a femoral head is fat in a ring of muscles. Cortex is as
 # thick as this at most [mm], and darker than the first of these parts of the median of dark tissue,
 # or than its scatter three times below, whichever is more;
@@ -75,22 +72,13 @@ _RIM = 0.018
 
 
 class Tissues(NamedTuple):
-    """Materials of a limb.
+    """Materials of a limb."""
 
-    Attributes
-    ----------
-    labels : Labels
-        As in `TISSUES`.
-    memberships : dict
-        Of voxels in `fat` and, where there is an image of it, in `connective_tissue`, 0 to 1, zero
-        in bone and outside of the body, shape `(ni, nj, nk)`.
-    doubts : list of str
-        What the rules suppose and this image does not show.
-    """
-
-    labels: Labels
+    labels: Labels  #: As in `TISSUES`
+    #: Of voxels in `fat` and, where there is an image of it, in `connective_tissue`, 0 to 1, zero
+    #: in bone and outside of the body, shape `(ni, nj, nk)`
     memberships: dict[str, F64]
-    doubts: list[str]
+    doubts: list[str]  #: What the rules suppose and this image does not show
 
 
 def leg_tissues(
@@ -105,21 +93,13 @@ def leg_tissues(
 ) -> Tissues:
     """Label every voxel of a limb with its material.
 
-    Parameters
-    ----------
-    anatomy : Image
-        MR image, shape `(ni, nj, nk)`; the others lie on its grid.
-    fat, connective : Image, optional
-        Images in which fat, or connective tissue, is bright; without the first fat is bright in the
-        anatomy, without the second no connective tissue is found.
-    others : sequence of Image
-        Further images in which fat and muscle differ, as other echoes.
-    tensor : Image, optional
-        Diffusion tensors; without them all that is left is muscle but for the skin.
-    body : NDArray, optional
-        Voxels to label, shape `(ni, nj, nk)`; without it those inside the skin.
-    least_diffusivity : float
-        Mean diffusivity of muscle, in the unit of the tensors.
+    - `anatomy`: MR image, shape `(ni, nj, nk)`; the others lie on its grid
+    - `fat`, `connective`: images in which fat, or connective tissue, is bright; without the first
+      fat is bright in the anatomy, without the second no connective tissue is found
+    - `others`: further images in which fat and muscle differ, as other echoes
+    - `tensor`: diffusion tensors; without them all that is left is muscle but for the skin
+    - `body`: voxels to label, shape `(ni, nj, nk)`; without it those inside the skin
+    - `least_diffusivity`: mean diffusivity of muscle, in the unit of the tensors
     """
     for other in (fat, connective, *others, tensor):
         if other is not None:

@@ -30,45 +30,24 @@ from myork.segmentation.starts import (
 )
 from myork.types import F64, I32, Mask
 
-__all__ = ["LevelSets", "Regions", "segment_regions", "wanted_phase"]
-
 
 @dataclass(frozen=True)
 class LevelSets:
-    """What to segment with; decks have the defaults of what has none here.
+    """What to segment with; decks have the defaults of what has none here."""
 
-    Attributes
-    ----------
-    regions : int
-        Number of regions, 2 to 64.
-    volume : bool
-        Whether the slices are one volume; else each is a problem of its own.
-    start : str
-        `otsu` (threshold of the first channel, two regions), `kmeans`, `circles`, or `labels`.
-    mu, nu : float
-        Weights of the contours' length and of the areas inside [-].
-    lambdas : sequence of float
-        Weight of the misfit of each region, or one for all [-].
-    tolerance : float
-        At rest, this part of the voxels changes its region in ten iterations at most.
-    iterations : int
-        Largest number of iterations.
-    epsilon : float
-        Width of the step function (3.16) [-].
-    dt : float
-        Largest time step; halved where the energy would increase [-].
-    """
-
-    regions: int
+    regions: int  #: Number of regions, 2 to 64
+    #: `otsu` (threshold of the first channel, two regions), `kmeans`, `circles`, or `labels`
     start: str
+    #: Weights of the contours' length and of the areas inside [-]
     mu: float
-    lambdas: Sequence[float]
+    lambdas: Sequence[float]  #: Weight of the misfit of each region, or one for all [-]
+    #: At rest, this part of the voxels changes its region in ten iterations at most
     tolerance: float
-    iterations: int
-    volume: bool = False
+    iterations: int  #: Largest number of iterations
+    volume: bool = False  #: Whether the slices are one volume; else each is a problem of its own
     nu: float = 0.0
-    epsilon: float = 0.5
-    dt: float = 500.0
+    epsilon: float = 0.5  #: Width of the step function (3.16) [-]
+    dt: float = 500.0  #: Largest time step; halved where the energy would increase [-]
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], **changes: Any) -> LevelSets:
@@ -82,27 +61,14 @@ class LevelSets:
 
 @dataclass(frozen=True)
 class Regions:
-    """Result of a segmentation into regions.
+    """Result of a segmentation into regions."""
 
-    Attributes
-    ----------
-    region : NDArray
-        Number of the region, -1 where the image takes no part, shape `(ni, nj, nk)`.
-    phi : NDArray
-        Level sets, shape `(ni, nj, nk, nlevel)` [-].
-    iterations : NDArray
-        Iterations of each slice, or of the volume, shape `(nblock,)`.
-    energy : NDArray
-        Energy (3.29) of all slices together after each iteration, shape `(iterations,)` [-].
-    unrest : int
-        Slices (or volumes) whose regions still changed at the last iteration.
-    """
-
-    region: I32
-    phi: F64
-    iterations: I32
+    region: I32  #: Number of the region, -1 where the image takes no part, shape `(ni, nj, nk)`
+    phi: F64  #: Level sets, shape `(ni, nj, nk, nlevel)` [-]
+    iterations: I32  #: Iterations of each slice, or of the volume, shape `(nblock,)`
+    #: Energy (3.29) of all slices together after each iteration, shape `(iterations,)` [-]
     energy: F64
-    unrest: int
+    unrest: int  #: Slices (or volumes) whose regions still changed at the last iteration
 
 
 def segment_regions(
@@ -117,23 +83,14 @@ def segment_regions(
 ) -> Regions:
     """Part a region of an image into regions that are even in every channel.
 
-    Parameters
-    ----------
-    channels : NDArray
-        Values of about the size of one, shape `(ni, nj, nk, nchannel)`; slices along the third
-        axis [-].
-    region : NDArray
-        Voxels that take part, shape `(ni, nj, nk)`.
-    choice : LevelSets
-        What to segment with.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [any length].
-    channel_weights : sequence, optional
-        Weight of each channel [-]; ones if absent.
-    labels : NDArray, optional
-        Map to start from, for `choice.start == "labels"`, shape `(ni, nj, nk)`.
-    name : str
-        Of the image, for messages.
+    - `channels`: values of about the size of one, shape `(ni, nj, nk, nchannel)`; slices along the
+      third axis [-]
+    - `region`: voxels that take part, shape `(ni, nj, nk)`
+    - `choice`: what to segment with
+    - `spacing`: voxel sizes, shape `(3,)` [any length]
+    - `channel_weights`: weight of each channel [-]; ones if absent
+    - `labels`: map to start from, for `choice.start == "labels"`, shape `(ni, nj, nk)`
+    - `name`: of the image, for messages
     """
     if not region.any():
         raise InputError(
@@ -181,14 +138,9 @@ def segment_regions(
 def wanted_phase(result: Regions, values: F64, phase: str) -> Mask:
     """Voxels of the darker or the brighter one of two regions.
 
-    Parameters
-    ----------
-    result : Regions
-        With two regions.
-    values : NDArray
-        Grey values, shape `(ni, nj, nk)` [-].
-    phase : str
-        `dark` or `bright`.
+    - `result`: with two regions
+    - `values`: grey values, shape `(ni, nj, nk)` [-]
+    - `phase`: `dark` or `bright`
     """
     one, two = result.region == 0, result.region == 1
     if one.any() and two.any() and values[one].mean() > values[two].mean():

@@ -14,9 +14,6 @@ from scipy import ndimage
 from myork.imaging.geometry import slice_axis
 from myork.types import F64, I32, Mask
 
-__all__ = ["pull_of_outlines", "signed_distances"]
-
-
 # Chosen on `benchmarks/runner.py outlines tuned`: rate of a walk's end where outlines predict a
 # label, against steps of rate 1 where there is no edge [-],
 _RATE = 3e-4
@@ -31,17 +28,10 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
     Seeds of a label in several slices predict its shape in those between them. What is drawn thin,
     or elsewhere in the next slice, predicts nothing.
 
-    Parameters
-    ----------
-    known : NDArray
-        Labels that are known, -1 where they are not, shape `(ni, nj, nk)`.
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
-
-    Returns
-    -------
-    NDArray or None
-        For the labels in their order, shape `(nlabel, ni, nj, nk)` [-]; None: nothing is predicted.
+    - `known`: labels that are known, -1 where they are not, shape `(ni, nj, nk)`
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - returns for the labels in their order, shape `(nlabel, ni, nj, nk)` [-]; None: nothing is
+      predicted
     """
     axis = slice_axis(spacing, known.shape)
     known, thickness, size = np.moveaxis(known, axis, 2), spacing[axis], np.delete(spacing, axis)
@@ -73,17 +63,9 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
 def signed_distances(here: Mask, size: F64) -> F64:
     """Distance to the outline of a label in each slice; where it is missing a shrunken one.
 
-    Parameters
-    ----------
-    here : NDArray
-        Where the label is, in one slice at least, shape `(ni, nj, nk)`.
-    size : NDArray
-        Of the pixels, shape `(2,)` [mm].
-
-    Returns
-    -------
-    NDArray
-        Positive inside, shape `(ni, nj, nk)` [mm].
+    - `here`: where the label is, in one slice at least, shape `(ni, nj, nk)`
+    - `size`: of the pixels, shape `(2,)` [mm]
+    - returns positive inside, shape `(ni, nj, nk)` [mm]
     """
     result = np.empty(here.shape)
     rim = 0.5 * float(size.min())

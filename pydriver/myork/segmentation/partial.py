@@ -25,9 +25,6 @@ from scipy.special import ndtr
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-__all__ = ["label_parts", "parts_of_labels"]
-
-
 _AROUND = 6.0  # standard deviation of the averages that make means [mm]
 _FAR = 1e-2  # weight of all voxels of a label in the mean at a place
 _FEW = 20  # whole voxels that a label needs for a mean
@@ -116,14 +113,9 @@ def parts_of_labels(
 ) -> tuple[Image, dict[str, float]]:
     """Parts of all labels, one volume each in ascending order, and the voxels that each fills.
 
-    Parameters
-    ----------
-    labels : Labels
-        Shape `(ni, nj, nk)`.
-    kinds : NDArray
-        Numbers below one of what has no label, same shape.
-    channels, unmixed
-        As of `label_parts`.
+    - `labels`: shape `(ni, nj, nk)`
+    - `kinds`: numbers below one of what has no label, same shape
+    - `channels`, `unmixed`: as of `label_parts`
     """
     everything = np.where(labels.data > 0, labels.data, kinds)
     parts = label_parts(everything, channels, labels.spacing, unmixed)
@@ -199,14 +191,9 @@ def _peak(here: Mask, channels: F64) -> F64:
 def _expected(along: F64, length: F64, whole: F64) -> F64:
     """Expected part of the other label.
 
-    Parameters
-    ----------
-    along : NDArray
-        Distance from the own mean towards that of the other label over the noise [-].
-    length : NDArray
-        Distance of both means over the noise [-].
-    whole : NDArray
-        Part of such voxels that are whole [-].
+    - `along`: distance from the own mean towards that of the other label over the noise [-]
+    - `length`: distance of both means over the noise [-]
+    - `whole`: part of such voxels that are whole [-]
     """
     low, high = -along, length - along
     mixed = np.maximum(ndtr(high) - ndtr(low), 1e-12)

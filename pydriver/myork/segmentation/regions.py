@@ -13,9 +13,6 @@ from myork.imaging.geometry import seed_voxel
 from myork.records import Image, Labels
 from myork.types import Mask
 
-__all__ = ["body_mask", "box_mask", "grown_mask", "large_pieces", "otsu", "piece_with_seed"]
-
-
 # Drop pieces of the body that are smaller than this part of the largest.
 _LEAST_PIECE = 0.1
 # No bright spot of an image reaches this many times its 99th percentile.
@@ -45,12 +42,8 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     darker than fat or the coil reaches badly; holes are filled. Air is zero, or the lowest value
     where that is negative.
 
-    Parameters
-    ----------
-    image : Image
-        MR image, shape `(ni, nj, nk)`.
-    rim : float
-        Taken off at the skin, where pixels are a mixture of fat and air [pixel].
+    - `image`: MR image, shape `(ni, nj, nk)`
+    - `rim`: taken off at the skin, where pixels are a mixture of fat and air [pixel]
     """
     _check_signal(image)
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
@@ -67,12 +60,8 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
 def large_pieces(mask: Mask, name: str) -> Mask:
     """Connected pieces of a body that are not smaller than a tenth of the largest.
 
-    Parameters
-    ----------
-    mask : NDArray
-        Shape `(ni, nj, nk)`.
-    name : str
-        Of the image, for messages.
+    - `mask`: shape `(ni, nj, nk)`
+    - `name`: of the image, for messages
     """
     pieces, n = ndimage.label(mask)
     if not n:
@@ -101,12 +90,8 @@ def _check_signal(image: Image) -> None:
 def box_mask(image: Image, box: Sequence[float]) -> Mask:
     """Voxels whose centres lie in a box of world coordinates.
 
-    Parameters
-    ----------
-    image : Image
-        Gives the grid.
-    box : sequence
-        Low and high x, y, z, shape `(6,)` [mm].
+    - `image`: gives the grid
+    - `box`: low and high x, y, z, shape `(6,)` [mm]
     """
     low, high = np.reshape(np.asarray(box, float), (3, 2)).T
     if not (low < high).all():
@@ -127,14 +112,9 @@ def grown_mask(labels: Labels, margin: float) -> Mask:
 def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
     """Connected piece (over faces) of a mask that holds a place.
 
-    Parameters
-    ----------
-    mask : NDArray
-        Shape `(ni, nj, nk)`.
-    image : Image
-        Gives the grid.
-    seed : ArrayLike
-        World coordinates, shape `(3,)` [mm].
+    - `mask`: shape `(ni, nj, nk)`
+    - `image`: gives the grid
+    - `seed`: world coordinates, shape `(3,)` [mm]
     """
     where = np.asarray(seed, float)
     place = seed_voxel(image, where, "image.seed")

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["dice", "label_scores", "pearson"]
-
 
 def dice(found: ArrayLike, truth: ArrayLike) -> float:
     """Dice coefficient (4.6): twice the common voxels over the sum of both [-].
@@ -37,18 +35,10 @@ def label_scores(
 ) -> dict[str, dict[str, Any]]:
     """Dice and Pearson's coefficient of labels, of all slices and of each.
 
-    Parameters
-    ----------
-    found, truth : ArrayLike
-        Label maps, shape `(ni, nj, nk)`; slices along the last axis.
-    pairs : mapping
-        Name to the label found and the labels of the truth that it should be.
-
-    Returns
-    -------
-    dict
-        Name to `dice`, `pcc`, `dice_by_slice` and `pcc_by_slice`; not a number for a slice where
-        both are empty.
+    - `found`, `truth`: label maps, shape `(ni, nj, nk)`; slices along the last axis
+    - `pairs`: name to the label found and the labels of the truth that it should be
+    - returns name to `dice`, `pcc`, `dice_by_slice` and `pcc_by_slice`; not a number for a slice
+      where both are empty
     """
     a, m = np.asarray(found), np.asarray(truth)
     scores: dict[str, dict[str, Any]] = {}

@@ -35,9 +35,6 @@ from myork.imaging.geometry import slice_axis
 from myork.segmentation.bias import of_mean_one
 from myork.types import F64, I64, Mask
 
-__all__ = ["Candidate", "Shading", "shading"]
-
-
 # Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
 _WAVE = 0.64  # shortest wave of the field
 _SLOPES = (0.64, 1.1)  # shortest waves of the fields that are fitted to slopes
@@ -68,22 +65,13 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True)
 class Shading:
-    """Field and what speaks for it.
+    """Field and what speaks for it."""
 
-    Attributes
-    ----------
-    field : NDArray
-        Factor on the true values, mean one inside the mask and going on beyond it, shape
-        `(ni, nj, nk)` [-].
-    candidates : tuple of Candidate
-        All fields, best first.
-    doubt : str
-        Why it may be wrong; empty where the starts agree.
-    """
-
+    #: Factor on the true values, mean one inside the mask and going on beyond it, shape
+    #: `(ni, nj, nk)` [-]
     field: F64
-    candidates: tuple[Candidate, ...]
-    doubt: str
+    candidates: tuple[Candidate, ...]  #: All fields, best first
+    doubt: str  #: Why it may be wrong; empty where the starts agree
 
 
 def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:

@@ -12,17 +12,6 @@ from myork.errors import InputError
 from myork.segmentation.regions import otsu
 from myork.types import F64, I32, Mask
 
-__all__ = [
-    "circle_regions",
-    "kmeans",
-    "level_sets_for",
-    "level_sets_of",
-    "regions_of",
-    "seeded_regions",
-    "threshold_regions",
-]
-
-
 # Level sets of a map of regions: a smoothed sign. Plain signs (or a plain threshold) start with
 # jumps at every noisy voxel, which curvature takes long to remove.
 _BLUR = 1.0  # standard deviation [voxels]
@@ -75,21 +64,12 @@ def kmeans(values: F64, count: int) -> tuple[I32, F64]:
 def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
     """Regions around the mean values of seeds, and clusters of what is like none of them.
 
-    Parameters
-    ----------
-    values : NDArray
-        Channels, each times the square root of its weight, shape `(ni, nj, nk, nchannel)` [-].
-    region : NDArray
-        Voxels that take part, shape `(ni, nj, nk)`.
-    known : NDArray
-        Label of the seeds, from 1, -1 elsewhere, same shape.
-    count : int
-        Number of regions: the labels less one, then the clusters.
-
-    Returns
-    -------
-    NDArray
-        Region of each voxel, zero outside of `region`, shape `(ni, nj, nk)`.
+    - `values`: channels, each times the square root of its weight, shape `(ni, nj, nk, nchannel)`
+      [-]
+    - `region`: voxels that take part, shape `(ni, nj, nk)`
+    - `known`: label of the seeds, from 1, -1 elsewhere, same shape
+    - `count`: number of regions: the labels less one, then the clusters
+    - returns region of each voxel, zero outside of `region`, shape `(ni, nj, nk)`
     """
     labels = np.unique(known[known > 0])
     if len(labels) > count:
@@ -125,20 +105,11 @@ def level_sets_for(regions: int) -> int:
 def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
     """Level sets whose signs give a map of regions.
 
-    Parameters
-    ----------
-    region : NDArray
-        Region of each voxel, 0 to `regions - 1`, shape `(ni, nj, nk)`.
-    regions : int
-        Number of regions.
-    volume : bool
-        Whether to smooth across slices as well.
-
-    Returns
-    -------
-    NDArray
-        Shape `(ni, nj, nk, level_sets_for(regions))`; positive inside, where bit `level` of the
-        region's number is set [-].
+    - `region`: region of each voxel, 0 to `regions - 1`, shape `(ni, nj, nk)`
+    - `regions`: number of regions
+    - `volume`: whether to smooth across slices as well
+    - returns shape `(ni, nj, nk, level_sets_for(regions))`; positive inside, where bit `level` of
+      the region's number is set [-]
     """
     if region.min() < 0 or region.max() >= regions:
         raise InputError(
@@ -158,14 +129,9 @@ def circle_regions(shape: tuple[int, ...], regions: int, pitch: float = 16.0) ->
     The grids are shifted against each other, so that all regions occur, and their pitches
     differ: equal ones would fit a symmetric image everywhere alike.
 
-    Parameters
-    ----------
-    shape : tuple
-        Of the result, `(ni, nj, nk)`.
-    regions : int
-        Number of regions.
-    pitch : float
-        Distance of the circles of the first grid [pixel].
+    - `shape`: of the result, `(ni, nj, nk)`
+    - `regions`: number of regions
+    - `pitch`: distance of the circles of the first grid [pixel]
     """
     count = level_sets_for(regions)
     combination = np.zeros(shape, np.int32)

@@ -21,9 +21,6 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 from myork.errors import InputError
 from myork.types import F64, I32, Mask
 
-__all__ = ["heights_of", "random_walk"]
-
-
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
 # pixels must not be lost.
 _BLUR = 0.7
@@ -44,20 +41,11 @@ _TOLERANCE = 1e-3
 def heights_of(values: F64, where: Mask, others: F64 | None = None) -> F64:
     """Heights whose steps are edges: the logarithm of the grey values, then other channels.
 
-    Parameters
-    ----------
-    values : NDArray
-        Grey values, not negative in `where`, shape `(ni, nj, nk)`.
-    where : NDArray
-        Voxels that count, same shape.
-    others : NDArray, optional
-        Channels from about 0 to 1, each times the square root of its weight, shape
-        `(ni, nj, nk, nchannel)` [-].
-
-    Returns
-    -------
-    NDArray
-        Shape `(ni, nj, nk, 1 + nchannel)` [-].
+    - `values`: grey values, not negative in `where`, shape `(ni, nj, nk)`
+    - `where`: voxels that count, same shape
+    - `others`: channels from about 0 to 1, each times the square root of its weight, shape
+      `(ni, nj, nk, nchannel)` [-]
+    - returns shape `(ni, nj, nk, 1 + nchannel)` [-]
     """
     if not where.any():
         raise InputError("edges: no voxel takes part")
@@ -78,27 +66,15 @@ def random_walk(
 ) -> I32:
     """Label voxels by the seeds that random walks from them reach first.
 
-    Parameters
-    ----------
-    heights : NDArray
-        See `heights_of`, shape `(ni, nj, nk, nchannel)` [-].
-    where : NDArray
-        Voxels that take part, shape `(ni, nj, nk)`.
-    seeds : NDArray
-        Labels that are known, -1 where they are not, same shape.
-    spacing : NDArray
-        Voxel sizes, shape `(3,)` [mm].
-    shyness : float
-        A step over the height d near a slope s is `exp(-shyness (d / (1 + 2 d) + s/4))` times as
-        likely [pixel].
-    pull : NDArray, optional
-        Rates at which walks end in each label before they reach a seed, against steps of rate 1
-        where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-].
-
-    Returns
-    -------
-    NDArray
-        Labels, -1 where no seed can be reached, same shape.
+    - `heights`: see `heights_of`, shape `(ni, nj, nk, nchannel)` [-]
+    - `where`: voxels that take part, shape `(ni, nj, nk)`
+    - `seeds`: labels that are known, -1 where they are not, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `shyness`: a step over the height d near a slope s is `exp(-shyness (d / (1 + 2 d) + s/4))`
+      times as likely [pixel]
+    - `pull`: rates at which walks end in each label before they reach a seed, against steps of rate
+      1 where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-]
+    - returns labels, -1 where no seed can be reached, same shape
     """
     inside = where & _reached(where, (seeds >= 0) if pull is None else (seeds >= 0) | pull.any(0))
     found = np.full(where.shape, -1, np.int32)

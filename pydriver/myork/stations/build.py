@@ -29,8 +29,6 @@ from myork.segmentation.images import Images
 from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
 
-__all__ = ["build"]
-
 
 @station("build", "model")
 def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dict[str, Any]:

@@ -17,9 +17,6 @@ from myork.errors import ConvergenceError, InputError
 from myork.files import write_json
 from myork.types import F64
 
-__all__ = ["Check", "check_deck"]
-
-
 #: Central differences with a step of 1e-6 of the state keep this many digits
 _TANGENT = 1e-5
 #: Forces that balance do so to the iteration's tolerance
@@ -30,21 +27,11 @@ _SHEARS = np.linspace(0.0, 1.0, 41)
 
 
 class Check(NamedTuple):
-    """Outcome of one check.
+    """Outcome of one check."""
 
-    Attributes
-    ----------
-    name : str
-        What was checked.
-    passed : bool or None
-        Whether it holds; None where the deck has nothing to check.
-    detail : str
-        The number behind it, or why there is none.
-    """
-
-    name: str
-    passed: bool | None
-    detail: str
+    name: str  #: What was checked
+    passed: bool | None  #: Whether it holds; None where the deck has nothing to check
+    detail: str  #: The number behind it, or why there is none
 
 
 def check_deck(
@@ -57,23 +44,10 @@ def check_deck(
 ) -> list[Check]:
     """Check tangents, balance, restart, threads, fibers and material curves of a deck.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file.
-    out : str or Path, optional
-        Folder of `check.json`, in which the model file is looked for first.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    quick : bool
-        Leave out what solves the deck: balance, threads and restart.
-    progress : callable
-        Called with a line a check.
-
-    Returns
-    -------
-    list of Check
-        What was found.
+    - `out`: folder of `check.json`, in which the model file is looked for first
+    - `quick`: leave out what solves the deck: balance, threads and restart
+    - `progress`: called with a line a check
+    - returns what was found
     """
     folder = None if out is None else Path(out)
     values = load_deck(deck, overrides, "solve")

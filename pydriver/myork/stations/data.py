@@ -18,8 +18,6 @@ from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.resampling import on_grid
 from myork.records import Image, Labels
 
-__all__ = ["PATHS", "DeckFiles", "OneGrid", "data_overrides"]
-
 #: Keys of decks that name an image, a label map, a surface or tracts
 PATHS = (
     "image.anatomy",
@@ -138,14 +136,9 @@ class DeckFiles:
     ) -> Image | None:
         """Image of a key, on the grid of another one; None without the key.
 
-        Parameters
-        ----------
-        key : str
-            Of the table.
-        like : Image or Labels, optional
-            Gives the grid.
-        values : int or None
-            Values per voxel, as of `read_image`.
+        - `key`: of the table
+        - `like`: gives the grid
+        - `values`: values per voxel, as of `read_image`
         """
         path = self.path(key)
         if path is None:
@@ -178,14 +171,9 @@ class DeckFiles:
     ) -> Labels | None:
         """Label map of a key, on the grid of an image; None without the key.
 
-        Parameters
-        ----------
-        key : str
-            Of the table.
-        like : Image, optional
-            Gives the grid.
-        progress : callable, optional
-            With it a map without names takes those of its folder, see `read_reference`.
+        - `key`: of the table
+        - `like`: gives the grid
+        - `progress`: with it a map without names takes those of its folder, see `read_reference`
         """
         path = self.path(key)
         if path is None:
@@ -204,21 +192,9 @@ def data_overrides(
     A file that lies where the deck says is left there; a path with folders is taken from below
     `data`, all others are looked for by their names in all folders below it.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file.
-    data : str or Path
-        Folder.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`, read first.
-    command : str
-        Command that will use the deck.
-
-    Returns
-    -------
-    list of str
-        `"table.key=value"` each.
+    - `data`: folder
+    - `command`: command that will use the deck
+    - returns `"table.key=value"` each
     """
     folder = Path(data)
     if not folder.is_dir():

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["pcsa_force"]
-
 # A computed force further than this factor from the estimate is named.
 _FACTOR = 3.0
 
@@ -18,18 +16,11 @@ def pcsa_force(summary: Mapping[str, Any]) -> tuple[dict[str, Any], str] | None:
 
     It is the force of fibers at their optimal length without the passive one.
 
-    Parameters
-    ----------
-    summary : mapping
-        Content of `summary.json` after a solve.
-
-    Returns
-    -------
-    tuple or None
-        Entry `pcsa_force` of the summary: `value` in the deck's unit of force, the `probe` of the
-        largest force on a set and the `ratio` of both; a warning where they are three times apart,
-        else no text. None without activation, one muscle material, PCSA of all active muscles, or a
-        probe of a force.
+    - `summary`: content of `summary.json` after a solve
+    - returns entry `pcsa_force` of the summary: `value` in the deck's unit of force, the `probe` of
+      the largest force on a set and the `ratio` of both; a warning where they are three times
+      apart, else no text. None without activation, one muscle material, PCSA of all active muscles,
+      or a probe of a force.
     """
     deck, steps = summary.get("deck", {}), summary.get("steps") or [{}]
     materials = [own for own in deck.get("material", []) if own.get("model") == "muscle"]

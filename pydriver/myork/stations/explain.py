@@ -11,8 +11,6 @@ from myork.core.deck import load_deck
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
-__all__ = ["explain_deck", "stations_of"]
-
 
 def explain_deck(
     deck: str | Path,
@@ -23,16 +21,8 @@ def explain_deck(
 ) -> None:
     """Say what a deck will model: images, sizes, memory and cost; refuse what does not fit.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file.
-    out : str or Path, optional
-        Folder in which the model of the deck is looked for first.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    progress : callable
-        Called with every line of the explanation.
+    - `out`: folder in which the model of the deck is looked for first
+    - `progress`: called with every line of the explanation
     """
     values = load_deck(deck, overrides)
     geometry = values.get("geometry")
@@ -48,10 +38,7 @@ def explain_deck(
 def stations_of(values: Mapping[str, Any]) -> list[str]:
     """Commands that a deck needs before its report, in their order.
 
-    Parameters
-    ----------
-    values : mapping
-        Tables of the deck with defaults, from `load_deck`.
+    - `values`: tables of the deck with defaults, from `load_deck`
     """
     geometry = values.get("geometry")
     solved = ["solve"] if geometry is not None else []

@@ -19,8 +19,6 @@ from myork.files import write_text
 from myork.results import Results
 from myork.types import F64, I32, I64
 
-__all__ = ["Body", "cells_of", "export", "input_deck"]
-
 # Corners of a cell in the order of VTK, Abaqus and CalculiX, by dimension
 _CORNERS: dict[int, list[tuple[int, ...]]] = {
     2: [(0, 0), (1, 0), (1, 1), (0, 1)],
@@ -44,27 +42,14 @@ _NONE = 1e20
 
 
 class Body(NamedTuple):
-    """A mesh with what stands at its points.
+    """A mesh with what stands at its points."""
 
-    Attributes
-    ----------
-    points : F64
-        Shape `(np, 3)` [length].
-    cells : I64
-        Corners of each cell: eight of a hexahedron, four in a plane, shape `(nc, 8)` or `(nc, 4)`.
-    label : I32
-        The label with the largest share in the corners of a cell, shape `(nc,)`.
-    fields : dict
-        Arrays by name, shape `(np, ...)`.
-    lacking : int
-        Cells at the surface of voxels that are left out, since they lack a corner.
-    """
-
-    points: F64
+    points: F64  #: Shape `(np, 3)` [length]
+    #: Corners of each cell: eight of a hexahedron, four in a plane, shape `(nc, 8)` or `(nc, 4)`
     cells: I64
-    label: I32
-    fields: dict[str, NDArray[Any]]
-    lacking: int
+    label: I32  #: The label with the largest share in the corners of a cell, shape `(nc,)`
+    fields: dict[str, NDArray[Any]]  #: Arrays by name, shape `(np, ...)`
+    lacking: int  #: Cells at the surface of voxels that are left out, since they lack a corner
 
 
 def export(
@@ -126,17 +111,10 @@ def export(
 def cells_of(place: I32) -> tuple[I64, int]:
     """Cells between neighbouring places of a lattice that have all their corners.
 
-    Parameters
-    ----------
-    place : I32
-        Place of each point, shape `(np, 2)` or `(np, 3)`.
-
-    Returns
-    -------
-    cells : I64
-        Points at the corners, shape `(nc, 4)` or `(nc, 8)`, in the order of VTK.
-    lacking : int
-        Cells that are left out, since they have at least half of their corners but not all.
+    - `place`: place of each point, shape `(np, 2)` or `(np, 3)`
+    - returns `cells`: points at the corners, shape `(nc, 4)` or `(nc, 8)`, in the order of VTK
+    - returns `lacking`: cells that are left out, since they have at least half of their corners but
+      not all
     """
     low = place.min(axis=0)
     at = np.full(place.max(axis=0) - low + 1, -1)
@@ -201,12 +179,8 @@ def _write_mesh(output: Path, body: Body) -> None:
 def input_deck(body: Body, scene: Scene) -> tuple[str, list[str]]:
     """Input deck of Abaqus and CalculiX, and what of the scene it does not hold.
 
-    Parameters
-    ----------
-    body : Body
-        Mesh of the scene.
-    scene : Scene
-        Open scene: its sets, materials and conditions.
+    - `body`: mesh of the scene
+    - `scene`: open scene: its sets, materials and conditions
     """
     deck: Mapping[str, Any] = scene.deck
     missing = _lacking(body)

@@ -13,8 +13,6 @@ from myork.imaging.dicom import dicom_files
 from myork.imaging.dicom_choice import listed_images
 from myork.imaging.headers import bids_name
 
-__all__ = ["deck_of_folder"]
-
 #: Suffixes of BIDS that are an anatomy, the best one first
 _ANATOMY = ("T1w", "PDw", "T2w", "PDT2", "T2starw", "FLASH", "MEGRE", "MESE")
 _ENDS = ("bottom", "top")
@@ -35,17 +33,9 @@ class _Found(NamedTuple):
 def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
     """Write the deck that a folder of images makes.
 
-    Parameters
-    ----------
-    folder : Path
-        One subject (and visit) of a BIDS tree, or DICOM images.
-    out : Path
-        Folder of the results.
-
-    Returns
-    -------
-    tuple
-        The deck, in the folder of the results, and lines that say what became what.
+    - `folder`: one subject (and visit) of a BIDS tree, or DICOM images
+    - `out`: folder of the results
+    - returns the deck, in the folder of the results, and lines that say what became what
     """
     folder = folder.resolve()
     files = sorted(path for path in folder.rglob("*") if path.name.endswith((".nii", ".nii.gz")))

@@ -21,24 +21,15 @@ from myork.segmentation.regions import body_mask
 from myork.stations.data import DeckFiles, OneGrid
 from myork.types import Mask
 
-__all__ = ["read_images"]
-
 
 def read_images(
     deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback
 ) -> Images:
     """Images of a deck; the phantom's are also written.
 
-    Parameters
-    ----------
-    deck : mapping
-        Tables `image`, `dixon` and `phantom`.
-    out : Path
-        Folder of the results.
-    grid : OneGrid
-        Brings images onto the grid of the anatomy.
-    progress : callable
-        Called with a line of text at a time.
+    - `deck`: tables `image`, `dixon` and `phantom`
+    - `out`: folder of the results
+    - `grid`: brings images onto the grid of the anatomy
     """
     table, files = deck["image"], DeckFiles(deck, "image", grid)
     found = _echoes(deck, files, progress)

@@ -8,8 +8,6 @@ from pathlib import Path
 from myork.errors import InputError
 from myork.files import write_text
 
-__all__ = ["KINDS", "new_deck", "schema_file"]
-
 _FOLDER = Path(__file__).parents[1] / "templates"
 
 #: Kinds of decks, with what each is
@@ -33,22 +31,10 @@ def schema_file() -> Path:
 def new_deck(kind: str, path: Path | None = None) -> Path:
     """Write a deck to start from; its first line names the JSON Schema for editors.
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    path : Path, optional
-        File to write; default `KIND.toml` here.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, or a file that is there already.
+    - `kind`: one of `KINDS`
+    - `path`: file to write; default `KIND.toml` here
+    - returns the file
+    - raises InputError: an unknown kind, or a file that is there already
     """
     if kind not in KINDS:
         raise InputError(f"there is no deck of kind {kind!r}; there are {', '.join(KINDS)}")

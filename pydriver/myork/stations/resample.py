@@ -13,8 +13,6 @@ from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.resampling import WAYS, on_grid
 from myork.types import F64
 
-__all__ = ["resample"]
-
 # Whole numbers of more kinds are grey values.
 _MOST_LABELS = 128
 
@@ -29,25 +27,13 @@ def resample(
 ) -> Path:
     """Write an image on the grid of another one of the same world.
 
-    Parameters
-    ----------
-    image : Path
-        Image of one or several volumes, label map, or masks of Dafne (.npz) drawn in `like`.
-    like : Path
-        Image that gives the grid.
-    output : Path
-        File that is written; the suffix tells the format.
-    way : str, optional
-        `nearest`, `linear` or `tensor-wise` (tensors, fibers), see `on_grid`; by default `nearest`
-        for labels, which are whole numbers of at most 128 kinds and none below zero, and `linear`
-        for all else, volume by volume.
-    progress : callable
-        Called with a line of text at a time.
-
-    Returns
-    -------
-    Path
-        The file.
+    - `image`: image of one or several volumes, label map, or masks of Dafne (.npz) drawn in `like`
+    - `like`: image that gives the grid
+    - `output`: file that is written; the suffix tells the format
+    - `way`: `nearest`, `linear` or `tensor-wise` (tensors, fibers), see `on_grid`; by default
+      `nearest` for labels, which are whole numbers of at most 128 kinds and none below zero, and
+      `linear` for all else, volume by volume
+    - returns the file
     """
     if way not in (None, *WAYS):
         raise InputError(f"--how {way}: is not known; one of {', '.join(WAYS)}")

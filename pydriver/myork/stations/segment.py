@@ -34,8 +34,6 @@ from myork.stations.images import read_images
 from myork.stations.station import station
 from myork.stations.tissue import LabelRecord, find_tissues
 
-__all__ = ["segment"]
-
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
 

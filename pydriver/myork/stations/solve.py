@@ -35,8 +35,6 @@ from myork.libraries import cure_of
 from myork.stations.estimate import pcsa_force
 from myork.summary import update_summary
 
-__all__ = ["find_executable", "run_deck", "run_executable", "set_options"]
-
 _NAME = "myork-solve"
 #: Exit status of a program that the loader of the system gives up
 _DOES_NOT_LOAD = 127
@@ -45,15 +43,8 @@ _DOES_NOT_LOAD = 127
 def find_executable() -> Path:
     """Find `myork-solve`: in the prefix of the package, beside the Python in use, on the PATH.
 
-    Returns
-    -------
-    Path
-        The executable.
-
-    Raises
-    ------
-    InstallationError
-        If it is in none of these places.
+    - returns the executable
+    - raises InstallationError: if it is in none of these places
     """
     # prefix/lib*/python3*/{site,dist}-packages/myork/stations, Debian: prefix/local/lib/...
     folders = [prefix / "bin" for prefix in Path(__file__).resolve().parents[5:7]]

@@ -13,8 +13,6 @@ from myork.core.deck import load_deck
 from myork.core.threads import core_threads
 from myork.summary import renewing, update_summary, with_others
 
-__all__ = ["Station", "station"]
-
 #: Work of a station: effective deck, folder of the results, progress -> parts of the summary
 Work = Callable[[Mapping[str, Any], Path, ProgressCallback], dict[str, Any]]
 

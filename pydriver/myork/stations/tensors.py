@@ -25,8 +25,6 @@ from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
 from myork.types import I32
 
-__all__ = ["write_tensors"]
-
 
 @station("tensors", "tensors")
 def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dict[str, Any]:

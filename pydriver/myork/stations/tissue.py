@@ -26,8 +26,6 @@ from myork.segmentation.scores import dice
 from myork.stations.data import DeckFiles, OneGrid
 from myork.types import F64, I32
 
-__all__ = ["LabelRecord", "find_tissues"]
-
 _MUSCLE = 1
 # Skin, between fat and air, is as grey as both mixed; bone is dark and bright.
 _UNMIXED = (0, 4)
@@ -36,12 +34,8 @@ _UNMIXED = (0, 4)
 class LabelRecord(dict[str, Any]):
     """Entry of the summary about a label map.
 
-    Parameters
-    ----------
-    labels : Labels
-        The map.
-    deck : mapping
-        Table `units`: volumes are in its unit of length, cubed.
+    - `labels`: the map
+    - `deck`: table `units`: volumes are in its unit of length, cubed
     """
 
     def __init__(self, labels: Labels, deck: Mapping[str, Any]) -> None:
@@ -54,12 +48,8 @@ class LabelRecord(dict[str, Any]):
     def parts(self, kinds: I32, values: F64, unmixed: Sequence[int], file: str) -> Image:
         """Parts of the labels in each voxel; their volumes and file are noted.
 
-        Parameters
-        ----------
-        kinds, values, unmixed
-            As of `parts_of_labels`.
-        file : str
-            Name of the file of the parts.
+        - `kinds`, `values`, `unmixed`: as of `parts_of_labels`
+        - `file`: name of the file of the parts
         """
         parts, filled = parts_of_labels(self._labels, kinds, values, unmixed)
         for name, voxels in filled.items():
@@ -73,22 +63,12 @@ def find_tissues(
 ) -> LabelRecord:
     """Label the materials of a leg and write them and the muscle's fibers.
 
-    Parameters
-    ----------
-    deck : mapping
-        Effective deck; the tables `tissue`, `image` and `units` are read.
-    out : Path
-        Folder of the results, in which the phantom's images lie where it is used.
-    segmented : Segmentation
-        Images without shading; the fraction of fat stands in for `tissue.fat` where the deck names
-        none.
-    grid : OneGrid
-        Brings images onto the grid of the segmented ones.
-
-    Returns
-    -------
-    LabelRecord
-        Voxels and volume of each material, and the Dice coefficients with the phantom's truth.
+    - `deck`: effective deck; the tables `tissue`, `image` and `units` are read
+    - `out`: folder of the results, in which the phantom's images lie where it is used
+    - `segmented`: images without shading; the fraction of fat stands in for `tissue.fat` where the
+      deck names none
+    - `grid`: brings images onto the grid of the segmented ones
+    - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
     """
     files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
     phantom = "anatomy" not in keys and segmented.fraction is None

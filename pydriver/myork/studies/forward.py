@@ -21,22 +21,13 @@ from myork.rom.parameters import numbers_of, parse_vary
 from myork.rom.probes import places_of
 from myork.types import F64, Mask
 
-__all__ = ["Forward", "Values", "open_forward", "probe_of", "ranges_of"]
-
 
 class Values(NamedTuple):
-    """Answers for many sets of parameters.
+    """Answers for many sets of parameters."""
 
-    Attributes
-    ----------
-    probes : dict
-        Scalars by name, those of vectors with their axis behind (`pull_x`), shape `(n,)` each.
-    good : NDArray
-        Whether a state was found, shape `(n,)`.
-    """
-
+    #: Scalars by name, those of vectors with their axis behind (`pull_x`), shape `(n,)` each
     probes: dict[str, F64]
-    good: Mask
+    good: Mask  #: Whether a state was found, shape `(n,)`
 
 
 class Forward(ABC):
@@ -218,10 +209,7 @@ def open_forward(
 
     The model file of a deck is looked for in `out` first.
 
-    Raises
-    ------
-    InputError
-        A key or a value is wrong.
+    - raises InputError: a key or a value is wrong
     """
     source = Path(source)
     if source.name.endswith(".h5"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,9 +16,6 @@ from myork.files import write_csv, write_figure, write_json
 from myork.report.numbers import labelled
 from myork.studies.forward import Forward, open_forward, ranges_of
 from myork.types import F64
-
-__all__ = ["identify"]
-
 
 #: Starts among which the best are tried, where a reduced model answers
 _STARTS, _BEST = 64, 3
@@ -86,15 +84,12 @@ def identify(
         A state that the fit asks for could not be found.
     """
     out = Path(out)
-    forward = open_forward(source, fixed, threads, progress, out)
-    try:
+    with closing(open_forward(source, fixed, threads, progress, out)) as forward:
         ranges = ranges_of(forward, free, "--free")
         if not ranges:
             raise InputError("name what is wanted: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
         summary, fitted = _fit(forward, measured, ranges, seed, progress)
-    finally:
-        forward.close()
     out.mkdir(parents=True, exist_ok=True)
     rows = zip(measured.conditions.tolist(), measured.values, fitted, strict=True)
     write_csv(

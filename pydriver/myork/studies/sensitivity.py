@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,6 @@ from myork.errors import ConvergenceError, InputError
 from myork.files import write_csv, write_figure, write_json
 from myork.studies.forward import Forward, Values, open_forward, probe_of, ranges_of
 from myork.types import F64
-
-__all__ = ["sensitivity"]
-
 
 #: Part of the samples that may have no state; others take their places
 _MOST_FAILED = 0.1
@@ -79,8 +77,7 @@ def sensitivity(
     if samples < 8 or samples & (samples - 1):
         raise InputError(f"--samples {samples}: a power of two is needed, 8 at least")
     out = Path(out)
-    forward = open_forward(source, fixed, threads, progress, out)
-    try:
+    with closing(open_forward(source, fixed, threads, progress, out)) as forward:
         ranges = ranges_of(forward, vary or forward.unknown([]), "--vary")
         if not ranges:
             raise InputError("name parameters: --vary KEY=LOW:HIGH")
@@ -88,8 +85,6 @@ def sensitivity(
         name = probe_of(forward, probe)
         low, high = np.array(list(ranges.values())).T
         f, failed = _states(forward, keys, low, high, name, samples, seed, progress)
-    finally:
-        forward.close()
     found = sobol_indices(func=f, n=samples)
     with warnings.catch_warnings():
         # an index that is zero in all samples has no distribution

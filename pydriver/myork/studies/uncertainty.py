@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,28 +26,14 @@ from myork.studies.forward import open_forward, probe_of
 from myork.tables import override_text
 from myork.types import F64, Mask
 
-__all__ = ["Doubt", "perturbed", "uncertainty"]
-
 
 class Doubt(NamedTuple):
-    """How a boundary may be wrong, all in mm.
+    """How a boundary may be wrong, all in mm."""
 
-    Attributes
-    ----------
-    bias : float
-        By how much all boundaries lie too far inside; negative: outside.
-    shift : float
-        Standard deviation of a displacement of a whole boundary, one a map.
-    noise : float
-        Standard deviation of a displacement that varies along it.
-    length : float
-        Distance over which that varies.
-    """
-
-    bias: float = 0.0
-    shift: float = 0.5
-    noise: float = 0.5
-    length: float = 10.0
+    bias: float = 0.0  #: By how much all boundaries lie too far inside; negative: outside
+    shift: float = 0.5  #: Standard deviation of a displacement of a whole boundary, one a map
+    noise: float = 0.5  #: Standard deviation of a displacement that varies along it
+    length: float = 10.0  #: Distance over which that varies
 
 
 def uncertainty(
@@ -139,11 +126,8 @@ def uncertainty(
         try:
             build(deck, folder, overrides=settings)
             row["volume"] = float(read_model(folder / "model.h5").volume.sum())
-            forward = open_forward(deck, settings, threads, out=folder)
-            try:
+            with closing(open_forward(deck, settings, threads, out=folder)) as forward:
                 answer = forward.ask([], np.zeros((1, 0)))
-            finally:
-                forward.close()
             name = probe_of(forward, name)
             unit = forward.units[name]
             row["value"] = float(answer.probes[name][0])
@@ -174,16 +158,11 @@ def perturbed(
     what one of them loses the other has. A move by less than a voxel takes as many voxels of the
     boundary, in random patches, so that volumes change by it on average.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    shift : float
-        Move of the surface [mm].
-    noise, length : float
-        Standard deviation of a smooth random move, and over which distance it varies [mm].
-    rng : Generator
-        Random numbers.
+    - `labels`: label map
+    - `shift`: move of the surface [mm]
+    - `noise`, `length`: standard deviation of a smooth random move, and over which distance it
+      varies [mm]
+    - `rng`: random numbers
     """
     data, spacing = labels.data, labels.spacing
 

@@ -12,8 +12,6 @@ from myork.errors import FileError, InputError, MyorkError
 from myork.rom.probes import probe_columns
 from myork.sweeps.plan import Plan
 
-__all__ = ["LAST_COLUMNS", "Inputs"]
-
 #: Columns of a table behind keys, probes and error bars
 LAST_COLUMNS = ("call", "verdict", "message", "cpu_s")
 
@@ -80,12 +78,8 @@ class Inputs:
     def check(self) -> None:
         """Refuse to go on where a file is not what it was at the start.
 
-        Raises
-        ------
-        InputError
-            Another content.
-        FileError
-            The file is gone.
+        - raises InputError: another content
+        - raises FileError: the file is gone
         """
         for name, path in self._paths.items():
             mark = _mark(path)

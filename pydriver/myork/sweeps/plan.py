@@ -12,8 +12,7 @@ import numpy as np
 
 from myork.core.deck import load_deck
 from myork.errors import InputError
-
-__all__ = ["Plan", "make_plan"]
+from myork.rom.parameters import grid_in, number_in
 
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... , KEY=lhs(LOW,HIGH) or KEY=sobol(LOW,HIGH)"
 
@@ -22,26 +21,13 @@ _MOST = 1_000_000
 
 
 class Plan(NamedTuple):
-    """Points of a sweep.
+    """Points of a sweep."""
 
-    Attributes
-    ----------
-    keys : tuple of str
-        Keys as in `--set`.
-    points : list of tuple
-        Values of the keys: numbers, or words of a list.
-    deck : Path
-        Deck file.
-    overrides : tuple of str
-        Overrides of the deck for all points.
-    calls : tuple of int
-        How many points there were after each call that added some; none: all are of the first.
-    """
-
-    keys: tuple[str, ...]
-    points: list[tuple[Any, ...]]
+    keys: tuple[str, ...]  #: Keys as in `--set`
+    points: list[tuple[Any, ...]]  #: Values of the keys: numbers, or words of a list
     deck: Path = Path()
-    overrides: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()  #: Overrides of the deck for all points
+    #: How many points there were after each call that added some; none: all are of the first
     calls: tuple[int, ...] = ()
 
     def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> Plan:
@@ -68,20 +54,10 @@ class Plan(NamedTuple):
 def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     """All points: the product of grids and lists with the common samples of the sampled keys.
 
-    Parameters
-    ----------
-    vary : sequence of str
-        `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` or
-        `KEY=sobol(LOW,HIGH)` for samples.
-    samples : int
-        Number of samples.
-    seed : int
-        Start of the random numbers of samples.
-
-    Raises
-    ------
-    InputError
-        A wrong form, a key twice, too many points.
+    - `vary`: `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` or
+      `KEY=sobol(LOW,HIGH)` for samples
+    - `samples`: number of samples
+    - raises InputError: a wrong form, a key twice, too many points
     """
     if not vary:
         raise InputError(f"a sweep needs a key to vary: {_FORMS}")
@@ -96,12 +72,12 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
             raise InputError(f"--vary {item}: {key} is named twice")
         if sampled := re.fullmatch(r"(lhs|sobol)\(([^,]+),([^,]+)\)", text):
             kinds.add(sampled[1])
-            low, high = _number(item, sampled[2]), _number(item, sampled[3])
+            low, high = number_in(item, sampled[2]), number_in(item, sampled[3])
             if not low < high:
                 raise InputError(f"--vary {item}: {low:g} is not below {high:g}")
             ranges[key] = (low, high)
         elif ":" in text:
-            grids[key] = _grid(item, text)
+            grids[key] = grid_in(item)[1].tolist()
         else:
             grids[key] = [_value(word) for word in text.split(",")]
             if "" in grids[key]:
@@ -117,24 +93,6 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     drawn = _samples(ranges, kinds.pop(), samples, seed) if ranges else [()]
     points = [(*on_grid, *row) for on_grid in product(*grids.values()) for row in drawn]
     return Plan(keys, points)
-
-
-def _number(item: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise InputError(f"--vary {item}: {text.strip()!r} is not a number")
-    return value
-
-
-def _grid(item: str, text: str) -> list[Any]:
-    words = text.split(":")
-    if len(words) != 3 or not words[2].strip().isdigit() or int(words[2]) < 1:
-        raise InputError(f"--vary {item}: {_FORMS} is needed, as in load.activation=0:1:5")
-    low, high = _number(item, words[0]), _number(item, words[1])
-    return [float(value) for value in np.linspace(low, high, int(words[2]))]
 
 
 def _value(text: str) -> Any:

@@ -38,8 +38,6 @@ from myork.sweeps.plan import Plan, make_plan
 from myork.sweeps.store import Store, has_parquet, read_head, read_points
 from myork.types import F64
 
-__all__ = ["sweep"]
-
 #: Threads of the libraries in a worker: one point a core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: How `myork explain` prints the time of a solve with its error bars
@@ -238,11 +236,8 @@ def _preview(plan: Plan) -> Iterator[str]:
 def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
     """Solve a deck with overrides; what goes wrong is a message, not raised.
 
-    Returns
-    -------
-    dict
-        `probes`: values of the last step by name, vectors by components; `errors`: their error
-        bars; `verdict`, `message`, `cpu_s`.
+    Returns `probes`: values of the last step by name, vectors by components; `errors`: their error
+    bars; `verdict`, `message`, `cpu_s`.
     """
     start = time.process_time()
     row: dict[str, Any] = {"probes": {}, "errors": {}, "verdict": "failed", "message": ""}

@@ -16,8 +16,6 @@ from myork.errors import InputError
 from myork.files import open_output, whole_file, write_csv, write_json, write_text
 from myork.sweeps.inputs import LAST_COLUMNS, Inputs
 
-__all__ = ["Store", "has_parquet", "read_head", "read_points"]
-
 
 def read_head(path: Path) -> Any:
     """What the points in a file are of, as `Inputs.head`; None without it."""
@@ -31,10 +29,7 @@ def read_head(path: Path) -> Any:
 def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
     """Finished points of a file by their numbers; none where there is no file.
 
-    Raises
-    ------
-    InputError
-        The points are of another sweep, or a line is not what a sweep writes.
+    - raises InputError: the points are of another sweep, or a line is not what a sweep writes
     """
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     # a killed run may leave half a line at the end
@@ -60,14 +55,9 @@ class Store:
 
     Nothing is written before the first point.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the sweep.
-    inputs : Inputs
-        What the sweep is of. Points of another one in the same folder are refused.
-    about : mapping
-        What `sweep.json` says of it.
+    - `folder`: folder of the sweep
+    - `inputs`: what the sweep is of. Points of another one in the same folder are refused.
+    - `about`: what `sweep.json` says of it
     """
 
     def __init__(self, folder: Path, inputs: Inputs, about: Mapping[str, Any]) -> None:
@@ -81,10 +71,7 @@ class Store:
     def add(self, row: dict[str, Any]) -> None:
         """Keep a finished point; it is on the disk when this returns.
 
-        Raises
-        ------
-        InputError
-            A file that points read is not what it was when the sweep began.
+        - raises InputError: a file that points read is not what it was when the sweep began
         """
         self._inputs.check()
         if not self._begun:

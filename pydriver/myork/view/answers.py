@@ -19,9 +19,6 @@ from myork.rom.probes import probe_columns
 from myork.summary import read_summary
 from myork.types import F64
 
-__all__ = ["FIELDS", "Answers", "Shown", "verdict_of"]
-
-
 #: Fields by name, with a title and the kind of their unit
 FIELDS = {
     "von_mises": ("von Mises stress", "stress"),
@@ -49,32 +46,19 @@ _TAIL = 2.0
 
 
 class Shown(NamedTuple):
-    """A state as it is shown.
+    """A state as it is shown."""
 
-    Attributes
-    ----------
-    facts : dict
-        Numbers beside the body: probes, indicator, verdict with reasons, range of the field.
-    positions : F64
-        Where the corners of the surface are, shape `(n, 3)` [length].
-    values : F64
-        The field there, not a number where the body is inside out, shape `(n,)`.
-    """
-
+    #: Numbers beside the body: probes, indicator, verdict with reasons, range of the field
     facts: dict[str, Any]
-    positions: F64
-    values: F64
+    positions: F64  #: Where the corners of the surface are, shape `(n, 3)` [length]
+    values: F64  #: The field there, not a number where the body is inside out, shape `(n,)`
 
 
 class Answers:
     """A reduced model with its full scene, which tells fields; asked by one thread at a time.
 
-    Parameters
-    ----------
-    path : Path
-        Reduced model.
-    threads : int
-        Threads of a call.
+    - `path`: reduced model
+    - `threads`: threads of a call
     """
 
     def __init__(self, path: Path, threads: int = 1) -> None:
@@ -152,10 +136,7 @@ class Answers:
     def state(self, values: Sequence[float], field: str) -> Shown:
         """A state with one field on the surface.
 
-        Raises
-        ------
-        InputError
-            A wrong number of values, or no such field.
+        - raises InputError: a wrong number of values, or no such field
         """
         if field not in FIELDS:
             raise InputError(f"{field}: no field; there are {', '.join(FIELDS)}")
@@ -174,10 +155,7 @@ class Answers:
     ) -> tuple[dict[str, Any], F64, F64]:
         """A state with several fields on the surface.
 
-        Returns
-        -------
-        tuple
-            Facts without a range, positions `(n, 3)` [length], fields `(names, n)`.
+        Returns facts without a range, positions `(n, 3)` [length], fields `(names, n)`.
         """
         row = np.array([values], float)
         start = time.perf_counter()
@@ -207,23 +185,13 @@ class Answers:
     ) -> list[dict[str, Any]]:
         """A probe along parameters through a state, or families of such curves.
 
-        Parameters
-        ----------
-        values : sequence of float
-            The state.
-        probe : int
-            Place in `probes`.
-        of : sequence of int
-            Parameters.
-        family : bool
-            Curves at values of one other parameter, activation first, instead of that through the
-            state itself.
-
-        Returns
-        -------
-        list of dict
-            One a parameter: `x`, the values of what the curves differ in (`at`, none of the curve
-            through the state), its key, and `y`, shape `(curves, n)`; None where no state is.
+        - `values`: the state
+        - `probe`: place in `probes`
+        - `of`: parameters
+        - `family`: curves at values of one other parameter, activation first, instead of that
+          through the state itself
+        - returns one a parameter: `x`, the values of what the curves differ in (`at`, none of the
+          curve through the state), its key, and `y`, shape `(curves, n)`; None where no state is
         """
         if not 0 <= probe < len(self.probes):
             raise InputError(f"probe {probe}: there are {len(self.probes)}")
@@ -369,16 +337,10 @@ def verdict_of(
 
     It judges what the reduction adds: of the full model its own solve tells.
 
-    Parameters
-    ----------
-    converged : bool
-        Whether the equations are solved.
-    indicator : float
-        Estimated error of the displacement, relative to it or to a share of the largest.
-    smallest_j : float
-        Smallest volume ratio.
-    outside : sequence of str
-        What lies outside the range of the training, a sentence each.
+    - `converged`: whether the equations are solved
+    - `indicator`: estimated error of the displacement, relative to it or to a share of the largest
+    - `smallest_j`: smallest volume ratio
+    - `outside`: what lies outside the range of the training, a sentence each
     """
     if not converged:
         return "refused", ["no state was found for these values", *outside]

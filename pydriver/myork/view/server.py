@@ -26,8 +26,6 @@ from myork.errors import InputError, MyorkError
 from myork.report.frame import render
 from myork.view.answers import Answers
 
-__all__ = ["serve"]
-
 T = TypeVar("T")
 #: What a question says, by name
 Asked = dict[str, str]
@@ -60,24 +58,13 @@ def serve(
 ) -> None:
     """Serve the page of a reduced model until Ctrl-C, SIGTERM or, by the command, SIGHUP.
 
-    Parameters
-    ----------
-    path : str or Path
-        Reduced model (.rom.h5).
-    port : int
-        Port of this machine; 0 takes a free one.
-    browser : bool
-        Open the page in a browser.
-    threads : int
-        Threads of a batch.
-    progress : callable
-        Called with the address when the page can be opened; who does not know the token in it
-        gets no answer.
-
-    Raises
-    ------
-    InputError
-        The port is in use.
+    - `path`: reduced model (.rom.h5)
+    - `port`: port of this machine; 0 takes a free one
+    - `browser`: open the page in a browser
+    - `threads`: threads of a batch
+    - `progress`: called with the address when the page can be opened; who does not know the token
+      in it gets no answer
+    - raises InputError: the port is in use
     """
     with _server(port) as server, Answers(Path(path), threads) as server.answers:
         progress(f"view: {server.address}  (Ctrl-C ends it)")

@@ -18,8 +18,6 @@ from myork.rom.parameters import spread_points
 from myork.types import F64
 from myork.view.answers import FIELDS, Answers
 
-__all__ = ["keep_states", "page_of", "sample", "still_page"]
-
 #: Bytes of all states of a page at most, and their number
 MOST_BYTES, _MOST_STATES = 4_000_000, 400
 #: States along a parameter, the least with which a further parameter gets its slider, and the most
@@ -33,21 +31,11 @@ def still_page(
 ) -> Path:
     """Write a page of a reduced model that opens from the file system, without a server.
 
-    Parameters
-    ----------
-    path : Path
-        Reduced model (.rom.h5).
-    page : Path
-        The page (.html); it takes its name when it is whole.
-    threads : int
-        Threads of a state.
-    progress : callable
-        Called with a line of progress.
-
-    Raises
-    ------
-    InputError
-        The page has no name of one, or the states of the body do not fit into it.
+    - `path`: reduced model (.rom.h5)
+    - `page`: the page (.html); it takes its name when it is whole
+    - `threads`: threads of a state
+    - `progress`: called with a line of progress
+    - raises InputError: the page has no name of one, or the states of the body do not fit into it
     """
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--still {page}: the name of a page ends in .html")
@@ -72,17 +60,10 @@ def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent)
     Activations come first, then loads. As many parameters get a slider as `MOST_BYTES` and 400
     states allow with five along each; the others have one value: loads none, else the middle.
 
-    Returns
-    -------
-    dict
-        `about`, what the page is built from, and `held`: `stops`, the number of states along each
-        parameter; `states`, of which the last parameter varies fastest; how bytes become positions
-        and values; how far values between the states are off.
-
-    Raises
-    ------
-    InputError
-        Three states of the body are larger than `MOST_BYTES`.
+    - returns `about`, what the page is built from, and `held`: `stops`, the number of states along
+      each parameter; `states`, of which the last parameter varies fastest; how bytes become
+      positions and values; how far values between the states are off
+    - raises InputError: three states of the body are larger than `MOST_BYTES`
     """
     with Answers(path, threads) as answers:
         about, start = answers.about(), answers.start()
@@ -175,11 +156,8 @@ def _tests(
 ) -> dict[str, Any]:
     """How far values between the states are off, at some that no state is at.
 
-    Returns
-    -------
-    dict
-        `points`; the largest errors of the first probe, `force`, and of a position, `place`
-        [length].
+    Returns `points`; the largest errors of the first probe, `force`, and of a position, `place`
+    [length].
     """
     shape = [len(level) for level in levels]
     force = np.array([np.nan if not s["converged"] else s["probes"][0] for s in states])
