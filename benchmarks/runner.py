@@ -81,6 +81,7 @@ TABLES = {
     "real_images": ("real_images",),
     "shading_fields": ("shading_fields",),
     "tissues": ("tissues",),
+    "forecasts": ("forecasts",),
     "walks": ("walks", "outlines"),
 }
 

@@ -26,10 +26,11 @@ module rk_companion
    implicit none
    private
 
-   public :: companion_type, solve_companion, solve_beside, other_number, lattice_words, list
+   public :: companion_type, solve_companion, solve_beside, choose_companion, other_number
+   public :: lattice_words, list, override_length
 
    !> Length of an override
-   integer, parameter :: long = 512
+   integer, parameter :: override_length = 512
    !> Halvings that a companion may take, whatever the deck allows, and steps of its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
    !> Cells across a body that are too few to speak against a finer answer
@@ -107,7 +108,7 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver, n
    !> With three quarters of the cells of a lattice instead of half of them
    logical, intent(in), optional :: near
    type(cloud_type) :: points
-   character(len=long), allocatable :: words(:)
+   character(len=override_length), allocatable :: words(:)
    logical :: nearer
 
    nearer = .false.
@@ -119,7 +120,7 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver, n
       return
    end if
    points = model
-   call choose(self, problem%scene, deck, nearer, points, words)
+   call choose_companion(self, problem%scene, deck, nearer, points, words)
    if (.not. allocated(self%why_not)) &
       & call solve_beside(self, problem, load, answer, deck, words, points, receiver)
 end subroutine solve_companion
@@ -178,7 +179,7 @@ subroutine solve_beside(self, problem, load, answer, deck, words, model, receive
 end subroutine solve_beside
 
 !> Form and points of the companion as overrides of the deck
-subroutine choose(self, scene, deck, near, points, words)
+subroutine choose_companion(self, scene, deck, near, points, words)
    type(companion_type), intent(inout) :: self
    !> Scene of the answer
    type(scene_type), intent(in) :: scene
@@ -189,7 +190,7 @@ subroutine choose(self, scene, deck, near, points, words)
    !> Points of a model, which become fewer where the companion has fewer
    type(cloud_type), intent(inout) :: points
    !> Overrides
-   character(len=long), allocatable, intent(out) :: words(:)
+   character(len=override_length), allocatable, intent(out) :: words(:)
    integer, allocatable :: source(:), other(:)
    type(cloud_type) :: coarse
    integer :: steps
@@ -198,7 +199,7 @@ subroutine choose(self, scene, deck, near, points, words)
    ! all planned states of a programme are compared, of a ramp the last one
    steps = 1
    if (scene%programme%count() > 1) steps = scene%load%steps
-   words = [character(len=long) :: 'load.steps='//to_text(steps), &
+   words = [character(len=override_length) :: 'load.steps='//to_text(steps), &
       & 'load.max_halvings='//to_text(max(scene%load%max_halvings, halvings))]
    self%other_form = index(scene%method, 'rkcm') == 1
    if (self%other_form .and. allocated(scene%motion)) then
@@ -209,7 +210,7 @@ subroutine choose(self, scene, deck, near, points, words)
       self%method = 'rkpm-scni'
       if (allocated(scene%cloud%lattice) .and. .not. scene%cloud%jittered) &
          & self%method = 'rkpm-gauss'
-      words = [character(len=long) :: words, 'scene.method='//self%method]
+      words = [character(len=override_length) :: words, 'scene.method='//self%method]
       ! on few cells the weak form is as far off as the answer, and to the same side
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          if (any(scene%cloud%lattice <= least_cells)) then
@@ -220,21 +221,21 @@ subroutine choose(self, scene, deck, near, points, words)
       end if
       ! in the plane stresses at the surface are 0.3 % off instead of 10 % at little cost
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
-         words = [character(len=long) :: words, 'approximation.kernel=quintic', &
+         words = [character(len=override_length) :: words, 'approximation.kernel=quintic', &
             & 'approximation.order=2', 'approximation.support=3', &
             & 'galerkin.gauss='//merge('3', '2', scene%cloud%polar)]
       else
-         words = [character(len=long) :: words, 'approximation.kernel=cubic', &
+         words = [character(len=override_length) :: words, 'approximation.kernel=cubic', &
             & 'approximation.order=1', 'approximation.support=2', 'galerkin.gauss=2']
       end if
       return
    end if
    if (.not. allocated(scene%cloud%lattice)) then
-      words = [character(len=long) :: words, 'scene.method='//self%method]
+      words = [character(len=override_length) :: words, 'scene.method='//self%method]
       kept = .false.
       if (allocated(scene%cloud%block)) then
          call fewer_blocks(scene%cloud, kept, other)
-         words = [character(len=long) :: words, 'geometry.blocks='//list(other)]
+         words = [character(len=override_length) :: words, 'geometry.blocks='//list(other)]
       end if
       call coarse_cloud(points, kept, coarse, possible)
       if (possible) then
@@ -256,9 +257,9 @@ subroutine choose(self, scene, deck, near, points, words)
    self%finer = all(other > source)
    self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)
-   words = [character(len=long) :: words, 'scene.method='//self%method]
+   words = [character(len=override_length) :: words, 'scene.method='//self%method]
    call lattice_words(deck, other, words)
-end subroutine choose
+end subroutine choose_companion
 
 !> Half as many blocks in each direction, three quarters of them where they are few across the body
 !> or its tissues; voxels are merged where enough of them are left across
@@ -291,8 +292,8 @@ subroutine lattice_words(deck, source, words)
    !> Source points along each edge, shape (nd)
    integer, intent(in) :: source(:)
    !> Overrides
-   character(len=long), allocatable, intent(inout) :: words(:)
-   character(len=long) :: further(3)
+   character(len=override_length), allocatable, intent(inout) :: words(:)
+   character(len=override_length) :: further(3)
    character(len=word_length), allocatable :: graded(:)
    character(len=:), allocatable :: sides
    integer, allocatable :: collocation(:)

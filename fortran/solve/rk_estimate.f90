@@ -24,6 +24,11 @@ module rk_estimate
       real(wp) :: equations = 0.0_wp
       !> Neighbours of a point, inside the body
       real(wp) :: neighbours = 0.0_wp
+      !> Places of integration or rows, and source points that each of them shares
+      real(wp) :: places = 0.0_wp
+      real(wp) :: members = 0.0_wp
+      !> Entries of a tangent that is formed; 0 for least squares
+      real(wp) :: entries = 0.0_wp
       !> Least squares solver
       character(len=:), allocatable :: solver
       !> Memory at its peak [byte]
@@ -84,11 +89,11 @@ function estimate_cost(deck, model) result(self)
    call deck%get('scene.method', method)
    call deck%get('solver.newton', newton)
    call deck%get('linear.problem', problem)
+   fields = merge(1, self%nd, problem == 'poisson')
    if (method(:min(4, len(method))) == 'rkpm') then
-      call estimate_galerkin(self, deck, method, support, layers)
+      call estimate_galerkin(self, deck, method, fields, support, layers)
       return
    end if
-   fields = merge(1, self%nd, problem == 'poisson')
    equations = fields
    cells = 0.0_wp
    if (method == 'rkcm-mixed') then
@@ -98,6 +103,8 @@ function estimate_cost(deck, model) result(self)
    self%unknowns = fields*self%ns
    self%equations = equations*(self%nc + boundary) + cells
    if (problem /= '') self%equations = equations*self%nc
+   self%places = self%nc + cells
+   self%members = self%neighbours
 
    ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
    entries = (self%nc + cells)*self%neighbours
@@ -130,55 +137,59 @@ function estimate_cost(deck, model) result(self)
 end function estimate_cost
 
 !> Sizes, memory and operations of the Galerkin form
-subroutine estimate_galerkin(self, deck, method, support, layers)
+subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    !> Estimate with dimension, points and neighbours
    type(estimate_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck
    character(len=*), intent(in) :: method
+   !> Unknowns of a source point
+   integer, intent(in) :: fields
    !> Support in spacings
    real(wp), intent(in) :: support(:)
    !> Source points along each direction
    real(wp), intent(in) :: layers(:)
    character(len=:), allocatable :: kind
-   real(wp) :: points, members, coupled, band, width
+   real(wp) :: coupled, band, width
    integer :: d, gauss, limit
 
-   points = self%ns
+   self%places = self%ns
    call deck%get('galerkin.direct_limit', limit)
    call deck%get('geometry.kind', kind)
    gauss = 1
    if (method == 'rkpm-gauss') then
       call deck%get('galerkin.gauss', gauss)
-      points = self%ns*gauss**self%nd
+      self%places = self%ns*gauss**self%nd
    end if
    self%solver = 'direct'
    ! a plate at the end of a tendon moves as one more point
-   self%unknowns = self%nd*(self%ns + count([(deck%has('boundary.'//to_text(d)//'.tendon'), &
+   self%unknowns = fields*(self%ns + count([(deck%has('boundary.'//to_text(d)//'.tendon'), &
       & d=1, deck%count('boundary'))]))
    self%equations = self%unknowns
    ! source points of a group of 2 x 2 (x 2) cells, and those coupled with one of them
-   members = 1.0_wp
+   self%members = 1.0_wp
    coupled = 1.0_wp
    do d = 1, self%nd
       width = 2.0_wp*support(min(d, size(support)))
-      members = members*min(width + 1.0_wp, layers(d))
+      self%members = self%members*min(width + 1.0_wp, layers(d))
       coupled = coupled*min(2.0_wp*width + 1.0_wp, layers(d))
    end do
    ! unknowns of the layers that couple through a section, the band of the factor at worst
    band = self%unknowns*min(1.0_wp, 0.5_wp*(coupled**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
    ! shape functions and gradients at the points; entries with their rows, twice for the constant
    ! part; the factor
-   self%bytes = points*members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) &
-      & + 24.0_wp*0.5_wp*self%nd**2*self%ns*coupled + 8.0_wp*self%unknowns*band
+   self%entries = 0.5_wp*fields**2*self%ns*coupled
+   self%bytes = self%places*self%members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) &
+      & + 24.0_wp*self%entries + 8.0_wp*self%unknowns*band
    self%flops = self%unknowns*band**2
    if (self%unknowns <= limit .or. (method == 'rkpm-gauss' .and. kind == 'annulus')) return
    ! never formed: moduli, gradients at the points, the constant part of one component, matrices of
    ! seven entries a point with their levels and vectors, and the work of an iteration through all
    ! points
    self%solver = 'minres'
-   self%bytes = points*8.0_wp*(2.0_wp*81.0_wp + members*(3.0_wp*self%nd + 2.0_wp)) &
+   self%bytes = self%places*8.0_wp*(2.0_wp*81.0_wp + self%members*(3.0_wp*self%nd + 2.0_wp)) &
       & + 12.0_wp*self%ns*(coupled + 25.0_wp*self%nd)
-   self%flops = most_iterations*points*(self%nd**4 + members*4.0_wp*self%nd**2)
+   self%entries = 0.0_wp
+   self%flops = most_iterations*self%places*(self%nd**4 + self%members*4.0_wp*self%nd**2)
 end subroutine estimate_galerkin
 
 end module rk_estimate

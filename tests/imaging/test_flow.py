@@ -119,3 +119,18 @@ def test_force_of_a_prism_is_its_section_times_the_stress_of_its_fibers(tmp_path
     step = summary["steps"][-1]
     assert step["probes"]["force"] == pytest.approx(0.3 * 30 * section, rel=0.01)
     assert 0 < step["probe_errors"]["force"] < 0.1 * step["probes"]["force"]
+
+
+def test_a_label_without_a_name_has_that_of_its_material(tmp_path):
+    data = np.ones((6, 6, 4), np.int32)
+    data[3:] = 2
+    write_labels(tmp_path / "l.nii.gz", Labels(data, np.eye(4), {1: "soleus"}))
+    rubber = {"model": "neo-hookean", "mu": 1, "K": 100}
+    deck = scene(
+        "auto", {"kind": "model"}, build={"labels": tmp_path / "l.nii.gz"},
+        material=[{"name": "a", "label": 1, **rubber}, {"name": "fat", "label": 2, **rubber}],
+        boundary=[held("bottom")],
+    )  # fmt: skip
+    found = build(deck, tmp_path / "out")["model"]
+    assert list(found["volume"]) == ["soleus", "fat"]
+    assert [row["muscle"] for row in found["muscles"]] == ["soleus", "fat"]

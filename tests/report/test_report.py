@@ -91,6 +91,17 @@ def test_only_what_is_there_is_shown(
     assert page.sections == sections and page.images
 
 
+def test_a_single_state_is_a_row_of_numbers(folder: Path) -> None:
+    """A dot on an axis says less than the number and its bar."""
+    keep(folder, "summary.json")
+    many = Page(make_report(folder))
+    change_summary(folder, lambda summary: summary.update(steps=summary["steps"][-1:]))
+    single = Page(make_report(folder))
+    assert "Probes of the deck in all" in many.text and "1 step," in single.text
+    assert "Probes of the deck in all" not in single.text
+    assert "Values in all converged steps" not in single.text
+
+
 def test_unfinished_run_is_told(folder: Path) -> None:
     keep(folder, "summary.json")
     change_summary(folder, lambda summary: summary.update(converged=False))

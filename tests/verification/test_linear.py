@@ -5,6 +5,7 @@ Collocation (rkcm) and the Galerkin form (rkpm-gauss) take the same decks.
 
 import functools
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -437,3 +438,19 @@ def test_explain_says_linear(inputs: Path) -> None:
     assert "linear elasticity in plane strain" in text
     assert "one least squares solve" in text
     assert "load steps" not in text
+    assert "of which error bars 0" in text  # the solution is known
+
+
+def test_explain_forecasts_the_time(inputs: Path) -> None:
+    """More points, steps and error bars take longer."""
+
+    def forecast(*words: str) -> tuple[float, float]:
+        lines: list[str] = []
+        explain_deck(inputs / "cube_plates.toml", overrides=words, progress=lines.append)
+        found = re.search(r"about (\S+) CPU s, of which error bars (\S+)$", lines[-1])
+        return float(found[1]), float(found[2])
+
+    few, more = forecast("geometry.source=[7,7,7]"), forecast("geometry.source=[19,19,19]")
+    steps = forecast("geometry.source=[19,19,19]", "load.steps=10")
+    assert 0 < few[1] < few[0] < 0.2 * more[0] and few[1] < more[1]
+    assert 3 < (steps[0] - steps[1]) / (more[0] - more[1]) < 10

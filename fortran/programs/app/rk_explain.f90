@@ -1,16 +1,17 @@
 !> What a deck will model and what that costs, before anything is computed.
 module rk_explain
-   use rk_clock, only : tick
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, word_length
    use rk_deck_blocks, only : finer_directions
    use rk_error, only : error_type
    use rk_estimate, only : estimate_cost, estimate_type
+   use rk_forecast, only : forecast_bars, forecast_solve
    use rk_lapack, only : syrk
    use rk_memory, only : available_bytes
    use rk_named_sets, only : extent_of
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_scene, only : condition_type, scene_type
+   use rk_system, only : cpu_seconds
    use rk_text, only : to_text
    implicit none
    private
@@ -27,7 +28,7 @@ subroutine explain(deck, model, scene)
    type(scene_type), intent(in) :: scene
    type(estimate_type) :: cost
    character(len=word_length), allocatable :: sides(:)
-   real(wp) :: most, wanted
+   real(wp) :: bars, most, speed, wanted, whole
    integer :: k
 
    cost = estimate_cost(deck, model)
@@ -75,9 +76,14 @@ subroutine explain(deck, model, scene)
    end do
    if (.not. allocated(scene%equation%problem)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
-      & //' Gflop a solution, about '//to_text(cost%flops/rate(), 2)//' s here'
+      & //' Gflop a solution'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
+   speed = rate()
+   whole = forecast_solve(scene, cost)/speed
+   bars = forecast_bars(deck, model, scene)/speed
+   print '(a)', '  time          about '//to_text(whole + bars, 2) &
+      & //' CPU s, of which error bars '//to_text(bars, 2)
 end subroutine explain
 
 !> Blocks of voxels between the source points, and where they became finer by themselves
@@ -240,20 +246,20 @@ function bulk_text(bulk) result(text)
    if (bulk <= huge(1.0_wp)) text = to_text(bulk)
 end function bulk_text
 
-!> Operations a second of a matrix product on this machine
+!> Operations of a matrix product in a CPU second of this machine
 real(wp) function rate()
    integer, parameter :: n = 600
    real(wp), allocatable :: a(:, :), c(:, :)
-   integer(i8) :: clock
+   real(wp) :: before
    integer :: trial
 
    allocate (a(n, n), source=1.0_wp)
    allocate (c(n, n), source=0.0_wp)
    rate = 1.0_wp
-   do trial = 1, 3
-      call system_clock(clock)
+   do trial = 1, 5
+      before = cpu_seconds()
       call syrk(a, n, n, c)
-      rate = max(rate, real(n, wp)**3/max(tick(clock), 1.0e-6_wp))
+      rate = max(rate, real(n, wp)**3/max(cpu_seconds() - before, 1.0e-6_wp))
    end do
 end function rate
 

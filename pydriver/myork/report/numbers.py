@@ -59,7 +59,12 @@ def plain(value: Any) -> str:
 
 def unit_of(units: Mapping[str, str], name: str, missing: str = "?") -> str:
     """A unit that the solver has written, by its name, with raised powers."""
-    return units.get(name, missing).replace("^2", "²").replace("^3", "³")
+    return typeset(units.get(name, missing))
+
+
+def typeset(text: str) -> str:
+    """Text with the powers of its units as they are written."""
+    return text.replace("^2", "²").replace("^3", "³")
 
 
 def probe_units(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -246,7 +246,7 @@ def _probes(folder: RunFolder) -> Iterator[Markup]:
     units = probe_units(summary)
     steps = summary.get("steps", [])
     reference, exact = summary.get("reference", {}), summary.get("exact", {})
-    if units and steps:
+    if units and len(steps) > 1:
         curves = figures.probe_figure([figures.Series("", steps)], units, reference, exact)
         extra = " Open circles: reference values." if reference else ""
         if any(step.get("probe_errors") for step in steps):
@@ -257,7 +257,9 @@ def _probes(folder: RunFolder) -> Iterator[Markup]:
     if exact:
         yield tables.exact_table(exact, units)
     if units and steps:
-        yield folded("Values in all converged steps", tables.probe_table(steps, units))
+        # a single state is a row of numbers, not a dot on an axis
+        values = tables.probe_table(steps, units)
+        yield folded("Values in all converged steps", values) if len(steps) > 1 else values
 
 
 def _rom(folder: RunFolder) -> Iterator[Markup]:

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from myork.report.frame import table
-from myork.report.numbers import DASH, fraction, labelled, number, unit_of, with_error
+from myork.report.numbers import DASH, fraction, labelled, number, typeset, unit_of, with_error
 from myork.summary import printed
 
 #: Kinds of reduced models as the summary names them
@@ -55,7 +55,8 @@ def _condition(summary: Mapping[str, Any]) -> Markup:
 def _iterations(summary: Mapping[str, Any]) -> str:
     steps = summary.get("steps", [])
     total = sum(step.get("iterations") or 0 for step in steps)
-    words = Markup("{} steps, {} iterations").format(number(len(steps)), number(total))
+    plural = "" if len(steps) == 1 else "s"
+    words = Markup("{} step{}, {} iterations").format(number(len(steps)), plural, number(total))
     return words if steps else DASH
 
 
@@ -81,7 +82,9 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "backward error, largest": lambda own: number(own.get("solver", {}).get("backward_error"), 2),
     "load steps, iterations": _iterations,
     "threads": _of("threads"),
-    "units": lambda own: ", ".join(f"{k} {u}" for k, u in own.get("units", {}).items()) or DASH,
+    "units": lambda own: (
+        ", ".join(f"{k} {typeset(u)}" for k, u in own.get("units", {}).items()) or DASH
+    ),
     "sets of the deck": _sets,
     "changed with --set": lambda own: Markup("<br>").join(own.get("overrides", ())) or DASH,
     "deck, SHA-256": lambda own: (
@@ -219,7 +222,10 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
 def muscle_table(muscles: Sequence[Mapping[str, Any]]) -> Markup:
     """Numbers of each muscle of the label map; their names hold units."""
     heads = dict.fromkeys(head for own in muscles for head in own if head != "muscle")
-    columns = {"muscle": lambda own: own["muscle"], **{head: _of(head, 3) for head in heads}}
+    columns = {
+        "muscle": lambda own: own["muscle"],
+        **{typeset(head): _of(head, 3) for head in heads},
+    }
     caption = (
         "Muscles of the label map (muscles.csv): largest section across the long axis; medians of "
         "FA, MD, length of fibers and pennation; PCSA is volume times cosine of pennation over "

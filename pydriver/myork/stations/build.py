@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
         )
     own = {"labels", "surface"} & set(table)
     files = DeckFiles(deck, "build", OneGrid(progress), {} if own else _made(deck, out))
-    body = _of_surface(files) if "surface" in table else _of_images(files)
+    body = _of_surface(files) if "surface" in table else _of_images(files, deck.get("material", []))
     if body.fibers is None and "labels" in table and not table["flow"]:
         body = body._replace(fibers=_of_diffusion(deck, body.labels, files.grid, out, progress))
     body = body._replace(activation=files.image("activation", body.labels))
@@ -120,10 +121,12 @@ def _of_diffusion(
     return way.fibers
 
 
-def _of_images(files: DeckFiles) -> Body:
-    """Label map, fibers and parts of labels."""
+def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body:
+    """Label map, fibers and parts of labels; a label without a name has that of its material."""
     labels = files.labels("labels")
     assert labels is not None
+    names = {own["label"]: own["name"] for own in materials if "label" in own}
+    labels = replace(labels, names=names | labels.names)
     fibers = None if files.table["flow"] else files.image("fibers", labels, 3)
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))
 

@@ -40,10 +40,8 @@ from myork.types import F64
 
 #: Threads of the libraries in a worker: one point a core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: How `myork explain` prints the time of one solution of the equations
-_ONCE = r"about ([\d.eE+-]+) s here"
-#: Solutions of a load step at least: a step of Newton and those that confirm it
-_LEAST_ITERATIONS = 3
+#: How `myork explain` prints the time of a solve with its error bars
+_TIME = r"about ([\d.eE+-]+) CPU s"
 #: A reduced model's answer is doubtful above this estimated error
 _INDICATOR = 0.01
 
@@ -203,7 +201,7 @@ def _share(part: str, count: int) -> range:
 
 
 def _cost(plan: Plan, out: Path, inputs: Inputs) -> list[str]:
-    """What all points cost: by those that are finished, else by one solution of the equations."""
+    """What all points cost: by those that are finished, else by the counts of the middle one."""
     count = len(plan.points)
     times = [row["cpu_s"] for row in read_points(out / "points.jsonl", inputs).values()]
     # a point whose process died has none
@@ -217,15 +215,13 @@ def _cost(plan: Plan, out: Path, inputs: Inputs) -> list[str]:
     lines: list[str] = []
     middle = plan.items(count // 2)
     explain_deck(plan.deck, out=out, overrides=middle, progress=lines.append)
-    once = re.search(_ONCE, "\n".join(lines))
-    if once is None:
+    found = re.search(_TIME, "\n".join(lines))
+    if found is None:
         return []
-    steps = int(plan.tables(count // 2)["load"]["steps"])
-    least = _LEAST_ITERATIONS * steps * float(once[1])
+    hours = count * float(found[1]) / 3600.0
     return [
-        f"  factors of the equations alone: {once[1]} s each, at least {least:.2g} CPU s a point, "
-        f"{count * least / 3600.0:.2g} CPU hours in all; assembly comes on top, and finished "
-        "points give a better estimate"
+        f"  about {found[1]} CPU s a point, {hours:.2g} CPU hours in all, by counts alone (myork "
+        "explain); finished points give a better estimate"
     ]
 
 

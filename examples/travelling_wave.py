@@ -1,0 +1,35 @@
+"""A pulse that runs along a string and is reflected at its fixed end: a linear motion."""
+
+import sys
+from tempfile import TemporaryDirectory
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from myork import Results, run_deck
+
+STRING = {
+    "units": {"force": "N", "length": "m"},
+    "scene": {"dimension": 1, "method": "rkpm-gauss"},
+    "geometry": {"kind": "box", "size": [16], "source": [129]},
+    "linear": {"problem": "elasticity", "E": 1},
+    "dynamics": {
+        "density": 1, "time_step": 0.05, "end_time": 16, "every": 4,
+        "displacement": "exp(-(x - 5)^2)", "velocity": "2*(x - 5)*exp(-(x - 5)^2)",
+    },
+    "boundary": [{"set": "x0", "u_x": 0}, {"set": "x1", "u_x": 0}],
+    "probe": [{"name": "middle", "quantity": "u_x", "point": [8]}],
+}  # fmt: skip
+
+with TemporaryDirectory() as folder:
+    run_deck(STRING, folder)
+    with Results(folder) as results:
+        time, u = results.loads, [results.field("u", k) for k in range(len(results.loads))]
+        x = results.points[:, 0]
+        print(results.summary["verdict"]["state"])
+print(f"crest {np.max(u[0]):.3f} at first, {np.min(u[-1]):.3f} m after its reflection")
+plt.pcolormesh(x, time, np.array(u), cmap="RdBu_r", vmin=-1, vmax=1, shading="nearest")
+plt.colorbar(label="displacement [m]")
+plt.xlabel("x [m]")
+plt.ylabel("time [s]")
+plt.savefig(sys.argv[1], dpi=100)

@@ -1,0 +1,93 @@
+!> CPU time of a solve and of its error bars, from counts alone.
+module rk_forecast
+   use rk_basis, only : basis_size
+   use rk_cloud, only : cloud_type
+   use rk_companion, only : choose_companion, companion_type, override_length
+   use rk_deck, only : deck_type
+   use rk_deck_scene, only : new_scene
+   use rk_error, only : error_type
+   use rk_estimate, only : estimate_cost, estimate_type
+   use rk_precision, only : wp
+   use rk_problem, only : dense_limit
+   use rk_scene, only : scene_type
+   implicit none
+   private
+
+   public :: forecast_solve, forecast_bars
+
+   !> Iterations of a run and of each load step more, as the decks in inputs need them
+   real(wp), parameter :: first_iterations = 3.0_wp, step_iterations = 3.0_wp
+   !> Points of the rule along each direction of a cell that measures the error of a known solution
+   integer, parameter :: norm_rule = 5
+   !> Operations of a matrix product that a count costs, fitted to the CPU times of eleven decks:
+   !> shape functions, assembly, factor of a tangent, least squares, entries of a tangent, fields of
+   !> a state, error norms, an iteration or time step, start
+   real(wp), parameter :: price(9) = [700.0_wp, 1000.0_wp, 0.85_wp, 1.4_wp, 1050.0_wp, 2.4e5_wp, &
+      & 1400.0_wp, 1.0e8_wp, 1.0e9_wp]
+
+contains
+
+!> Operations of a solve without its error bars
+real(wp) function forecast_solve(scene, cost) result(operations)
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   !> Its sizes
+   type(estimate_type), intent(in) :: cost
+   real(wp) :: counts(9), iterations, steps, dense
+   integer :: nd
+
+   nd = cost%nd
+   steps = scene%steps()
+   iterations = first_iterations + step_iterations*steps
+   dense = 0.0_wp
+   counts = 0.0_wp
+   if (allocated(scene%equation%problem)) then
+      iterations = 1.0_wp
+      if (scene%equation%is_known()) counts(7) = cost%ns*norm_rule**nd*cost%neighbours
+   else if (cost%unknowns <= dense_limit) then
+      ! the exact Hessian, where Gauss and Newton's is slow
+      dense = cost%unknowns**3
+   end if
+   counts(1) = (cost%places + cost%nc)*cost%members*basis_size(nd, scene%approximation%order)
+   counts(2) = iterations*cost%places*cost%members*nd
+   if (index(scene%method, 'rkpm') == 1) then
+      counts(3) = iterations*cost%flops
+   else
+      counts(4) = iterations*(cost%flops + dense)
+   end if
+   counts(5) = iterations*cost%entries
+   counts(6) = steps*cost%nc*nd**2
+   counts(8) = max(iterations, steps)
+   counts(9) = 1.0_wp
+   operations = dot_product(price, counts)
+end function forecast_solve
+
+!> Operations of the second solution, which gives the error bars; 0 where there is none
+real(wp) function forecast_bars(deck, model, scene) result(operations)
+   !> Deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Scene
+   type(scene_type), intent(in) :: scene
+   type(companion_type) :: companion
+   type(cloud_type) :: points
+   type(deck_type) :: other
+   type(scene_type) :: second
+   type(error_type), allocatable :: error
+   character(len=override_length), allocatable :: words(:)
+
+   operations = 0.0_wp
+   if (allocated(scene%equation%problem)) then
+      if (scene%equation%is_known()) return
+   end if
+   companion%method = scene%method
+   points = model
+   call choose_companion(companion, scene, deck, .false., points, words)
+   if (allocated(companion%why_not)) return
+   call deck%vary(words, other, error)
+   if (.not. allocated(error)) call new_scene(second, other, points, error)
+   if (.not. allocated(error)) operations = forecast_solve(second, estimate_cost(other, points))
+end function forecast_bars
+
+end module rk_forecast
