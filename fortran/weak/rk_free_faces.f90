@@ -5,9 +5,9 @@
 !> the groups. Their means over a group do not, which are the differences of displacements two
 !> spacings apart. The derivative across the face is one-sided, and the pressure there is carried
 !> from the middle of the groups; together they leave tractions as large as a tenth of the stress
-!> along the face. That derivative a = F N is therefore the one with which the law of the material carries
-!> none, P(F + (a - F N) N^T) N = 0: as many equations as unknowns, whose matrix is the acoustic
-!> tensor of the normal. Edges keep what they have.
+!> along the face. That derivative a = F N is therefore the one with which the law of the material
+!> carries none, P(F + (a - F N) N^T) N = 0: as many equations as unknowns, whose matrix is the
+!> acoustic tensor of the normal. Edges keep what they have.
 module rk_free_faces
    use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type, group_by
