@@ -246,6 +246,8 @@ subroutine release(self, i, mixture, ip, load, f, local)
    real(wp) :: c4(3, 3, 3, 3), g(3, 3), p(3, 3), slope(3, 3), step(3)
    integer :: a, b, k, nd
 
+   ! there is no law for the volume alone
+   if (.not. mixture%bulk(ip) <= huge(1.0_wp)) return
    nd = size(self%pair, 1)
    g = f
    associate (normal => self%normal(:, i))

@@ -357,8 +357,8 @@ def test_stress_on_a_free_face_neither_alternates_nor_pulls() -> None:
     """A clamped block of K/mu = 300 that is sheared, on the middle of its side.
 
     The pressures of groups of cells alternate with their number: they alone gave .81, .83, .93 and
-    .88 at these points. Finite elements (Q2/P1, 8 x 8 x 8, graded) have .973; the traction of the
-    recovered stress vanishes to the end of its iteration.
+    .88 at these points and 13^3. Finite elements (Q2/P1, 6^3 and 8^3) have .970 and .961; the
+    traction of the recovered stress vanishes to the end of its iteration.
     """
     clamp = {f"u_{axis}": 0.0 for axis in "xyz"}
     at = [1.0, 0.5, 1.0]
@@ -384,5 +384,6 @@ def test_stress_on_a_free_face_neither_alternates_nor_pulls() -> None:
         here = np.argmin(np.linalg.norm(points - at, axis=1))
         assert_allclose(fields.cauchy[here], values, atol=1e-9)
         found.append(values[2])
-    assert_allclose(found, 0.973, rtol=0.05)
-    assert_allclose(found[1:], 0.973, rtol=0.02)
+    assert_allclose(found, 0.961, rtol=0.03)
+    # and what the meshes leave open
+    assert_allclose(found[1:], 0.961, rtol=0.01)
