@@ -27,6 +27,8 @@ module rk_free_faces
    type :: free_faces_type
       !> Place of each collocation point and probe in the list, 0 without one
       integer, allocatable :: number(:)
+      !> Probes in the list
+      integer, allocatable :: probe(:)
       !> Outward unit normals, shape (3, places)
       real(wp), allocatable :: normal(:, :)
       !> Pair of windows ends in each direction, 0 without one, shape (nd, places)
@@ -71,16 +73,15 @@ subroutine new_free_faces(self, scene, error)
    associate (cloud => scene%cloud, nd => scene%cloud%nd)
       nc = size(cloud%points, 2)
       call group_by(nc, cloud%boundary_point, entry)
-      place = cloud%points
-      nearest = [(i, i=1, nc)]
-      allocate (self%number(nc + size(scene%probe)), source=0)
+      allocate (self%number(nc + size(scene%probe)), nearest(nc + size(scene%probe)), source=0)
+      allocate (place(nd, size(nearest)))
+      place(:, :nc) = cloud%points
+      nearest(:nc) = [(i, i=1, nc)]
       do i = 1, size(scene%probe)
-         ! others are nowhere
-         place = reshape([place, scene%probe(i)%point(:nd)], [nd, nc + i])
-         n = 0
-         if (scene%probe(i)%at_a_place()) n = minloc(sum((cloud%points &
-            & - spread(place(:, nc + i), 2, nc))**2, dim=1), dim=1)
-         nearest = [nearest, n]
+         if (.not. scene%probe(i)%at_a_place()) cycle
+         place(:, nc + i) = scene%probe(i)%point(:nd)
+         nearest(nc + i) = minloc(sum((cloud%points - spread(place(:, nc + i), 2, nc))**2, &
+            & dim=1), dim=1)
       end do
       n = count(entry%offset(2:) > entry%offset(:nc)) + size(scene%probe)
       allocate (self%normal(3, n), window(nd, 2*nd*n))
@@ -106,6 +107,7 @@ subroutine new_free_faces(self, scene, error)
             window(d, 2*pairs - 1:2*pairs) = ends
          end do
       end do
+      self%probe = pack([(i, i=1, size(scene%probe))], self%number(nc + 1:) > 0)
       self%normal = self%normal(:, :n)
       pair = self%pair(:, :n)
       call move_alloc(pair, self%pair)
@@ -191,13 +193,13 @@ pure integer function find(self, scene, ip, x)
    real(wp), intent(in) :: x(:)
    integer :: i
 
-   associate (cloud => scene%cloud)
+   associate (points => scene%cloud%points)
       find = self%number(ip)
-      if (.not. any(abs(x - cloud%points(:, ip)) > 0.0_wp)) return
+      if (.not. any(abs(x - points(:, ip)) > 0.0_wp)) return
       find = 0
-      do i = 1, size(scene%probe)
-         if (any(abs(x - scene%probe(i)%point(:size(x))) > 0.0_wp)) cycle
-         find = self%number(size(cloud%points, 2) + i)
+      do i = 1, size(self%probe)
+         if (any(abs(x - scene%probe(self%probe(i))%point(:size(x))) > 0.0_wp)) cycle
+         find = self%number(size(points, 2) + self%probe(i))
          return
       end do
    end associate

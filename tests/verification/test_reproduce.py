@@ -207,6 +207,10 @@ def test_the_page_has_all_numbers_and_reasons() -> None:
             published = row.published() if callable(row.published) else row.published
             (line,) = re.findall(rf"^\| {re.escape(row.name)} \| (.*) \|$", page, re.M)
             cells = line.split(" | ")
+            if published is None:
+                # what stands beside the published rows, to compare with
+                assert cells[0] == cells[2] == "-" and float(cells[1]) > 0, (name, row.name)
+                continue
             assert float(cells[0]) == pytest.approx(published, rel=1e-3), (name, row.name)
             ratio, far = cells[2].removesuffix(" \\*"), cells[2].endswith("*")
             assert far == (ratio == "-" or abs(float(ratio) - 1) > FAR), (name, row.name)

@@ -45,8 +45,8 @@ def level_sets():
     found = (
         evolve_level_sets(
             image, np.ones(image.shape[:3]), start, spacing=(1.0, 1.0, 1.0), mu=0.01, nu=0.0,
-            epsilon=0.5, dt=500.0, tolerance=1e-4, iterations=20, lambdas=np.ones(4),
-            channel_weights=np.ones(1), volume=volume,
+            epsilon=0.5, dt=500.0, tolerance=1e-4, iterations=20,
+            lambdas=np.ones((1, 4)), volume=volume,
         )
         for volume in (False, True)
     )

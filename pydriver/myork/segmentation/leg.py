@@ -132,7 +132,9 @@ def leg_tissues(
     border = _drawn_anew(shown.data, more, inner & ~sheets, fatty, anatomy.spacing)
     doubts = _doubts(shown, body, inner & ~sheets, border)
     if found_body:
-        doubts += _beyond(anatomy, body) + _boneless(anatomy, body, bone)
+        doubts += _beyond(anatomy, body)
+        # fractions of fat show marrow as the fat that it is
+        doubts += _boneless(anatomy, body, bone) if fat is None else []
     fatty = np.where(inner & ~sheets, border.fat, fatty)
     # A voxel that is bright in both images lies between fat and connective tissue.
     sheets &= ~fatty
