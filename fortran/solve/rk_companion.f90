@@ -13,7 +13,7 @@ module rk_companion
    use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
-   use rk_error, only : error_type, err_memory
+   use rk_error, only : error_type, err_convergence, err_memory
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
    use rk_recorder, only : recorder_type, step_type
@@ -50,6 +50,9 @@ module rk_companion
       character(len=:), allocatable :: why_not
       !> There should be one, but it failed
       logical :: missed = .false.
+      !> It did not converge, and how it ended
+      logical :: lost = .false.
+      character(len=:), allocatable :: ended
       !> Its form
       character(len=:), allocatable :: method
       !> Another form than that of the answer
@@ -149,6 +152,7 @@ subroutine solve_beside(self, problem, load, answer, deck, words, model, receive
    type(timer_type) :: timer
    type(error_type), allocatable :: error
    integer(i8) :: clock
+   integer :: steps
 
    call system_clock(clock)
    call deck%vary(words, other, error)
@@ -163,8 +167,10 @@ subroutine solve_beside(self, problem, load, answer, deck, words, model, receive
       call solve_problem(second, scene, '', keeper, timer, error)
       if (.not. allocated(error)) call look(self, second, keeper, problem, answer, error)
       ! one step may be too long, or lead to another branch
-      if ((allocated(error) .or. self%distance > suspect) .and. .not. receiver%stopped()) then
-         scene%load%steps = max(least_steps, problem%scene%load%steps)
+      steps = max(least_steps, problem%scene%load%steps)
+      if ((allocated(error) .or. self%distance > suspect) .and. scene%load%steps < steps .and. &
+         & .not. receiver%stopped()) then
+         scene%load%steps = steps
          call solve_problem(second, scene, '', keeper, timer, error)
          if (.not. allocated(error)) call look(self, second, keeper, problem, answer, error)
       end if
@@ -172,6 +178,8 @@ subroutine solve_beside(self, problem, load, answer, deck, words, model, receive
    end if
    if (allocated(error)) then
       self%missed = error%code /= err_memory
+      self%lost = error%code == err_convergence
+      self%ended = error%message
       self%why_not = 'the solution to compare with, method "'//self%method//'", ended: ' &
          & //error%message
    end if

@@ -8,7 +8,7 @@ module rk_verdict
    use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, few_fewer, &
       & fewer_points, more_points, new_bars
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, solve_companion
+   use rk_companion, only : companion_type, solve_beside, solve_companion
    use rk_deck, only : deck_type
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -61,6 +61,8 @@ module rk_verdict
    !> may be right where J at points is not: whoever reads the field is warned, and a probe of J has
    !> it in its bar
    real(wp), parameter :: of_point_volume = 0.05_wp
+   !> Load steps in place of one where the second solution lost its way
+   integer, parameter :: finer_steps = 4
 
    !> Verdict with its reasons and the error bars
    type :: verdict_type
@@ -99,6 +101,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    character(len=:), allocatable :: from
    real(wp) :: bound
    integer :: i, kind
+   logical :: adrift
 
    self%state = accepted
    self%reasons = ''
@@ -121,6 +124,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
       if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, receiver)
    end if
+   adrift = self%state == refused
    outcome%warnings = outcome%warnings//self%reasons
    if (allocated(outcome%broken)) then
       if (any(outcome%broken)) then
@@ -147,6 +151,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    end if
    if (allocated(self%companion%why_not)) then
       call no_estimate(self, outcome)
+      if (self%companion%lost) call judge_path(self, problem, deck, model, receiver, outcome)
       return
    end if
    kind = fewer_points
@@ -178,7 +183,19 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
          & merge(of_finer, of_change, self%companion%finer), ' from the same with ' &
          & //self%companion%lattice, outcome)
    end if
+   ! off equilibrium collocation has several minima, and the iteration ends in any of them
+   if (adrift) call withhold(self%bars)
 end subroutine judge
+
+!> Leave the bars of an answer away where they would measure nothing
+subroutine withhold(bars)
+   type(bars_type), intent(inout) :: bars
+
+   bars%change = ieee_value(1.0_wp, ieee_quiet_nan)
+   bars%bar = ieee_value(1.0_wp, ieee_quiet_nan)
+   bars%bars = ieee_value(1.0_wp, ieee_quiet_nan)
+   bars%source = ''
+end subroutine withhold
 
 !> Error of a linear problem against its known solution
 subroutine judge_norms(self, outcome)
@@ -395,10 +412,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    if (self%companion%distance > of_distance(2) .and. .not. (self%companion%coarse &
       & .or. self%companion%other_form)) then
       ! the difference from another branch is no measure of an error
-      self%bars%change = ieee_value(1.0_wp, ieee_quiet_nan)
-      self%bars%bar = ieee_value(1.0_wp, ieee_quiet_nan)
-      self%bars%bars = ieee_value(1.0_wp, ieee_quiet_nan)
-      self%bars%source = ''
+      call withhold(self%bars)
       call found%object(refused, 'no error bars: what lies so far away is another branch')
    else
       associate (bars => self%bars)
@@ -423,7 +437,8 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
             if (ieee_is_nan(bars%change(i))) then
                call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
                   & //'bar: its value'//from//' is not a finite number')
-            else if (found%state == accepted .and. any(bars%bar(:, i) > bars%size(i))) then
+            else if (found%state == accepted .and. maxval(bars%bar(:, i), mask=.not. &
+               & ieee_is_nan(bars%bar(:, i))) > bars%size(i)) then
                call found%object(doubtful, 'the error bar of probe '//problem%scene%probe(i)%name &
                   & //' is wider than its size')
             end if
@@ -451,6 +466,37 @@ subroutine no_estimate(self, outcome)
       self%reasons = self%reasons//note//new_line('a')
    end if
 end subroutine no_estimate
+
+!> Whether smaller steps lead to the same state, where the second solution lost its way: long ones
+!> may jump past a load that the body cannot carry
+subroutine judge_path(self, problem, deck, model, receiver, outcome)
+   type(verdict_type), intent(inout) :: self
+   class(discretisation_type), intent(in) :: problem
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file, where the deck wants one
+   type(cloud_type), intent(in) :: model
+   !> Receiver of the caller, asked whether to stop
+   class(recorder_type), target, intent(inout) :: receiver
+   !> What the run found out
+   type(outcome_type), intent(inout) :: outcome
+   type(companion_type) :: slower
+   character(len=:), allocatable :: reason
+
+   slower%method = problem%scene%method
+   call solve_beside(slower, problem, outcome%load, outcome%x, deck, &
+      & ['load.steps='//to_text(finer_steps*problem%scene%load%steps)], model, receiver)
+   if (slower%lost) then
+      reason = 'in '//to_text(finer_steps)//' times as many load steps it '//slower%ended &
+         & //': this state was reached by a jump past that load'
+   else if (slower%distance > of_distance(1)) then
+      reason = 'in '//to_text(finer_steps)//' times as many load steps it ends in another state'
+   else
+      return
+   end if
+   outcome%warnings = outcome%warnings//reason//new_line('a')
+   call self%object(refused, reason)
+end subroutine judge_path
 
 !> Compare a measure with its bounds
 subroutine compare(self, measure, bounds, what)

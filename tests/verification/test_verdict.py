@@ -53,15 +53,15 @@ def test_collocation_that_bends_is_refused(
 ) -> None:
     """Least squares of second derivatives lose the bending.
 
-    The bar reaches the truth, 80 to 95 % away; a finer cloud would not have shown it. The stress
-    does as much less work than the loads as the tip is too low: both are linear in the part of the
-    bending that is there.
+    The tip is 80 to 95 % too low; a finer cloud would not have shown it. The stress does as much
+    less work than the loads as the tip is too low: both are linear in the part of the bending that
+    is there. Off equilibrium no bar is given: there may be several minima of the residual.
     """
     states, found = solved(cantilever(method, *points), ())
     assert states.verdict == "refused" and states.work_mismatch < work
     assert any("less work than the forces" in text for text in states.warnings)
     tip, bar = found["tip"][0][0], found["tip"][1][0]
-    assert tip < share * TIP < TIP < tip + bar
+    assert tip < share * TIP and np.isnan(bar)
 
 
 def test_another_branch_gives_no_bars() -> None:
@@ -93,6 +93,39 @@ def test_another_branch_gives_no_bars() -> None:
     assert states.verdict == "refused"
     assert any("another branch" in reason for reason in states.reasons)
     assert np.isnan(states.probe_errors[-1]).all()
+
+
+def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
+    """A ring that suction buckles at .68 of the load: one or two steps arrive behind it, three end
+    before it. Neither way may be the better answer.
+    """
+    soft = 2.114535721824404
+    tables = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "annulus", "source": [8, 10], "collocation": [8, 10]}
+        | {"inner_radius": 1.933, "outer_radius": 2.976},
+        "material": [
+            {"name": "a", "model": "neo-hookean", "K": 4970.0, "mu": 9.94},
+            {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
+            | {"where": "x > 1.50034"},
+        ],
+        "boundary": [
+            {"set": "y0", "u_y": 0.0},
+            {"set": "x0", "u_x": 0.0},
+            {"set": "inner", "pressure": -0.6978},
+        ],
+        "load": {"steps": 1, "max_halvings": 3},
+        "probe": [{"name": "inside", "quantity": "u", "set": "inner"}],
+    }
+    with Scene.from_tables(tables) as scene:
+        states = scene.solve()
+    assert states.verdict == "refused"
+    assert any("reached by a jump past that load" in reason for reason in states.reasons)
+    with (
+        Scene.from_tables(tables | {"load": {"steps": 3, "max_halvings": 3}}) as scene,
+        pytest.raises(ConvergenceError, match="did not converge at load 0.6"),
+    ):
+        scene.solve()
 
 
 @pytest.mark.parametrize("points", [(17, 5), (33, 9)])
