@@ -346,6 +346,23 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
    }
 }
 
+// Names of fields in this many dimensions; a linear problem knows displacement and stress only
+static std::vector<std::string> fields_of(int dimension, bool linear) {
+   std::vector<std::string> names;
+   for (const std::string &name : field_names()) {
+      const auto along = [&](char axis) {
+         const std::size_t at = name.find('_');
+         return at != std::string::npos && name.find(axis, at) != std::string::npos;
+      };
+      const bool third = along('z') && name != "cauchy_zz", second = along('y');
+      const bool finite = name[0] == 'J' || name[0] == 'F' || name == "fiber_stretch";
+      if ((third && dimension < 3) || (second && dimension < 2) || (finite && linear))
+         continue;
+      names.push_back(name);
+   }
+   return names;
+}
+
 // Names that mean something in this many dimensions
 static std::vector<std::string> names_of(const std::string &kind, int dimension) {
    std::vector<std::string> names = {"x"};
@@ -394,11 +411,19 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
    } else {
       names = names_of(kind, static_cast<int>(dimension->integer));
    }
+   if (kind == "fields") {
+      const std::vector<std::string> fields =
+         fields_of(static_cast<int>(dimension->integer), deck.single("linear") != nullptr);
+      names.insert(names.end(), fields.begin(), fields.end());
+   }
+   // a table may have the name of a field
+   const std::vector<std::string> no_tables;
    const auto check = [&](const Value &one, const std::string &which) {
       if (one.kind != Value::Kind::text)
          return;
       const std::string fault = kind == "energy" ? energy_tape(one.text, names).fault
-                                                 : expression_fault(one.text, names, tables);
+                                                 : expression_fault(one.text, names,
+                                                                    kind == "fields" ? no_tables : tables);
       if (!fault.empty())
          deck.complain(value.origin, deck.address(section, key.name),
                        which + quoted(one.text) + " " + fault);

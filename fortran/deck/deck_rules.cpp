@@ -121,7 +121,7 @@ static void check_probes(Deck &deck, int dimension) {
       };
       const bool of_set =
           quantity.compare(0, 5, "force") == 0 || quantity.compare(0, 6, "torque") == 0;
-      if (!whole && !of_set && !given("point") && !given("set"))
+      if (!whole && !of_set && quantity != "expression" && !given("point") && !given("set"))
          deck.complain(probe->origin, deck.address(*probe), "needs one of the keys point, set");
       for (const char *key : {"point", "set"}) {
          if (const Value *value = whole ? probe->find(key) : nullptr)

@@ -24,10 +24,28 @@ namespace rk {
 // Compiled expressions that a thread keeps
 constexpr std::size_t most_kept = 256;
 
-constexpr std::size_t name_count = 9;
+constexpr std::size_t name_count = 9, field_count = 23;
 
 const std::vector<std::string> &expression_names() {
    static const std::vector<std::string> names = {"x", "y", "z", "r", "theta", "t", "nx", "ny", "nz"};
+   return names;
+}
+
+const std::vector<std::string> &field_names() {
+   static const std::vector<std::string> names = {
+      "u_x", "u_y", "u_z", "J", "fiber_stretch", "F_xx", "F_xy", "F_xz", "F_yx", "F_yy", "F_yz", "F_zx",
+      "F_zy", "F_zz", "cauchy_xx", "cauchy_yy", "cauchy_zz", "cauchy_xy", "cauchy_yz", "cauchy_xz",
+      "pressure", "principal_max", "principal_min"};
+   return names;
+}
+
+// All names, in the order of the values of a compiled expression
+static const std::vector<std::string> &all_names() {
+   static const std::vector<std::string> names = [] {
+      std::vector<std::string> both = expression_names();
+      both.insert(both.end(), field_names().begin(), field_names().end());
+      return both;
+   }();
    return names;
 }
 
@@ -97,7 +115,7 @@ std::string plain_text(const std::string &code) {
 }
 
 struct Compiled {
-   std::array<double, name_count> place{};
+   std::array<double, name_count + field_count> place{};
    mu::Parser parser;
 
    Compiled(const std::string &code, const std::vector<std::string> &names,
@@ -112,7 +130,7 @@ struct Compiled {
       parser.DefineOprt("and", both, mu::prLAND, mu::oaLEFT);
       parser.DefineOprt("or", either, mu::prLOR, mu::oaLEFT);
       parser.DefineFun("not", negated);
-      const std::vector<std::string> &all = expression_names();
+      const std::vector<std::string> &all = all_names();
       for (const std::string &name : names) {
          const auto at = static_cast<std::size_t>(
             std::find(all.begin(), all.end(), name) - all.begin());
@@ -314,6 +332,13 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
    return tape;
 }
 
+bool expression_uses_stress(const std::string &text) {
+   const std::vector<std::string> &names = field_names();
+   return std::any_of(names.begin(), names.end(), [&](const std::string &name) {
+      return (name.compare(0, 6, "cauchy") == 0 || name[0] == 'p') && expression_uses(text, name, true);
+   });
+}
+
 std::string table_name_fault(const std::string &name) {
    const bool word = !name.empty() && !std::isdigit(static_cast<unsigned char>(name.front())) &&
                      std::all_of(name.begin(), name.end(), of_name);
@@ -326,12 +351,32 @@ std::string table_name_fault(const std::string &name) {
    return taken ? "is already used in expressions: take another name" : "";
 }
 
-bool expression_uses(const std::string &text, const std::string &name) {
+bool expression_uses(const std::string &text, const std::string &name, bool of_fields) {
    try {
-      Compiled compiled(text, expression_names());
+      Compiled compiled(text, of_fields ? all_names() : expression_names());
       return compiled.parser.GetUsedVar().count(name) > 0;
    } catch (const mu::Parser::exception_type &) {
       return false;
+   }
+}
+
+// Compiled expressions by their text
+using Kept = std::unordered_map<std::string, std::unique_ptr<Compiled>>;
+
+// Value of an expression, compiled when it is asked for the first time
+static double kept_value(Kept &kept, const char *text, const std::vector<std::string> &names,
+                         const double *values) {
+   try {
+      auto found = kept.find(text);
+      if (found == kept.end()) {
+         if (kept.size() >= most_kept)
+            kept.clear();
+         found = kept.emplace(text, std::make_unique<Compiled>(text, names)).first;
+      }
+      std::copy(values, values + names.size(), found->second->place.begin());
+      return found->second->parser.Eval();
+   } catch (const mu::Parser::exception_type &) {
+      return std::numeric_limits<double>::quiet_NaN();
    }
 }
 
@@ -341,20 +386,14 @@ extern "C" {
 
 // Value of an expression; not a number where it is none
 double rk_expression_value(const char *text, const double *place) {
-   thread_local std::unordered_map<std::string, std::unique_ptr<rk::Compiled>> kept;
-   try {
-      auto found = kept.find(text);
-      if (found == kept.end()) {
-         if (kept.size() >= rk::most_kept)
-            kept.clear();
-         found = kept.emplace(text, std::make_unique<rk::Compiled>(text, rk::expression_names()))
-                    .first;
-      }
-      std::copy(place, place + rk::name_count, found->second->place.begin());
-      return found->second->parser.Eval();
-   } catch (const mu::Parser::exception_type &) {
-      return std::numeric_limits<double>::quiet_NaN();
-   }
+   thread_local rk::Kept kept;
+   return rk::kept_value(kept, text, rk::expression_names(), place);
+}
+
+// Value of an expression of fields: place, time and normal, then the fields
+double rk_expression_of_fields(const char *text, const double *values) {
+   thread_local rk::Kept kept;
+   return rk::kept_value(kept, text, rk::all_names(), values);
 }
 
 // Number by which expressions call a table; its places rise
@@ -368,8 +407,8 @@ int rk_expression_table(int n, const double *x, const double *value, int smooth)
    return number;
 }
 
-int rk_expression_uses(const char *text, const char *name) {
-   return rk::expression_uses(text, name) ? 1 : 0;
+int rk_expression_uses(const char *text, const char *name, int of_fields) {
+   return rk::expression_uses(text, name, of_fields != 0) ? 1 : 0;
 }
 
 // Tape of an energy with constants whose names have blanks between, of `most` values at most; why it

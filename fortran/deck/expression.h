@@ -1,4 +1,4 @@
-// Expressions in coordinates or invariants, as decks hold them: numbers, names, arithmetic, comparisons
+// Expressions in coordinates, fields or invariants, as decks hold them: numbers, names, arithmetic, comparisons
 // and functions; nothing that could act on anything.
 #pragma once
 
@@ -10,6 +10,10 @@ namespace rk {
 // Names of the values that an expression may be asked for, in the order in which they come
 const std::vector<std::string> &expression_names();
 
+// Fields of a state that the expression of a probe may use beside the place, in the order in which
+// they come (rk_probes)
+const std::vector<std::string> &field_names();
+
 // Why a text is not an expression in these names and functions of one value, with the place of the
 // mistake; "" where it is one
 std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
@@ -18,8 +22,11 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
 // Why a word cannot name a table; "" where it can
 std::string table_name_fault(const std::string &name);
 
-// Whether a name occurs in an expression
-bool expression_uses(const std::string &text, const std::string &name);
+// Whether a name occurs in an expression, of place, time and normal or of fields
+bool expression_uses(const std::string &text, const std::string &name, bool of_fields = false);
+
+// Whether an expression of fields depends on the stress
+bool expression_uses_stress(const std::string &text);
 
 // Operations of an energy in the order in which they are computed. A value has no operation where it
 // is a name or a number, otherwise one on one or two values before it

@@ -1,5 +1,5 @@
-!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`, and
-!> energies that are given as expressions in invariants.
+!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`, numbers
+!> of a state as expressions of its fields, and energies as expressions in invariants.
 !>
 !> The deck's check has refused what is not an expression; muParser evaluates the others. Energies
 !> are differentiated, so they come as the operations of which they consist.
@@ -12,7 +12,12 @@ module rk_expression
    implicit none
    private
 
-   public :: expression_type, value_type, tape_type, new_tape
+   public :: expression_type, value_type, tape_type, new_tape, field_count
+
+   !> Fields that the expression of a probe may use, in the order of field_names in expression.cpp:
+   !> u, J, stretch of the fibers, F row by row, Cauchy stress xx, yy, zz, xy, yz, xz, pressure, and
+   !> the largest and the smallest principal stress
+   integer, parameter :: field_count = 23
 
    !> Most values of a tape
    integer, parameter :: most = 400
@@ -43,6 +48,8 @@ module rk_expression
       !> With its tables, as it is evaluated
       procedure, private :: code
       procedure :: at => value_at, gradient, varies
+      !> Value of an expression of fields, and which of these it uses
+      procedure :: of_fields, uses_field
    end type expression_type
 
    !> A number, or an expression in its place
@@ -68,9 +75,16 @@ module rk_expression
          real(c_double), intent(in) :: x(*), value(*)
          integer(c_int) :: number
       end function c_table
-      function c_uses(text, name) result(uses) bind(c, name='rk_expression_uses')
+      function c_of_fields(text, values) result(value) bind(c, name='rk_expression_of_fields')
+         import :: c_char, c_double
+         character(kind=c_char), intent(in) :: text(*)
+         real(c_double), intent(in) :: values(*)
+         real(c_double) :: value
+      end function c_of_fields
+      function c_uses(text, name, of_fields) result(uses) bind(c, name='rk_expression_uses')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: text(*), name(*)
+         integer(c_int), value :: of_fields
          integer(c_int) :: uses
       end function c_uses
       function c_tape(text, constants, most, count, operation, left, right, number, result) &
@@ -126,8 +140,34 @@ logical function varies(self)
    class(expression_type), intent(in) :: self
 
    varies = .false.
-   if (self%given()) varies = c_uses(self%code()//c_null_char, 't'//c_null_char) /= 0
+   if (self%given()) varies = c_uses(self%code()//c_null_char, 't'//c_null_char, 0_c_int) /= 0
 end function varies
+
+!> Whether a field is part of an expression of fields
+logical function uses_field(self, name)
+   class(expression_type), intent(in) :: self
+   !> Name of the field
+   character(len=*), intent(in) :: name
+
+   uses_field = .false.
+   if (self%given()) uses_field = c_uses(self%text//c_null_char, name//c_null_char, 1_c_int) /= 0
+end function uses_field
+
+!> Value of an expression of fields, not a number where it has none
+real(wp) function of_fields(self, x, fields)
+   !> Expression that is given
+   class(expression_type), intent(in) :: self
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Fields there
+   real(wp), intent(in) :: fields(field_count)
+   real(wp) :: values(9 + field_count)
+
+   values(:9) = 0.0_wp
+   call set_place(x, values(:9))
+   values(10:) = fields
+   of_fields = c_of_fields(self%text//c_null_char, values)
+end function of_fields
 
 !> Value at a place
 subroutine value_at(self, x, value, error, time, normal)
@@ -191,13 +231,23 @@ real(wp) function plain_value(text, x, place)
    !> All that may occur, of which the coordinates are set here, shape (9)
    real(wp), intent(inout) :: place(9)
 
+   call set_place(x, place)
+   plain_value = c_value(text//c_null_char, place)
+end function plain_value
+
+!> Coordinates of a place, also r and theta
+pure subroutine set_place(x, place)
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> All that may occur, of which the coordinates are set, shape (9)
+   real(wp), intent(inout) :: place(9)
+
    place(:size(x)) = x
    if (size(x) > 1) then
       place(4) = norm2(x(:2))
       if (place(4) > 0.0_wp) place(5) = atan2(x(2), x(1))
    end if
-   plain_value = c_value(text//c_null_char, place)
-end function plain_value
+end subroutine set_place
 
 !> First derivatives at a place, by differences of sixth order on both sides of it
 subroutine gradient(self, x, step, slope, error, time)

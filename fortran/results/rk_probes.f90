@@ -3,6 +3,7 @@ module rk_probes
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
+   use rk_expression, only : field_count
    use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
    use rk_scene, only : probe_type, scene_type
@@ -12,8 +13,8 @@ module rk_probes
    implicit none
    private
 
-   public :: probes_type, new_probes, probe_value, pressed_volume, quantity, quantity_kind, &
-      & quantity_size
+   public :: probes_type, new_probes, probe_value, pressed_volume, local_value, place_state, &
+      & expression_slopes, quantity, quantity_kind, quantity_size, kind_of_probe
 
    !> Shape functions at the places of point probes
    type :: probes_type
@@ -63,10 +64,9 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
    real(wp), intent(out), optional :: apart
    type(field_state) :: own
    type(point_state) :: again, local
-   real(wp) :: u(problem%fields, problem%shape%nq)
 
    if (present(apart)) apart = 0.0_wp
-   associate (probe => problem%scene%probe(i), nd => problem%scene%cloud%nd)
+   associate (probe => problem%scene%probe(i))
       if (probe%of_body()) then
          value = 0.0_wp
          value(1) = muscle_value(problem, probe, state)
@@ -87,16 +87,18 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
          if (probe%set > 0) then
             value = problem%set_displacement(probe%set, state)
          else
-            call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
-            call problem%at_place(state, probes%nearest(i), probe%point(:nd), u, local)
-            value = quantity(probe%quantity, local)
-            if (present(apart) .and. probe%quantity == 'J' .and. .not. problem%linear) &
-               & apart = abs(local%j - pressed_volume(problem, probes%nearest(i), local))
-            if (present(apart) .and. quantity_kind(probe%quantity) == 'stress' &
-               & .and. allocated(local%other)) then
+            call place_state(problem, probes, i, state, local)
+            value = local_value(problem, probe, probes%nearest(i), local)
+            if (present(apart) .and. .not. problem%linear) then
+               again = local
+               again%j = pressed_volume(problem, probes%nearest(i), local)
+               apart = norm2(local_value(problem, probe, probes%nearest(i), again) - value)
+            end if
+            if (present(apart) .and. allocated(local%other)) then
                again = local
                again%cauchy = local%other
-               apart = maxval(abs(quantity(probe%quantity, again) - value))
+               apart = apart + maxval(abs(local_value(problem, probe, probes%nearest(i), again) &
+                  & - value))
             end if
             if (.not. present(whole)) return
             whole = norm2(value)
@@ -114,6 +116,111 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
          & len(probe%quantity)))
    end associate
 end subroutine probe_value
+
+!> State of the material at the place of a probe
+subroutine place_state(problem, probes, i, state, local)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   type(probes_type), intent(in) :: probes
+   !> Number of the probe, which has a place
+   integer, intent(in) :: i
+   type(field_state), intent(in) :: state
+   type(point_state), intent(out) :: local
+   real(wp) :: u(problem%fields, problem%shape%nq)
+
+   associate (nd => problem%scene%cloud%nd)
+      call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
+      call problem%at_place(state, probes%nearest(i), problem%scene%probe(i)%point(:nd), u, local)
+   end associate
+end subroutine place_state
+
+!> Value of a probe of a place in a local state
+function local_value(problem, probe, ip, local) result(value)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   type(probe_type), intent(in) :: probe
+   !> Collocation point whose material holds there
+   integer, intent(in) :: ip
+   type(point_state), intent(in) :: local
+   real(wp) :: value(3)
+
+   value = 0.0_wp
+   if (probe%expression%given()) then
+      value(1) = probe%expression%of_fields(probe%point(:problem%scene%cloud%nd), &
+         & fields_of(problem, ip, local))
+   else
+      value = quantity(probe%quantity, local)
+   end if
+end function local_value
+
+!> Fields of which an expression may be, in the order of rk_expression
+function fields_of(problem, ip, local) result(fields)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Collocation point whose material holds there
+   integer, intent(in) :: ip
+   type(point_state), intent(in) :: local
+   real(wp) :: fields(field_count)
+   real(wp) :: e(3), fiber(3)
+
+   fields(:3) = local%u
+   fields(4) = local%j
+   fiber = 0.0_wp
+   if (.not. problem%linear) fiber = problem%mixture%fiber_of(ip, problem%scene%tissue_of(ip))
+   fields(5) = norm2(matmul(local%f, fiber))
+   fields(6:14) = reshape(transpose(local%f), [9])
+   associate (s => local%cauchy)
+      fields(15:20) = [s(1, 1), s(2, 2), s(3, 3), s(1, 2), s(2, 3), s(1, 3)]
+      fields(21) = -(s(1, 1) + s(2, 2) + s(3, 3))/3.0_wp
+      e = principal_values(s)
+      fields(22:23) = [e(1), e(3)]
+   end associate
+end function fields_of
+
+!> How strongly an expression depends on displacements, on ratios and on stresses at a place: the
+!> change that a small change of each field makes, over that; norms over the fields of a kind
+subroutine expression_slopes(problem, probe, ip, local, displacement, stress, slope)
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Probe of quantity = expression
+   type(probe_type), intent(in) :: probe
+   !> Collocation point whose material holds there
+   integer, intent(in) :: ip
+   type(point_state), intent(in) :: local
+   !> Size of displacements [length]
+   real(wp), intent(in) :: displacement
+   !> Size of stresses [stress]
+   real(wp), intent(in) :: stress
+   !> Norms of the slopes: by displacements, ratios and stresses
+   real(wp), intent(out) :: slope(3)
+   !> Share of its size by which a field is changed: differences on both sides, the larger of which
+   !> counts, so that a norm that is zero has a slope
+   real(wp), parameter :: share = 1.0e-3_wp
+   integer, parameter :: last(3) = [3, 14, field_count], first(3) = [1, 4, 15]
+   real(wp) :: own(field_count), moved(field_count), here, there, most, sizes(3)
+   integer :: group, k, side
+
+   own = fields_of(problem, ip, local)
+   slope = 0.0_wp
+   sizes = [displacement, 1.0_wp, stress]
+   associate (x => probe%point(:problem%scene%cloud%nd))
+      here = probe%expression%of_fields(x, own)
+      do group = 1, 3
+         if (.not. sizes(group) > 0.0_wp) cycle
+         do k = first(group), last(group)
+            most = 0.0_wp
+            do side = -1, 1, 2
+               moved = own
+               moved(k) = own(k) + side*share*sizes(group)
+               there = probe%expression%of_fields(x, moved)
+               if (ieee_is_finite(there - here)) most = max(most, &
+                  & abs(there - here)/(share*sizes(group)))
+            end do
+            slope(group) = hypot(slope(group), most)
+         end do
+      end do
+   end associate
+end subroutine expression_slopes
 
 !> Volume ratio that the pressure of a place allows; J there is another one where a form keeps the
 !> volume of cells or patches only
@@ -180,7 +287,25 @@ real(wp) function muscle_value(problem, probe, state) result(value)
    value = value/max(total, tiny(1.0_wp))
 end function muscle_value
 
-!> What kind of number a quantity is: length, ratio, stress, force, torque, energy, angle
+!> What kind of number a probe is, of an expression that of the least certain field in it
+function kind_of_probe(probe) result(kind)
+   type(probe_type), intent(in) :: probe
+   character(len=:), allocatable :: kind
+   character(len=13), parameter :: stresses(9) = [character(len=13) :: 'cauchy_xx', 'cauchy_yy', &
+      & 'cauchy_zz', 'cauchy_xy', 'cauchy_yz', 'cauchy_xz', 'pressure', 'principal_max', &
+      & 'principal_min']
+   character(len=3), parameter :: lengths(3) = ['u_x', 'u_y', 'u_z']
+   integer :: k
+
+   kind = quantity_kind(probe%quantity)
+   if (.not. probe%expression%given()) return
+   kind = 'ratio'
+   if (any([(probe%expression%uses_field(lengths(k)), k=1, size(lengths))])) kind = 'length'
+   if (any([(probe%expression%uses_field(trim(stresses(k))), k=1, size(stresses))])) kind = 'stress'
+end function kind_of_probe
+
+!> What kind of number a quantity is: length, ratio, stress, force, torque, energy, angle or
+!> expression
 pure function quantity_kind(name) result(kind)
    !> Quantity
    character(len=*), intent(in) :: name
@@ -189,6 +314,7 @@ pure function quantity_kind(name) result(kind)
    kind = 'stress'
    if (any(name == [character(len=13) :: 'J', 'fiber_stretch'])) kind = 'ratio'
    if (name == 'energy') kind = 'energy'
+   if (name == 'expression') kind = 'expression'
    if (name == 'pennation') kind = 'angle'
    if (name(1:1) == 'u') kind = 'length'
    if (index(name, 'force') > 0) kind = 'force'

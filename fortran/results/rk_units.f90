@@ -34,6 +34,9 @@ function probe_unit(deck, i) result(text)
       text = 'degree'
    case ('ratio')
       text = ''
+   case ('expression')
+      text = ''
+      call deck%get('probe.'//to_text(i)//'.unit', text)
    case default
       text = composed(deck, 1, -2)
    end select

@@ -72,6 +72,8 @@ module rk_scene
    type, extends(probe_keys) :: probe_type
       !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
+      !> What is measured, of quantity = expression
+      type(expression_type) :: expression
    contains
       !> Whether it is of a body or a tissue as a whole
       procedure :: of_body

@@ -13,8 +13,8 @@ module rk_bars
    use rk_error, only : error_type
    use rk_coefficients, only : coefficient_at
    use rk_precision, only : wp
-   use rk_probes, only : new_probes, probe_value, probes_type, quantity, &
-      & quantity_kind, quantity_size
+   use rk_probes, only : expression_slopes, kind_of_probe, local_value, new_probes, place_state, &
+      & probe_value, probes_type, quantity_size
    use rk_equation, only : solution_at
    use rk_sort, only : sort
    use rk_states, only : field_state, point_state
@@ -87,6 +87,9 @@ module rk_bars
       real(wp), allocatable :: peak(:)
       !> The loads are taken off at the end, which says nothing about the answer
       logical :: taken_off = .false.
+      !> Change by that of the displacements at its place: one of a displacement, of an expression
+      !> what it makes of them, shape (probes)
+      real(wp), allocatable :: of_length(:)
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
@@ -126,6 +129,7 @@ subroutine new_bars(self, problem, load, x, error)
    allocate (self%size(n), self%kind(n), self%peak(n), self%open(n), source=0.0_wp)
    peak = 0.0_wp
    allocate (self%factor(n), source=1.0_wp)
+   allocate (self%of_length(n), source=0.0_wp)
    allocate (self%source(n))
    self%source = ''
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -162,7 +166,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
    real(wp), intent(out) :: apart(:)
    type(point_state) :: local
    real(wp) :: stresses(size(problem%scene%cloud%points, 2)), displacement, stress, force, share, &
-      & own, kind
+      & own, kind, slope(3)
    integer :: i, set
 
    displacement = 0.0_wp
@@ -182,7 +186,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
       do i = 1, size(value, 2)
          call probe_value(problem, probes, i, state, value(:, i), whole(i), apart(i))
          share = share_of_kind
-         select case (quantity_kind(scene%probe(i)%quantity))
+         select case (kind_of_probe(scene%probe(i)))
          case ('force')
             kind = force
          case ('torque')
@@ -201,6 +205,14 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
             if (.not. self%at_surface(i)) share = share_inside
          end select
+         if (kind_of_probe(scene%probe(i)) == 'length') self%of_length(i) = 1.0_wp
+         if (scene%probe(i)%expression%given()) then
+            call place_state(problem, probes, i, state, local)
+            call expression_slopes(problem, scene%probe(i), probes%nearest(i), local, &
+               & displacement, stress, slope)
+            self%of_length(i) = slope(1)
+            kind = norm2(slope*[displacement, 1.0_wp, stress])
+         end if
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
          self%kind(i) = max(kind, own)
          self%size(i) = max(share*kind, own)
@@ -257,12 +269,12 @@ subroutine bars_by_other(self, problem, other, kind, difference)
          least_change = 0.0_wp
          left = 0.0_wp
          factor = factor_coarse
-         if (quantity_kind(quantity) == 'stress') factor = factor_inside
+         if (kind_of_probe(problem%scene%probe(i)) == 'stress') factor = factor_inside
          if (self%at_surface(i) .or. .not. allocated(problem%scene%cloud%lattice)) &
             & factor = factor_surface
          if (blocks) then
             factor = factor_blocks
-            select case (quantity_kind(quantity))
+            select case (kind_of_probe(problem%scene%probe(i)))
             case ('length')
                left = off_length*share
             case ('ratio', 'angle')
@@ -280,8 +292,8 @@ subroutine bars_by_other(self, problem, other, kind, difference)
             factor = factor_forms
             self%size(i) = max(self%size(i), other%size(i))
             self%kind(i) = max(self%kind(i), other%kind(i))
-         else if (quantity_kind(quantity) == 'length') then
-            least_change = share_of_all*difference
+         else
+            least_change = self%of_length(i)*share_of_all*difference
          end if
          call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), least_change, &
             & left, merge('other form  ', 'other points', kind == another_form))
@@ -318,7 +330,7 @@ subroutine bars_by_solution(self, problem, time, error)
                if (probe%quantity /= 'force') exact(1) = exact(index('xyz', probe%quantity(7:7)))
             else
                call exact_state(probe%point(:nd))
-               exact = quantity(probe%quantity, local)
+               exact = local_value(problem, probe, 1, local)
             end if
             call set_bar(self, i, quantity_size(probe%quantity), reshape(exact, [3, 1]), &
                & [0.0_wp], 0.0_wp, 'known solution')

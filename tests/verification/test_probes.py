@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from myork import Scene
 from myork.errors import InputError
 from myork.stations.solve import run_deck
-from tests.scenes import box, held, refused, scene, solved
+from tests.scenes import MUSCLE, box, held, refused, scene, solved
 
 ABOUT = [0.3, 0.2, 0.1]
 PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
@@ -147,3 +147,99 @@ def test_a_plane_has_one_torque():
     )  # fmt: skip
     with pytest.raises(InputError, match="torque_x is always zero in two dimensions"):
         Scene.from_tables(tables).close()
+
+
+#: Expressions and what they are in a body whose whole surface moves by u = (a x, b y, c z)
+STRETCHES = (0.1, -0.05, 0.2)
+PLACE = (0.3, 0.7, 1.1)
+EXPRESSIONS = {
+    "u_x^2 + u_y + x*u_z": (0.1 * 0.3) ** 2 - 0.05 * 0.7 + 0.3 * 0.2 * 1.1,
+    "0.5*(F_xx^2 - 1) + F_xy + F_zx": 0.5 * (1.1**2 - 1),
+    "J - F_xx*F_yy*F_zz": 0.0,
+    "J": 1.1 * 0.95 * 1.2,
+    "fiber_stretch": np.hypot(1.1 * 0.6, 1.2 * 0.8),
+    "pressure + (cauchy_xx + cauchy_yy + cauchy_zz)/3": 0.0,
+    "principal_max > cauchy_xx ? r : theta": np.hypot(0.3, 0.7),
+    **{
+        # of the characteristic polynomial of a stress whose only shear is xz, over its size cubed
+        f"((cauchy_xx - {s})*(cauchy_zz - {s}) - cauchy_xz^2)*(cauchy_yy - {s})/cauchy_yy^3": 0.0
+        for s in ("principal_max", "principal_min")
+    },
+}
+
+
+def stretched(method: str, probes: list[dict]) -> dict:
+    """Muscle whose whole surface moves affinely, with probes at PLACE."""
+    a, b, c = STRETCHES
+    motion = {"u_x": f"{a}*x", "u_y": f"{b}*y", "u_z": f"{c}*z"}
+    return scene(
+        method, box(4, 4, 5, size=[1, 1.2, 2]),
+        material=[{**MUSCLE, "name": "muscle", "fiber": [0.6, 0, 0.8]}],
+        boundary=[{"set": side, **motion} for side in ("x0", "x1", "y0", "y1", "z0", "z1")],
+        probe=[{"point": list(PLACE), **probe} for probe in probes],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkcm-mixed"])
+def test_expressions_of_fields_have_their_values_in_a_uniform_extension(method):
+    probes = [
+        {"name": f"p{k}", "quantity": "expression", "expression": text}
+        for k, text in enumerate(EXPRESSIONS)
+    ]
+    found = values(stretched(method, probes))
+    size = abs(found["p0"][0]) + 1.0
+    for k, (text, value) in enumerate(EXPRESSIONS.items()):
+        # stresses of a bulk modulus of 500: what cancels leaves their rounding
+        assert_allclose(found[f"p{k}"][0], value, atol=1e-5 * size, err_msg=text)
+
+
+@pytest.mark.parametrize("quantity", ["cauchy_zz", "u_x", "J", "pressure", "principal_max"])
+def test_an_expression_of_one_field_has_the_bar_of_its_probe(quantity):
+    tables = block("rkpm-gauss", [4, 4, 5], 50.0)
+    place = {"point": [0.4, 0.5, 0.6]}
+    tables["probe"] = [
+        {"name": "plain", "quantity": quantity, **place},
+        {"name": "own", "quantity": "expression", "expression": quantity, "unit": "own", **place},
+        {"name": "twice", "quantity": "expression", "expression": f"2*{quantity}", **place},
+    ]
+    inside = solved(tables, error=True)
+    bars = {name: bar[-1, 0] for name, bar in inside.bars.items()}
+    assert_allclose(inside.probes["own"][-1, 0], inside.probes["plain"][-1, 0], rtol=1e-12)
+    assert bars["plain"] > 0
+    # beside the least share of a tensor's norm, which an expression does not have
+    assert_allclose(bars["own"], bars["plain"], rtol=1e-9)
+    assert_allclose(bars["twice"], 2 * bars["plain"], rtol=1e-9)
+
+
+def test_the_unit_of_an_expression_is_what_the_deck_says(tmp_path):
+    probe = {"name": "p", "quantity": "expression", "expression": "J", "unit": "mm^3/mm^3"}
+    summary = run_deck(stretched("rkpm-gauss", [probe]), tmp_path, threads=1)
+    assert summary["probe_units"]["p"] == "mm^3/mm^3"
+
+
+@pytest.mark.parametrize(
+    ("probe", "message"),
+    [
+        ({}, "probe.p.expression: missing"),
+        ({"expression": "J", "point": None}, "probe.p.point: missing"),
+        ({"expression": "u_w + 1"}, "unknown name 'u_w' at position 1; names are x, y, r, theta"),
+        ({"expression": "cauchy_xx -"}, "it ends where a value is missing"),
+        ({"expression": "fiber_stretch"}, "has no fibers"),
+        ({"quantity": "J", "expression": "J"}, "probe.p.expression: only for quantity"),
+    ],
+)
+def test_a_wrong_expression_of_fields_is_refused(probe, message):
+    own = {"name": "p", "quantity": "expression", "point": [0.5, 0.5, 1], **probe}
+    own = {key: value for key, value in own.items() if value is not None}
+    tables = {**block("rkpm-gauss", [3, 3, 3], 50.0), "probe": [own]}
+    assert message in refused(tables)
+
+
+def test_a_linear_problem_has_displacements_and_stresses_only():
+    tables = scene(
+        "rkpm-gauss", box(4, 4), linear={"problem": "elasticity", "E": 10, "nu": 0.3},
+        boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
+        probe=[{"name": "p", "quantity": "expression", "expression": "cauchy_xx + J",
+                "point": [0.5, 0.5]}],
+    )  # fmt: skip
+    assert "unknown name 'J'" in refused(tables)
