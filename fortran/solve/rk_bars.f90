@@ -23,7 +23,7 @@ module rk_bars
    private
 
    public :: bars_type, new_bars, bars_by_other, bars_by_solution, bars_by_earlier, printed
-   public :: fewer_points, few_fewer, more_points, another_form
+   public :: fewer_points, few_fewer, more_points, another_form, size_of
 
    !> What an answer is compared with: the same form on half as many cells in each direction, on
    !> three quarters of them, or on more, or another form
@@ -41,8 +41,9 @@ module rk_bars
    real(wp), parameter :: factor_near = 1.5_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
    real(wp), parameter :: factor_fine = 2.0_wp
-   !> A displacement differs by this share of the root mean square of all differences at least: two
-   !> clouds agree by chance where the difference changes its sign
+   !> A displacement differs by this share of the root mean square of all differences at least, a
+   !> stress of their mean: two clouds agree by chance where the difference changes its sign. Of the
+   !> stresses of random bodies 95 % were covered without, 98 % with it
    real(wp), parameter :: share_of_all = 0.2_wp
    !> Collocation against the weak form: 94 % of 388, 2.0 times the error
    real(wp), parameter :: factor_forms = 2.0_wp
@@ -87,17 +88,17 @@ module rk_bars
       real(wp), allocatable :: peak(:)
       !> The loads are taken off at the end, which says nothing about the answer
       logical :: taken_off = .false.
-      !> Change by that of the displacements at its place: one of a displacement, of an expression
-      !> what it makes of them, shape (probes)
-      real(wp), allocatable :: of_length(:)
+      !> Change by that of the displacements at its place, and by that of the stresses: one of a
+      !> component of them, of an expression what it makes of them, shape (2, probes)
+      real(wp), allocatable :: of_field(:, :)
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
-      !> What makes most of each bar at full load: "other points", "other form", "all
-      !> displacements", "voxels", "J of the pressure", "own derivatives", "known solution", "least
-      !> share"; blank where there is none, shape (probes)
+      !> What makes most of each bar at full load: "other points", "other form", "whole
+      !> field", "voxels", "J of the pressure", "own derivatives", "known solution", "least share";
+      !> blank where there is none, shape (probes)
       character(len=17), allocatable :: source(:)
    contains
       procedure :: at, unresolved
@@ -129,7 +130,7 @@ subroutine new_bars(self, problem, load, x, error)
    allocate (self%size(n), self%kind(n), self%peak(n), self%open(n), source=0.0_wp)
    peak = 0.0_wp
    allocate (self%factor(n), source=1.0_wp)
-   allocate (self%of_length(n), source=0.0_wp)
+   allocate (self%of_field(2, n), source=0.0_wp)
    allocate (self%source(n))
    self%source = ''
    self%bar = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -205,12 +206,13 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
             if (.not. self%at_surface(i)) share = share_inside
          end select
-         if (kind_of_probe(scene%probe(i)) == 'length') self%of_length(i) = 1.0_wp
+         if (kind_of_probe(scene%probe(i)) == 'length') self%of_field(1, i) = 1.0_wp
+         if (kind_of_probe(scene%probe(i)) == 'stress') self%of_field(2, i) = 1.0_wp
          if (scene%probe(i)%expression%given()) then
             call place_state(problem, probes, i, state, local)
             call expression_slopes(problem, scene%probe(i), probes%nearest(i), local, &
                & displacement, stress, slope)
-            self%of_length(i) = slope(1)
+            self%of_field(:, i) = slope(::2)
             kind = norm2(slope*[displacement, 1.0_wp, stress])
          end if
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
@@ -255,10 +257,10 @@ subroutine bars_by_other(self, problem, other, kind, difference)
    type(bars_type), intent(in) :: other
    !> fewer_points, few_fewer, more_points or another_form
    integer, intent(in) :: kind
-   !> Root mean square of the difference of all displacements at the same loads, shape (loads)
-   !> [length]
-   real(wp), intent(in) :: difference(:)
-   real(wp) :: least_change(size(difference)), left, share
+   !> What all displacements differ by at the same loads [length], and all stresses [stress], shape
+   !> (2, loads)
+   real(wp), intent(in) :: difference(:, :)
+   real(wp) :: least_change(size(difference, 2)), left, share
    logical :: blocks
    integer :: i
 
@@ -293,7 +295,7 @@ subroutine bars_by_other(self, problem, other, kind, difference)
             self%size(i) = max(self%size(i), other%size(i))
             self%kind(i) = max(self%kind(i), other%kind(i))
          else
-            least_change = self%of_length(i)*share_of_all*difference
+            least_change = share_of_all*matmul(self%of_field(:, i), difference)
          end if
          call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), least_change, &
             & left, merge('other form  ', 'other points', kind == another_form))
@@ -383,7 +385,7 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
    self%bar(:n, i) = self%bars(:n, i, last)
    self%source(i) = from
    if (all(abs(self%values(:n, i, last) - other(:n, last)) < least_change(last))) &
-      & self%source(i) = 'all displacements'
+      & self%source(i) = 'whole field'
    if (left*norm2(self%values(:n, i, last)) > self%factor(i)*maxval(difference(:, last))) &
       & self%source(i) = 'voxels'
    if (maxval(self%bar(:n, i)) <= self%apart(i, last)) self%source(i) = &

@@ -6,7 +6,7 @@
 !> forms do not: where they fail they fail on all clouds alike, so they are compared with the weak
 !> form on their own points.
 module rk_companion
-   use rk_bars, only : bars_type, new_bars
+   use rk_bars, only : bars_type, new_bars, size_of
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
    use rk_coarse_cloud, only : coarse_cloud
@@ -14,6 +14,7 @@ module rk_companion
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, err_convergence, err_memory
+   use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
    use rk_recorder, only : recorder_type, step_type
@@ -74,8 +75,9 @@ module rk_companion
       !> Largest norm of the difference of the displacements, of the largest of the displacements
       !> [-]
       real(wp) :: distance = 0.0_wp
-      !> Root mean square of that difference over the volume at each load, shape (loads) [length]
-      real(wp), allocatable :: difference(:)
+      !> Root mean square of that difference over the volume at each load [length], and the mean
+      !> norm of the difference of the stresses [stress], shape (2, loads)
+      real(wp), allocatable :: difference(:, :)
    end type companion_type
 
    !> Receiver that keeps the states that are compared and is as patient as the caller's
@@ -359,32 +361,39 @@ subroutine look(self, problem, keeper, first, answer, error)
    real(wp), contiguous, intent(in) :: answer(:, :)
    !> Error handling: a probe outside the body
    type(error_type), allocatable, intent(out) :: error
-   type(field_state) :: state
-   type(point_state) :: local
+   type(field_state) :: own, state
+   type(point_state) :: local, here
    type(shape_type) :: shape
    real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2)
+   real(wp) :: apart(size(problem%scene%cloud%points, 2))
+   integer :: nearest(size(apart))
    integer :: ip, k, n
 
    call new_bars(self%seen, problem, keeper%load, keeper%x, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
       n = min(cloud%nd, first%fields)
+      nearest = nearest_points(first%scene%cloud%points, cloud%points)
       call first%scene%shape_at(cloud%points, shape, error)
       if (allocated(error)) return
       most = 0.0_wp
-      self%difference = [(0.0_wp, k=1, size(keeper%load))]
+      if (allocated(self%difference)) deallocate (self%difference)
+      allocate (self%difference(2, size(keeper%load)))
       do k = 1, size(keeper%load)
          call problem%state(keeper%x(:, k), keeper%load(k), state)
+         call first%state(answer(:, k), keeper%load(k), own)
          difference = 0.0_wp
          total = 0.0_wp
          do ip = 1, size(cloud%points, 2)
             call problem%at_point(state, ip, local)
-            call shape%interpolate(ip, answer(:, k), 1, 1, u)
+            call shape%interpolate(ip, answer(:, k), 1, 1 + cloud%nd, u)
+            call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
+            apart(ip) = norm2(here%cauchy - local%cauchy)
             difference = difference + cloud%volume(ip)*sum((u(:n, 1) - local%u(:n))**2)
             total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
          most = max(most, [difference, total])
-         self%difference(k) = sqrt(difference/sum(cloud%volume))
+         self%difference(:, k) = [sqrt(difference/sum(cloud%volume)), size_of(apart, cloud%volume)]
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
