@@ -42,6 +42,9 @@ module rk_companion
    !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
    !> are left, on voxels that are not merged
    integer, parameter :: least_blocks = 4
+   !> Stresses this near to a probe are compared, in spacings; at a multiple of half a spacing
+   !> rounding would decide which points they are at [-]
+   real(wp), parameter :: near = 1.1_wp
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
 
@@ -76,8 +79,9 @@ module rk_companion
       !> [-]
       real(wp) :: distance = 0.0_wp
       !> Root mean square of that difference over the volume at each load [length], and the mean
-      !> norm of the difference of the stresses [stress], shape (2, loads)
-      real(wp), allocatable :: difference(:, :)
+      !> norm of the difference of the stresses around each probe [stress], 0 where it has no place,
+      !> shape (2, probes, loads)
+      real(wp), allocatable :: difference(:, :, :)
    end type companion_type
 
    !> Receiver that keeps the states that are compared and is as patient as the caller's
@@ -367,7 +371,8 @@ subroutine look(self, problem, keeper, first, answer, error)
    real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2)
    real(wp) :: apart(size(problem%scene%cloud%points, 2))
    integer :: nearest(size(apart))
-   integer :: ip, k, n
+   logical :: around(size(apart))
+   integer :: i, ip, k, n
 
    call new_bars(self%seen, problem, keeper%load, keeper%x, error)
    if (allocated(error)) return
@@ -378,7 +383,7 @@ subroutine look(self, problem, keeper, first, answer, error)
       if (allocated(error)) return
       most = 0.0_wp
       if (allocated(self%difference)) deallocate (self%difference)
-      allocate (self%difference(2, size(keeper%load)))
+      allocate (self%difference(2, size(self%seen%change), size(keeper%load)), source=0.0_wp)
       do k = 1, size(keeper%load)
          call problem%state(keeper%x(:, k), keeper%load(k), state)
          call first%state(answer(:, k), keeper%load(k), own)
@@ -393,7 +398,15 @@ subroutine look(self, problem, keeper, first, answer, error)
             total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
          most = max(most, [difference, total])
-         self%difference(:, k) = [sqrt(difference/sum(cloud%volume)), size_of(apart, cloud%volume)]
+         self%difference(1, :, k) = sqrt(difference/sum(cloud%volume))
+         do i = 1, size(self%seen%change)
+            associate (probe => problem%scene%probe(i))
+               if (probe%set > 0 .or. probe%of_body()) cycle
+               around = norm2(cloud%points - spread(probe%point(:cloud%nd), 2, size(apart)), &
+                  & dim=1) < near*maxval(cloud%spacing)
+               self%difference(2, i, k) = size_of(pack(apart, around), pack(cloud%volume, around))
+            end associate
+         end do
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
