@@ -141,7 +141,11 @@ def test_build_writes_a_table_of_the_muscles(phantom, tmp_path):
         assert float(row["fat_fraction [-]"]) == pytest.approx(fat, rel=1e-3)
         assert row["PCSA [mm^2]"] == ""  # the stack cuts all of them
     paths = {key: tmp_path / table[key] for key in ("labels", "fibers")}
-    build({"scene": {"dimension": 3}, "build": {**table, **paths}}, out)
+    lines: list[str] = []
+    build({"scene": {"dimension": 3}, "build": {**table, **paths}}, out, progress=lines.append)
+    for row in rows:  # why cells are empty is said
+        what = "its PCSA is" if row["fiber_length [mm]"] else "fiber length and PCSA are"
+        assert f"{row['muscle']}: the image cuts it, so that {what} left out" in lines
     summary = json.loads((out / "summary.json").read_text())
     first = summary["model"]["muscles"][0]
     cubic = float(gastrocnemius["volume [mm^3]"])

@@ -151,8 +151,9 @@ def _muscles(
     """Rows of `muscles.csv`: name and numbers with their units, None where there is none."""
     factor, rows = length_factor(unit), []
     for own in muscle_numbers(body.labels, maps, bone):
-        if own.cut and own.fiber_length is not None:
-            progress(f"{own.muscle}: the image cuts it, so that its PCSA is left out")
+        if own.cut and maps.fibers is not None:
+            what = "fiber length and PCSA are" if own.fiber_length is None else "its PCSA is"
+            progress(f"{own.muscle}: the image cuts it, so that {what} left out")
         row: dict[str, Any] = {"muscle": own.muscle}
         for name, (head, fixed, power) in COLUMNS.items():
             value = getattr(own, name)

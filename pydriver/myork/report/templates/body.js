@@ -29,7 +29,8 @@ class Body {
       out vec4 colour;
       void main() {
         if (plain.a > 0.0) { colour = plain; return; }
-        float light = 0.45 + 0.55 * abs(dot(normalize(n), normalize(eye - at)));
+        // faces that are seen from the side keep colours that can be found on the bar
+        float light = 0.7 + 0.3 * abs(dot(normalize(n), normalize(eye - at)));
         vec3 own = share < -1e-3 ? vec3(0.6)
           : texture(colours, vec2((share * 255.0 + 0.5) / 256.0, 0.5)).rgb;
         colour = vec4(own * light, 1.0);
@@ -42,6 +43,9 @@ class Body {
     this.near = 1.0;
     this.range = [0, 1];
     gl.enable(gl.DEPTH_TEST);
+    // faces lie before lines of the body at rest in the same place, as on sides that do not move
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(-2, -8);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     this.listen();
