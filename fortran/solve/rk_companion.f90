@@ -44,7 +44,7 @@ module rk_companion
    integer, parameter :: least_blocks = 4
    !> Stresses this near to a probe are compared, in spacings; at a multiple of half a spacing
    !> rounding would decide which points they are at [-]
-   real(wp), parameter :: near = 1.1_wp
+   real(wp), parameter :: vicinity = 1.1_wp
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
 
@@ -403,7 +403,7 @@ subroutine look(self, problem, keeper, first, answer, error)
             associate (probe => problem%scene%probe(i))
                if (probe%set > 0 .or. probe%of_body()) cycle
                around = norm2(cloud%points - spread(probe%point(:cloud%nd), 2, size(apart)), &
-                  & dim=1) < near*maxval(cloud%spacing)
+                  & dim=1) < vicinity*maxval(cloud%spacing)
                self%difference(2, i, k) = size_of(pack(apart, around), pack(cloud%volume, around))
             end associate
          end do
