@@ -77,10 +77,10 @@ static bool asks_order_two(Deck &deck, const Section &scene) {
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
       const Value *point = probe->find("point");
-      const std::string expression = probe->text("expression");
       const bool stress = quantity.compare(0, 6, "cauchy") == 0 || quantity == "pressure" ||
                           quantity == "principal_max" ||
-                          (quantity == "expression" && expression_uses_stress(expression));
+                          (quantity == "expression" &&
+                           fields_in(probe->text("expression")) == Fields::stresses);
       if (stress && point && point->items.size() == 2 && on_surface(*geometry, *point))
          return true;
    }

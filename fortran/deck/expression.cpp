@@ -332,11 +332,21 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
    return tape;
 }
 
-bool expression_uses_stress(const std::string &text) {
-   const std::vector<std::string> &names = field_names();
-   return std::any_of(names.begin(), names.end(), [&](const std::string &name) {
-      return (name.compare(0, 6, "cauchy") == 0 || name[0] == 'p') && expression_uses(text, name, true);
-   });
+Fields fields_in(const std::string &text) {
+   Fields most = Fields::ratios;
+   try {
+      Compiled compiled(text, all_names());
+      for (const auto &used : compiled.parser.GetUsedVar()) {
+         const std::string &name = used.first;
+         if (name.compare(0, 6, "cauchy") == 0 || name[0] == 'p')
+            return Fields::stresses;
+         if (name.compare(0, 2, "u_") == 0)
+            most = Fields::displacements;
+      }
+   } catch (const mu::Parser::exception_type &) {
+      // the check of the deck says why it is none
+   }
+   return most;
 }
 
 std::string table_name_fault(const std::string &name) {
@@ -406,6 +416,8 @@ int rk_expression_table(int n, const double *x, const double *value, int smooth)
       rk::all_tables.push_back(table);
    return number;
 }
+
+int rk_fields_in(const char *text) { return static_cast<int>(rk::fields_in(text)); }
 
 int rk_expression_uses(const char *text, const char *name, int of_fields) {
    return rk::expression_uses(text, name, of_fields != 0) ? 1 : 0;

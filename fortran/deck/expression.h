@@ -25,8 +25,9 @@ std::string table_name_fault(const std::string &name);
 // Whether a name occurs in an expression, of place, time and normal or of fields
 bool expression_uses(const std::string &text, const std::string &name, bool of_fields = false);
 
-// Whether an expression of fields depends on the stress
-bool expression_uses_stress(const std::string &text);
+// What an expression of fields depends on: the stress, or else displacements, or neither
+enum class Fields { ratios, displacements, stresses };
+Fields fields_in(const std::string &text);
 
 // Operations of an energy in the order in which they are computed. A value has no operation where it
 // is a name or a number, otherwise one on one or two values before it

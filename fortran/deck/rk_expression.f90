@@ -48,8 +48,8 @@ module rk_expression
       !> With its tables, as it is evaluated
       procedure, private :: code
       procedure :: at => value_at, gradient, varies
-      !> Value of an expression of fields, and which of these it uses
-      procedure :: of_fields, uses_field
+      !> Value of an expression of fields, whether it uses one of these, and the kind of them
+      procedure :: of_fields, uses_field, kind_of_fields
    end type expression_type
 
    !> A number, or an expression in its place
@@ -81,6 +81,11 @@ module rk_expression
          real(c_double), intent(in) :: values(*)
          real(c_double) :: value
       end function c_of_fields
+      function c_fields_in(text) result(kind) bind(c, name='rk_fields_in')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: text(*)
+         integer(c_int) :: kind
+      end function c_fields_in
       function c_uses(text, name, of_fields) result(uses) bind(c, name='rk_expression_uses')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: text(*), name(*)
@@ -152,6 +157,16 @@ logical function uses_field(self, name)
    uses_field = .false.
    if (self%given()) uses_field = c_uses(self%text//c_null_char, name//c_null_char, 1_c_int) /= 0
 end function uses_field
+
+!> What an expression of fields depends on: stress, or else length, or else ratio
+function kind_of_fields(self) result(kind)
+   !> Expression that is given
+   class(expression_type), intent(in) :: self
+   character(len=:), allocatable :: kind
+   character(len=6), parameter :: kinds(0:2) = [character(len=6) :: 'ratio', 'length', 'stress']
+
+   kind = trim(kinds(c_fields_in(self%text//c_null_char)))
+end function kind_of_fields
 
 !> Value of an expression of fields, not a number where it has none
 real(wp) function of_fields(self, x, fields)

@@ -291,17 +291,9 @@ end function muscle_value
 function kind_of_probe(probe) result(kind)
    type(probe_type), intent(in) :: probe
    character(len=:), allocatable :: kind
-   character(len=13), parameter :: stresses(9) = [character(len=13) :: 'cauchy_xx', 'cauchy_yy', &
-      & 'cauchy_zz', 'cauchy_xy', 'cauchy_yz', 'cauchy_xz', 'pressure', 'principal_max', &
-      & 'principal_min']
-   character(len=3), parameter :: lengths(3) = ['u_x', 'u_y', 'u_z']
-   integer :: k
 
    kind = quantity_kind(probe%quantity)
-   if (.not. probe%expression%given()) return
-   kind = 'ratio'
-   if (any([(probe%expression%uses_field(lengths(k)), k=1, size(lengths))])) kind = 'length'
-   if (any([(probe%expression%uses_field(trim(stresses(k))), k=1, size(stresses))])) kind = 'stress'
+   if (probe%expression%given()) kind = probe%expression%kind_of_fields()
 end function kind_of_probe
 
 !> What kind of number a quantity is: length, ratio, stress, force, torque, energy, angle or

@@ -207,9 +207,11 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
             if (.not. self%at_surface(i)) share = share_inside
          end select
-         if (kind_of_probe(scene%probe(i)) == 'length') self%of_field(1, i) = 1.0_wp
-         if (kind_of_probe(scene%probe(i)) == 'stress') self%of_field(2, i) = 1.0_wp
-         if (scene%probe(i)%expression%given()) then
+         if (.not. scene%probe(i)%expression%given()) then
+            associate (kinds => [character(len=6) :: 'length', 'stress'])
+               self%of_field(:, i) = merge(1.0_wp, 0.0_wp, kinds == kind_of_probe(scene%probe(i)))
+            end associate
+         else
             call place_state(problem, probes, i, state, local)
             call expression_slopes(problem, scene%probe(i), probes%nearest(i), local, &
                & displacement, stress, slope)
@@ -225,13 +227,13 @@ end subroutine look_at
 
 !> Mean of a norm over the volume where it is finite, at most what `ordinary` of that stays below
 pure real(wp) function size_of(norm, volume)
-   !> Norm at each place of output, shape (nc)
+   !> Norm at each place, shape (nc)
    real(wp), intent(in) :: norm(:)
    !> Their volumes, shape (nc) [length^nd]
    real(wp), intent(in) :: volume(:)
    real(wp), allocatable :: value(:), weight(:)
    integer, allocatable :: place(:), order(:)
-   real(wp) :: below
+   real(wp) :: below, total
    integer :: i
 
    size_of = 0.0_wp
@@ -242,12 +244,13 @@ pure real(wp) function size_of(norm, volume)
    allocate (order(size(place)))
    order(place) = [(i, i=1, size(place))]
    below = 0.0_wp
+   total = sum(weight)
    do i = 1, size(order)
       below = below + weight(order(i))
       size_of = value(order(i))
-      if (below >= ordinary*sum(weight)) exit
+      if (below >= ordinary*total) exit
    end do
-   size_of = min(size_of, sum(weight*value)/max(sum(weight), tiny(1.0_wp)))
+   size_of = min(size_of, sum(weight*value)/max(total, tiny(1.0_wp)))
 end function size_of
 
 !> Bars from a second solution

@@ -79,7 +79,7 @@ module rk_companion
       !> [-]
       real(wp) :: distance = 0.0_wp
       !> Root mean square of that difference over the volume at each load [length], and the mean
-      !> norm of the difference of the stresses around each probe [stress], 0 where it has no place,
+      !> norm of the difference of the stresses around each probe [stress], 0 where it has none,
       !> shape (2, probes, loads)
       real(wp), allocatable :: difference(:, :, :)
    end type companion_type
@@ -371,14 +371,15 @@ subroutine look(self, problem, keeper, first, answer, error)
    real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2)
    real(wp) :: apart(size(problem%scene%cloud%points, 2))
    integer :: nearest(size(apart))
-   logical :: around(size(apart))
+   logical :: around(size(apart)), stressed
    integer :: i, ip, k, n
 
    call new_bars(self%seen, problem, keeper%load, keeper%x, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
       n = min(cloud%nd, first%fields)
-      nearest = nearest_points(first%scene%cloud%points, cloud%points)
+      stressed = any(self%seen%of_field(2, :) > 0.0_wp)
+      if (stressed) nearest = nearest_points(first%scene%cloud%points, cloud%points)
       call first%scene%shape_at(cloud%points, shape, error)
       if (allocated(error)) return
       most = 0.0_wp
@@ -386,26 +387,28 @@ subroutine look(self, problem, keeper, first, answer, error)
       allocate (self%difference(2, size(self%seen%change), size(keeper%load)), source=0.0_wp)
       do k = 1, size(keeper%load)
          call problem%state(keeper%x(:, k), keeper%load(k), state)
-         call first%state(answer(:, k), keeper%load(k), own)
+         if (stressed) call first%state(answer(:, k), keeper%load(k), own)
          difference = 0.0_wp
          total = 0.0_wp
          do ip = 1, size(cloud%points, 2)
             call problem%at_point(state, ip, local)
             call shape%interpolate(ip, answer(:, k), 1, 1 + cloud%nd, u)
-            call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
-            apart(ip) = norm2(here%cauchy - local%cauchy)
+            if (stressed) then
+               call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
+               apart(ip) = norm2(here%cauchy - local%cauchy)
+            end if
             difference = difference + cloud%volume(ip)*sum((u(:n, 1) - local%u(:n))**2)
             total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
          most = max(most, [difference, total])
          self%difference(1, :, k) = sqrt(difference/sum(cloud%volume))
          do i = 1, size(self%seen%change)
-            associate (probe => problem%scene%probe(i))
-               if (probe%set > 0 .or. probe%of_body()) cycle
-               around = norm2(cloud%points - spread(probe%point(:cloud%nd), 2, size(apart)), &
-                  & dim=1) < vicinity*maxval(cloud%spacing)
-               self%difference(2, i, k) = size_of(pack(apart, around), pack(cloud%volume, around))
+            if (.not. self%seen%of_field(2, i) > 0.0_wp) cycle
+            associate (place => problem%scene%probe(i)%point(:cloud%nd))
+               around = [(norm2(cloud%points(:, ip) - place), ip=1, size(apart))] &
+                  & < vicinity*maxval(cloud%spacing)
             end associate
+            self%difference(2, i, k) = size_of(pack(apart, around), pack(cloud%volume, around))
          end do
       end do
    end associate

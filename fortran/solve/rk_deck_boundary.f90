@@ -130,7 +130,8 @@ subroutine check_fibers(scene, probe, deck, at, error)
    associate (tissue => scene%tissue(scene%tissue_of(near(1))))
       if (.not. tissue%material%fibered) call deck%complain(at//'.expression', &
          & "fiber_stretch: material '"//tissue%name//"' at " &
-         & //to_text(probe%point(:scene%cloud%nd))//' has no fibers', error)
+         & //to_text(probe%point(:scene%cloud%nd))//' has no fibers: move the point, or use J ' &
+         & //'or F', error)
    end associate
 end subroutine check_fibers
 

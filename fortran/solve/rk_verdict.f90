@@ -487,10 +487,10 @@ subroutine judge_path(self, problem, deck, model, receiver, outcome)
    call solve_beside(slower, problem, outcome%load, outcome%x, deck, &
       & ['load.steps='//to_text(finer_steps*problem%scene%load%steps)], model, receiver)
    if (slower%lost) then
-      reason = 'in '//to_text(finer_steps)//' times as many load steps it '//slower%ended &
-         & //': this state was reached by a jump past that load'
+      reason = 'in smaller load steps it '//slower%ended//': this state was reached by a jump ' &
+         & //'past that load; reduce the load or constrain the body'
    else if (slower%distance > of_distance(1)) then
-      reason = 'in '//to_text(finer_steps)//' times as many load steps it ends in another state'
+      reason = 'in smaller load steps it ends in another state; take more load.steps'
    else
       return
    end if

@@ -441,7 +441,7 @@ def differences(
         wide = np.fmax(bar, its)
         room = (1 if within else OF_BAR) * wide + ROUNDING * kinds[kind]
         if one.verdict == two.verdict == "refused" and np.isnan([bar, its]).all():
-            # of which nothing is said: what a value without a bar is, in a refused answer
+            # a refused answer without bars says nothing about its values
             continue
         if np.any(abs(value - other) > room) or np.any(np.isnan(value) != np.isnan(other)):
             found.append(f"{name}: {value} +- {bar} becomes {other} +- {its}")

@@ -96,8 +96,8 @@ def test_another_branch_gives_no_bars() -> None:
 
 
 def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
-    """A ring that suction buckles at .68 of the load: one or two steps arrive behind it, three end
-    before it. Neither way may be the better answer.
+    """A ring that suction buckles at .68 of the load: one or two steps arrive behind it, which is
+    refused, three end before it.
     """
     soft = 2.114535721824404
     tables = {
