@@ -79,7 +79,8 @@ module rk_companion
       !> [-]
       real(wp) :: distance = 0.0_wp
       !> Root mean square of that difference over the volume at each load [length], and the mean
-      !> norm of the difference of the stresses around each probe [stress], 0 where it has none,
+      !> norm of the difference of the stresses around each probe [stress], 0 where it has none
+      !> or the form has nodal cells,
       !> shape (2, probes, loads)
       real(wp), allocatable :: difference(:, :, :)
    end type companion_type
@@ -378,7 +379,9 @@ subroutine look(self, problem, keeper, first, answer, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud)
       n = min(cloud%nd, first%fields)
-      stressed = any(self%seen%of_field(2, :) > 0.0_wp)
+      ! nodal cells have one stress each: half way between two it is that of either, and a mirror
+      ! changes which
+      stressed = first%scene%method == 'rkpm-gauss' .and. any(self%seen%of_field(2, :) > 0.0_wp)
       if (stressed) nearest = nearest_points(first%scene%cloud%points, cloud%points)
       call first%scene%shape_at(cloud%points, shape, error)
       if (allocated(error)) return
