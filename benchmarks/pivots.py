@@ -373,7 +373,7 @@ def _certify(rows: Rows) -> dict[str, Any]:
 
 
 def _unseen(rows: Rows) -> dict[str, Any]:
-    """Answers to a wanted error on decks that name no points, by halves."""
+    """Answers to a target error on decks that name no points, by halves."""
     shown = []
     for half in ("tuned", "other"):
         for accuracy in dict.fromkeys(row["form"] for row in rows):
@@ -384,7 +384,7 @@ def _unseen(rows: Rows) -> dict[str, Any]:
             shown.append(
                 {
                     "half": half,
-                    "wanted error": accuracy,
+                    "target error": accuracy,
                     "decks": len(own),
                     "right": len(right),
                     "wrong and accepted": _wrong_and_accepted(own),
@@ -398,7 +398,7 @@ def _unseen(rows: Rows) -> dict[str, Any]:
             )
     return {
         "title": "Decks without points",
-        "about": "Random boxes and rings that name neither form nor points, a wanted error and "
+        "about": "Random boxes and rings that name neither form nor points, a target error and "
         "15 s of CPU time; finite elements of three meshes are the truth. A probe that is "
         f"{WRONG:.0%} of its kind off, beyond the truth's doubt, is wrong. The other half was "
         "solved by finite elements before anything was chosen, and looked at once. Bars over "
@@ -450,7 +450,7 @@ class _Entry(NamedTuple):
 
 
 def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> dict[str, Any]:
-    """CPU time for a wanted error: MyoRK and finite elements, one after the other."""
+    """CPU time for a target error: MyoRK and finite elements, one after the other."""
     rows: list[dict[str, Any]] = []
     races: list[dict[str, Any]] = []
     plots = []
@@ -467,7 +467,7 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
     known = [found["ratio"] for found in races if found["ratio"] is not None]
     below = sum(ratio < 1.0 for ratio in known)
     return {
-        "title": "CPU time for a wanted error",
+        "title": "CPU time for a target error",
         "about": "Each problem by all at rising sizes, without error bars: ours and felupe in one "
         "load step to the full load, dolfinx and CalculiX in the fewest that end, whose time alone "
         "counts; compilation and import are left out, of CalculiX the process counts. The best "
@@ -500,7 +500,7 @@ def cost(rows: Rows, key: str, error: float) -> float | None:
 
     - `rows`: solves with `cpu_s` and errors
     - `key`: the error of a row
-    - `error`: wanted error [-]
+    - `error`: target error [-]
     """
     points = sorted(
         (float(row["cpu_s"]), max(float(row[key]), 1e-300))

@@ -227,7 +227,7 @@ def _stored() -> dict[str, Any]:
 
 
 def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    """Solve all decks that have truths at each wanted error; a few of them for `quick`.
+    """Solve all decks that have truths at each target error; a few of them for `quick`.
 
     Errors are relative to the largest of their kind, as what is `off` beyond the truth's doubt.
     """

@@ -38,8 +38,8 @@ subroutine find_surface_sets(self, cloud, error)
       if (any(self%within(k, :))) cycle
       call fatal_error(error, err_input, 'set '//trim(cloud%set_names(k))//': it holds ' &
          & //to_text(count(cloud%within(k, :)))//' boundary points, but none of the ' &
-         & //to_text(size(self%set))//' places where the surface is integrated: make it larger, ' &
-         & //'or the points more')
+         & //to_text(size(self%set))//' places where the surface is integrated: enlarge the set, ' &
+         & //'or use more points')
       return
    end do
 end subroutine find_surface_sets

@@ -325,7 +325,7 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
       if (parser.GetNumResults() > 1)
          tape.fault = several_values;
       else if (text.find('?') != std::string::npos)
-         tape.fault = "is no energy: instead of c ? a : b take max(a, b), min(a, b) or (I4 > 1)*a";
+         tape.fault = "is not an energy: write max(a, b), min(a, b) or (I4 > 1)*a instead of c ? a : b";
    } catch (const mu::Parser::exception_type &fault) {
       tape.fault = parser_fault(fault, text, known(parser, names));
    }

@@ -45,7 +45,7 @@ std::string header_fault(const nifti_image &image) {
       return "is not a readable NIfTI file: more than 1e9 voxels";
    if (image.nvox != image.nx * image.ny * image.nz)
       return "is not a label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
-             " values a voxel; extract one of them";
+             " values per voxel; extract one of them";
    if (!nifti_is_inttype(image.datatype) && image.datatype != DT_FLOAT32 &&
        image.datatype != DT_FLOAT64)
       return std::string("holds values of type ") + nifti_datatype_string(image.datatype) +

@@ -140,7 +140,7 @@ subroutine new_motion(body, problem, error)
       call new_strong_motion(strong, problem, error)
       body => strong
    class default
-      call fatal_error(error, err_input, 'dynamics: only linear problems move')
+      call fatal_error(error, err_input, 'dynamics: only linear problems can be marched in time')
    end select
    if (.not. allocated(error) .or. .not. associated(body)) return
    deallocate (body)

@@ -126,7 +126,7 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver, n
    self%method = problem%scene%method
    if (allocated(problem%scene%body_force)) then
       self%missed = .true.
-      self%why_not = 'the loads were set point by point, which no deck can say'
+      self%why_not = 'the loads were set point by point, which a deck cannot express'
       return
    end if
    points = model

@@ -34,7 +34,7 @@ module rk_refine
    integer, parameter :: long = 512
    !> Order of the bars in the spacing that is counted on
    real(wp), parameter :: order = 2.0_wp
-   !> Part of the wanted error that is aimed at, so that one more lattice is seldom needed [-]
+   !> Part of the target error that is aimed at, so that one more lattice is seldom needed [-]
    real(wp), parameter :: aim = 0.8_wp
    !> Growth of the cells in a direction from one lattice to the next
    real(wp), parameter :: most_growth = 2.0_wp
@@ -151,7 +151,7 @@ subroutine refine(self, deck, model, receiver, error)
          if (receiver%stopped()) return
          if (allocated(self%start)) then
             ! the answer before stands
-            self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
+            self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
                & //'met: the next points, '//list(cells)//' cells, have no answer within ' &
                & //'refine.cost: '//error%message
             deallocate (error)
@@ -184,11 +184,11 @@ subroutine refine(self, deck, model, receiver, error)
       self%seconds = now - start
       if (worst <= self%wanted) then
          self%met = .true.
-         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is met'
+         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is met'
          return
       end if
       if (.not. any(counts .and. left > self%wanted)) then
-         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
+         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
             & //'met: the voxels leave '//to_text(100.0_wp*maxval(bars%open, mask=counts), 2) &
             & //' % open, however many points there are; give a label map of finer voxels'
          return
@@ -197,12 +197,12 @@ subroutine refine(self, deck, model, receiver, error)
       ! blocks of as many voxels each: where they differ answers are worse than the bars tell
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
-         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
+         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
             & //'every voxel has its own source points; give a label map of finer voxels'
          return
       end if
       if (self%seconds + expected(next) > cost) then
-         self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
+         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
             & //'the next points, '//list(next)//' cells, would take about ' &
             & //to_text(self%seconds + expected(next), 2)//' CPU s, more than refine.cost'
          if (allocated(scene%cloud%block)) return
@@ -223,7 +223,7 @@ subroutine refine(self, deck, model, receiver, error)
       before = now
       before_cells = cells
    end do
-   self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
+   self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
       & //to_text(most_levels)//' lattices'
 
 contains
@@ -257,7 +257,7 @@ subroutine refined_before(self, deck, scene, bars, error)
    call self%look_back(deck, scene, bars, error)
    if (allocated(error)) return
    self%met = self%reached >= 0.0_wp .and. self%reached <= self%wanted
-   self%reason = 'the wanted error of '//to_text(100.0_wp*self%wanted, 3)//' % is ' &
+   self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is ' &
       & //trim(merge('met    ', 'not met', self%met))//' by the points of the run that is resumed'
 end subroutine refined_before
 
@@ -297,7 +297,7 @@ subroutine check(scene, deck, error)
       & .or. allocated(scene%cloud%block))) then
       complaint = 'needs scene.method = "rkpm-gauss" on a box, an annulus or a model of voxels'
    else if (size(scene%probe) == 0) then
-      complaint = 'needs a probe whose error is wanted'
+      complaint = 'needs a probe whose error is to be met'
    else
       return
    end if

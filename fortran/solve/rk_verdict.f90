@@ -144,7 +144,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       return
    end if
    if (.not. with_companion) then
-      self%companion%why_not = 'no second solution was wanted'
+      self%companion%why_not = 'the second solution was switched off'
    else
       call solve_companion(self%companion, problem, outcome%load, outcome%x, deck, model, &
          & receiver)
@@ -287,8 +287,8 @@ function broken_text(problem, outcome) result(text)
 
    text = 'the stress is not finite'
    if (.not. outcome%min_j > 0.0_wp) text = 'the volume ratio falls to ' &
-      & //to_text(outcome%min_j, 2)//': material is turned inside out'
-   text = text//extent_of(problem, outcome%broken)//'; what is measured there means nothing, ' &
+      & //to_text(outcome%min_j, 2)//': the material is inverted'
+   text = text//extent_of(problem, outcome%broken)//'; values there are meaningless, ' &
       & //'take more points there'
 end function broken_text
 
@@ -413,7 +413,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
       & .or. self%companion%other_form)) then
       ! the difference from another branch is no measure of an error
       call withhold(self%bars)
-      call found%object(refused, 'no error bars: what lies so far away is another branch')
+      call found%object(refused, 'no error bars: a solution this far away is on another branch')
    else
       associate (bars => self%bars)
          allocate (upper(size(bars%change)))

@@ -581,7 +581,7 @@ subroutine hold_points(self, error)
       return
    end if
    if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
-      call fatal_error(error, err_input, 'galerkin.essential = "transformation" knows neither ' &
+      call fatal_error(error, err_input, 'galerkin.essential = "transformation" supports neither ' &
          & //'tendons nor pressures with a free rim: take galerkin.essential = "penalty"')
       return
    end if

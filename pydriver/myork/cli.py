@@ -617,7 +617,7 @@ _COMMANDS = {
                 "LOW:HIGH", "parameter with its range, such as load.activation=0:1", required=True
             ),
             _option("-o --output", "FILE", "file of the model", Path),
-            _option("--tolerance", "TOLERANCE", "wanted relative error", float, default=1e-3),
+            _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
             _option("--full-solves", "N", "full solves at most", int, default=60),
             _option(
                 "--snapshots", "DIR",
@@ -724,7 +724,7 @@ _COMMANDS = {
             ),
             _several(
                 "--free", "KEY=LOW:HIGH",
-                "parameter that is wanted; KEY alone takes the range of the training",
+                "parameter to be fitted; KEY alone takes the range of the training",
                 required=True,
             ),
         ),

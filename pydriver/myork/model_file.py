@@ -103,7 +103,7 @@ def _read(source: Path | io.BytesIO, name: str) -> PointCloud:
 def _cloud_of(file: h5py.File) -> PointCloud:
     stamp = attribute(file, "format")
     if stamp != FORMAT:
-        raise InputError(f"its format is '{stamp[:40]}', '{FORMAT}' is wanted")
+        raise InputError(f"its format is '{stamp[:40]}', not '{FORMAT}'")
     sets = _lines(file, "set_names")
     labels = dict(_label(line) for line in _lines(file, "label_names"))
     names = [*_ARRAYS, *(name for name in _OTHERS if holds(file, name.split("/")[0]))]

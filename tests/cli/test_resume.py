@@ -367,7 +367,7 @@ def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     wanted = {"accuracy": 0.01, "probe": "force", "cost": 60.0}
     deck = write_deck({**RUBBER, "load": {"steps": 12}, "refine": wanted})
     said = run(deck, tmp_path / "whole")
-    assert "refine 2:" in said and "the wanted error of 1 % is" in said
+    assert "refine 2:" in said and "the target error of 1 % is" in said
     out = tmp_path / "killed"
     child = start(deck, out)
     journal = out / "results.journal"

@@ -291,7 +291,11 @@ SEED = bone(39, 34, 0)
             "image.reference: only for split = pieces",
         ),
         ([SEED], {"reference": "old.nii.gz"}, "both say what is where; take one out"),
-        ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates a point, not 4"),
+        (
+            [bone(39, 2, 34, 0)],
+            {},
+            "muscle.bone.seeds: three coordinates per point are needed, not 4",
+        ),
         ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
         ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
         ([], {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),

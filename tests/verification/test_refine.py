@@ -32,7 +32,7 @@ def test_the_wanted_error_of_a_tip_is_met(error) -> None:
     assert tip == pytest.approx(BEAM_TIP, rel=error)
     assert states.probe_errors[-1, 0, 0] <= error * abs(tip)
     # the stress that nobody wanted to know may still be in doubt
-    assert states.reasons[-1] == f"the wanted error of {100 * error:g} % is met"
+    assert states.reasons[-1] == f"the target error of {100 * error:g} % is met"
     # uniform cells that do are 16 and 32 along it
     assert points < (17 * 5 if error == 0.01 else 33 * 9) * 1.45
 
@@ -40,7 +40,7 @@ def test_the_wanted_error_of_a_tip_is_met(error) -> None:
 def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
     states = solved(cantilever(accuracy=0.01, cost=0.15), error=True).states
     assert re.fullmatch(
-        r"the wanted error of 1 % is not met: the next points, \[\d+,\d+\] cells, would take "
+        r"the target error of 1 % is not met: the next points, \[\d+,\d+\] cells, would take "
         r"about .* CPU s, more than refine\.cost",
         states.reasons[-1],
     )
@@ -126,7 +126,7 @@ def test_an_accuracy_above_all_tables_is_met_and_the_scene_has_the_points() -> N
         again = [word.split("=")[1] for word in opened.points_found]
         assert opened.deck["geometry"]["source"] == json.loads(again[0])
         found = solved(opened, error=True)
-    assert found.states.reasons[-1] == "the wanted error of 0.2 % is met"
+    assert found.states.reasons[-1] == "the target error of 0.2 % is met"
     assert found.last()["tip"] == pytest.approx(BEAM_TIP, rel=0.002)
     # given the points, the same deck has the same state
     with Scene.from_tables(without_points(), overrides=opened.points_found) as other:
@@ -146,7 +146,7 @@ def test_points_of_a_programme_are_searched_by_all_its_states() -> None:
     tips = found.probes["tip"][:, 0]
     middle = int(np.argmax(abs(tips)))
     assert tips[middle] == pytest.approx(BEAM_TIP, rel=0.01) and abs(tips[-1]) < 1e-6
-    assert found.states.reasons[-1] == "the wanted error of 1 % is met"
+    assert found.states.reasons[-1] == "the target error of 1 % is met"
 
 
 @pytest.mark.parametrize("asked", [{"accuracy": 0.05}, {"refine": {"probe": "tip"}}])

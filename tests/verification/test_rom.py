@@ -459,7 +459,7 @@ def test_linear_problems_are_not_reduced(inputs: Path, tmp_path) -> None:
 
 
 def test_an_error_that_is_not_a_number_is_not_zero() -> None:
-    """Where the material is turned inside out there is no stress to compare."""
+    """Where the material is inverted there is no stress to compare."""
     assert largest_error(np.zeros(2), np.ones(2)) == 0.0
     assert np.isnan(largest_error(np.array([1.0, np.nan]), np.ones(2)))
 
@@ -497,7 +497,7 @@ def test_a_model_of_few_snapshots_is_judged_at_all_steps(tmp_path) -> None:
     [
         ({"every": 7}, r"rom.every = 7: none of the 6 steps is a snapshot"),
         ({"steps": [2, 9]}, r"rom.steps: 9 is wanted, but there are 6 load steps"),
-        ({"modes": [4], "every": 2}, r"4 modes are wanted, but 3 load steps give at most 3"),
+        ({"modes": [4], "every": 2}, r"4 modes are asked for, but 3 load steps give at most 3"),
         ({"projection": "galerkin"}, r"rom.projection: unknown key"),
     ],
 )

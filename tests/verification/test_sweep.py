@@ -536,5 +536,5 @@ def test_a_dry_run_tells_what_it_costs(
     line = ["sweep", str(deck), "--vary", "material.rubber.mu=5:20:5", "--set", "load.steps=4"]
     assert main([*line, "--dry-run", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
-    point, hours = re.search(r"about (\S+) CPU s a point, (\S+) CPU hours", said).groups()
+    point, hours = re.search(r"about (\S+) CPU s per point, (\S+) CPU hours", said).groups()
     assert float(point) > 0 and float(hours) == pytest.approx(5 * float(point) / 3600, rel=0.06)

@@ -297,7 +297,7 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
     deck, overrides = inputs / "shear_2d.toml", (*GAUSS, *size(9, 5))
     states, found = solved(deck, overrides, error=False)
     assert np.isnan(found["top_force"][1]).all()
-    assert states.reasons == ["no error estimate: no second solution was wanted"]
+    assert states.reasons == ["no error estimate: the second solution was switched off"]
     summary, done = execute(deck, tmp_path, "-q", "--no-error", sets=overrides)
     assert done.returncode == 0
     assert summary["verdict"] == {"state": states.verdict, "reasons": states.reasons}

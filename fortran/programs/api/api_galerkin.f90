@@ -139,7 +139,7 @@ subroutine galerkin_laws(handle, nt, a, fibers, state, stat, message)
                & law%a(3, 0), law%a(2, 1), law%a(1, 2), law%a(0, 3)]
          class default
             call fatal_error(error, err_input, "material '"//tissue%name &
-               & //"': reduced models know polynomials and muscle")
+               & //"': reduced models support polynomial energies and muscle")
          end select
          select type (law => tissue%material)
          class is (muscle_type)

@@ -161,14 +161,13 @@ subroutine look_up_galerkin(handle, problem, stat, message)
    type is (galerkin_problem)
       problem => full
       if (full%linear) then
-         call fatal_error(error, err_input, 'a reduced model that is trained is one of a ' &
-            & //'nonlinear problem')
+         call fatal_error(error, err_input, 'only nonlinear problems have trained reduced models')
       else if (full%multiplier%extra > 0) then
-         call fatal_error(error, err_input, 'a reduced model that is trained needs finite bulk ' &
+         call fatal_error(error, err_input, 'a trained reduced model needs finite bulk ' &
             & //'moduli; take K = 1e3 times the shear modulus instead of inf')
       end if
    class default
-      call fatal_error(error, err_input, 'a reduced model that is trained is one of the Galerkin ' &
+      call fatal_error(error, err_input, 'a trained reduced model needs one of the Galerkin ' &
          & //'forms: method "rkpm-gauss" or "rkpm-scni"')
    end select
    call pack_error(error, stat, message)

@@ -73,7 +73,9 @@ def run_command(words: Sequence[str | Path], limit: float) -> Ending:
         child.communicate()
         if not isinstance(reason, subprocess.TimeoutExpired):
             raise
-        return Ending("time limit", f"no end within {limit:g} s", time.perf_counter() - started)
+        return Ending(
+            "time limit", f"not finished within {limit:g} s", time.perf_counter() - started
+        )
     seconds = time.perf_counter() - started
     outcomes = {0: "done", 1: "not converged", 2: "refused"}
     outcome = "crashed" if child.returncode < 0 else outcomes.get(child.returncode, "failed")

@@ -385,7 +385,9 @@ class Scene:
         words = name.encode() or b" "
         n, _, _ = self._ask(_core.scene_set, words, 1)
         if n == 0:
-            raise errors.InputError(f"{name!r} is no boundary set with points of this scene")
+            raise errors.InputError(
+                f"{name!r} is not a boundary set of this scene, or has no points"
+            )
         _, point, area = self._ask(_core.scene_set, words, n)
         return point, area
 

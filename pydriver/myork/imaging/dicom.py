@@ -54,7 +54,7 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
         )
     if len(gaps) and np.ptp(gaps) > 0.05 * gaps.mean():
         raise InputError(
-            f"{folder}: the distances of the slices run from {gaps.min():.3g} to {gaps.max():.3g} "
+            f"{folder}: the spacing of the slices varies from {gaps.min():.3g} to {gaps.max():.3g} "
             "mm; a slice is missing, or the series must be resampled"
         )
     stack = [_values(slices[index]) for index in order]
@@ -130,7 +130,7 @@ def _slice(path: Path, data: Any) -> _Slice:
     )  # fmt: skip
     if samples != 1 or frames != 1:
         what = f"{samples} values (colours)" if samples != 1 else f"{frames} frames"
-        raise InputError(f"{path}: has {what} a pixel; one grey value a pixel is needed")
+        raise InputError(f"{path}: has {what} per pixel; one grey value per pixel is needed")
     if min(rows, columns) < 1:
         raise InputError(f"{path}: has {rows} rows and {columns} columns; the header is damaged")
     return _Slice(path, place, axes, pixel, rows, columns, data)

@@ -160,7 +160,7 @@ def parse_axes(text: str) -> F64:
     letters = [word.removeprefix("-") for word in words]
     if sorted(letters) != ["x", "y", "z"]:
         raise InputError(
-            f"image.gradient_axes = '{text}': x, y and z are wanted in some order, each with a "
+            f"image.gradient_axes = '{text}': x, y and z are needed in some order, each with a "
             "minus sign or without, such as 'x -y z'"
         )
     matrix = np.zeros((3, 3))

@@ -126,7 +126,7 @@ def water_and_fat(
     count = len(magnitudes)
     if len(phases) != count:
         raise InputError(
-            f"dixon: {count} magnitudes and {len(phases)} phases; each echo has one of both"
+            f"dixon: {count} magnitudes and {len(phases)} phases; each echo needs one of each"
         )
     if len(times) or strength > 0 or count != 2:
         if len(set(times)) != count or not strength > 0:
@@ -450,8 +450,8 @@ def _rim_decides(
             result[mine] *= -1
         if max(contrast) < _UNLIKE:
             doubt = (
-                "dixon: next to the skin there is not more fat than inside (fractions differ by "
-                f"{max(contrast):.2f}); look whether water and fat are exchanged"
+                "dixon: there is no more fat next to the skin than inside (fractions differ by "
+                f"{max(contrast):.2f}); check whether water and fat are swapped"
             )
     return result, doubt
 
@@ -470,7 +470,7 @@ def _order_doubt(one: F64, two: F64, factors: tuple[complex, complex]) -> str:
         return ""
     return (
         f"dixon: {100.0 * mine:.0f} % of the body is brighter in one of the echoes than any "
-        f"mixture of water and fat ({100.0 * other:.0f} % with the echoes exchanged); look whether "
+        f"mixture of water and fat ({100.0 * other:.0f} % with the echoes swapped); check whether "
         "their order is that of dixon.echo_times (without these in phase first, opposed second)"
     )
 
@@ -503,7 +503,7 @@ def _times_doubt(factors: Sequence[complex]) -> str:
         "at dixon.echo_times and dixon.field_strength"
     )
     if averages < _TOO_FEW:
-        raise InputError(f"{what}; such echoes do not part water and fat")
+        raise InputError(f"{what}; such echoes cannot separate water and fat")
     return what if averages < _LEAST else ""
 
 

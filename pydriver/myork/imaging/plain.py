@@ -24,7 +24,7 @@ def check_kind(name: str, kind: np.dtype) -> None:
     if kind.kind not in "biuf":
         raise InputError(
             f"{name}: the values are {'colours' if kind.names else 'no numbers'} ({kind}); save "
-            "one grey value a voxel"
+            "one grey value per voxel"
         )
 
 

@@ -72,7 +72,7 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
         raise InputError(
             f"{image.name} and {like.name} do not overlap: the first reaches {_extent(image)}, the "
             f"other {_extent(like)} mm; take images of one session, register the first to the "
-            "other, or mend the geometry (sform, qform) of its header"
+            "other, or correct the geometry (sform, qform) of its header"
         )
     moved = replace(turned, data=_values(turned, like, way), affine=like.affine)
     said = (
@@ -82,8 +82,8 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
     doubts = []
     if image.data.shape[:3] == like.data.shape[:3]:
         doubts.append(
-            f"{image.name} and {like.name} have as many voxels, {like.data.shape[:3]}, "
-            "but at other places: look whether one of the headers is wrong"
+            f"{image.name} and {like.name} have the same number of voxels, {like.data.shape[:3]}, "
+            "but in different places: check whether one of the headers is wrong"
         )
     if isinstance(image, Labels) and isinstance(moved, Labels):
         doubts += _lost(image, moved)
@@ -110,7 +110,7 @@ def _tensors(image: Image | Labels, like: Image | Labels) -> F64:
         return _mean(data, known_tensors(data), image, like)
     if data.shape[3:] != (3,):
         raise InputError(
-            f"{image.name}: tensors have six values a voxel and fibers three, this image has "
+            f"{image.name}: tensors have six values per voxel and fibers three, this image has "
             f"shape {data.shape}"
         )
     length = np.linalg.norm(data, axis=-1, keepdims=True)

@@ -25,7 +25,7 @@ def read_rois(path: Path, like: Image | Labels | None) -> Labels:
     """
     if like is None:
         raise InputError(
-            f"{path}: masks of Dafne have no grid; bring them onto that of their image before: "
+            f"{path}: Dafne masks have no grid; put them on that of their image first: "
             f"myork resample {path.name} IMAGE -o labels.nii.gz"
         )
     try:

@@ -254,6 +254,6 @@ def _no_fiber(name: str, missing: int, total: int, voxel: NDArray, what: str) ->
     """Error for places without a usable neighbour."""
     return InputError(
         f"{name}: {missing} of {total} places have no usable {what} at or around them, the first "
-        f"is voxel {tuple(voxel.tolist())}; mend the file, smooth more, or leave these voxels out "
-        "of the label"
+        f"is voxel {tuple(voxel.tolist())}; repair the file, smooth more, or leave these voxels "
+        "out of the label"
     )

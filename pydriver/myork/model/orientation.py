@@ -163,7 +163,7 @@ def _doubt(found: list[Orientation]) -> str:
     alike = [o for o in found if o.crossing < least + _ALIKE]
     best = min(alike, key=lambda o: (_moved(o.axes), o.crossing))
     return (
-        "the axes of the diffusion gradients are exchanged: fibers cross the walls of muscles, "
+        "the axes of the diffusion gradients are swapped: fibers cross the walls of muscles, "
         f"mean square cosine with their normals {given.crossing:.2f} as the files say, "
         f'{best.crossing:.2f} with image.gradient_axes = "{best.axes}"; flips, and the order '
         f"of the two axes across the muscles, cannot be determined from this: {look}"

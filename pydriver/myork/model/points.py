@@ -178,7 +178,7 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
             f"{labels.name}: {len(loose)} pieces would float freely:\n  "
             + "\n  ".join(sentences[:5])
             + more
-            + '\nset build.islands = "drop" to leave them out, or mend the labels'
+            + '\nset build.islands = "drop" to leave them out, or correct the labels'
         )
     kept = np.where(np.isin(pieces, loose), 0, labels.data)
     return Labels(kept, labels.affine, labels.names, labels.name), sentences

@@ -91,7 +91,7 @@ def _page(folder: RunFolder) -> Page:
             Section("planes", "Inside the body", _planes(folder)),
             Section("probes", "Forces and other probes", _probes(folder)),
             Section("rom", "Reduced models", _rom(folder)),
-            Section("touch", "The reduced model to touch", _touch(folder)),
+            Section("touch", "The reduced model with sliders", _touch(folder)),
             Section("convergence", "Convergence", _convergence(folder)),
             Section("run", "The run", _run(folder)),
         ),

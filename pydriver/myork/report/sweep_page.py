@@ -88,7 +88,9 @@ def read_sweep(path: Path) -> SweepFolder:
             [float(row["cpu_s"]) for row in rows], about,
         )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as reason:
-        raise FileError(f"{file}: is not what myork sweep writes: {reason!r}; sweep anew") from None
+        raise FileError(
+            f"{file}: is not what myork sweep writes: {reason!r}; run the sweep again"
+        ) from None
     if not sweep.verdicts:
         raise FileError(f"{file}: no point is finished; run the same line of myork sweep again")
     return sweep
@@ -148,7 +150,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
             )
     seconds = np.array(sweep.cpu, float)
     seconds = seconds[np.isfinite(seconds)]
-    cost = Markup("{} CPU s in all, {} s a point").format(
+    cost = Markup("{} CPU s in all, {} s per point").format(
         number(float(seconds.sum()), 3),
         number(float(np.median(seconds)) if len(seconds) else None, 3),
     )

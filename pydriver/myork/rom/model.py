@@ -259,7 +259,7 @@ class ReducedModel:
                 f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
                 f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
                 f"{c['indicator_ratio']['max']:.2f}",
-                f"  {c['cpu_us_per_state']:.0f} us a state, {c['full_cpu_s_per_state']:.2f} s a "
+                f"  {c['cpu_us_per_state']:.0f} us per state, {c['full_cpu_s_per_state']:.2f} s a "
                 "full one (processor time)",
             ]
         if self.head["probes_left_out"]:

@@ -88,7 +88,7 @@ def read_arrays(path: Path) -> dict[str, Any]:
         with h5py.File(path, "r") as file:
             stamp = attribute(file, "format")
             if stamp != FORMAT:
-                raise InputError(f"its format is '{stamp[:40]}', '{FORMAT}' is wanted")
+                raise InputError(f"its format is '{stamp[:40]}', not '{FORMAT}'")
             names: list[str] = []
             file.visititems(
                 lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None

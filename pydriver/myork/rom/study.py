@@ -119,7 +119,7 @@ def _with_steps(
         return overrides
     steps = max(_STEPS, wanted)
     progress(
-        f"rom.modes: one load step gives one snapshot, but {wanted} modes are wanted: "
+        f"rom.modes: one load step gives one snapshot, but {wanted} modes are asked for: "
         f"{steps} steps are taken"
     )
     return [*overrides, f"load.steps={steps}"]
@@ -140,12 +140,12 @@ def _check_modes(scene: Scene) -> None:
         )
     if chosen[-1] >= scene.steps:
         raise InputError(
-            f"rom.steps: {chosen[-1] + 1} is wanted, but there are {scene.steps} load steps"
+            f"rom.steps: {chosen[-1] + 1} is asked for, but there are {scene.steps} load steps"
         )
     wanted, limit = max(scene.deck["rom"]["modes"]), min(chosen.size, scene.dofs)
     if wanted > limit:
         raise InputError(
-            f"rom.modes: {wanted} modes are wanted, but {chosen.size} load steps give at most "
+            f"rom.modes: {wanted} modes are asked for, but {chosen.size} load steps give at most "
             f"{limit}: take more load.steps or fewer modes"
         )
 

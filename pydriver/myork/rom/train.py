@@ -76,7 +76,7 @@ def train(
 
     - `deck`: deck file; its method is one of the Galerkin forms
     - `parameters`: ranges `(low, high)` by key, or texts `KEY=LOW:HIGH`
-    - `tolerance`: wanted error: of the force relative, of the displacement in the largest one of
+    - `tolerance`: target error: of the force relative, of the displacement in the largest one of
       the test
     - `full_solves`: full solves of the training at most, the corners included
     - `tests`: further full solves of the test; without them the training does not end before

@@ -85,7 +85,7 @@ def label_by_seeds(
     elif len(numbers) < 2:
         raise InputError(
             f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
-            f"there are {numbers}; what is no muscle needs a label too"
+            f"there are {numbers}; everything that is not muscle needs a label too"
         )
     # What hardly any walk leaves goes to the last label: lone voxels and thin walls are no muscle.
     for number in [number for number, name in names.items() if name == BACKGROUND]:

@@ -205,7 +205,7 @@ def segment_images(
         name=image.name,
     )
     if table["split"] != "pieces":
-        progress(f"parting muscles: {table['split']}")
+        progress(f"separating muscles: {table['split']}")
     fraction, seen = images.fraction(), images.whole
     others = images.heights(fraction, region) if table["split"] == "walk" else None
     doubts: list[str] = []
@@ -219,7 +219,7 @@ def segment_images(
         labels = label_by_phase(table, image, grey, result)
     if not (labels.data > 0).any():
         raise InputError(
-            f"{image.name}: the segmentation is empty, no voxel got a label; look whether "
+            f"{image.name}: the segmentation is empty, no voxel got a label; check whether "
             "image.reference or the seeds of [[muscle]] lie in the body"
         )
     doubts += [images.doubt, record.get("doubt", ""), lost]

@@ -230,8 +230,8 @@ def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]
     area = float(np.max(sections) * size[0] * size[1])
     if area > _LIMB:
         found.append(
-            f"the section has {area / 100:.0f} cm^2, more than a limb: organs are as grey as "
-            "muscle and are labelled muscle; limit it by image.body"
+            f"the section has {area / 100:.0f} cm^2, more than a limb: organs have the grey "
+            "value of muscle and are labelled as muscle; limit it by image.body"
         )
     whole = [_whole(fat), _whole(muscle)]
     for label, own, all_, least in zip(
@@ -255,21 +255,23 @@ def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]
         if scatter * _CONTRAST > 1.0:
             found.append(
                 f"fat and muscle differ by {1 / scatter:.1f} times their scatter: too little to "
-                "part them by their grey"
+                "separate them by grey value"
             )
         between = _whole(inner) & (np.abs(border.place - 0.5) < 0.25)
         between = np.asarray(ndimage.binary_opening(between, np.ones((3, 3, 1))))
         part = between.sum() / inner.sum()
         if part > _BETWEEN:
             found.append(
-                f"{100 * part:.1f} % of the body lie between fat and muscle in grey: there is a "
-                "third tissue, which is labelled as one of both"
+                f"{100 * part:.1f} % of the body have grey values between those of fat and "
+                "muscle: there is a third tissue, which is labelled as one of the two"
             )
     depth = _depth(body, size[:2])
     rind = depth < 2 * _SKIN + size[0]
     shell, core = inner & rind, inner & (depth > 0.5 * depth[np.isfinite(depth)].max(initial=0.0))
     if shell.any() and core.any() and fat[shell].mean() < fat[core].mean():
-        found.append("what is called fat lies inside and not under the skin: is fat bright in it?")
+        found.append(
+            "what was labelled fat lies inside and not under the skin: is fat bright in this image?"
+        )
     return [f"tissue of {name}: {text}" for text in found]
 
 

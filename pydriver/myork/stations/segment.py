@@ -140,7 +140,7 @@ def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
     other = "bright" if phase == "dark" else "dark"
     return [
         f"{name}: {100.0 * mean:.0f} % of its signal is fat; muscle is bright in the water of a "
-        f"Dixon sequence: look whether image.phase should be '{other}'"
+        f"Dixon sequence: check whether image.phase should be '{other}'"
         for name, mean in fat.items()
         if mean > 0.5 and "fat" not in name.lower()
     ]
@@ -163,7 +163,9 @@ def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
     for rule in deck.get("muscle", []):
         name, seeds = rule["name"], np.array(rule.get("seeds", ()), float)
         if len(seeds) % 3:
-            raise InputError(f"muscle.{name}.seeds: three coordinates a point, not {len(seeds)}")
+            raise InputError(
+                f"muscle.{name}.seeds: three coordinates per point are needed, not {len(seeds)}"
+            )
         muscles.append(Muscle(name, seeds.reshape(-1, 3), rule.get("rim", 0.0)))
     return muscles
 

@@ -87,7 +87,7 @@ def identify(
     with closing(open_forward(source, fixed, threads, progress, out)) as forward:
         ranges = ranges_of(forward, free, "--free")
         if not ranges:
-            raise InputError("name what is wanted: --free KEY=LOW:HIGH")
+            raise InputError("name the parameters to be fitted: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
         summary, fitted = _fit(forward, measured, ranges, seed, progress)
     out.mkdir(parents=True, exist_ok=True)
@@ -110,7 +110,7 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     except OSError as reason:
         raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
     except ValueError:
-        raise InputError(f"{path}: a head and a row a measurement are needed") from None
+        raise InputError(f"{path}: a header line and one row per measurement are needed") from None
     head = [name.strip() for name in head]
     table = np.full((len(rows), len(head)), np.nan)
     for i, row in enumerate(rows):
@@ -129,7 +129,9 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
         raise InputError(f"{path}: no column is a probe; there are {', '.join(forward.units)}")
     keys = [forward.key_of(name) for name in others]
     if set(keys) & set(free):
-        raise InputError(f"{path}: {', '.join(set(keys) & set(free))}: is wanted, not given")
+        raise InputError(
+            f"{path}: {', '.join(set(keys) & set(free))}: is fitted, so that it cannot be given"
+        )
     missing = forward.unknown([*keys, *free])
     if missing:
         raise InputError(f"{path}: a column or --set is needed for {', '.join(missing)}")
@@ -258,7 +260,9 @@ def _warnings(
     if freedom <= 0:
         found.append("there are no more measurements than parameters: no interval is known")
     if not determined:
-        found.append("the data do not determine all parameters: some change nothing measured")
+        found.append(
+            "the data do not determine all parameters: some have no effect on what was measured"
+        )
     for k, key in enumerate(keys):
         if best.active_mask[k]:
             found.append(f"{key} is at the end of its range")
@@ -270,7 +274,7 @@ def _warnings(
                 )
     near = [f for f in fits if f.cost < 1.5 * best.cost and np.abs(f.x - best.x).max() > 0.02]
     if near:
-        found.append("another set of values fits almost as well: the data allow several")
+        found.append("another set of values fits almost as well: the data do not determine them")
     return found
 
 

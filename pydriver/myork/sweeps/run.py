@@ -220,7 +220,7 @@ def _cost(plan: Plan, out: Path, inputs: Inputs) -> list[str]:
         return []
     hours = count * float(found[1]) / 3600.0
     return [
-        f"  about {found[1]} CPU s a point, {hours:.2g} CPU hours in all, by counts alone (myork "
+        f"  about {found[1]} CPU s per point, {hours:.2g} CPU hours in all, by counts alone (myork "
         "explain); finished points give a better estimate"
     ]
 
