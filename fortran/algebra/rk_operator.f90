@@ -50,6 +50,8 @@ module rk_operator
       real(wp) :: backward_error = 0.0_wp
       !> Rough reciprocal condition, 0 where it is not known [-]
       real(wp) :: rcond = 0.0_wp
+      !> Symmetric, and found not to be positive definite
+      logical :: indefinite = .false.
    end type square_report
 
    !> A square matrix that solves its equations

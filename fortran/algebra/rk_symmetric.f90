@@ -373,6 +373,7 @@ subroutine solve_with(self, given, b, x, report, error)
    if (.not. definite .or. allocated(error)) then
       if (allocated(error)) then
          if (error%code == err_memory) return
+         report%indefinite = error%code /= err_input
          call solve_beside(self, given, b, x, report, found)
          if (found) deallocate (error)
          if (found) return

@@ -32,7 +32,8 @@ module rk_companion
 
    !> Length of an override
    integer, parameter :: override_length = 512
-   !> Halvings that a companion may take, whatever the deck allows, and steps of its second attempt
+   !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of its
+   !> second attempt
    integer, parameter :: halvings = 6, least_steps = 5
    !> Cells across a body that are too few to speak against a finer answer
    integer, parameter :: few_cells = 2
@@ -215,7 +216,7 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    steps = 1
    if (scene%programme%count() > 1) steps = scene%load%steps
    words = [character(len=override_length) :: 'load.steps='//to_text(steps), &
-      & 'load.max_halvings='//to_text(max(scene%load%max_halvings, halvings))]
+      & 'load.max_halvings='//to_text(halvings)]
    self%other_form = index(scene%method, 'rkcm') == 1
    if (self%other_form .and. allocated(scene%motion)) then
       self%why_not = 'motions by collocation have no second solution'
@@ -406,7 +407,7 @@ subroutine look(self, problem, keeper, first, answer, error)
          most = max(most, [difference, total])
          self%difference(1, :, k) = sqrt(difference/sum(cloud%volume))
          do i = 1, size(self%seen%change)
-            if (.not. self%seen%of_field(2, i) > 0.0_wp) cycle
+            if (.not. (stressed .and. self%seen%of_field(2, i) > 0.0_wp)) cycle
             associate (place => problem%scene%probe(i)%point(:cloud%nd))
                around = [(norm2(cloud%points(:, ip) - place), ip=1, size(apart))] &
                   & < vicinity*maxval(cloud%spacing)

@@ -3,6 +3,7 @@
 module rk_run
    use rk_clock, only : tick, timer_type
    use rk_conditions, only : overlaps
+   use rk_constraint, only : constrained_matrix
    use rk_discretisation, only : discretisation_type, judged_state, rounding
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
@@ -11,14 +12,17 @@ module rk_run
    use rk_linear_solve, only : solve_linear
    use rk_motion, only : form_motion, march
    use rk_newton, only : newton_type
+   use rk_operator, only : square_report
    use rk_precision, only : i8, wp
-   use rk_problem, only : problem_type
+   use rk_problem, only : evaluation_type, problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_reduced, only : new_motion
    use rk_reduced_motion, only : moving_problem, prepare
    use rk_scene, only : scene_type
    use rk_states, only : field_state
    use rk_static, only : solve_static
+   use rk_symmetric, only : symmetric_matrix
+   use rk_tangent, only : tangent_type
    use rk_text, only : to_text
    use rk_work_balance, only : own_work_mismatch
    implicit none
@@ -44,6 +48,10 @@ module rk_run
       character(len=:), allocatable :: lost
       !> Why the run ended early; not allocated where it did not
       character(len=:), allocatable :: ended
+      !> The tangent in the peak is not positive definite: the body would leave that state
+      logical :: unstable = .false.
+      !> The last iteration had a Cholesky factor of it
+      logical :: factored = .false.
       !> Smallest volume ratio at the places of output in all states [-]
       real(wp) :: min_j = huge(1.0_wp)
       !> The last state
@@ -130,6 +138,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       ! loads that vary from point to point are not those of the conditions on sets
       if (problem%compares_works .and. .not. allocated(problem%scene%body_force)) &
          & outcome%work_mismatch = own_work_mismatch(problem, outcome%peak)
+      if (.not. allocated(error)) call find_stability(problem, outcome)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error) .and. problem%scene%equation%is_known()) then
       allocate (outcome%norms)
@@ -271,6 +280,46 @@ subroutine find_imbalance(problem, outcome)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
 
+!> Whether the state that is judged is a stable equilibrium, where the tangent is a matrix that would
+!> then be positive definite: without pressures as unknowns and pressures that follow a free rim
+subroutine find_stability(problem, outcome)
+   class(discretisation_type), target, intent(inout) :: problem
+   !> Outcome with states
+   type(outcome_type), intent(inout) :: outcome
+   class(symmetric_matrix), pointer :: tangent
+   type(evaluation_type) :: seen
+   type(square_report) :: report
+   type(error_type), allocatable :: error
+   real(wp), allocatable :: r(:), x(:)
+   integer :: k
+
+   if (.not. allocated(outcome%load) .or. outcome%unstrained) return
+   if (index(problem%scene%method, 'rkpm') /= 1) return
+   k = judged_state(problem, outcome%x)
+   if (outcome%factored .and. k == size(outcome%load)) return
+   allocate (r(problem%m), x(problem%n))
+   call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
+   tangent => null()
+   associate (linearised => problem%operator())
+      select type (linearised)
+      class is (constrained_matrix)
+         tangent => linearised%matrix
+      class is (symmetric_matrix)
+         tangent => linearised
+      end select
+   end associate
+   if (.not. associated(tangent)) return
+   select type (tangent)
+   class is (tangent_type)
+      if (.not. tangent%formed) return
+   end select
+   if (tangent%indefinite .or. allocated(tangent%skew)) return
+   call tangent%let_go()
+   r = 1.0_wp
+   call tangent%solve_square(0.0_wp, r, x, report, error)
+   outcome%unstable = report%indefinite
+end subroutine find_stability
+
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
 subroutine check_response(problem, state, error)
@@ -298,6 +347,9 @@ subroutine iteration(self, it)
    class(watcher_type), intent(inout) :: self
    type(iteration_type), intent(in) :: it
 
+   self%outcome%factored = .false.
+   if (allocated(it%solver)) self%outcome%factored = it%solver == 'cholesky' &
+      & .and. index(it%why, 'shift') == 0
    call self%receiver%iteration(it)
 end subroutine iteration
 

@@ -121,6 +121,11 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: # of the largest is left')
+      if (outcome%unstable) then
+         call self%object(doubtful, 'the equilibrium is unstable, its tangent is not positive ' &
+            & //'definite: a small disturbance takes the body to another state; reduce the load ' &
+            & //'or constrain the body')
+      end if
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
       if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, receiver)
    end if

@@ -102,7 +102,7 @@ def test_what_lies_under_the_skin_decides_and_is_told_where_it_does_not():
     assert scores(found, water, fat)[0] >= 0.98
     (one, two), water, fat, _ = legs(None, 0.0, rim=0.0)
     bare = separate(one, two, water + fat > 0, spacing=SPACING)
-    assert "fractions differ by" in bare.doubt and "are exchanged" in bare.doubt
+    assert "fractions differ by" in bare.doubt and "are swapped" in bare.doubt
 
 
 def test_echoes_in_the_wrong_order_are_told():
@@ -113,7 +113,7 @@ def test_echoes_in_the_wrong_order_are_told():
     body = water + fat > 0
     assert not separate(*mixed, body, spacing=SPACING).doubt
     doubt = separate(*mixed[::-1], body, spacing=SPACING).doubt
-    assert "with the echoes exchanged" in doubt and "dixon.echo_times" in doubt
+    assert "with the echoes swapped" in doubt and "dixon.echo_times" in doubt
 
 
 @pytest.mark.parametrize(

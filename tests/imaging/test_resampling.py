@@ -123,7 +123,7 @@ def test_tensors_are_interpolated_among_those_that_are_known(calves):
     # no tensor is drawn to zero at the rim of what is known
     np.testing.assert_allclose(found.data[known][:, :3].sum(axis=-1), 4.9e-3, rtol=1e-3)
     assert np.median(angle(lead_vector(found.data[known]), fine.fiber.data[known])) < 0.3
-    with pytest.raises(InputError, match="six values a voxel and fibers three"):
+    with pytest.raises(InputError, match="six values per voxel and fibers three"):
         on_grid(Image(data[..., :2], coarse.tensor.affine), fine.truth, "tensor-wise")
 
 

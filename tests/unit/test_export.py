@@ -72,7 +72,7 @@ def test_input_deck_has_sets_law_and_conditions(tmp_path: Path) -> None:
         point, area = opened.set_points("z1")
         assert_allclose(opened.points()[point, 2], 1.0)
         assert_allclose(area.sum(), 1.0)
-        with pytest.raises(InputError, match="'q0' is no boundary set"):
+        with pytest.raises(InputError, match="'q0' is not a boundary set"):
             opened.set_points("q0")
     top = {int(word) for row in found["*NSET, NSET=z1"] for word in row}
     assert_allclose(nodes[[n - 1 for n in top], 3], 1.0)

@@ -246,7 +246,7 @@ def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
         (np.full((4, 4, 4), 0.5, np.float32), "has the value 0.500000; labels are whole numbers"),
         (np.full((4, 4, 4), 3e9, np.float64), "has the label 3000000000.000000; labels are from"),
         (np.full((4, 4, 4), -3, np.int16), "has the label -3; labels are from 0"),
-        (np.zeros((4, 4, 4, 2), np.int16), "is not a label map: it has 2 values a voxel"),
+        (np.zeros((4, 4, 4, 2), np.int16), "is not a label map: it has 2 values per voxel"),
         (b"no image", "is not a readable NIfTI file"),
         (-9, "ends before the values that its header promises"),
         (300, "is not a readable NIfTI file"),

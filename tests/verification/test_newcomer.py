@@ -99,7 +99,7 @@ def test_corners_inside_out_are_doubtful() -> None:
     case = solve_case(tables, error=True)
     assert case["min_J"] < 0 and case["verdict"]["state"] == "doubtful"
     (reason,) = case["verdict"]["reasons"]
-    assert "turned inside out (in 0.29 % of the volume)" in reason
+    assert "the material is inverted (in 0.29 % of the volume)" in reason
     assert case["warnings"][-1] == reason
     corner = {**tables, "probe": [*tables["probe"], probe("corner", "u_x", (2.9, 0.9))]}
     case = solve_case(corner, error=True)

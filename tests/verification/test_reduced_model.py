@@ -463,7 +463,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     damaged.write_bytes(content)
     with h5py.File(damaged, "r+") as file:
         file.attrs["format"] = np.bytes_("myork-rom 2")
-    with pytest.raises(InputError, match="'myork-rom 2', 'myork-rom 5' is wanted; train it again"):
+    with pytest.raises(InputError, match="'myork-rom 2', not 'myork-rom 5'; train it again"):
         ReducedModel.load(damaged)
 
 

@@ -496,7 +496,7 @@ def test_a_model_of_few_snapshots_is_judged_at_all_steps(tmp_path) -> None:
     ("change", "message"),
     [
         ({"every": 7}, r"rom.every = 7: none of the 6 steps is a snapshot"),
-        ({"steps": [2, 9]}, r"rom.steps: 9 is wanted, but there are 6 load steps"),
+        ({"steps": [2, 9]}, r"rom.steps: 9 is asked for, but there are 6 load steps"),
         ({"modes": [4], "every": 2}, r"4 modes are asked for, but 3 load steps give at most 3"),
         ({"projection": "galerkin"}, r"rom.projection: unknown key"),
     ],

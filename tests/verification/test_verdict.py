@@ -91,8 +91,44 @@ def test_another_branch_gives_no_bars() -> None:
     with Scene.from_tables(tables) as scene:
         states = scene.solve()
     assert states.verdict == "refused"
-    assert any("another branch" in reason for reason in states.reasons)
+    assert any("on another branch" in reason for reason in states.reasons)
     assert np.isnan(states.probe_errors[-1]).all()
+
+
+@pytest.mark.parametrize(("pressed", "unstable"), [(0.24, False), (0.27, True)])
+@pytest.mark.parametrize("accuracy", [None, 0.05])
+def test_a_straight_sheet_that_buckles_is_unstable(
+    pressed: float, unstable: bool, accuracy: float | None
+) -> None:
+    """A sheet three times as long as high, pressed by an end that may move aside.
+
+    Nothing moves it aside, and it stays straight at any load. Below the load at which it buckles a
+    push of 1e-4 of what presses moves its end by hundredths of the height, above it by tenths.
+    """
+    tables: dict[str, Any] = {
+        "scene": {"dimension": 2},
+        "geometry": {"kind": "box", "size": [3, 1]},
+        "material": [{"name": "gel", "model": "neo-hookean", "mu": 10.0, "K": 300.0}],
+        "boundary": [{"set": "x0", "u_x": 0.0, "u_y": 0.0}, {"set": "x1", "u_x": -pressed}],
+        "probe": [{"name": "sway", "quantity": "u_y", "point": [3, 0.5]}],
+    }
+    if accuracy:
+        tables["accuracy"] = accuracy
+    else:
+        tables["geometry"]["source"] = [25, 9]
+    with Scene.from_tables(tables) as scene:
+        straight = scene.solve()
+        (sway,) = scene.probes(straight.x, straight.load)[-1, :, 0]
+    assert abs(sway) < 1e-6
+    assert any("the equilibrium is unstable" in reason for reason in straight.reasons) is unstable
+    assert straight.verdict == ("doubtful" if unstable else "accepted")
+    tables["boundary"][1] |= {"traction": [0, 0.002]}
+    tables["load"] = {"steps": 10}
+    with Scene.from_tables(tables) as scene:
+        pushed = scene.solve()
+        (sway,) = scene.probes(pushed.x, pushed.load)[-1, :, 0]
+    assert pushed.verdict == "accepted"
+    assert sway > 0.2 if unstable else sway < 0.03
 
 
 def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
@@ -216,7 +252,7 @@ def test_material_inside_out_is_said_everywhere(tmp_path: Path) -> None:
     lines: list[str] = []
     summary = run_deck(PRESSED, tmp_path, progress=lines.append)
     assert summary["verdict"]["state"] == "doubtful" and summary["steps"][-1]["min_J"] < 0
-    assert any("turned inside out" in text for text in summary["warnings"])
+    assert any("the material is inverted" in text for text in summary["warnings"])
     log = (tmp_path / "run.log").read_text()
     page = unescape(make_report(tmp_path).read_text())
     for warning in summary["warnings"]:
@@ -236,7 +272,7 @@ def test_material_inside_out_is_said_of_runs_that_end_early(tmp_path: Path) -> N
     with pytest.raises(ConvergenceError):
         run_deck(PRESSED, tmp_path, overrides=words, progress=lines.append)
     summary = json.loads((tmp_path / "summary.json").read_text())
-    (warning,) = [text for text in summary["warnings"] if "turned inside out" in text]
+    (warning,) = [text for text in summary["warnings"] if "the material is inverted" in text]
     assert f"warning: {warning}" in lines
 
 
