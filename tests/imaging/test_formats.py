@@ -37,7 +37,7 @@ def test_images_and_labels_come_back(tmp_path, suffix):
     write_labels(tmp_path / f"l{suffix}", Labels(data.astype(np.int32), AFFINE, {3: "soleus"}))
     labels = read_labels(tmp_path / f"l{suffix}")
     np.testing.assert_array_equal(labels.data, data)
-    assert labels.names == {3: "soleus"}
+    assert labels.names == {3: "soleus"} and labels.label_name(7) == "label 7"
 
 
 @pytest.mark.parametrize("suffix", [".nrrd", ".mha"])
