@@ -46,7 +46,7 @@ from tests.faults.damage import (
     damaged,
     sign,
 )
-from tests.faults.isolated import Verdict, Worker, isolated
+from tests.faults.isolated import Verdict, Worker
 from tests.imaging.test_formats import series
 from tests.scenes import box, held
 from tests.scenes import scene as tables_of
@@ -520,5 +520,6 @@ def ending(how: str) -> Verdict | None:
 
 @pytest.mark.slow
 def test_an_isolated_call_may_do_anything() -> None:
-    hows = ["right", "crash", "refused", "hang", "internal", "crash", "lost"]
-    assert [end.outcome for end in isolated(ending, hows, 2.0)] == hows
+    hows, worker = ["right", "crash", "refused", "hang", "internal", "crash", "lost"], Worker(2.0)
+    assert [worker.ask(ending, how).outcome for how in hows] == hows
+    worker.close()

@@ -29,18 +29,6 @@ def probe_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
     return probes_of(tables, *overrides)[0, :2]
 
 
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
-def test_affine_motion_of_the_surface_is_that_of_the_body(method: str) -> None:
-    """The middle of a body whose whole surface moves affinely moves so as well."""
-    boundary = [
-        {"set": side, "u_x": "0.02*x - 0.01*y", "u_y": "0.03*x + 0.01*y"}
-        for side in ("x0", "x1", "y0", "y1")
-    ]
-    tables = plate(boundary)
-    tables["scene"]["method"] = method
-    assert probe_of(tables) == pytest.approx([0.005, 0.02], abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("text", "value"),
     [
