@@ -6,11 +6,10 @@ import pytest
 from myork.core.deck import table_defaults
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
-from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
-from myork.segmentation.regions import body_mask, box_mask, otsu, piece_with_seed
+from myork.segmentation.regions import otsu, piece_with_seed
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 
@@ -259,20 +258,6 @@ def test_labels_of_ones_own_as_start():
         spacing=image.spacing, labels=start,
     )  # fmt: skip
     assert dice(result.region == 1, inside) > 0.985
-
-
-@pytest.mark.slow
-def test_medial_gastrocnemius_of_the_phantom():
-    phantom = make_phantom()
-    region = body_mask(phantom.anatomy) & box_mask(phantom.anatomy, [-8, 46, -50, -6, -1, 100])
-    found, result = phase_of(phantom.anatomy, region)
-    assert not result.unrest
-    assert (np.diff(result.energy) <= 0).all()
-    piece = piece_with_seed(found, phantom.anatomy, [19, -27, 42])
-    truth = phantom.truth.data == 1
-    assert dice(piece, truth) > 0.97
-    for k in range(truth.shape[2]):
-        assert dice(piece[:, :, k], truth[:, :, k]) > 0.95
 
 
 def test_pixels_outside_the_region_play_no_part():
