@@ -209,24 +209,20 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
         ("geometry.labels_origin=[0,0,0]", r"'HALF' does not cover the box: the corner \(1, 0"),
         ("units.length=inch", "units.length: must be mm, cm or m, not inch: geometry.labels lays"),
         ("geometry.labels=nowhere.nii", "geometry.labels: 'nowhere.nii' cannot be read: there is"),
+        (
+            "geometry.labels=HOLE",
+            r"'HOLE' has the label 3 at \(0.75, 0.075, 0.125\), which no \[\[material\]\] has: add "
+            "one, or leave label out of the first one",
+        ),
     ],
 )
 def test_maps_that_do_not_fit(override: str, what: str, tmp_path: Path) -> None:
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
-    with pytest.raises(InputError, match=what.replace("HALF", path)):
-        Scene.from_tables(mapped(path), overrides=[override])
-
-
-def test_a_label_without_a_material_is_named(tmp_path: Path) -> None:
     data = halves()
     data[7, 1, 2] = 3
-    path = save(tmp_path / "half.nii.gz", data, spaced(1, 0.5, 0.5))
-    with pytest.raises(
-        InputError,
-        match=r"geometry.labels: '.*half.nii.gz' has the label 3 at \(0.75, 0.075, 0.125\), "
-        r"which no \[\[material\]\] has: add one, or leave label out of the first one",
-    ):
-        Scene.from_tables(mapped(path))
+    hole = save(tmp_path / "hole.nii.gz", data, spaced(1, 0.5, 0.5))
+    with pytest.raises(InputError, match=what.replace("HALF", path).replace("HOLE", hole)):
+        Scene.from_tables(mapped(path), overrides=[override.replace("HOLE", hole)])
 
 
 def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
@@ -273,10 +269,6 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("tables", "what"),
     [
-        (
-            bar({"labels": "half.nii"}, [SOFT | {"label": 1, "where": "x > 0"}]),
-            "material.soft.label: cannot be given beside `where`",
-        ),
         (
             bar({"labels": "half.nii"}, [SOFT | {"label": 1}, STIFF]),
             "material.stiff.label: missing, and so is `where`: only the first",
