@@ -30,17 +30,13 @@ def block(
     return scene(method, geometry, material=material, boundary=ends, probe=PULL, **more)
 
 
-def unknowns(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.float64]:
-    return solved(tables, cloud=cloud).states.x
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_constant_field_is_a_number(method: str) -> None:
     """To the last bit: a half of 1 and all of a half."""
     field = block([MUSCLE | {"activation": "0.3"}], method)
     number = block([MUSCLE | {"activation": 0.3}], method)
-    assert np.array_equal(unknowns(field), unknowns(number))
+    assert np.array_equal(solved(field).states.x, solved(number).states.x)
 
 
 @pytest.mark.slow
@@ -102,9 +98,9 @@ def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
 def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     """From an image over the model file to the solve; a constant one keeps the bits of a number."""
     plain = bar()
-    number = unknowns(model_tables(activation=0.3), plain)
+    number = solved(model_tables(activation=0.3), cloud=plain).states.x
     constant = replace(plain, activation=np.full(len(plain.points), 0.3))
-    assert np.array_equal(unknowns(model_tables(activation=1.0), constant), number)
+    assert np.array_equal(solved(model_tables(activation=1.0), cloud=constant).states.x, number)
 
     cloud = bar(half(0.3))
     assert cloud.activation is not None
@@ -121,7 +117,7 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     assert found.last()["pull"] == pytest.approx(0.5 * whole, rel=0.1)
     # an expression of the deck stands in the place of the points' own
     field = model_tables(activation="0.3")
-    assert np.array_equal(unknowns(field, again), number)
+    assert np.array_equal(solved(field, cloud=again).states.x, number)
 
 
 def test_images_on_turned_grids_are_turned() -> None:

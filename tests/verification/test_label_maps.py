@@ -70,10 +70,6 @@ def mapped(labels: str, **geometry: Any) -> dict[str, Any]:
     return bar({"labels": labels, **geometry}, [SOFT | {"label": 5}, STIFF | {"label": 9}])
 
 
-def states_of(tables: dict[str, Any] | Path, *overrides: str) -> np.ndarray:
-    return solved(tables, *overrides).states.x
-
-
 WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
 
 
@@ -83,7 +79,7 @@ def test_halves_by_a_map_are_halves_by_an_expression(method: str, tmp_path: Path
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
     override = f"scene.method={method}"
     np.testing.assert_array_equal(
-        states_of(mapped(path), override), states_of(bar({}, WHERE), override)
+        solved(mapped(path), override).states.x, solved(bar({}, WHERE), override).states.x
     )
 
 
@@ -106,7 +102,7 @@ def test_whole_numbers_of_all_types(kind: type, order: str, suffix: str, tmp_pat
     path = save(
         tmp_path / f"half.{suffix}", halves().astype(kind), spaced(1, 0.5, 0.5), order=order
     )
-    np.testing.assert_array_equal(states_of(mapped(path)), states_of(bar({}, WHERE)))
+    np.testing.assert_array_equal(solved(mapped(path)).states.x, solved(bar({}, WHERE)).states.x)
 
 
 def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
@@ -125,10 +121,10 @@ def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
     second = tmp_path / "second.nii.gz"
     nibabel.save(nibabel.Nifti2Image(half, spaced(1, *voxel)), second)
     paths = {name: save(tmp_path / f"{name}.nii", *how) for name, how in maps.items()}
-    expected = states_of(bar({}, WHERE))
+    expected = solved(bar({}, WHERE)).states.x
     for name, path in {**paths, "second": str(second)}.items():
         more = {"labels_origin": [0, 0, 4]} if name == "wide" else {}
-        np.testing.assert_array_equal(states_of(mapped(path, **more)), expected, name)
+        np.testing.assert_array_equal(solved(mapped(path, **more)).states.x, expected, name)
 
 
 def test_points_have_the_labels_of_the_voxels_that_they_lie_in(tmp_path: Path) -> None:
@@ -174,7 +170,7 @@ def test_materials_by_label_and_by_where_and_one_that_fills_the_rest(tmp_path: P
     for tables in (by_map, by_text):
         tables["set"] = [{"name": "bare", "on": "stiff", "side": "z1"}]
         tables["boundary"].append({"set": "bare", "traction": [0, 0, 0.1]})
-    np.testing.assert_array_equal(states_of(by_map), states_of(by_text))
+    np.testing.assert_array_equal(solved(by_map).states.x, solved(by_text).states.x)
 
 
 def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
@@ -182,11 +178,11 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
     path = inputs / "label_section.toml"
     labels = read_labels(inputs / "images" / "two_muscles.nii.gz")
     one = save(tmp_path / "slice.nii", labels.data[:, :, 12].astype(np.uint8), labels.affine)
-    expected = states_of(path)
+    expected = solved(path).states.x
     flat = [f'geometry.labels="{one}"', "geometry.labels_origin=[-0.046875,-0.046875,0]"]
-    np.testing.assert_array_equal(states_of(path, *flat), expected)
+    np.testing.assert_array_equal(solved(path, *flat).states.x, expected)
     tables = {key: load_deck(path)[key] for key in ("scene", "units", "material", "boundary")}
-    found = states_of(tables | {"geometry": box(33, 17, size=[3, 1.5], labels=one)})
+    found = solved(tables | {"geometry": box(33, 17, size=[3, 1.5], labels=one)}).states.x
     np.testing.assert_array_equal(found, expected)
 
 
