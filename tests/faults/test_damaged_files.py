@@ -382,10 +382,8 @@ ONCE: list[tuple[str, list[Edit], str]] = [
     *(("names/sound.json", text(names), "must hold|twice") for names in (
         '{"a": 1.5}', '{"a": -1}', '{"a": 1e999}', '{"a": NaN}', '{"a": true}', '{"a": 1, "b": 1}',
         '{"a": {"b": 1}}', '{"a": 1, "a": 2}', '{"a": ' + "9" * 5000 + "}")),
-    ("gradients/sound.bval", text("0" + " 500" * 6), "has 7 values"),
     ("gradients/sound.bval", text("0" + " 5e8" * 7), "is implausible"),
     ("gradients/sound.bval", text("0 " * (1 << 24)), "is longer than"),
-    ("gradients/sound.bvec", text("1 " * 24), "three rows of components"),
     ("gradients/sound.bvec", text("1e300 1 1 1 1 1 1 1\n" * 3), "must be unit vectors"),
     ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "values are complex"),
     ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "must be integers"),

@@ -121,13 +121,6 @@ def _cut(path):
     return path
 
 
-def test_bad_names(tmp_path):
-    save(tmp_path / "a.nii.gz", np.ones((2, 2, 2), np.uint8))
-    (tmp_path / "a.json").write_text(json.dumps(["soleus"]))
-    with pytest.raises(InputError, match="a.json: must hold"):
-        read_labels(tmp_path / "a.nii.gz")
-
-
 def test_names_of_a_folder_are_for_references_only(tmp_path):
     path, lines = save(tmp_path / "a.nii.gz", np.ones((2, 2, 2), np.uint8)), []
     assert read_reference(path, lines.append).names == {}
