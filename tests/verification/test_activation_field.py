@@ -34,7 +34,8 @@ def block(
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_constant_field_is_a_number(method: str) -> None:
     """To the last bit: a half of 1 and all of a half."""
-    field = block([MUSCLE | {"activation": "0.3"}], method)
+    table = [{"name": "flat", "x": [0, 2], "value": [0.3, 0.3]}]
+    field = block([MUSCLE | {"activation": "flat(z)"}], method, table=table)
     number = block([MUSCLE | {"activation": 0.3}], method)
     assert np.array_equal(solved(field).states.x, solved(number).states.x)
 
@@ -62,17 +63,6 @@ def test_halves_that_are_active_are_two_muscles() -> None:
         assert stress[x < 0.3].mean() > 5 * abs(stress[x > 0.7].mean())
     # the two muscles reach into each other by a source spacing, evenly
     assert found[0] == pytest.approx(found[1], rel=0.03)
-
-
-@pytest.mark.slow
-def test_isometric_stress_of_a_field_along_the_muscle() -> None:
-    """All sections carry one force: it lies between that of the least and of the most active."""
-    table = [{"name": "rise", "x": [0, 2], "value": [0.2, 1]}]
-    graded = MUSCLE | {"activation": "0.5*rise(z)"}
-    forces = []
-    for material in (MUSCLE | {"activation": 0.1}, graded, MUSCLE | {"activation": 0.5}):
-        forces.append(solved(block([material], table=table)).last()["pull"])
-    assert forces[0] < forces[1] < forces[2]
 
 
 def bar(activation: Any = None) -> PointCloud:
