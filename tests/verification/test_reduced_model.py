@@ -3,7 +3,6 @@
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -17,10 +16,8 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.beyond import values_beyond
 from myork.rom.check import CellErrors
 from myork.rom.cubature import few_cells
-from myork.rom.parameters import Parameter
 from tests.scenes import contracting
 
 BLOCK = contracting(
@@ -63,26 +60,6 @@ def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndar
     columns = projection.Columns.of([load_parts(scene)])
     model, rows, total = projection.project(scene, galerkin_parts(scene), laws, basis, columns)
     return projection.with_volume(model, rows, total, None), laws, basis
-
-
-@pytest.mark.parametrize(("loads", "combined"), [(1, True), (4, True), (24, False)])
-def test_values_beyond_the_largest_stress_stay_few(loads: int, combined: bool) -> None:
-    kinds = [Parameter(f"boundary.z{i}.u_z", 0.1 * i, 1.0 + i, "load", ()) for i in range(loads)]
-    kinds += [
-        Parameter("load.activation", 0.0, 0.8, "activation", (0,)),
-        Parameter("material.muscle.sigma_max", 20.0, 40.0, "sigma_max", (0,)),
-    ]
-    values = values_beyond(SimpleNamespace(parameters=tuple(kinds)), 3)
-    face = values[:-16]
-    assert len(face) == min(5**loads, 9)
-    assert np.all(face[:, loads:] == [0.8, 70.0])
-    assert np.all(values[-16:, -1] > 40.0)
-    low, high = (np.array([getattr(p, end) for p in kinds[:loads]]) for end in ("low", "high"))
-    share = (face[:, :loads] - low) / (high - low)
-    assert np.all((share >= -1e-12) & (share <= 1 + 1e-12))
-    assert np.allclose(4 * share, np.round(4 * share)) == combined
-    # a load takes values all over its range
-    assert np.all(np.ptp(share, axis=0) >= 0.5)
 
 
 #: Two muscles, each with an activation, a strength and fibers of its own
