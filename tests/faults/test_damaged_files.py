@@ -193,7 +193,7 @@ read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscl
 KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "deck": (read_deck, BYTES | TEXT),
     "model": (read_cloud, BYTES),
-    "rom": (use_rom, ROM),
+    "rom": (use_rom, ROM | BYTES),
     "voxels": (solve_model, MODEL),
     "nifti": (read_grey, BYTES | FIELDS),
     "gzip": (read_grey, BYTES),

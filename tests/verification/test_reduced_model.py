@@ -413,16 +413,6 @@ def test_wrong_decks(deck: Path, change: str, message: str) -> None:
 def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     content = trained.read_bytes()
     damaged = tmp_path / "damaged.rom.h5"
-    for place in (8, len(content) // 3, len(content) // 2, len(content) - 2000):
-        damaged.write_bytes(content[:place] + b"\x55\xaa\x55" + content[place + 3 :])
-        try:
-            found = ReducedModel.load(damaged, threads=1)
-        except (FileError, InputError):
-            continue
-        # bytes that no array holds
-        assert found.solve(activation=0.4, u_z=0.1).force == pytest.approx(
-            ReducedModel.load(trained, threads=1).solve(activation=0.4, u_z=0.1).force, rel=1e-12
-        )
     damaged.write_bytes(content[: len(content) // 2])
     with pytest.raises(FileError, match="not a readable reduced model"):
         ReducedModel.load(damaged)
