@@ -13,27 +13,8 @@ from myork.core.deck import text_of_tables
 from myork.files import INPUTS
 from myork.model_file import write_model
 from tests.faults.damage import ARRAY, BYTES, SETTINGS, Edit, damaged
-from tests.scenes import CASES
+from tests.scenes import BODIES
 from tests.unit.test_scene_from_tables import BLOCK, cloud
-
-_LATTICE = ("geometry.source=[6,5]", "geometry.collocation=[11,9]")
-_SPACE = ("geometry.source=[4,4,5]", "geometry.collocation=[7,7,9]")
-_TUBE = ("geometry.source=[5,12]", "geometry.collocation=[9,24]", "approximation.support=3",
-         "load.steps=1")  # fmt: skip
-_LOW = ("approximation.order=1", "approximation.support=2")
-#: Decks that are solved: those of all forms and solvers, and bodies on a line, in the plane and
-#: around an axis
-SOLVED = (
-    *CASES.values(),
-    ("poisson_1d", ("scene.method=rkcm", "geometry.source=[9]", "geometry.collocation=[17]")),
-    ("poisson_3d", ("scene.method=rkpm-gauss", *_SPACE, *_LOW)),
-    ("shear_2d", ("scene.method=rkcm", "load.steps=1", *_LATTICE)),
-    ("shear_2d", ("scene.method=rkcm-mixed", "solver.linear=spqr", "load.steps=1", *_LATTICE)),
-    ("shear_2d", ("scene.method=rkpm-gauss", "load.steps=1", *_LATTICE)),
-    ("shear_2d", ("scene.method=rkpm-scni", "load.steps=1", *_LATTICE, *_LOW)),
-    ("tube", ("scene.method=rkcm", *_TUBE)),
-    ("tube", ("scene.method=rkcm-mixed", *_TUBE)),
-)
 
 
 def ends(executable: Path, folder: Path):
@@ -45,7 +26,7 @@ def ends(executable: Path, folder: Path):
         )
         return done.returncode, done.stderr
 
-    for deck, changes in SOLVED:
+    for deck, changes in BODIES.values():
         words = [word for change in changes for word in ("--set", change)]
         out = ["-o", folder / "out", "-t", "1", "-q"]
         name = f"{deck} {' '.join(changes)}"

@@ -82,6 +82,29 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
     },
 }
 
+_LATTICE = ("geometry.source=[6,5]", "geometry.collocation=[11,9]", "load.steps=1")
+_SPACE = ("geometry.source=[4,4,5]", "geometry.collocation=[7,7,9]")
+_TUBE = ("geometry.source=[5,12]", "geometry.collocation=[9,24]", "approximation.support=3",
+         "load.steps=1")  # fmt: skip
+
+#: The same, and bodies on a line, in the plane and around an axis
+BODIES = CASES | {
+    "line": (
+        "poisson_1d",
+        ("scene.method=rkcm", "geometry.source=[9]", "geometry.collocation=[17]"),
+    ),
+    "space": ("poisson_3d", ("scene.method=rkpm-gauss", *_SPACE, *_ORDERS)),
+    "plane, displacement": ("shear_2d", ("scene.method=rkcm", *_LATTICE)),
+    "plane, mixed": ("shear_2d", ("scene.method=rkcm-mixed", "solver.linear=spqr", *_LATTICE)),
+    "plane, Gauss cells": ("shear_2d", ("scene.method=rkpm-gauss", *_LATTICE)),
+    "plane, nodal cells, moved points": (
+        "shear_2d",
+        ("scene.method=rkpm-scni", "geometry.jitter=0.2", *_LATTICE, *_ORDERS),
+    ),
+    "tube, displacement": ("tube", ("scene.method=rkcm", *_TUBE)),
+    "tube, mixed": ("tube", ("scene.method=rkcm-mixed", *_TUBE)),
+}
+
 
 def box(*source: int, size: Any = 1.0, places: Any = None, **more: Any) -> dict[str, Any]:
     """Table `[geometry]` of a box; twice as many collocation points where none are given."""

@@ -35,17 +35,18 @@ import myork  # noqa: E402
 from myork.errors import RefusedError  # noqa: E402
 
 ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from tests.scenes import BODIES  # noqa: E402
+
 INPUTS = ROOT / "inputs"
 REFERENCES = Path(__file__).parent / "regression" / "references"
 
-_BLOCK = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "load.steps=2")
-#: Method, weights and curve of the reference, which the deck of the block does not name
-_PUBLISHED = (
-    "scene.method=rkcm",
-    "solver.weight_essential=ns-c4",
-    "solver.weight_traction=1",
-    "material.curve=published",
-)
+#: A block by the method, weights and curve of the reference, which its deck does not name
+_BLOCK = (
+    "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "scene.method=rkcm",
+    "solver.weight_essential=ns-c4", "solver.weight_traction=1", "material.curve=published",
+)  # fmt: skip
 _VOXELS = ("build.collocation_stride=[4,4,1]", "build.source_stride=[8,8,2]", "load.steps=2")
 _LEG = (
     "phantom.size=[48,48,7]",
@@ -56,51 +57,6 @@ _LEG = (
     "load.activation=0.2",
 )
 
-#: What the Galerkin forms share with collocation on decks made for that
-_QUINTIC = ("approximation.kernel=quintic", "galerkin.gauss=3")
-
-#: Runs beside those of the regression tests: name, deck and overrides
-CASES = {
-    "poisson_1d": ("poisson_1d", ()),
-    "poisson_2d": ("poisson_2d", ()),
-    "poisson_3d": ("poisson_3d", ("geometry.source=[7,7,7]", "geometry.collocation=[13,13,13]")),
-    "cantilever": ("cantilever", ("geometry.source=[37,10]", "geometry.collocation=[73,19]")),
-    "block": ("muscle_block", (*_BLOCK, *_PUBLISHED, "load.activation=0.2")),
-    "shear-dgels": ("shear_2d", ("solver.linear=dgels", "load.steps=3")),
-    "shear-spqr": ("shear_2d", ("solver.linear=spqr", "load.steps=3")),
-    "block-gauss": (
-        "muscle_block",
-        (
-            *(*_BLOCK, *_PUBLISHED, "scene.method=rkpm-gauss", *_QUINTIC),
-            *("approximation.order=2", "approximation.support=3", "load.activation=0.1"),
-        ),
-    ),
-    "fibers-scni": (
-        "muscle_fibers",
-        (
-            *_BLOCK,
-            "scene.method=rkpm-scni",
-            *_QUINTIC,
-            "approximation.order=1",
-            "approximation.support=2",
-            "load.activation=0.05",
-        ),
-    ),
-    "tube-mixed": ("tube", ("scene.method=rkcm-mixed", "load.steps=8")),
-    "tube-gauss": (
-        "tube",
-        ("scene.method=rkpm-gauss", *_QUINTIC, "geometry.source=[5,26]", "load.steps=8"),
-    ),
-    "shear-jitter": (
-        "shear_2d",
-        ("scene.method=rkpm-scni", *_QUINTIC, "geometry.jitter=0.2", "load.steps=4"),
-    ),
-    "shear-minres": (
-        "shear_2d",
-        ("scene.method=rkpm-gauss", *_QUINTIC, "galerkin.direct_limit=10"),
-    ),
-    "shear-K-infinite": ("shear_2d", ("scene.method=rkcm-mixed", "material.K=inf")),
-}
 #: Runs from images: deck, overrides
 IMAGES = {
     "mg_muscle": ("mg_muscle", (*_VOXELS, "load.activation=0.05")),
@@ -143,7 +99,7 @@ def _runs() -> Iterator[tuple[str, Any]]:
             f"regression-{path.stem}",
             lambda out, d=path.stem, o=overrides: _solved(INPUTS / f"{d}.toml", o, out),
         )
-    for name, (deck, overrides) in CASES.items():
+    for name, (deck, overrides) in BODIES.items():
         yield name, lambda out, d=deck, o=overrides: _solved(INPUTS / f"{d}.toml", o, out)
     for name, (deck, overrides) in IMAGES.items():
         yield name, lambda out, d=deck, o=overrides: _from_images(INPUTS / f"{d}.toml", o, out)
@@ -192,7 +148,7 @@ def _segmented(out: Path) -> dict[str, Any]:
 
 def _reduced(out: Path) -> dict[str, Any]:
     """Errors of the reduced models of a small block."""
-    overrides = [*_BLOCK, *_PUBLISHED, "load.steps=4", "load.activation=0.2", "rom.modes=[1,2]"]
+    overrides = [*_BLOCK, "load.steps=4", "load.activation=0.2", "rom.modes=[1,2]"]
     study = myork.run_rom(INPUTS / "muscle_block.toml", out, overrides=overrides, threads=1)
     named = ("e1", "e2", "stress_error", "force_error", "iterations", "probes")
     models = [{name: model[name] for name in named} for model in study["models"]]

@@ -135,12 +135,14 @@ def test_wrong_arguments(
 
 
 @pytest.mark.usefixtures("no_solver")
-def test_missing_executable(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert status_of("solve", deck, "--out", tmp_path / "out") == 3
+@pytest.mark.parametrize("verbose", [(), ("-v",)])
+def test_missing_executable(
+    deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], verbose: tuple[str, ...]
+) -> None:
+    assert status_of("solve", deck, "--out", tmp_path / "out", *verbose) == 3
     message = capsys.readouterr().err
-    assert "myork-solve is missing" in message
-    assert "setup.sh" in message
-    assert "Traceback" not in message
+    assert "myork-solve is missing" in message and "setup.sh" in message
+    assert ("Traceback" in message) == bool(verbose)
 
 
 def test_executable_of_the_package_comes_first(solver: Install, tmp_path: Path) -> None:
@@ -151,13 +153,6 @@ def test_executable_of_the_package_comes_first(solver: Install, tmp_path: Path) 
     own.parent.mkdir(parents=True)
     own.symlink_to(beside)
     assert solve.find_executable() == own
-
-
-def test_verbose_shows_the_traceback(
-    no_solver: Path, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert status_of("solve", deck, "--out", tmp_path / "out", "-v") == 3
-    assert "Traceback" in capsys.readouterr().err
 
 
 def test_arguments_reach_the_executable(

@@ -1,4 +1,4 @@
-"""Both programs, whole: the same numbers, the same refusals, a clean end on Ctrl-C."""
+"""Both programs, whole: the same refusals, answers that are none, a clean end on Ctrl-C."""
 
 import json
 import re
@@ -53,23 +53,6 @@ def run(program: str, *words: object) -> subprocess.CompletedProcess[str]:
         [*command(program), *map(str, words)],
         stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE,
     )  # fmt: skip
-
-
-@pytest.mark.slow
-def test_both_programs_find_the_same_numbers(inputs: Path, tmp_path: Path) -> None:
-    """One does the work for the other, so that only the hand-over can differ: 1e-10 relative."""
-    solved = {}
-    for program, option in OUT.items():
-        folder = tmp_path / program
-        done = run(program, inputs / "shear_3d.toml", option, folder, "--set", "load.steps=4")
-        assert done.returncode == 0, done.stderr
-        assert "step   4/4" in done.stdout
-        solved[program] = read_summary(folder)
-    one, other = solved["myork"], solved["myork-solve"]
-    assert one["deck_sha256"] == other["deck_sha256"]
-    assert len(one["steps"]) == len(other["steps"]) == 4
-    for mine, theirs in zip(one["steps"], other["steps"], strict=True):
-        assert mine["probes"] == pytest.approx(theirs["probes"], rel=1e-10)
 
 
 @pytest.mark.parametrize(("out", "threads"), [("-o", "-t"), ("--out", "--threads")])

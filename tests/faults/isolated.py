@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import resource
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
@@ -58,15 +58,6 @@ class Worker:
             self.child.join()
             self.pipe.close()
             self.child = None
-
-
-def isolated(check: Callable[[Any], Any], items: Sequence[Any], limit: float) -> list[Verdict]:
-    """How the check of each item ends."""
-    worker = Worker(limit)
-    try:
-        return [worker.ask(check, item) for item in items]
-    finally:
-        worker.close()
 
 
 def _serve(pipe: Connection) -> None:

@@ -46,7 +46,7 @@ from tests.faults.damage import (
     damaged,
     sign,
 )
-from tests.faults.isolated import Verdict, Worker, isolated
+from tests.faults.isolated import Verdict, Worker
 from tests.imaging.test_formats import series
 from tests.scenes import box, held
 from tests.scenes import scene as tables_of
@@ -193,7 +193,7 @@ read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscl
 KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "deck": (read_deck, BYTES | TEXT),
     "model": (read_cloud, BYTES),
-    "rom": (use_rom, ROM),
+    "rom": (use_rom, ROM | BYTES),
     "voxels": (solve_model, MODEL),
     "nifti": (read_grey, BYTES | FIELDS),
     "gzip": (read_grey, BYTES),
@@ -382,10 +382,8 @@ ONCE: list[tuple[str, list[Edit], str]] = [
     *(("names/sound.json", text(names), "must hold|twice") for names in (
         '{"a": 1.5}', '{"a": -1}', '{"a": 1e999}', '{"a": NaN}', '{"a": true}', '{"a": 1, "b": 1}',
         '{"a": {"b": 1}}', '{"a": 1, "a": 2}', '{"a": ' + "9" * 5000 + "}")),
-    ("gradients/sound.bval", text("0" + " 500" * 6), "has 7 values"),
     ("gradients/sound.bval", text("0" + " 5e8" * 7), "is implausible"),
     ("gradients/sound.bval", text("0 " * (1 << 24)), "is longer than"),
-    ("gradients/sound.bvec", text("1 " * 24), "three rows of components"),
     ("gradients/sound.bvec", text("1e300 1 1 1 1 1 1 1\n" * 3), "must be unit vectors"),
     ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "values are complex"),
     ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "must be integers"),
@@ -520,5 +518,6 @@ def ending(how: str) -> Verdict | None:
 
 @pytest.mark.slow
 def test_an_isolated_call_may_do_anything() -> None:
-    hows = ["right", "crash", "refused", "hang", "internal", "crash", "lost"]
-    assert [end.outcome for end in isolated(ending, hows, 2.0)] == hows
+    hows, worker = ["right", "crash", "refused", "hang", "internal", "crash", "lost"], Worker(2.0)
+    assert [worker.ask(ending, how).outcome for how in hows] == hows
+    worker.close()

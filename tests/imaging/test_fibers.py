@@ -7,8 +7,7 @@ import pytest
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import fit_tensors, lead_vector, tensor_components, turn_tensors
-from myork.imaging.geometry import canonical
+from myork.imaging.diffusion import fit_tensors, lead_vector, tensor_components
 from myork.imaging.phantom import make_phantom
 from myork.model.averaging import best_average, tensor_logarithms, tensor_trust
 from myork.model.fibers import fiber_field, fibers_at_points
@@ -28,18 +27,6 @@ def test_lead_vector_of_known_tensors_points_upwards():
         assert angle(vector, np.array(direction) / np.linalg.norm(direction)) < 1e-5
         last = vector[np.flatnonzero(np.abs(vector) > 1e-9)[-1]]
         assert last > 0
-
-
-def test_voxel_frame_is_turned_by_the_affine():
-    affine = np.array([[0, 0, -2.0, 0], [-1.0, 0, 0, 0], [0, 3.0, 0, 0], [0, 0, 0, 1]])
-    # Along the first voxel axis: world -y.
-    data = np.tile(stick([1, 0, 0.5]), (3, 3, 3, 1))
-    inside = np.ones((3, 3, 3), bool)
-    world = np.array([-1.0, -1.0, 0.0]) * [0.5, 1.0, 0.0]
-    fibers, *_ = fiber_field(turn_tensors(Image(data, affine), np.eye(3), "voxel"), inside, 0.0)
-    assert angle(fibers.data[1, 1, 1], world / np.linalg.norm(world)) < 1e-5
-    fibers, *_ = fiber_field(Image(data, affine), inside, 0.0)
-    assert angle(fibers.data[1, 1, 1], np.array([1, 0, 0.5]) / np.sqrt(1.25)) < 1e-5
 
 
 def test_bad_tensors_are_filled_and_counted_or_refused():
@@ -130,19 +117,6 @@ def test_hole_in_the_fibers_is_named():
         fibers_at_points(
             Image(data, np.eye(4), "fibers"), labels, place, np.ones(180, np.int32), (1, 1, 1)
         )
-
-
-def test_rotated_image_turns_the_fibers_into_its_frame():
-    a = np.radians(20.0)
-    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    affine = np.eye(4)
-    affine[:3, :3] = turn * [1.0, 1.0, 4.0]
-    along_first_axis = np.tile(turn[:, 0], (5, 5, 3, 1))
-    labels = Labels(np.ones((5, 5, 3), np.int32), affine)
-    place = np.argwhere(labels.data).astype(float)
-    image = canonical(Image(along_first_axis, affine))
-    found = fibers_at_points(image, labels, place, np.ones(75, np.int32), (1, 1, 1))
-    assert angle(found, np.array([1.0, 0, 0])).max() < 1e-5
 
 
 def bent(snr, radius=60.0, **keys):

@@ -4,14 +4,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy import ndimage
 
 from myork.core.deck import table_defaults
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
-from myork.segmentation.channels import fiber_channels, scaled_values
+from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions
-from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import level_sets_of, threshold_regions
 
@@ -70,38 +68,6 @@ def test_weight_of_the_area():
     image = noisy(np.clip(1.2 - R, 0.0, 1.0), 0.05)
     areas = [(segmented(image, mu=0.02, nu=nu).region == 1).sum() for nu in (-0.1, 0.0, 0.1)]
     assert areas == sorted(areas, reverse=True) and areas[0] > areas[2]
-
-
-def test_a_larger_weight_of_the_misfit_makes_more_homogeneous_pieces():
-    """Figures 4.2 and 4.3: eight regions of grey values and fibers from circles, in pieces that are
-    grouped to the muscle that most of each lies in.
-    """
-    phantom = make_phantom((96, 96, 3), (1.25, 1.25, 30.0), septum=0, growth=15, bias=0.0)
-    anatomy, tensor = (
-        Image(image.data[:, :, [1]], image.affine) for image in (phantom.anatomy, phantom.tensor)
-    )
-    body = body_mask(phantom.anatomy)[:, :, [1]]
-    grey = scaled_values(anatomy, np.ones(anatomy.data.shape, bool))[..., np.newaxis]
-    channels = np.concatenate([grey, fiber_channels(tensor, body, "aligned")], axis=-1)
-    truth = phantom.truth.data[:, :, 1]
-    pieces, scores = [], []
-    for weight in (0.02, 2.0):
-        choice = LevelSets.of_table(
-            table_defaults("image"), start="circles", regions=8, mu=1.0,
-            lambdas=(weight * 255.0**2,),
-        )  # fmt: skip
-        label = segment_regions(
-            channels, body, choice, spacing=(1, 1, 1), channel_weights=(0.25,) * 4
-        ).region[..., 0]
-        grouped = np.zeros(label.shape, int)
-        pieces.append(0)
-        for number in np.unique(label[label >= 0]):
-            parts, found = ndimage.label(label == number)
-            for part in (parts == k for k in range(1, found + 1)):
-                pieces[-1] += part.sum() >= 20
-                grouped[part] = np.bincount(truth[part]).argmax()
-        scores.append(np.mean([dice(grouped == m, truth == m) for m in range(1, 7)]))
-    assert pieces[0] < pieces[1] and scores[0] < scores[1]
 
 
 def energy(values, inside, mu, one_sided):

@@ -49,15 +49,6 @@ def test_pieces_take_the_label_most_of_their_voxels_have():
     assert found.names == {4: "four", 5: "five"}
 
 
-@pytest.mark.parametrize(
-    ("rules", "message"),
-    [([dict(name="a", seeds=[90, 0, 0])], "muscle.a: a seed .* lies outside of grid")],
-)
-def test_rules_that_cannot_be(rules, message):
-    with pytest.raises(InputError, match=message):
-        group_by_rules(stripes(1, 0, 1, 2), GRID, [muscle(**rule) for rule in rules])
-
-
 def test_seeds_outside_of_the_region():
     region = stripes(1, 0, 2, -1)
     rules = [muscle("a", [0, 1, 0]), muscle("b", seeds=[14, 1, 0])]

@@ -129,14 +129,6 @@ def test_models_hold_the_parts_of_their_voxels(stride):
     assert np.median(np.hypot(*middle.T)) == pytest.approx(4.0, abs=0.5)
 
 
-def test_points_have_the_volumes_of_parts():
-    labels, grey, share = halves(1.0, 0.01)
-    parts = Image(label_parts(labels, grey, (1.0, 1.0, 1.0)), np.eye(4))
-    table = table_defaults("build")
-    cloud, _ = build_cloud(Labels(labels, np.eye(4)), None, table, "mm", fractions=parts)
-    assert cloud.label_volumes()[2] == pytest.approx(share.sum(), rel=2e-3)
-
-
 def test_parts_that_do_not_go_with_the_labels_are_refused():
     labels = Labels(np.array([[[0, 1, 3]]], np.int32), np.eye(4))
     parts = np.array([[[[0.1, 0.0], [1.0, 0.0], [0.4, 0.6]]]])

@@ -46,8 +46,9 @@ def test_files_and_summary_of_the_phantom(mg):
     # Volume in the deck's unit: 1.25 x 1.25 x 6 mm voxels in cm^3.
     assert entry["volume"] == pytest.approx(entry["pixels"] * 9.375e-3, rel=1e-5)
     score = found["scores"]["medial_gastrocnemius"]
-    assert score["dice"] > 0.97 and score["pcc"] > 0.97
+    assert score["dice"] > 0.97 and score["pcc"] > 0.97 and min(score["dice_by_slice"]) > 0.95
     assert len(found["energy"]) == found["iterations"] and found["converged"]
+    assert (np.diff(found["energy"]) <= 0).all()
     model = read_model(out / "model.h5")
     assert summary["model"]["source_points"] == len(model.source)
     assert summary["model"]["points_without_fiber"] == 0
@@ -98,25 +99,18 @@ def own(tmp_path):
 
 
 @pytest.mark.slow
-def test_images_of_files_like_those_of_the_phantom(own):
-    run, folder = own
-    summary = run()
-    # Every muscle; bones' cortex is as dark as muscle and counts as such.
-    assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.9
-    assert not (folder / "out" / "fibers.nii.gz").exists()
-    model = run(station=build)["model"]
-    assert model["points_without_fiber"] == model["collocation_points"]
-
-
-@pytest.mark.slow
 def test_tensor_gives_fibers_and_a_run_without_takes_them_away(own):
     run, folder = own
     run(names=("anatomy=t1", "tensor=dti"))
     fibers = read_image(folder / "out" / "fibers.nii.gz", 3).data
     labels = read_labels(folder / "out" / "segmentation.nii.gz").data
     np.testing.assert_allclose(np.linalg.norm(fibers, axis=-1), labels, atol=1e-6)
-    run()
+    summary = run()
+    # every muscle; bones' cortex is as dark as muscle and counts as such
+    assert summary["segmentation"]["scores"]["muscle"]["dice"] > 0.9
     assert not (folder / "out" / "fibers.nii.gz").exists()
+    model = run(station=build)["model"]
+    assert model["points_without_fiber"] == model["collocation_points"]
 
 
 @pytest.mark.slow
@@ -273,23 +267,6 @@ def test_bad_tensors_in_the_file_are_counted(own):
     write_image(folder / "nan.nii.gz", tensor)
     warnings = run(names=("anatomy=t1", "tensor=nan"))["segmentation"]["warnings"]
     assert any("nan.nii.gz" in text and "neighbours were used" in text for text in warnings)
-
-
-@pytest.mark.slow
-def test_build_from_a_label_map_and_fibers_of_ones_own(own):
-    run, folder = own
-    phantom = make_phantom()
-    write_image(folder / "vectors.nii.gz", phantom.fiber)
-    options = ("build.labels=truth.nii.gz", "build.fibers=vectors.nii.gz", "build.ids=[1, 3]")
-    run(*options, station=build)
-    model = read_model(folder / "out" / "model.h5")
-    assert model.label_names == {1: "medial_gastrocnemius", 3: "soleus"}
-    assert set(model.label) == {1, 3}
-    shifted = phantom.fiber.affine.copy()
-    shifted[2, 3] += 400.0
-    write_image(folder / "vectors.nii.gz", Image(phantom.fiber.data, shifted))
-    with pytest.raises(InputError, match="do not overlap"):
-        run(*options, station=build)
 
 
 @pytest.mark.slow

@@ -88,62 +88,57 @@ def test_defaults_of_the_collocation_forms(method: str) -> None:
     assert deck["load"] == {"steps": 10, "activation": 0.0, "max_halvings": 6}
 
 
-@pytest.mark.parametrize(("order", "support"), [(1, 2.0), (2, 3.0), (3, 4.0), (4, 5.0)])
-def test_a_support_that_fits_the_order(order: int, support: float) -> None:
-    deck = load_deck({**SHEET, "approximation": {"order": order}})
-    assert deck["approximation"]["support"] == [support, support]
+def probed(quantity: str, point: list[float], **tables: Any) -> dict[str, Any]:
+    return tables | {"probe": [{"name": "there", "quantity": quantity, "point": point}]}
+
+
+#: What a form takes of order 1 and of order 2
+FIRST, SECOND = {"order": 1, "support": 2.0}, {"order": 2, "support": 3.0}
+#: Narrower ones than these leave a wave at walls that meet a plane of symmetry. On annuli windows
+#: turn with the angle, and a large penalty would spoil the force.
+WIDE = SECOND | {"kernel": "quintic", "gauss": 2, "window": "product", "penalty": 100.0}
+TURNED = WIDE | {"gauss": 3, "window": "polar", "penalty": 10.0}
+NARROW = WIDE | {"kernel": "cubic"}
+WALL = ("cauchy_xx", [0.0, 1.0])
 
 
 @pytest.mark.parametrize(
-    ("quantity", "point", "tables", "order", "support"),
+    ("tables", "wanted"),
     [
-        ("cauchy_xy", _ON, {}, 2, 3.0),
-        ("pressure", [2.0, 0.3], {}, 2, 3.0),
-        ("principal_max", [0.0, 0.3], {}, 2, 3.0),
-        ("cauchy_xy", _WITHIN, {}, 1, 2.0),
-        ("u_x", _ON, {}, 1, 2.0),
-        ("J", _ON, {}, 1, 2.0),
-        ("cauchy_xy", _ON, {"approximation": {"order": 1}}, 1, 2.0),
-        ("cauchy_xy", _ON, {"approximation": {"support": 1.8}}, 1, 1.8),
-        ("cauchy_xy", _ON, {"approximation": {"kernel": "quintic"}}, 2, 3.0),
-        ("cauchy_xy", _ON, {"scene": {"dimension": 2, "method": "rkcm"}}, 2, 3.0),
-        ("cauchy_xy", _ON, {"scene": {"dimension": 2, "method": "rkpm-scni"}}, 1, 2.0),
-        ("cauchy_rr", [0.6, 0.8], {"geometry": ANNULUS}, 2, 3.0),
-        ("cauchy_rr", [1.2, 1.6], {"geometry": ANNULUS}, 2, 3.0),
-        ("cauchy_tt", [0.0, 1.5], {"geometry": ANNULUS}, 2, 3.0),
+        # a support that fits the order
+        *(({"approximation": {"order": n}}, {"order": n, "support": n + 1.0}) for n in range(1, 5)),
+        # stresses on the surface of plane bodies ask for order 2
+        (probed("cauchy_xy", _ON), SECOND),
+        (probed("pressure", [2.0, 0.3]), SECOND),
+        (probed("principal_max", [0.0, 0.3]), SECOND),
+        (probed("cauchy_xy", _WITHIN), FIRST),
+        (probed("u_x", _ON), FIRST),
+        (probed("J", _ON), FIRST),
+        (probed("cauchy_xy", _ON, approximation={"order": 1}), FIRST),
+        (probed("cauchy_xy", _ON, approximation={"support": 1.8}), FIRST | {"support": 1.8}),
+        (probed("cauchy_xy", _ON, approximation={"kernel": "quintic"}), SECOND),
+        (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkcm"}), SECOND),
+        (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkpm-scni"}), FIRST),
+        (probed("cauchy_rr", [0.6, 0.8], geometry=ANNULUS), SECOND),
+        (probed("cauchy_rr", [1.2, 1.6], geometry=ANNULUS), SECOND),
+        (probed("cauchy_tt", [0.0, 1.5], geometry=ANNULUS), SECOND),
         # annuli take it whatever is asked, where they have points for it
-        ("cauchy_rr", [0.9, 1.2], {"geometry": ANNULUS}, 2, 3.0),
-        ("u_x", [0.9, 1.2], {"geometry": {**ANNULUS, "source": [2, 9]}}, 1, 2.0),
-        ("cauchy_xy", [0.5, 1.0, 0.5], CUBE, 1, 2.0),
+        (probed("cauchy_rr", [0.9, 1.2], geometry=ANNULUS), SECOND),
+        (probed("u_x", [0.9, 1.2], geometry={**ANNULUS, "source": [2, 9]}), FIRST),
+        (probed("cauchy_xy", [0.5, 1.0, 0.5], **CUBE), FIRST),
+        # with a spline and Gauss points for it
+        (probed(*WALL), WIDE),
+        (probed(*WALL, geometry=ANNULUS), TURNED),
+        (probed(*WALL, geometry=ANNULUS, approximation={"order": 2}), TURNED),
+        (
+            probed(*WALL, geometry=ANNULUS, approximation={"order": 2, "support": 2.5}),
+            NARROW | {"support": 2.5},
+        ),
+        (probed(*WALL, geometry=ANNULUS, approximation={"order": 1}), NARROW | FIRST),
     ],
 )
-def test_order_two_in_the_plane(
-    quantity: str, point: list[float], tables: dict[str, Any], order: int, support: float
-) -> None:
-    probe = {"name": "there", "quantity": quantity, "point": point}
-    deck = load_deck({**SHEET, **tables, "probe": [probe]})
-    assert deck["approximation"]["order"] == order
-    assert set(deck["approximation"]["support"]) == {support}
-
-
-@pytest.mark.parametrize(
-    ("tables", "kernel", "gauss"),
-    [
-        ({}, "quintic", 2),
-        ({"geometry": ANNULUS}, "quintic", 3),
-        ({"geometry": ANNULUS, "approximation": {"order": 2}}, "quintic", 3),
-        ({"geometry": ANNULUS, "approximation": {"order": 2, "support": 2.5}}, "cubic", 2),
-        ({"geometry": ANNULUS, "approximation": {"order": 1}}, "cubic", 2),
-    ],
-)
-def test_spline_and_gauss_points_of_order_two(
-    tables: dict[str, Any], kernel: str, gauss: int
-) -> None:
-    """Narrower ones leave a wave at walls that meet a plane of symmetry. On annuli windows turn
-    with the angle, and a large penalty would spoil the force.
-    """
-    probe = {"name": "there", "quantity": "cauchy_xx", "point": [0.0, 1.0]}
-    deck = load_deck({**SHEET, **tables, "probe": [probe]})
-    assert (deck["approximation"]["kernel"], deck["galerkin"]["gauss"]) == (kernel, gauss)
-    turned = (deck["approximation"]["window"], deck["galerkin"]["penalty"])
-    assert turned == (("polar", 10.0) if gauss == 3 else ("product", 100.0))
+def test_approximation_by_what_is_asked(tables: dict[str, Any], wanted: dict[str, Any]) -> None:
+    deck = load_deck({**SHEET, **tables})
+    (support,) = set(deck["approximation"]["support"])
+    found = {**deck["galerkin"], **deck["approximation"], "support": support}
+    assert {key: found[key] for key in wanted} == wanted

@@ -34,25 +34,6 @@ def test_one_signature(name: str) -> None:
         assert parameters[key].default == default
 
 
-@pytest.mark.slow
-def test_labels_and_points_of_tables(tmp_path) -> None:
-    """A phantom needs nothing but sizes; the stations leave their files in one folder."""
-    tables = {
-        "scene": {"dimension": 3},
-        "image": {"phase": "dark", "label": "muscle", "iterations": 20},
-        "bias": {"method": "none"},
-        "phantom": {"size": [48, 48, 3], "spacing": [2.5, 2.5, 20]},
-        "build": {"collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "islands": "drop"},
-    }
-    labels = myork.segment(tables, tmp_path, threads=1)["segmentation"]["labels"]
-    model = myork.build(tables, tmp_path)["model"]
-    # a point for 16 voxels, and more at the border, where blocks hold some that are no muscle
-    pixels = labels["muscle"]["pixels"]
-    assert pixels / 16 < model["collocation_points"] < 1.4 * pixels / 16
-    # the volume is that of the voxels, but for specks that were dropped
-    assert model["volume"]["muscle"] == pytest.approx(pixels * 0.125, rel=0.02)
-
-
 def test_threads_of_the_core_are_given_back() -> None:
     before = _core.set_threads(0)
     with core_threads(before + 2):

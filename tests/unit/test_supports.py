@@ -12,10 +12,8 @@ import pytest
 from benchmarks.truths import bodies
 from myork import Scene
 from myork.errors import ConvergenceError, InputError
-from myork.model_file import write_model
 from myork.records import PointCloud
-from myork.tables import deck_text
-from tests.scenes import box, execute, held, refused, scene
+from tests.scenes import box, held, refused, scene
 
 METHODS = ("rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni")
 BLOCK: dict[str, Any] = {
@@ -95,22 +93,6 @@ def test_a_hinge_is_no_support_and_three_pins_are() -> None:
     with pytest.raises(InputError, match=r"free to turn about an axis along \(1, 1, 0\);"):
         Scene.from_tables(deck, pinned(diagonal))
     Scene.from_tables(deck, pinned(np.vstack([diagonal, [1, 0, 0]]))).close()
-
-
-def test_points_in_another_unit_are_refused_by_both_programs(tmp_path: Path) -> None:
-    """Exit 2 and the line of the unit; in memory the same words."""
-    units = {"force": "N", "length": "cm"}
-    deck = scene("rkcm", {}, title="pins", units=units, boundary=[held("pins")]) | BLOCK
-    deck["geometry"] = {"kind": "model"}
-    body = replace(pinned(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])), length_unit="mm")
-    with pytest.raises(InputError, match="the lengths of the points are in mm"):
-        Scene.from_tables(deck, body)
-    write_model(tmp_path / "model.h5", body)
-    path = tmp_path / "deck.toml"
-    path.write_text(deck_text(deck), encoding="utf-8")
-    _, done = execute(path, tmp_path)
-    assert done.returncode == 2
-    assert "units.length: 'cm', but the lengths of the points are in mm" in done.stderr
 
 
 # ---- numbers that say nothing --------------------------------------------------------------------

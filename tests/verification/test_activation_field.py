@@ -30,17 +30,14 @@ def block(
     return scene(method, geometry, material=material, boundary=ends, probe=PULL, **more)
 
 
-def unknowns(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.float64]:
-    return solved(tables, cloud=cloud).states.x
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_constant_field_is_a_number(method: str) -> None:
     """To the last bit: a half of 1 and all of a half."""
-    field = block([MUSCLE | {"activation": "0.3"}], method)
+    table = [{"name": "flat", "x": [0, 2], "value": [0.3, 0.3]}]
+    field = block([MUSCLE | {"activation": "flat(z)"}], method, table=table)
     number = block([MUSCLE | {"activation": 0.3}], method)
-    assert np.array_equal(unknowns(field), unknowns(number))
+    assert np.array_equal(solved(field).states.x, solved(number).states.x)
 
 
 @pytest.mark.slow
@@ -68,17 +65,6 @@ def test_halves_that_are_active_are_two_muscles() -> None:
     assert found[0] == pytest.approx(found[1], rel=0.03)
 
 
-@pytest.mark.slow
-def test_isometric_stress_of_a_field_along_the_muscle() -> None:
-    """All sections carry one force: it lies between that of the least and of the most active."""
-    table = [{"name": "rise", "x": [0, 2], "value": [0.2, 1]}]
-    graded = MUSCLE | {"activation": "0.5*rise(z)"}
-    forces = []
-    for material in (MUSCLE | {"activation": 0.1}, graded, MUSCLE | {"activation": 0.5}):
-        forces.append(solved(block([material], table=table)).last()["pull"])
-    assert forces[0] < forces[1] < forces[2]
-
-
 def bar(activation: Any = None) -> PointCloud:
     """A bar of voxels whose parts of the activation are these."""
     return voxels(np.ones((8, 8, 12)), 1.25, activation=activation, source_stride=[2] * 3)
@@ -102,9 +88,9 @@ def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
 def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     """From an image over the model file to the solve; a constant one keeps the bits of a number."""
     plain = bar()
-    number = unknowns(model_tables(activation=0.3), plain)
+    number = solved(model_tables(activation=0.3), cloud=plain).states.x
     constant = replace(plain, activation=np.full(len(plain.points), 0.3))
-    assert np.array_equal(unknowns(model_tables(activation=1.0), constant), number)
+    assert np.array_equal(solved(model_tables(activation=1.0), cloud=constant).states.x, number)
 
     cloud = bar(half(0.3))
     assert cloud.activation is not None
@@ -121,7 +107,7 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     assert found.last()["pull"] == pytest.approx(0.5 * whole, rel=0.1)
     # an expression of the deck stands in the place of the points' own
     field = model_tables(activation="0.3")
-    assert np.array_equal(unknowns(field, again), number)
+    assert np.array_equal(solved(field, cloud=again).states.x, number)
 
 
 def test_images_on_turned_grids_are_turned() -> None:

@@ -87,33 +87,6 @@ def test_turning_fibers_in_the_rows(method: str, open_scene: Any) -> None:
     assert np.linalg.norm(turn - second @ move) < 1e-6 * np.linalg.norm(second @ move)
 
 
-def in_units(method: str, length: float, stress: float) -> dict[str, Any]:
-    """A clamped block of active muscle, sheared and pulled, in other units."""
-    muscle = {"A10": 6.43, "A01": -3.8, "A20": 0.94, "K": 60.0, "sigma_max": 30.0}
-    muscle = {key: value * stress for key, value in muscle.items()}
-    named = {"name": "muscle", "model": "muscle", "curve": "smooth", "fiber": [0.3, 0.0, 1.0]}
-    pull = {"u_z": 0.05 * length, "traction": [0.2 * stress, 0.1 * stress, 0.0]}
-    return scenes.scene(
-        method, scenes.box(4, 4, 6, size=[length, length, 2 * length]), material=[muscle | named],
-        boundary=[held("z0"), {"set": "z1", **pull}], load={"activation": 0.1, "steps": 2},
-    )  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-def test_units_do_not_matter(method: str) -> None:
-    """In mm and MPa, and in m and kPa, the block moves as in cm and N/cm^2. Rounding of 1e-16 is
-    amplified by the condition of the rows, at most 1e7, and iterations end at the same places.
-    """
-    found = []
-    for length, stress in ((1.0, 1.0), (10.0, 0.01), (0.01, 10.0)):
-        fields = scenes.solved(in_units(method, length, stress)).fields
-        found.append((fields.u / length, fields.cauchy / stress))
-    for u, cauchy in found[1:]:
-        assert abs(u - found[0][0]).max() < 1e-8 * abs(found[0][0]).max()
-        assert abs(cauchy - found[0][1]).max() < 1e-8 * abs(found[0][1]).max()
-
-
 def test_a_rotated_problem_has_the_rotated_answer() -> None:
     """Round supports and a complete basis know no direction, nor does the weight of the
     prescribed displacements where it is a plain number. A muscle with inclined fibers is

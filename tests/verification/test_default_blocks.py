@@ -49,6 +49,7 @@ def points(tmp_path: Path) -> Callable[..., int]:
         blocks = map(int, re.search(r"(\d+) x (\d+) x (\d+) of voxels", text).groups())
         count = int(re.search(r"(\d+) source", text)[1])
         assert count == corners(*blocks)
+        explained.said = text
         return count
 
     return explained
@@ -62,6 +63,7 @@ def corners(*blocks: int) -> int:
 def test_layers_of_fewer_than_four_blocks_take_single_voxels(points) -> None:
     assert points(built(np.ones((8, 16, 16)))) == corners(4, 8, 8)
     assert points(built(np.ones((6, 16, 16)))) == corners(6, 8, 8)
+    assert re.search("6 x 8 x 8 of voxels.*single voxels along x", points.said)
     # tissues shear along each other from the held ends on
     assert points(built(layered(16, 16, 16, thick=8)), 2) == corners(8, 8, 8)
     assert points(built(layered(16, 16, 16, thick=4)), 2) == corners(16, 8, 16)
@@ -80,6 +82,7 @@ def test_what_somebody_chose_stays(points) -> None:
     assert points(cloud, build={"source_stride": [2, 2, 2]}) == corners(3, 8, 8)
     assert points(cloud, build={"ids": [1]}) == corners(6, 8, 8)
     assert points(cloud, words=("geometry.blocks=[2,4,5]",)) == corners(2, 4, 5)
+    assert "single voxels" not in points.said
     # an override is a choice also where the deck has no [build]
     chosen = "build.source_stride=[2,2,2]"
     assert points(cloud, words=(chosen,)) == corners(3, 8, 8)
@@ -95,17 +98,3 @@ def test_blocks_become_finer_as_far_as_they_do_not_become_many(points) -> None:
     assert points(built(layered(16, 32, 12, thick=4)), 2) == corners(16, 16, 12)
     assert points(built(layered(16, 32, 24, thick=4)), 2) == corners(16, 16, 12)
     assert points(built(layered(32, 32, 32, thick=4)), 2) == corners(16, 16, 16)
-
-
-def test_explain_tells(tmp_path: Path) -> None:
-    write_model(tmp_path / "model.h5", built(np.ones((6, 16, 16))))
-    path = tmp_path / "deck.toml"
-    path.write_text(text_of_tables(tables()))
-    said: dict[str, str] = {}
-    for name, words in (("own", ()), ("set", ("geometry.blocks=[3,8,8]",))):
-        lines: list[str] = []
-        explain_deck(path, overrides=words, progress=lines.append)
-        said[name] = "\n".join(lines)
-    assert re.search("6 x 8 x 8 of voxels.*single voxels along x", said["own"])
-    assert "3 x 8 x 8 of voxels" in said["set"]
-    assert "single voxels" not in said["set"]

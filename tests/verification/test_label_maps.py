@@ -1,4 +1,4 @@
-"""Label maps over boxes: which material lies where, and what is said of maps that do not fit."""
+"""Which material lies where in boxes and annuli, by expressions and by label maps over them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from myork.errors import InputError
 from myork.imaging.io import read_labels
 from myork.results import Results
 from myork.stations.solve import run_deck
-from tests.scenes import box, held, scene, solved
+from tests.scenes import annulus, box, held, refused, scene, solved
 
 #: Axes of an image that lies askew: 0.6, 0.8 is a right angle's triangle
 TURNED = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
@@ -70,10 +70,6 @@ def mapped(labels: str, **geometry: Any) -> dict[str, Any]:
     return bar({"labels": labels, **geometry}, [SOFT | {"label": 5}, STIFF | {"label": 9}])
 
 
-def states_of(tables: dict[str, Any] | Path, *overrides: str) -> np.ndarray:
-    return solved(tables, *overrides).states.x
-
-
 WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
 
 
@@ -83,7 +79,7 @@ def test_halves_by_a_map_are_halves_by_an_expression(method: str, tmp_path: Path
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
     override = f"scene.method={method}"
     np.testing.assert_array_equal(
-        states_of(mapped(path), override), states_of(bar({}, WHERE), override)
+        solved(mapped(path), override).states.x, solved(bar({}, WHERE), override).states.x
     )
 
 
@@ -106,7 +102,7 @@ def test_whole_numbers_of_all_types(kind: type, order: str, suffix: str, tmp_pat
     path = save(
         tmp_path / f"half.{suffix}", halves().astype(kind), spaced(1, 0.5, 0.5), order=order
     )
-    np.testing.assert_array_equal(states_of(mapped(path)), states_of(bar({}, WHERE)))
+    np.testing.assert_array_equal(solved(mapped(path)).states.x, solved(bar({}, WHERE)).states.x)
 
 
 def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
@@ -125,10 +121,10 @@ def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
     second = tmp_path / "second.nii.gz"
     nibabel.save(nibabel.Nifti2Image(half, spaced(1, *voxel)), second)
     paths = {name: save(tmp_path / f"{name}.nii", *how) for name, how in maps.items()}
-    expected = states_of(bar({}, WHERE))
+    expected = solved(bar({}, WHERE)).states.x
     for name, path in {**paths, "second": str(second)}.items():
         more = {"labels_origin": [0, 0, 4]} if name == "wide" else {}
-        np.testing.assert_array_equal(states_of(mapped(path, **more)), expected, name)
+        np.testing.assert_array_equal(solved(mapped(path, **more)).states.x, expected, name)
 
 
 def test_points_have_the_labels_of_the_voxels_that_they_lie_in(tmp_path: Path) -> None:
@@ -174,7 +170,7 @@ def test_materials_by_label_and_by_where_and_one_that_fills_the_rest(tmp_path: P
     for tables in (by_map, by_text):
         tables["set"] = [{"name": "bare", "on": "stiff", "side": "z1"}]
         tables["boundary"].append({"set": "bare", "traction": [0, 0, 0.1]})
-    np.testing.assert_array_equal(states_of(by_map), states_of(by_text))
+    np.testing.assert_array_equal(solved(by_map).states.x, solved(by_text).states.x)
 
 
 def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
@@ -182,11 +178,11 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
     path = inputs / "label_section.toml"
     labels = read_labels(inputs / "images" / "two_muscles.nii.gz")
     one = save(tmp_path / "slice.nii", labels.data[:, :, 12].astype(np.uint8), labels.affine)
-    expected = states_of(path)
+    expected = solved(path).states.x
     flat = [f'geometry.labels="{one}"', "geometry.labels_origin=[-0.046875,-0.046875,0]"]
-    np.testing.assert_array_equal(states_of(path, *flat), expected)
+    np.testing.assert_array_equal(solved(path, *flat).states.x, expected)
     tables = {key: load_deck(path)[key] for key in ("scene", "units", "material", "boundary")}
-    found = states_of(tables | {"geometry": box(33, 17, size=[3, 1.5], labels=one)})
+    found = solved(tables | {"geometry": box(33, 17, size=[3, 1.5], labels=one)}).states.x
     np.testing.assert_array_equal(found, expected)
 
 
@@ -209,24 +205,20 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
         ("geometry.labels_origin=[0,0,0]", r"'HALF' does not cover the box: the corner \(1, 0"),
         ("units.length=inch", "units.length: must be mm, cm or m, not inch: geometry.labels lays"),
         ("geometry.labels=nowhere.nii", "geometry.labels: 'nowhere.nii' cannot be read: there is"),
+        (
+            "geometry.labels=HOLE",
+            r"'HOLE' has the label 3 at \(0.75, 0.075, 0.125\), which no \[\[material\]\] has: add "
+            "one, or leave label out of the first one",
+        ),
     ],
 )
 def test_maps_that_do_not_fit(override: str, what: str, tmp_path: Path) -> None:
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
-    with pytest.raises(InputError, match=what.replace("HALF", path)):
-        Scene.from_tables(mapped(path), overrides=[override])
-
-
-def test_a_label_without_a_material_is_named(tmp_path: Path) -> None:
     data = halves()
     data[7, 1, 2] = 3
-    path = save(tmp_path / "half.nii.gz", data, spaced(1, 0.5, 0.5))
-    with pytest.raises(
-        InputError,
-        match=r"geometry.labels: '.*half.nii.gz' has the label 3 at \(0.75, 0.075, 0.125\), "
-        r"which no \[\[material\]\] has: add one, or leave label out of the first one",
-    ):
-        Scene.from_tables(mapped(path))
+    hole = save(tmp_path / "hole.nii.gz", data, spaced(1, 0.5, 0.5))
+    with pytest.raises(InputError, match=what.replace("HALF", path).replace("HOLE", hole)):
+        Scene.from_tables(mapped(path), overrides=[override.replace("HOLE", hole)])
 
 
 def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
@@ -274,10 +266,6 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
     ("tables", "what"),
     [
         (
-            bar({"labels": "half.nii"}, [SOFT | {"label": 1, "where": "x > 0"}]),
-            "material.soft.label: cannot be given beside `where`",
-        ),
-        (
             bar({"labels": "half.nii"}, [SOFT | {"label": 1}, STIFF]),
             "material.stiff.label: missing, and so is `where`: only the first",
         ),
@@ -313,3 +301,74 @@ def test_another_map_in_the_file_is_another_deck(tmp_path: Path) -> None:
     data[4] = 9
     save(tmp_path / "half.nii", data, spaced(1, 0.5, 0.5))
     assert load_deck(mapped(path))["sha256"] != first
+
+
+# ---- parts by expressions: two bodies that share a face ------------------------------------------
+
+#: Rubbers with no Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu
+CORK = {"name": "cork", "model": "neo-hookean", "mu": 1.0, "K": 2 / 3}
+OAK = {"name": "oak", "model": "neo-hookean", "mu": 4.0, "K": 8 / 3}
+
+
+def pulled(material: list[dict[str, Any]], method: str = "rkpm-gauss") -> dict[str, Any]:
+    """A strip that is pulled with a stress of 1e-4 along x."""
+    return scene(
+        method, box(21, 5, size=[1, 0.2]), material=material, load={"steps": 1},
+        boundary=[held("x0", 2), {"set": "x1", "traction": [1e-4, 0]}],
+        probe=[{"name": "end", "quantity": "u_x", "point": [1, 0.1]}],
+    )  # fmt: skip
+
+
+def end_of(tables: dict[str, Any]) -> float:
+    return next(iter(solved(tables).last().values()))
+
+
+@pytest.mark.parametrize("border", [0.3, 0.37, 0.5])
+def test_two_bodies_that_share_a_face_give_way_one_after_the_other(border: float) -> None:
+    """Also where the border lies between the points."""
+    found = end_of(pulled([CORK, OAK | {"where": f"x > {border}"}]))
+    assert found == pytest.approx(1e-4 * (border / 2 + (1 - border) / 8), rel=0.04)
+
+
+def test_the_later_material_fills_what_two_hold() -> None:
+    one = end_of(pulled([CORK, OAK | {"where": "x > 0.5"}]))
+    two = end_of(pulled([OAK, CORK | {"where": "x <= 0.5 and r >= 0"}]))
+    assert two == pytest.approx(one, rel=1e-9)
+
+
+def test_annulus() -> None:
+    """A stiff lining of a tube holds the inner wall back."""
+    tables = scene(
+        "auto", annulus(9, 9, radii=(1, 2)), material=[CORK],
+        boundary=[
+            {"set": "x0", "u_x": 0},
+            {"set": "y0", "u_y": 0},
+            {"set": "outer", "traction": ["1e-4*x/r", "1e-4*y/r"]},
+        ],
+        probe=[{"name": "wall", "quantity": "u_x", "point": [1, 0]}],
+    )  # fmt: skip
+    plain = end_of(tables)
+    tables["material"] = [CORK, OAK | {"where": "r < 1.3"}]
+    assert 0 < end_of(tables) < 0.7 * plain
+
+
+@pytest.mark.parametrize(
+    ("material", "what"),
+    [
+        ([CORK | {"where": "x < 0.5"}], "material.cork.where: no material is given at"),
+        ([CORK, OAK], "material.cork.label: missing"),
+        ([CORK, OAK | {"where": "x > 2"}], "material.oak.where: no point lies there"),
+        ([CORK, OAK | {"where": "x > q"}], "material.oak.where: 'x > q' is not an expression"),
+        ([CORK | {"where": "x < 1"}, OAK], "material.oak.where: missing, only the first"),
+        ([CORK | {"label": 1}, OAK | {"where": "x < 1"}], "material.cork.label: cannot be given"),
+    ],
+)
+def test_what_does_not_fit_is_refused(material: list[dict[str, Any]], what: str) -> None:
+    assert what in refused(pulled(material))
+
+
+def test_models_have_labels() -> None:
+    tables = pulled([CORK | {"where": "x < 1"}])
+    tables["geometry"] = {"kind": "model"}
+    with pytest.raises(InputError, match="where: only for geometry.kind = box or annulus"):
+        load_deck(tables)

@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork import Scene
-from myork.errors import InputError
 from myork.stations.solve import run_deck
 from tests.scenes import MUSCLE, box, held, refused, scene, solved
 
@@ -121,34 +119,6 @@ def test_the_executable_writes_them_with_error_bars(tmp_path):
     assert "torque" in json.dumps(summary["deck"]["probe"])
 
 
-@pytest.mark.parametrize(
-    ("probe", "message"),
-    [
-        ({"quantity": "torque_z"}, "missing, a text is needed for quantity ="),
-        ({"quantity": "torque_z", "point": [0, 0, 0]}, "probe.p.set: missing"),
-        ({"quantity": "section_force", "point": [0.5, 0.5, 1]}, "probe.p.normal: missing"),
-        ({"quantity": "section_force", "set": "z1", "normal": [0, 0, 1]}, "probe.p.set: only for"),
-        ({"quantity": "force", "set": "z1", "about": [0, 0, 0]}, "probe.p.about: only for"),
-        ({"quantity": "section_force", "point": [0.5, 0.5, 3], "normal": [0, 0, 1]}, "outside"),
-        ({"quantity": "section_force", "point": [0.5, 0.5, 1], "normal": [0, 0, 0]}, "normal"),
-        ({"quantity": "cauchy_xx", "set": "z1"}, "probe.p.set: only for"),
-    ],
-)
-def test_a_probe_that_is_not_whole_is_refused(probe, message):
-    tables = {**block("rkpm-gauss", [3, 3, 3], 50.0), "probe": [{"name": "p", **probe}]}
-    assert message in refused(tables)
-
-
-def test_a_plane_has_one_torque():
-    tables = scene(
-        "auto", box(4, 4, places=(4, 4)), boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
-        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
-        probe=[{"name": "t", "quantity": "torque_x", "set": "x1"}],
-    )  # fmt: skip
-    with pytest.raises(InputError, match="torque_x is always zero in two dimensions"):
-        Scene.from_tables(tables).close()
-
-
 #: Expressions and what they are in a body whose whole surface moves by u = (a x, b y, c z)
 STRETCHES = (0.1, -0.05, 0.2)
 PLACE = (0.3, 0.7, 1.1)
@@ -217,29 +187,49 @@ def test_the_unit_of_an_expression_is_what_the_deck_says(tmp_path):
     assert summary["probe_units"]["p"] == "mm^3/mm^3"
 
 
+SHEET = scene(
+    "rkpm-gauss", box(4, 4), boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
+    material=[{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
+)  # fmt: skip
+LINEAR = {key: SHEET[key] for key in ("scene", "geometry", "boundary")} | {
+    "linear": {"problem": "elasticity", "E": 10, "nu": 0.3}
+}
+INSIDE = {"point": [0.5, 0.5, 1]}
+CUT = {"quantity": "section_force", "normal": [0, 0, 1]}
+OF_FIELDS = {"quantity": "expression", **INSIDE}
+
+
 @pytest.mark.parametrize(
     ("probe", "message"),
     [
-        ({}, "probe.p.expression: missing"),
-        ({"expression": "J", "point": None}, "probe.p.point: missing"),
-        ({"expression": "u_w + 1"}, "unknown name 'u_w' at position 1; names are x, y, r, theta"),
-        ({"expression": "cauchy_xx -"}, "it ends where a value is missing"),
-        ({"expression": "fiber_stretch"}, "has no fibers"),
-        ({"quantity": "J", "expression": "J"}, "probe.p.expression: only for quantity"),
+        ({"quantity": "torque_z"}, "missing, a text is needed for quantity ="),
+        ({"quantity": "torque_z", "point": [0, 0, 0]}, "probe.p.set: missing"),
+        ({"quantity": "section_force", **INSIDE}, "probe.p.normal: missing"),
+        ({**CUT, "set": "z1"}, "probe.p.set: only for"),
+        ({"quantity": "force", "set": "z1", "about": [0, 0, 0]}, "probe.p.about: only for"),
+        ({**CUT, "point": [0.5, 0.5, 3]}, "outside"),
+        ({**CUT, **INSIDE, "normal": [0, 0, 0]}, "normal"),
+        ({"quantity": "cauchy_xx", "set": "z1"}, "probe.p.set: only for"),
+        (OF_FIELDS, "probe.p.expression: missing"),
+        ({"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
+        ({**OF_FIELDS, "expression": "u_w + 1"}, "unknown name 'u_w' at position 1; names are x, "),
+        ({**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
+        ({**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
+        ({"quantity": "J", "expression": "J", **INSIDE}, "probe.p.expression: only for quantity"),
     ],
 )
-def test_a_wrong_expression_of_fields_is_refused(probe, message):
-    own = {"name": "p", "quantity": "expression", "point": [0.5, 0.5, 1], **probe}
-    own = {key: value for key, value in own.items() if value is not None}
-    tables = {**block("rkpm-gauss", [3, 3, 3], 50.0), "probe": [own]}
-    assert message in refused(tables)
+def test_a_probe_that_is_not_whole_is_refused(probe, message):
+    tables = block("rkpm-gauss", [3, 3, 3], 50.0)
+    assert message in refused(tables | {"probe": [{"name": "p", **probe}]})
 
 
-def test_a_linear_problem_has_displacements_and_stresses_only():
-    tables = scene(
-        "rkpm-gauss", box(4, 4), linear={"problem": "elasticity", "E": 10, "nu": 0.3},
-        boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
-        probe=[{"name": "p", "quantity": "expression", "expression": "cauchy_xx + J",
-                "point": [0.5, 0.5]}],
-    )  # fmt: skip
-    assert "unknown name 'J'" in refused(tables)
+@pytest.mark.parametrize(
+    ("tables", "probe", "message"),
+    [
+        (SHEET, {"quantity": "torque_x", "set": "x1"}, "torque_x is always zero in two dimensions"),
+        (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]},
+         "unknown name 'J'"),
+    ],
+)  # fmt: skip
+def test_what_a_body_does_not_have_is_no_probe(tables, probe, message):
+    assert message in refused(tables | {"probe": [{"name": "p", **probe}]})

@@ -51,14 +51,6 @@ def test_finite_elements_follow_motions_and_amplitudes(inputs: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_stretched_muscle_is_activated(inputs: Path, tmp_path: Path) -> None:
-    """The end does not depend on the order: tests/unit/test_programmes.py."""
-    found = steps(inputs / "stretch_then_activate.toml", tmp_path, *SMALL)
-    assert found["load"] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
-    assert found["force"][1] < 0.3 * found["force"][-1]
-
-
-@pytest.mark.slow
 def test_a_shortening_muscle_loses_force_and_gives_off_energy(inputs: Path, tmp_path: Path) -> None:
     found = steps(inputs / "shortening.toml", tmp_path, *SMALL)
     active = found["load"] >= 0.2 - 1e-9

@@ -3,7 +3,6 @@
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -17,10 +16,8 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.beyond import values_beyond
 from myork.rom.check import CellErrors
 from myork.rom.cubature import few_cells
-from myork.rom.parameters import Parameter
 from tests.scenes import contracting
 
 BLOCK = contracting(
@@ -63,26 +60,6 @@ def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndar
     columns = projection.Columns.of([load_parts(scene)])
     model, rows, total = projection.project(scene, galerkin_parts(scene), laws, basis, columns)
     return projection.with_volume(model, rows, total, None), laws, basis
-
-
-@pytest.mark.parametrize(("loads", "combined"), [(1, True), (4, True), (24, False)])
-def test_values_beyond_the_largest_stress_stay_few(loads: int, combined: bool) -> None:
-    kinds = [Parameter(f"boundary.z{i}.u_z", 0.1 * i, 1.0 + i, "load", ()) for i in range(loads)]
-    kinds += [
-        Parameter("load.activation", 0.0, 0.8, "activation", (0,)),
-        Parameter("material.muscle.sigma_max", 20.0, 40.0, "sigma_max", (0,)),
-    ]
-    values = values_beyond(SimpleNamespace(parameters=tuple(kinds)), 3)
-    face = values[:-16]
-    assert len(face) == min(5**loads, 9)
-    assert np.all(face[:, loads:] == [0.8, 70.0])
-    assert np.all(values[-16:, -1] > 40.0)
-    low, high = (np.array([getattr(p, end) for p in kinds[:loads]]) for end in ("low", "high"))
-    share = (face[:, :loads] - low) / (high - low)
-    assert np.all((share >= -1e-12) & (share <= 1 + 1e-12))
-    assert np.allclose(4 * share, np.round(4 * share)) == combined
-    # a load takes values all over its range
-    assert np.all(np.ptp(share, axis=0) >= 0.5)
 
 
 #: Two muscles, each with an activation, a strength and fibers of its own
@@ -287,17 +264,6 @@ def true_error(rom: ReducedModel, values: list[float]) -> tuple[float, float, fl
 
 
 @pytest.mark.slow
-def test_half_the_range_of_activation(deck: Path) -> None:
-    """Trained to half the activation, asked for all of it: told as outside, with its error."""
-    ranges = {"load.activation": (0.0, 0.5), "boundary.z1.u_z": (-0.2, 0.3)}
-    rom = ReducedModel.train(deck, ranges, full_solves=16, tests=0, threads=1)
-    error, force, estimate, converged = true_error(rom, [1.0, 0.1])
-    assert converged and not rom.solve(activation=1.0, u_z=0.1).inside
-    assert error < 0.1 and force < 0.02
-    assert 0.3 * error < estimate < 3.0 * error
-
-
-@pytest.mark.slow
 def test_no_more_modes_than_states(deck: Path) -> None:
     """A tolerance that nothing meets takes the rank of the states, with kinked curves."""
     change = ["material.muscle.curve=published", "boundary.z1.u_z=0"]
@@ -325,8 +291,10 @@ def test_states_far_from_those_of_the_training_are_followed(deck: Path) -> None:
     assert converged and error < 2e-3 and force < 1e-4
     # a stress of 1.75 times the largest one of the training, for which modes were chosen: 5e-3 and
     # 2e-4 without
-    error, force, _, converged = true_error(rom, [1.0, 0.1, 70.0])
+    error, force, estimate, converged = true_error(rom, [1.0, 0.1, 70.0])
     assert converged and error < 3.5e-3 and force < 1e-4
+    assert 0.3 * error < estimate < 3.0 * error
+    assert not rom.solve(activation=1.0, u_z=0.1, sigma_max=70.0).inside
 
 
 def test_stationary_force_beats_the_displacement(rom: ReducedModel) -> None:
@@ -445,16 +413,6 @@ def test_wrong_decks(deck: Path, change: str, message: str) -> None:
 def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     content = trained.read_bytes()
     damaged = tmp_path / "damaged.rom.h5"
-    for place in (8, len(content) // 3, len(content) // 2, len(content) - 2000):
-        damaged.write_bytes(content[:place] + b"\x55\xaa\x55" + content[place + 3 :])
-        try:
-            found = ReducedModel.load(damaged, threads=1)
-        except (FileError, InputError):
-            continue
-        # bytes that no array holds
-        assert found.solve(activation=0.4, u_z=0.1).force == pytest.approx(
-            ReducedModel.load(trained, threads=1).solve(activation=0.4, u_z=0.1).force, rel=1e-12
-        )
     damaged.write_bytes(content[: len(content) // 2])
     with pytest.raises(FileError, match="not a readable reduced model"):
         ReducedModel.load(damaged)

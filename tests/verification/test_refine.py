@@ -107,20 +107,6 @@ def test_a_graded_lattice_is_nearer_to_the_truth() -> None:
     assert abs(tips[3] - BEAM_TIP) < 0.25 * abs(tips[0] - BEAM_TIP)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"scene": {"dimension": 2, "method": "rkcm"}}, "geometry.graded: .*rkpm-gauss"),
-        ({"geometry": {"graded": ["x2"]}}, "geometry.graded"),
-    ],
-)
-def test_what_cannot_be_graded_is_refused(changes: dict[str, Any], message: str) -> None:
-    deck = beam(9, 5) | changes
-    deck["geometry"] = {**beam(9, 5)["geometry"], "graded": ["x0"], **changes.get("geometry", {})}
-    with pytest.raises(InputError, match=message):
-        Scene.from_tables(deck)
-
-
 def test_an_accuracy_above_all_tables_is_met_and_the_scene_has_the_points() -> None:
     with Scene.from_tables(without_points(accuracy=0.002)) as opened:
         again = [word.split("=")[1] for word in opened.points_found]
@@ -209,14 +195,20 @@ def test_what_voxels_leave_open_is_not_promised() -> None:
     assert "is not met: the voxels leave 8 % open, however many" in found.states.reasons[-1]
 
 
+COLLOCATION = {"scene": {"dimension": 2, "method": "rkcm-mixed"}}
+GRADED = {**beam(9, 5)["geometry"], "graded": ["x0"]}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"refine": {"accuracy": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
-        ({"scene": {"dimension": 2, "method": "rkcm-mixed"}}, r"refine\.accuracy.*rkpm-gauss"),
+        (COLLOCATION, r"refine\.accuracy.*rkpm-gauss"),
         ({"probe": []}, "refine: needs a probe"),
         ({"refine": {}, "accuracy": 0.9}, r"accuracy"),
         ({"refine": {"accuracy": 0.0001}}, r"refine\.accuracy"),
+        ({"geometry": GRADED, **COLLOCATION}, "geometry.graded: .*rkpm-gauss"),
+        ({"geometry": {**GRADED, "graded": ["x2"]}}, "geometry.graded"),
     ],
 )
 def test_what_cannot_be_refined_is_refused(change, message) -> None:

@@ -64,35 +64,31 @@ def test_collocation_that_bends_is_refused(
     assert tip < share * TIP and np.isnan(bar)
 
 
+def ring(radii: tuple[float, float], source: list[int], material: list[Any], **inner: float) -> Any:
+    """A quarter of a ring of two materials with a condition on its bore, in one load step."""
+    geometry = annulus(*source, radii=radii, places=source)
+    planes = [{"set": "y0", "u_y": 0.0}, {"set": "x0", "u_x": 0.0}]
+    return scene(
+        "auto", geometry, material=material, load={"steps": 1, "max_halvings": 3},
+        boundary=[*planes, {"set": "inner", **inner}],
+        probe=[{"name": "inside", "quantity": "u", "set": "inner"}],
+    )  # fmt: skip
+
+
 def test_another_branch_gives_no_bars() -> None:
     """Half as many points of a ring that is squeezed from inside fold another way.
 
     The distance of two branches says nothing about the error of either; bars that were made of it
     changed by half with the path to the same state.
     """
-    radii = {"inner_radius": 2.477, "outer_radius": 4.34}
-    tables = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "annulus", "source": [7, 8], "collocation": [7, 8], **radii},
-        "material": [
-            {"name": "a", "model": "mooney-rivlin", "C1": 5.4, "C2": 1.35, "K": 6725.0},
-            {"name": "b", "model": "mooney-rivlin", "C1": 6.5, "C2": 1.63, "K": 8169.0}
-            | {"where": "x > 2.18234"},
-        ],
-        "boundary": [
-            {"set": "y0", "u_y": 0.0},
-            {"set": "x0", "u_x": 0.0},
-            {"set": "outer", "radial": 0.0},
-            {"set": "inner", "radial": -0.1391},
-        ],
-        "load": {"steps": 1, "max_halvings": 3},
-        "probe": [{"name": "inside", "quantity": "u", "set": "inner"}],
-    }
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve()
+    a = {"name": "a", "model": "mooney-rivlin", "C1": 5.4, "C2": 1.35, "K": 6725.0}
+    b = {**a, "name": "b", "C1": 6.5, "C2": 1.63, "K": 8169.0, "where": "x > 2.18234"}
+    tables = ring((2.477, 4.34), [7, 8], [a, b], radial=-0.1391)
+    tables["boundary"].insert(2, {"set": "outer", "radial": 0.0})
+    states, found = solved(tables, ())
     assert states.verdict == "refused"
     assert any("on another branch" in reason for reason in states.reasons)
-    assert np.isnan(states.probe_errors[-1]).all()
+    assert np.isnan(found["inside"][1]).all()
 
 
 @pytest.mark.parametrize(("pressed", "unstable"), [(0.24, False), (0.27, True)])
@@ -136,32 +132,14 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
     refused, three end before it.
     """
     soft = 2.114535721824404
-    tables = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "annulus", "source": [8, 10], "collocation": [8, 10]}
-        | {"inner_radius": 1.933, "outer_radius": 2.976},
-        "material": [
-            {"name": "a", "model": "neo-hookean", "K": 4970.0, "mu": 9.94},
-            {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
-            | {"where": "x > 1.50034"},
-        ],
-        "boundary": [
-            {"set": "y0", "u_y": 0.0},
-            {"set": "x0", "u_x": 0.0},
-            {"set": "inner", "pressure": -0.6978},
-        ],
-        "load": {"steps": 1, "max_halvings": 3},
-        "probe": [{"name": "inside", "quantity": "u", "set": "inner"}],
-    }
-    with Scene.from_tables(tables) as scene:
-        states = scene.solve()
+    a = {"name": "a", "model": "neo-hookean", "K": 4970.0, "mu": 9.94}
+    b = {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
+    body = ((1.933, 2.976), [8, 10], [a, b | {"where": "x > 1.50034"}])
+    states, _ = solved(ring(*body, pressure=-0.6978), ())
     assert states.verdict == "refused"
     assert any("reached by a jump past that load" in reason for reason in states.reasons)
-    with (
-        Scene.from_tables(tables | {"load": {"steps": 3, "max_halvings": 3}}) as scene,
-        pytest.raises(ConvergenceError, match="did not converge at load 0.6"),
-    ):
-        scene.solve()
+    with pytest.raises(ConvergenceError, match="did not converge at load 0.6"):
+        solved(ring(*body, pressure=-0.6978), ("load.steps=3",))
 
 
 @pytest.mark.parametrize("points", [(17, 5), (33, 9)])

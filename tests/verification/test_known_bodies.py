@@ -1,0 +1,179 @@
+"""Bodies whose answers are known: the muscle block, voxels of true shapes, walls of tubes.
+
+Truths are finite elements of the true shape and the boundary value problem of the radius
+(`benchmarks/truths/tubes.py`), which is the same at every angle.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.runner import sized_tables
+from benchmarks.truths.deck_parts import force
+from benchmarks.truths.finite_elements import solve_deck, solve_half_block
+from benchmarks.truths.tubes import tube_deck, wall_stresses
+from benchmarks.voxel_bodies import BODIES, body_cloud, box_tables
+from myork.bench.materials import along_fibers
+from myork.bench.runs import read_deck, solve_case
+from myork.core.deck import load_deck
+from myork.stations.solve import run_deck
+from tests.scenes import solved
+
+# ---- the block between fixed ends at the smallest size that is of use, 5 x 5 x 9 at order 4 ------
+
+SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
+
+
+@pytest.mark.slow
+def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> None:
+    """Within 1.5 % of the deck's references to activation 0.15 in all six quantities.
+
+    Measured: 1.2 %. With full weight of the rows on faces it is 2.1 %, with weights that do not
+    fade towards the edges 3 % and more: the bound holds the row weights where the study put them.
+    """
+    overrides = (*SIZE, "load.steps=3", "load.activation=0.15")
+    summary = run_deck(inputs / "muscle_fibers.toml", tmp_path, overrides=overrides, threads=1)
+    assert summary["converged"] and len(summary["reference"]) == 6
+    for probe, entry in summary["reference"].items():
+        assert len(entry["relative_error"]) == 3, probe
+        assert max(entry["relative_error"]) < 0.015, probe
+
+
+@pytest.mark.slow
+def test_straight_fibers_keep_their_length_and_volume(inputs: Path, tmp_path: Path) -> None:
+    """Nearly uniform: the middle as the exact state far from the ends, J within 1e-3 everywhere.
+
+    The ends' influence on the stress in the middle is 3e-4, on the force 1e-4 (felupe).
+    """
+    overrides = (
+        *SIZE, "material.muscle.fiber_angle=0", "load.steps=1", "load.activation=0.15",
+    )  # fmt: skip
+    summary = run_deck(inputs / "muscle_fibers.toml", tmp_path, overrides=overrides, threads=1)
+    assert summary["converged"]
+    deck = load_deck(inputs / "muscle_fibers.toml", overrides)
+    exact = along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
+    (step,) = summary["steps"]
+    assert step["probes"]["stress_zz"] == pytest.approx(exact, rel=5e-4)
+    assert -step["probes"]["reaction_z"] == pytest.approx(exact, rel=5e-4)
+    assert step["min_J"] > 0.999 and step["max_J"] < 1.001
+
+
+@pytest.mark.slow
+def test_rival_block_agrees_with_the_references(inputs: Path) -> None:
+    """Another code and another element give the same block, 4 x 2 x 8 elements on its half.
+
+    Measured: 0.6 % in displacements and axial values, 2.5 % in the shear stress, 2 % in
+    reaction_x, which depends most on the mesh along the edges.
+    """
+    deck = load_deck(inputs / "muscle_fibers.toml", ["load.activation=0.05"])
+    found = solve_half_block(deck, (4, 2, 8))["probes"]
+    for entry in deck["reference"]:
+        wanted = entry["value"][entry["activation"].index(0.05)]
+        rel = 0.04 if entry["probe"] in ("stress_xz", "reaction_x") else 0.01
+        assert found[entry["probe"]][0] == pytest.approx(wanted, rel=rel), entry["probe"]
+
+
+# ---- bodies from label maps ----------------------------------------------------------------------
+
+#: Largest error of each probe with 4 to 8 source points across [-]: measured times 1.2 or so; with
+#: twice as many the errors are less than half of these
+BOUNDS = {
+    "cylinder": {"mid": 0.001, "force x": 0.01, "force z": 0.008},
+    "spindle": {"quarter": 0.015, "force z": 0.01},
+    "bracket": {"tip": 0.024, "force z": 1e-6},
+    # what is left is that of the map: 0.9 % of the force with half as large voxels
+    "three": {"interface": 0.037, "side": 0.01, "force z": 0.022},
+}
+
+#: Values that the bars of these voxels must reach, and how wide a bar may be, of the error and of
+#: the value. Of the cylinder half as many blocks differ by 0.1 % in the pull, which is 0.6 % off by
+#: stairs. Two blocks across the fat were right and doubtful: their side had a bar of 10 %.
+BARS = {
+    "cylinder": {"force x": (22.19, 6.0, 1.0), "force z": (41.77, 6.0, 1.0)},
+    "three": {
+        "interface": (0.0407, np.inf, 0.05),
+        "side": (-0.0368, np.inf, 0.05),
+        "force z": (6.411, np.inf, 0.05),
+    },
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
+def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
+    deck = read_deck(box_tables(body))
+    rival = solve_deck(deck, body.elements[-2], labels=body.part, warp=body.warp)
+    cloud = body_cloud(body, body.sizes[0])
+    case = solve_case(dict(body.tables), (), cloud=cloud, limit=120, error=True)
+    assert case["outcome"] == "converged" and case["method"] == "rkpm-gauss"
+    off = [abs(case["probes"][name] / value - 1) for name, (*_, value) in rival["probes"].items()]
+    assert max(off) < 0.05 or case["verdict"]["state"] == "doubtful", off
+    kind = body.name.split()[0]
+    if kind == "three":
+        assert case["verdict"] == {"state": "accepted", "reasons": []}
+    for name, (value, errors, share) in BARS.get(kind, {}).items():
+        error = abs(case["probes"][name] - value)
+        assert error < case["probe_errors"][name] < min(errors * error, share * abs(value)), name
+    for name, bound in BOUNDS[kind].items():
+        assert case["probes"][name] == pytest.approx(rival["probes"][name][-1], rel=bound), name
+
+
+# ---- walls of tubes, where they meet planes of symmetry as well as between them ------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("inner", "outer", "moved", "bulk", "source"),
+    [
+        (6.0, 8.0, 6.0, 1e3, [9, 51]),
+        (6.0, 8.0, 6.0, 1e7, [9, 51]),
+        (10.0, 11.0, 5.0, 1e3, [5, 51]),
+        (6.0, 8.0, -1.0, 1e3, [9, 51]),
+    ],
+)
+def test_stress_on_the_walls_is_as_right_as_the_run_says(
+    inner: float, outer: float, moved: float, bulk: float, source: list[int]
+) -> None:
+    """With a support of 2.5 the walls were 20 and 6 % off at the planes of symmetry, accepted."""
+    exact = wall_stresses(inner, outer, moved, bulk)
+    found = solved(sized_tables(tube_deck(inner, outer, moved, bulk), source), error=True)
+    assert found.states.verdict == "accepted", found.states.reasons
+    for name, value in found.last().items():
+        truth, bar = exact[name.split()[0]], found.bars[name][-1, 0]
+        assert abs(value - truth) <= bar, f"{name}: {value} instead of {truth}, bar {bar}"
+        assert bar < 0.05 * abs(truth), f"{name}: bar of {bar / abs(truth):.1%}"
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "moved", "bulk", "source", "bound"),
+    [
+        (6.0, 8.0, 6.0, 1e3, [5, 26], 1.2e-4),
+        (6.0, 8.0, 6.0, 1e7, [5, 26], 1.2e-4),
+        (1.0, 3.0, 0.7, 1e3, [9, 17], 7e-5),
+        (10.0, 11.0, 2.0, 1e4, [5, 51], 4e-5),
+    ],
+)
+def test_force_of_few_points(
+    inner: float, outer: float, moved: float, bulk: float, source: list[int], bound: float
+) -> None:
+    """What presses on the bore is carried by the cut. With boxes as supports and the penalty of
+    other bodies these forces were 2e-4 to 2e-3 off.
+    """
+    tables = sized_tables(tube_deck(inner, outer, moved, bulk), source)
+    tables["probe"] = [force("force", "x", "x0")]
+    exact = wall_stresses(inner, outer, moved, bulk)["inner"] * (inner + moved)
+    assert solved(tables).last()["force"] == pytest.approx(exact, rel=bound)
+
+
+def test_the_wall_at_a_plane_of_symmetry_converges() -> None:
+    """Cells whose gradients did not add up to their surface left 1.5e-3 there, at any number of
+    points; pressures written without their curvature 3e-2 on the first.
+    """
+    tube = (6.0, 8.0, 6.0, 1e3)
+    exact = wall_stresses(*tube)["inner"]
+    for source, bound in (([5, 26], 2e-2), ([9, 51], 6e-3)):
+        found = solved(sized_tables(tube_deck(*tube), source)).last()
+        assert found["inner x"] == pytest.approx(exact, rel=bound)
