@@ -1,7 +1,5 @@
 """All stations of a deck one after the other: images, points, solution, report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path

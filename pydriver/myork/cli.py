@@ -4,8 +4,6 @@ Exit status: 0 done; 1 the run ended without convergence, the last state is writ
 is refused; 2 bad input; 3 a missing or broken part of the installation.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

@@ -4,8 +4,6 @@ Every function that takes a `progress` argument calls it with one line of text a
 that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -80,7 +78,7 @@ class Console:
         self._tasks: dict[str, TaskID] = {}
         self._shown: dict[str, _NotebookBar] | None = None
 
-    def __enter__(self) -> Console:
+    def __enter__(self) -> "Console":
         if _in_notebook():
             self._shown = {}
         return self

@@ -5,8 +5,6 @@ Messages are full sentences that name the place (file, line, key, point or mater
 offending value and what to do.
 """
 
-from __future__ import annotations
-
 __all__ = [
     "ConvergenceError",
     "FileError",

@@ -1,7 +1,5 @@
 """What to do where a shared library of the compiled parts is missing."""
 
-from __future__ import annotations
-
 import re
 
 _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")

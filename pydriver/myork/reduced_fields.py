@@ -1,7 +1,5 @@
 """Fields of reduced models beside the full one, in the file `reduced_fields.npz` of a folder."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from pathlib import Path

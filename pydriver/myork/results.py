@@ -4,8 +4,6 @@ The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in
 what a restart needs in its group MyoRK.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -102,7 +100,7 @@ class Results:
         """Close the file; arrays that were read stay valid."""
         self._file.close()
 
-    def __enter__(self) -> Results:
+    def __enter__(self) -> "Results":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """What shows in a minute that an installation works: known answers, threads, files, programs."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform

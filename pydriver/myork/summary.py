@@ -1,7 +1,5 @@
 """The file `summary.json` of an output folder, to which each station adds its part."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path

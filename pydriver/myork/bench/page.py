@@ -1,7 +1,5 @@
 """The page `bench.html`: tables and curves of `bench.json`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

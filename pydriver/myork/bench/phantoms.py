@@ -6,8 +6,6 @@ muscles differs. The outer layer of connective tissue is as thick as the publish
 volume ask for: 159.9 and 128.4 cm^3 with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ A benchmark must survive what it measures: a crash, a hang or a refusal is an ou
 other.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -5,8 +5,6 @@ compiled call lasts. A long call runs in a thread of its own: the calling thread
 Ctrl-C and progress, and always waits for the end of the call before it goes on.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator

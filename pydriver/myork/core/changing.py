@@ -1,7 +1,5 @@
 """A scene at other values of its keys: changed while open where that is possible."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

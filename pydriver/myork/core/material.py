@@ -1,7 +1,5 @@
 """Materials at points: checks and conversions around the compiled core."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -49,11 +47,11 @@ class Material:
         self.parameters = {**table_defaults("material", "model", model), **self._given}
 
     @classmethod
-    def of_table(cls, table: Mapping[str, Any]) -> Material:
+    def of_table(cls, table: Mapping[str, Any]) -> "Material":
         """Material of a `[[material]]` table, whose label and fiber direction are left out."""
         return cls(**{key: value for key, value in table.items() if key not in _PLACING})
 
-    def replace(self, **changes: float | str) -> Material:
+    def replace(self, **changes: float | str) -> "Material":
         """The same material with other values of some parameters."""
         return Material(self.name, **{**self._given, **changes})  # type: ignore[arg-type]
 

@@ -1,7 +1,5 @@
 """Scenes held open in the compiled core: solve, evaluate, reduce."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -104,7 +102,7 @@ class Scene:
         overrides: Sequence[str] = (),
         out: Path | None = None,
         threads: int | None = None,
-    ) -> Self:
+    ) -> "Self":
         """Open a scene of data: without a file, unless the tables name one of points.
 
         Parameters
@@ -206,7 +204,7 @@ class Scene:
             f" {self.dofs} unknowns, {self.steps} load step{'s' * (self.steps != 1)})"
         )
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Self":
         return self
 
     def __exit__(self, *_: object) -> None:

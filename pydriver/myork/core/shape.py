@@ -1,7 +1,5 @@
 """Reproducing kernel shape functions: checks and conversions around the compiled core."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a scene hands out: converged states of a solve, and fields of one of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple

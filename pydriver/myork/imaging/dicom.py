@@ -1,7 +1,5 @@
 """DICOM series by pydicom, an extra of the package: a folder of slices as one image."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple

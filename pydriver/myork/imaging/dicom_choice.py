@@ -4,8 +4,6 @@ A series is one image where no two of its files share a place; else it is parted
 (magnitude, phase) and echoes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

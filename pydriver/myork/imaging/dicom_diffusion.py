@@ -4,8 +4,6 @@ Makers write b values and gradients in elements and frames of their own, and som
 a volume into one picture: dcm2niix knows them, and writes FSL's files.
 """
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager

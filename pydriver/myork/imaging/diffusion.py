@@ -8,8 +8,6 @@ References
 2. Salvador et al., Hum. Brain Mapp. 24 (2005), doi:10.1002/hbm.20076 (weights from the fit)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ The Brain Imaging Data Structure, version 1.10: file names, the inheritance prin
 magnetic resonance images
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`formats`).
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """NIfTI files in and out."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ take the nearest voxel, scalars are interpolated linearly, tensors likewise by t
 the world frame, and fibers, which have no sign, by their dyads.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ They have no grid: rows run from anterior to posterior, columns from right to le
 slices upwards, as Dafne shows axial images; the image they were drawn in says where that is.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -10,8 +10,6 @@ References
 1. Lieber, Fridén, Muscle Nerve 23 (2000) 1647-1666
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple

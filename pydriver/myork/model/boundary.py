@@ -1,7 +1,5 @@
 """Boundary points of a voxel body: its ends, what looks at bone and the rest of its surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Points of a model from labels and fibers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ averaged by their logarithms, vectors by their dyads, and the lead eigenvector o
 the fiber.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

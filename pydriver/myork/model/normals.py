@@ -5,8 +5,6 @@ is the other one). Two ways to a smooth phi: reciprocal multiquadrics around eac
 (thesis section 4.1.3, (4.8)), and the signed distance under a Gaussian.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage

@@ -5,8 +5,6 @@ collocation points below the surface form lattices along x, y and z; for an imag
 this is the world frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

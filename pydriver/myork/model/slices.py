@@ -11,8 +11,6 @@ References
 Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TypeVar
 

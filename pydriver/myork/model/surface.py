@@ -7,8 +7,6 @@ a plane surface the blurred body falls like the normal distribution, so that its
 distance to the surface, and the mean over the stairs of the voxels is the plane they stand for.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage

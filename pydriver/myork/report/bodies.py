@@ -4,8 +4,6 @@ A `Deformation` is the last state of a run; `units` are those of its summary, ke
 `stress`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

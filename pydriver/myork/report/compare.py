@@ -1,7 +1,5 @@
 """Two or more runs on one page: what differs in their decks, their answers, their cost."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What pictures of bodies share: limits of colours, views, axes, a length, outlines and bars."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

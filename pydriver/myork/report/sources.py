@@ -1,7 +1,5 @@
 """What an output folder holds, read into one record; what is absent is left out."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Pictures of bodies in rows: triangles and strokes of surfaces, drawn from the farthest on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -60,7 +58,7 @@ class Panel(NamedTuple):
     title: str = ""
     bar: str = ""
 
-    def shaded(self, values: F64, **more: Any) -> Panel:
+    def shaded(self, values: F64, **more: Any) -> "Panel":
         """The body in the colours of values, shape `(n,)`, as far as these are seen."""
         return self._replace(values=values, limits=limits_of(values[self.seen]), **more)
 

@@ -1,7 +1,5 @@
 """Figures of a sweep: trends, a tornado of effects, response surfaces; and their polynomials."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -63,7 +61,7 @@ class Fit:
     predicted: float
 
     @classmethod
-    def of(cls, keys: Sequence[Column], probe: Column) -> Fit | None:
+    def of(cls, keys: Sequence[Column], probe: Column) -> "Fit | None":
         """The polynomial, or nothing where points are too few or the probe does not change."""
         varied = [key for key in keys if (v := key.numbers()) is not None and np.ptp(v) > 0.0]
         y = np.array(probe.values, float)

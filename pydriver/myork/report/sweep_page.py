@@ -1,7 +1,5 @@
 """The page of a sweep: how the answers follow the keys, which key matters, what failed."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """States beyond the largest active stress of a training, for its modes alone."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -3,8 +3,6 @@
 Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015), doi:10.1002/nme.4820
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from myork.types import F64, I64

@@ -1,7 +1,5 @@
 """The arrays of a reduced model: modes, volume, few cells in place of all."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

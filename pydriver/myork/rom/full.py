@@ -1,7 +1,5 @@
 """Full solutions at parameters of a reduced model that is trained."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import time

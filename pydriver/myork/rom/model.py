@@ -1,7 +1,5 @@
 """A trained reduced model: answers in a millisecond, each with its error."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from html import escape
@@ -195,7 +193,7 @@ class ReducedModel:
     @classmethod
     def train(
         cls, deck: str | Path, parameters: Mapping[str, Any], **settings: Any
-    ) -> ReducedModel:
+    ) -> "ReducedModel":
         """Train a reduced model of a deck; see `myork.rom.train.train` for the settings.
 
         Parameters
@@ -213,7 +211,7 @@ class ReducedModel:
         return train(deck, parameters, **settings)
 
     @classmethod
-    def load(cls, path: str | Path, threads: int = 0) -> ReducedModel:
+    def load(cls, path: str | Path, threads: int = 0) -> "ReducedModel":
         """Read a model from its file.
 
         Raises

@@ -1,7 +1,5 @@
 """Modes of the states of a training, and the reduced model of all cells that they make."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """States of a reduced model: start by regression, correct by Newton, fall back, give the error."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,7 +69,7 @@ class Conditions(NamedTuple):
     modulus: F64  #: Moduli that are parameters less their values in the model, shape `(n, nm)`
     given: F64  #: Prescribed amplitudes, shape `(n, s - r)`
 
-    def one(self, i: int) -> Conditions:
+    def one(self, i: int) -> "Conditions":
         """Those of one state."""
         return Conditions(*(a[i : i + 1] for a in self))
 

@@ -1,7 +1,5 @@
 """Parameters of a trained reduced model: keys of the deck with their ranges."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Stresses at the places of probes: rows made once, evaluated at amplitudes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cells that stand for all: of the residual, of forces; and how modes follow forces' amplitudes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is the same for all models of one training."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, NamedTuple

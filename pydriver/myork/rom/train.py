@@ -1,7 +1,5 @@
 """Train a reduced model: full solves, modes, volume, few cells, and a test on unseen states."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Mapping, Sequence

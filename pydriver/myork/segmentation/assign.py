@@ -1,7 +1,5 @@
 """From regions to labels: by the deck's rules, by a reference label map, or by grey value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

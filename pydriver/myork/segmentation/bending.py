@@ -10,8 +10,6 @@ Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284
 Mattes et al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

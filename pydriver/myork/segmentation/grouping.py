@@ -1,7 +1,5 @@
 """From regions to muscles: by seeds, or by a reference label map."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

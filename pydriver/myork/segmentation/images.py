@@ -3,8 +3,6 @@
 What the user's tables say (`image`, `bias`, `muscle` of decks) is done on arrays, without files.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -85,7 +83,7 @@ class Images:
         data = self.anatomy.data + np.maximum(self.fat.data, 0.0)
         return Image(data, self.anatomy.affine, name)
 
-    def divided(self, field: F64) -> Images:
+    def divided(self, field: F64) -> "Images":
         """The same without the shading of anatomy and fat."""
         even = [one and replace(one, data=one.data / field) for one in (self.anatomy, self.fat)]
         assert even[0] is not None

@@ -9,8 +9,6 @@ is left, voxels with a diffusion tensor are muscle and all others fat; without t
 is taken from the muscle. What this supposes is checked, see `Tissues.doubts`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """First regions of a segmentation, and level sets made of regions."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

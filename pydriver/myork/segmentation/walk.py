@@ -11,8 +11,6 @@ References
 Grady, IEEE Trans. Pattern Anal. Mach. Intell. 28 (2006), doi:10.1109/TPAMI.2006.233
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse

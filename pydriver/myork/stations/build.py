@@ -3,8 +3,6 @@
 Beside it `muscles.csv` is written: sizes, fat, diffusion and fibers of each muscle of the map.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Self-checks of a deck: what must hold whatever the answer is, measured on the deck itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

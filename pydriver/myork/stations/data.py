@@ -1,7 +1,5 @@
 """Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Force of a muscle by its PCSA, beside the one that was computed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A folder of images, a BIDS tree or DICOM files, in place of a deck: the deck that it makes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Images that a deck names for `segment`, on the grid of the anatomy, or those of the phantom."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

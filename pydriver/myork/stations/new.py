@@ -1,7 +1,5 @@
 """Commented decks to start from."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 

@@ -10,8 +10,6 @@ labels in each voxel, with `image.partial` only),
 its truth (`write_phantom`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

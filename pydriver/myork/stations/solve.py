@@ -4,8 +4,6 @@ A separate process loses nothing when the session that started it dies, and brin
 HDF5 nowhere near the one inside h5py.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What stations before a solve share: a deck comes in, files and parts of the summary go out."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ Memberships in the fuzzy clusters are `membership_fat.nii.gz` and, where there i
 `tissue_fractions.nii.gz`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

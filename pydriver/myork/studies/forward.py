@@ -1,7 +1,5 @@
 """Answers for values of parameters: by a reduced model, or by full solves of an open scene."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

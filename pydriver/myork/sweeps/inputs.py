@@ -1,7 +1,5 @@
 """What a sweep is of: the contents of all files that its points read, and the columns they fill."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Points of a sweep: grids, lists and samples of the keys of a deck."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from itertools import product
@@ -30,7 +28,7 @@ class Plan(NamedTuple):
     #: How many points there were after each call that added some; none: all are of the first
     calls: tuple[int, ...] = ()
 
-    def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> Plan:
+    def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> "Plan":
         """These points behind those of earlier calls, each point once."""
         earlier = [tuple(point) for point in points]
         known = set(earlier)

@@ -1,7 +1,5 @@
 """Solve the points of a sweep side by side: processes of this machine, or workers of Dask."""
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os

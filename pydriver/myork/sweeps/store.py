@@ -1,7 +1,5 @@
 """The table of a sweep: kept a line a point while it runs, written as CSV and Parquet."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

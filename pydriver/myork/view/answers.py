@@ -1,7 +1,5 @@
 """What the page asks of a reduced model: its body, a state, curves of a force."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence
@@ -76,7 +74,7 @@ class Answers:
         self.ranges, self._largest = self._ranges()
         self._bar = self._bar_of_force(path.parent)
 
-    def __enter__(self) -> Answers:
+    def __enter__(self) -> "Answers":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """The local page of a reduced model: a small server, the page, answers to its questions."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json
@@ -79,7 +77,7 @@ def serve(
             server.turn.shutdown(cancel_futures=True)
 
 
-def _server(port: int) -> _Server:
+def _server(port: int) -> "_Server":
     """A server that has its port."""
     try:
         return _Server(port)
