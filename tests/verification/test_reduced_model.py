@@ -17,10 +17,10 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.beyond import values_beyond
 from myork.rom.check import CellErrors
-from myork.rom.cubature import few_cells
+from myork.rom.modes import values_beyond
 from myork.rom.parameters import Parameter
+from myork.rom.sampling import few_cells
 from tests.scenes import contracting
 
 BLOCK = contracting(

@@ -5,6 +5,8 @@ dissertation: of its tables, of its text, or of a formula printed there, which t
 Chapter 6 and the rates of chapter 5 take theirs from `chapter_6` and `linear`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -4,6 +4,8 @@ What is computed, and from which deck, is data in `dissertation`. One loop runs 
 and puts ours beside the published number.
 """
 
+from __future__ import annotations
+
 import contextlib
 import json
 import re

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.errors import InputError
-from myork.imaging.dicom_choice import split_choice
-from myork.imaging.dicom_diffusion import diffusion_series
+from myork.imaging.dicom import diffusion_series, split_choice
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.headers import described_by

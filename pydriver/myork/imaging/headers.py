@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.errors import InputError
-from myork.imaging.dicom import series_files
-from myork.imaging.dicom_choice import split_choice
+from myork.imaging.dicom import series_files, split_choice
 from myork.imaging.plain import read_text
 
 

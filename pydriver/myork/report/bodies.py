@@ -16,10 +16,11 @@ from matplotlib.patches import Patch
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from myork.reduced_fields import ReducedFields
 from myork.report.numbers import unit_of
 from myork.report.sketch import (
     RIM,
+    Panel,
+    board,
     draw_strokes,
     frame_of,
     limits_of,
@@ -28,7 +29,7 @@ from myork.report.sketch import (
     views_of,
 )
 from myork.report.sources import Deformation
-from myork.report.surface import Panel, board
+from myork.results import ReducedFields
 from myork.types import F64, I32
 
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
-from myork.reduced_fields import REDUCED_FILE, ReducedFields, read_reduced
-from myork.results import Results
+from myork.results import REDUCED_FILE, ReducedFields, Results, read_reduced
 from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
 

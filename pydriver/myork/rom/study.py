@@ -13,7 +13,7 @@ from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
-from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
+from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states

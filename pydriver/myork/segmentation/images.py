@@ -12,13 +12,6 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.records import Image, Labels
-from myork.segmentation.assign import (
-    BACKGROUND,
-    label_by_phase,
-    label_by_reference,
-    label_by_rules,
-    label_by_seeds,
-)
 from myork.segmentation.bending import bend_labels
 from myork.segmentation.bias import check_positive, clustered_bias
 from myork.segmentation.channels import (
@@ -28,7 +21,16 @@ from myork.segmentation.channels import (
     scaled_values,
     smoothed_tensor,
 )
-from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
+from myork.segmentation.grouping import (
+    BACKGROUND,
+    Muscle,
+    check_seeds,
+    label_by_phase,
+    label_by_reference,
+    label_by_rules,
+    label_by_seeds,
+    rule_seeds,
+)
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.shading import shading

@@ -9,7 +9,7 @@ from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.damage import Damage, damaged_slices, missing_slices
-from myork.imaging.dicom_choice import split_choice
+from myork.imaging.dicom import split_choice
 from myork.imaging.diffusion import Diffusion, read_tensors
 from myork.imaging.geometry import Grid
 from myork.imaging.io import read_image, read_labels, read_reference
