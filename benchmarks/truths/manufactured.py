@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.truths.bodies import box
-from benchmarks.truths.shape import shape_functions
+from benchmarks.truths.compiled import shape_functions
 from myork.core import material as core_material
 from myork.core.scene import Scene
 from myork.errors import MyorkError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.truths.shape import shape_functions
+from benchmarks.truths.compiled import shape_functions
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom

@@ -19,23 +19,6 @@ from myork.imaging.phantom import make_phantom
 from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
 
-__all__ = [
-    "AGED",
-    "CONNECTIVE",
-    "FAT",
-    "GASTROCNEMIUS",
-    "MUSCLE_TISSUE",
-    "OLD",
-    "PIXEL",
-    "YOUNG",
-    "Muscle",
-    "aged_cloud",
-    "gastrocnemius",
-    "inclined",
-    "labelled",
-    "strided_cloud",
-]
-
 
 @dataclass(frozen=True)
 class Muscle:

@@ -71,15 +71,6 @@ class Tangents(NamedTuple):
     contracted: F64
 
 
-class FiberCurves(NamedTuple):
-    """Forces of fibers against their stretch."""
-
-    #: Integral of the force from stretch 1, the force and its first three derivatives, shape
-    #: `(5, n)` [-]
-    active: F64
-    passive: F64
-
-
 def energy(
     material: Material,
     gradient: ArrayLike,
@@ -138,23 +129,6 @@ def strong(
         raise errors.InputError(f"dimension must be 2 or 3, not {dimension}")
     found = _at_points(material, gradient, second, dimension, fiber, activation, volumetric)
     return Tangents(*found[1:])
-
-
-def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
-    """Active and passive force of fibers (4.37), (4.38), as corrected, and their derivatives.
-
-    - `stretch`: normalised stretches lambda*, shape `(n,)` [-]
-    - `**parameters`: `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent
-    """
-    muscle = {**table_defaults("material", "model", "muscle"), **parameters}
-    curve, gamma1, gamma2 = (muscle[key] for key in ("curve", "gamma1", "gamma2"))
-    if curve not in ("published", "smooth"):
-        raise errors.InputError(f"curve = '{curve}' must be 'published' or 'smooth'")
-    if not gamma2 > 0.0:
-        raise errors.InputError(f"gamma2 = {gamma2} must be greater than 0")
-    return FiberCurves(
-        *_core.fiber_curves(int(curve == "smooth"), gamma1, gamma2, np.atleast_1d(stretch))
-    )
 
 
 def _at_points(

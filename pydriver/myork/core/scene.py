@@ -480,37 +480,6 @@ class Scene:
         r, y = self._ask(_core.scene_linearise, int(reduced), rows, *states[:2], load, states[2])
         return r, y
 
-    def hessian(
-        self, x: F64, load: float, *, start: F64 | None = None, reduced: bool = False
-    ) -> tuple[F64, F64]:
-        """First and second derivatives of half the sum of squared residuals.
-
-        Parameters
-        ----------
-        x : F64
-            Unknowns, shape `(dofs,)`, or `(r,)` of the reduced model.
-        load : float
-            Fraction of the full load.
-        start : F64, optional
-            State at the start of the load step, which fixes the row weights; default `x`.
-        reduced : bool
-            Of the reduced model; `reduce` comes first.
-
-        Returns
-        -------
-        gradient, second : F64
-            Shapes `(n,)` and `(n, n)`.
-
-        Raises
-        ------
-        InputError
-            A wrong shape, or a state with J <= 0.
-        """
-        shape = (self._unknowns if reduced else self.dofs,)
-        given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
-        gradient, second = self._ask(_core.scene_hessian, int(reduced), *given, load)
-        return gradient, np.triu(second) + np.triu(second, 1).T
-
     def fields(self, x: F64, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`.
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.changing import scene_at
+from myork.core.changing import ChangingScene
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
@@ -60,8 +60,7 @@ class FullModel:
         self.overrides = tuple(overrides)
         self.cloud = cloud
         self._threads = threads
-        self._scene: Scene | None = None
-        self._has: dict[str, float] = {}
+        self._at_values: ChangingScene | None = None
         self._load: dict[str, Any] = {}
         # an open scene reads its deck again where it takes other values
         self._folder = Path(tempfile.mkdtemp(prefix="myork-"))
@@ -157,14 +156,11 @@ class FullModel:
     def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
         """The scene at values; it is opened once for all that an open scene can change."""
         wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
-        if self._scene is None:
-            self._scene = self.open([override_text(*pair) for pair in wanted.items()])
-            own = self._scene.deck["load"]
+        if self._at_values is None:
+            self._at_values = ChangingScene(self.open, wanted)
+            own = self._at_values.scene.deck["load"]
             self._load = {f"load.{k}": own[k] for k in ("steps", "max_halvings")}
-        else:
-            self._scene = scene_at(self._scene, self._has, wanted, self.open)
-        self._has = wanted
-        return self._scene
+        return self._at_values.at(wanted)
 
     def _state(self, scene: Scene, x: F64, load: F64, cpu: float, started: bool) -> FullState:
         probes = scene.probes(x, load)

@@ -156,8 +156,6 @@ class ReducedModel:
         self.probe_units: dict[str, str] = {p["name"]: p["unit"] for p in head["probes"]}
         self.certificate: dict[str, Any] = head.get("certificate", {})
         self._laws = Laws(*(np.asarray(arrays[f"laws/{name}"]) for name in Laws._fields))
-        loads = sum(p.columns for p in self.parameters)
-        self._loads = loads
         self._extra = int(head["force_amplitudes"])
         whole = _cells(arrays, "force")
         r, m = int(head["modes"]), int(head["indicator_modes"])
@@ -407,7 +405,7 @@ class ReducedModel:
 
     def conditions(self, values: F64) -> Conditions:
         """Conditions of states by their parameters."""
-        return conditions_of(values, self.parameters, self._laws, self._loads, self._extra)
+        return conditions_of(values, self.parameters, self._laws, self._extra)
 
     @property
     def basis(self) -> F64:

@@ -177,13 +177,12 @@ class Solver:
 
 
 def conditions_of(
-    values: F64, kinds: Any, laws: Laws, columns: int, extra: int, share: F64 | None = None
+    values: F64, kinds: Any, laws: Laws, extra: int, share: F64 | None = None
 ) -> Conditions:
     """Conditions of states by the values of the parameters.
 
     - `values`: values, shape `(n, p)`
     - `laws`: materials of the deck
-    - `columns`: prescribed fields that parameters scale
     - `extra`: amplitudes of forces, which are zero
     - `share`: part of what the deck prescribes beside the parameters; 1 by default
     """
@@ -192,7 +191,7 @@ def conditions_of(
     sigma = np.tile(laws.sigma_max, (n, 1))
     turn = np.zeros_like(activation)
     modulus = np.zeros((n, len(laws.modulus)))
-    given = np.zeros((n, 1 + columns + extra))
+    given = np.zeros((n, 1 + sum(p.columns for p in kinds) + extra))
     given[:, 0] = 1.0 if share is None else share
     if share is not None:
         activation *= share[:, None]

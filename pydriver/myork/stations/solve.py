@@ -4,7 +4,6 @@ A separate process loses nothing when the session that started it dies, and brin
 HDF5 nowhere near the one inside h5py.
 """
 
-import json
 import os
 import shutil
 import signal
@@ -32,7 +31,7 @@ from myork.errors import (
     cure_of,
 )
 from myork.files import alone_in, write_text
-from myork.summary import update_summary
+from myork.summary import readable_summary, update_summary
 
 _NAME = "myork-solve"
 #: Exit status of a program that the loader of the system gives up
@@ -141,10 +140,10 @@ def run_deck(
         run_executable(deck, [*options, *set_options(overrides)], progress)
     except ConvergenceError as ended:
         # both are exit status 1
-        if _summary(out).get("converged"):
+        if readable_summary(Path(out)).get("converged"):
             raise RefusedError(str(ended)) from None
         raise
-    summary = _summary(out)
+    summary = readable_summary(Path(out))
     if "steps" not in summary:
         raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")
     return _with_estimate(summary, Path(out), progress)
@@ -167,15 +166,6 @@ def _with_estimate(
     with alone_in(out):
         update_summary(out, {"pcsa_force": entry, "warnings": told})
     return {**summary, "pcsa_force": entry, "warnings": told}
-
-
-def _summary(out: str | Path) -> dict[str, Any]:
-    """Content of `summary.json` in a folder, nothing if there is no readable one."""
-    try:
-        content: dict[str, Any] = json.loads(Path(out, "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content
 
 
 def set_options(overrides: Sequence[str]) -> list[str]:
