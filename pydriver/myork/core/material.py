@@ -21,16 +21,10 @@ class Material:
     What is not given has the value that the schema of decks gives it; which parameters a model
     has is said in `docs/decks.md`. All of them can be read as attributes.
 
-    Parameters
-    ----------
-    name : str
-        Name for messages.
-    K : float
-        Bulk modulus, positive; infinite only with `volumetric=False` below [stress].
-    model : str
-        `polynomial`, `muscle` or another model of decks.
-    **parameters : float or str
-        Parameters of the model, such as `A10` or `sigma_max`.
+    - `name`: for messages
+    - `K`: bulk modulus, positive; infinite only with `volumetric=False` below [stress]
+    - `model`: `polynomial`, `muscle` or another model of decks
+    - `**parameters`: those of the model, such as `A10` or `sigma_max`
 
     Examples
     --------

@@ -314,10 +314,7 @@ class Scene:
     def unknowns_of(self, state: F64 | States | RestartState | str | Path) -> F64:
         """Unknowns of a state that `solve` can begin with, shape `(dofs,)`.
 
-        Raises
-        ------
-        InputError
-            It belongs to other points or to another approximation.
+        - raises InputError: it belongs to other points or to another approximation
         """
         approximation = self._ask(_core.scene_approximation).decode().strip()
         return unknowns_of(state, self.points(), approximation, self.dofs)
@@ -398,15 +395,10 @@ class Scene:
     def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
 
-        Parameters
-        ----------
-        body_force : F64
-            Force per undeformed volume, shape `(field_points, 3)` [force/length^3].
-        displacement : F64
-            Taken at essential components of boundary points, same shape [length].
-        stress : F64
-            First Piola-Kirchhoff stress `P[point, i, A]` whose traction the other components of
-            boundary points carry, shape `(field_points, 3, 3)` [stress].
+        - `body_force`: force per undeformed volume, shape `(field_points, 3)` [force/length^3]
+        - `displacement`: taken at essential components of boundary points, same shape [length]
+        - `stress`: first Piola-Kirchhoff stress `P[point, i, A]` whose traction the other
+          components of boundary points carry, shape `(field_points, 3, 3)` [stress]
         """
         n = len(self.field_points())
         finite("body_force", body_force, (n, 3))
@@ -423,14 +415,9 @@ class Scene:
     def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
         """Project the model on modes.
 
-        Parameters
-        ----------
-        modes : F64
-            Orthonormal columns, shape `(dofs, r)`.
-        projection : str
-            `galerkin`, `least-squares`, or `auto`: least squares for collocation.
-        assembled : bool
-            Assemble the rows of nonlinear collocation in full before they are projected.
+        - `modes`: orthonormal columns, shape `(dofs, r)`
+        - `projection`: `galerkin`, `least-squares`, or `auto`: least squares for collocation
+        - `assembled`: assemble the rows of nonlinear collocation in full before they are projected
         """
         modes = modes_of(modes, self.dofs)
         rows = self._ask(_core.scene_reduce, modes, projection, int(assembled))
@@ -452,26 +439,13 @@ class Scene:
     ) -> tuple[F64, F64]:
         """Residual of a state, and the linearised rows times a direction.
 
-        Parameters
-        ----------
-        x, direction : F64
-            Unknowns and a change of them, shape `(dofs,)`, or `(r,)` of the reduced model.
-        load : float
-            Fraction of the full load.
-        start : F64, optional
-            State at the start of the load step, which fixes the row weights; default `x`.
-        reduced : bool
-            Of the reduced model; `reduce` comes first.
-
-        Returns
-        -------
-        residual, product : F64
-            Shape `(rows,)` each; of a reduced Galerkin form `(r,)`.
-
-        Raises
-        ------
-        InputError
-            A wrong shape, or a state with J <= 0.
+        - `x`, `direction`: unknowns and a change of them, shape `(dofs,)`, or `(r,)` of the reduced
+          model
+        - `load`: fraction of the full load
+        - `start`: state at the start of the load step, which fixes the row weights; default `x`
+        - `reduced`: of the reduced model; `reduce` comes first
+        - returns `residual`, `product`: shape `(rows,)` each; of a reduced Galerkin form `(r,)`
+        - raises InputError: a wrong shape, or a state with J <= 0
         """
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)

@@ -379,17 +379,9 @@ class ReducedModel:
     def rows(self, given: Mapping[str, Any], count: int = 1) -> F64:
         """Values in the order of `parameters`, shape `(count, p)`.
 
-        Parameters
-        ----------
-        given : mapping
-            By key or short name a number, its text, or one for each row.
-        count : int
-            Number of rows.
-
-        Raises
-        ------
-        InputError
-            An unknown parameter, one without a value, or what is not a number.
+        - `given`: by key or short name a number, its text, or one for each row
+        - `count`: number of rows
+        - raises InputError: an unknown parameter, one without a value, or what is not a number
         """
         named = {self.key_of(name): value for name, value in given.items()}
         missing = [p.key for p in self.parameters if p.key not in named]

@@ -38,23 +38,12 @@ _FEWEST = 4
 def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tuple[Labels, F64]:
     """Bend labels onto an image.
 
-    Parameters
-    ----------
-    labels : Labels
-        On the grid of the image they were drawn in.
-    drawn_in : Image
-        That image, of an earlier visit, on any grid near the image.
-    image : Image
-        Onto which they are bent.
-    body : NDArray
-        Its inside of the body, shape `(ni, nj, nk)`.
-
-    Returns
-    -------
-    Labels
-        On the grid of the image.
-    NDArray
-        How far the voxels of these labels were moved, shape `(n,)` [mm].
+    - `labels`: on the grid of the image they were drawn in
+    - `drawn_in`: that image, of an earlier visit, on any grid near the image
+    - `image`: onto which they are bent
+    - `body`: its inside of the body, shape `(ni, nj, nk)`
+    - returns labels on the grid of the image, and how far their voxels were moved, shape `(n,)`
+      [mm]
     """
     itk = library("SimpleITK", "seg", "image.reference_anatomy")
     flat = image.data.shape[2] == 1

@@ -29,21 +29,11 @@ class Values(NamedTuple):
 class Forward:
     """A model that answers for values of the keys asked for, others fixed.
 
-    Attributes
-    ----------
-    is_reduced : bool
-        Whether a reduced model answers.
-    key_of : callable
-        Full name of a key of the deck.
-    forces : list of str
-        Scalars that are forces.
-    units : dict
-        Unit of each scalar.
-    states, cpu_s : int, float
-        States asked for so far, and their processor time.
+    - `probes`, `dimension`, `units`: of the deck: its probes, and the unit of each by its name
+    - `key_of`: full name of a key of the deck
     """
 
-    is_reduced = False
+    is_reduced = False  #: Whether a reduced model answers
 
     def __init__(
         self,
@@ -52,9 +42,12 @@ class Forward:
         units: Mapping[str, str],
         key_of: Callable[[str], str],
     ) -> None:
-        self.states, self.cpu_s, self.key_of = 0, 0.0, key_of
+        self.key_of = key_of
+        #: States asked for so far, and their processor time [s]
+        self.states, self.cpu_s = 0, 0.0
         self._places = places_of(probes, dimension)
         named = {name: probes[i] for name, (i, _) in self._places.items()}
+        #: Unit of each scalar, and those that are forces
         self.units = {name: units[probe["name"]] for name, probe in named.items()}
         self.forces = [name for name, probe in named.items() if "force" in probe["quantity"]]
 

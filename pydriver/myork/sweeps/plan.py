@@ -128,29 +128,11 @@ def _samples(
 class Inputs:
     """Identity of a sweep: two sweeps of the same contents are the same, wherever the files are.
 
-    Parameters
-    ----------
-    plan : Plan
-        Points and their deck.
-    out : Path
-        Folder of the sweep, in which the model file of the deck is looked for first.
-    model : Path, optional
-        Reduced model that answers.
-    model_probes : sequence of str, optional
-        Names of the probes that it knows.
-
-    Attributes
-    ----------
-    head : dict
-        Digests of the files by what they are, overrides, keys, points, and how many of these there
-        were after each call that added some.
-
-    Raises
-    ------
-    InputError
-        Two columns of the table would have one name.
-    FileError
-        A file cannot be read.
+    - `plan`: points and their deck
+    - `out`: folder of the sweep, in which the model file of the deck is looked for first
+    - `model`, `model_probes`: reduced model that answers, and names of the probes that it knows
+    - raises InputError: two columns of the table would have one name
+    - raises FileError: a file cannot be read
     """
 
     def __init__(
@@ -176,6 +158,8 @@ class Inputs:
             _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
         self._marks = {name: _mark(path) for name, path in self._paths.items()}
         self._digests = {name: _digest(path) for name, path in self._paths.items()}
+        #: Digests of the files by what they are, overrides, keys, points, and how many of these
+        #: there were after each call that added some
         self.head: dict[str, Any] = {
             "inputs": self._digests,
             "overrides": list(plan.overrides),
