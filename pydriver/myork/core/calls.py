@@ -45,14 +45,12 @@ class Turn:
     @contextmanager
     def long(self) -> Iterator[None]:
         """Have the scene alone for a solve."""
-        if not self._lock.acquire(blocking=self._solver is None):
-            raise InputError(_BUSY)
-        self._solver = threading.get_ident()
-        try:
-            yield
-        finally:
-            self._solver = None
-            self._lock.release()
+        with self.short():
+            self._solver = threading.get_ident()
+            try:
+                yield
+            finally:
+                self._solver = None
 
     @property
     def is_mine(self) -> bool:

@@ -42,6 +42,13 @@ def dyads_of(vector: F64) -> F64:
     return tensor_components(vector[..., :, np.newaxis] * vector[..., np.newaxis, :])
 
 
+def unit_vectors(vector: F64) -> tuple[F64, Mask]:
+    """Vectors of length 1, shape `(..., 3)`, zero where there is none, and where there is one."""
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    known = np.isfinite(length) & (length > 0)
+    return np.divide(vector, length, out=np.zeros(vector.shape), where=known), known[..., 0]
+
+
 def full_tensors(components: F64) -> F64:
     """Symmetric tensors of shape `(..., 3, 3)` from `(..., 6)`."""
     full = np.empty((*components.shape[:-1], 3, 3))

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.imaging.diffusion import unit_vectors
 from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
@@ -86,7 +87,7 @@ def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -
         Labels that are no muscles.
     """
     if maps.fibers is not None:
-        maps = maps._replace(fibers=replace(maps.fibers, data=_unit(maps.fibers.data)))
+        maps = maps._replace(fibers=replace(maps.fibers, data=unit_vectors(maps.fibers.data)[0]))
     numbers = np.unique(labels.data[labels.data > 0]).tolist()
     return [_of(labels, number, maps) for number in numbers if number not in left_out]
 
@@ -136,13 +137,6 @@ def _median(values: F64) -> float | None:
 def _angles(cosine: F64) -> F64:
     """Angles of directions without a sign [degree]."""
     return np.degrees(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)))
-
-
-def _unit(vector: F64) -> F64:
-    """Vectors of length 1, zero where there is none."""
-    length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    known = np.isfinite(length) & (length > 0)
-    return np.divide(vector, length, out=np.zeros(vector.shape), where=known)
 
 
 def _long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:

@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.csgraph import connected_components
 
 from myork.errors import InputError
-from myork.imaging.diffusion import dyads_of, lead_vector
+from myork.imaging.diffusion import dyads_of, lead_vector, unit_vectors
 from myork.imaging.geometry import canonical, slice_axis
 from myork.model.fibers import fill_from_own
 from myork.records import Image, Labels
@@ -122,10 +122,8 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
     """
     vector = np.moveaxis(fibers.data, axis, 2)
     before, after = (np.moveaxis(one.data, axis, 2) for one in (labels, finer))
-    length = np.linalg.norm(vector, axis=-1)
-    valid = np.isfinite(length) & (length > 0) & (before > 0)
-    unit = np.zeros(vector.shape)
-    unit[valid] = vector[valid] / length[valid][:, np.newaxis]
+    unit, valid = unit_vectors(vector)
+    valid &= before > 0
     dyad = dyads_of(unit)
     low, share = _neighbours(before.shape[2], parts)
     share = np.clip(share, 0.0, 1.0)

@@ -13,7 +13,7 @@ from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
-from myork.rom.parameters import Parameter, short_names
+from myork.rom.parameters import Parameter, short_names, widths_of
 from myork.rom.places import Places
 from myork.rom.probes import is_stress
 from myork.rom.projection import Laws
@@ -180,7 +180,7 @@ class ReducedModel:
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
-        scale = np.array([p.high - p.low for p in self.parameters])
+        scale = widths_of(self.parameters)
         forces = np.asarray(arrays["training/forces"])
         self._scale = scale
         self._lifts = Regression(

@@ -13,7 +13,7 @@ from myork.rom import projection
 from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.full import FullState
 from myork.rom.online import Answer, Regression, Solver
-from myork.rom.parameters import Parameter, spread_points
+from myork.rom.parameters import Parameter, spread_points, widths_of
 from myork.rom.sampling import force_lifts
 from myork.rom.setting import Setting, Snapshots
 from myork.types import F64
@@ -71,7 +71,7 @@ class Draft(NamedTuple):
         """States at values of the parameters."""
         from scipy.spatial import cKDTree
 
-        scale = _scale(setting)
+        scale = widths_of(setting.parameters)
         r = self.basis.r
         start = Regression(self.known.values, self.amplitudes, scale)(values)[:, :r]
         solver = Solver(self.model, self.model.cells, np.zeros(0, np.int64), setting.threads)
@@ -140,16 +140,12 @@ def joined(
     new = Snapshots(values, state.load, state.x, state.probes)
     if before is None:
         return new
-    scale = np.array([p.high - p.low for p in kinds])
+    scale = widths_of(kinds)
     new_at = np.column_stack([values / scale, state.load])
     old_at = np.column_stack([before.values / scale, before.share])
     gap = np.abs(new_at[:, None] - old_at[None]).max(axis=2).min(axis=1)
     own = gap > _SAME
     return Snapshots(*(np.concatenate([a, b[own]]) for a, b in zip(before, new, strict=True)))
-
-
-def _scale(setting: Setting) -> F64:
-    return np.array([p.high - p.low for p in setting.parameters])
 
 
 def _basis(

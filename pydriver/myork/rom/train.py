@@ -31,7 +31,7 @@ from myork.rom.full import FullModel, cloud_arrays
 from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
 from myork.rom.online import Answer, Regression, Solver
-from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points
+from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points, widths_of
 from myork.rom.places import place_arrays
 from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, Snapshots, force_values, make_setting
@@ -283,7 +283,7 @@ class _Training:
         if self.snapshots is None:
             return values
         known = self.snapshots.values[self.snapshots.share >= 1.0]
-        scale = np.array([p.high - p.low for p in self.setting.parameters])
+        scale = widths_of(self.setting.parameters)
         gap = np.abs((values[:, None] - known[None]) / scale).max(axis=2)
         return values[gap.min(axis=1, initial=np.inf) > 1e-9]
 
@@ -325,7 +325,7 @@ class _Training:
         gain = self.draft.estimate(self.setting, values, answer)
         found = answer.converged & np.isfinite(gain)
         gain[~found] = 2.0 * gain[found].max(initial=1.0)
-        scale = np.array([p.high - p.low for p in kinds])
+        scale = widths_of(kinds)
         chosen = []
         for _ in range(count):
             best = int(np.argmax(gain))
@@ -499,7 +499,7 @@ def finish(
 
 def _by_others(setting: Setting, at: F64, lifts: F64, order: I64) -> F64:
     """Lifts predicted by a regression through half of the others."""
-    scale = np.array([p.high - p.low for p in setting.parameters])
+    scale = widths_of(setting.parameters)
     found = lifts.copy()
     for part, others in ((order[::2], order[1::2]), (order[1::2], order[::2])):
         if len(part) and len(others):

@@ -12,7 +12,7 @@ import numpy as np
 from myork.core.cloud import model_path
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError, MyorkError
-from myork.rom.parameters import grid_in, number_in
+from myork.rom.parameters import grid_in, number_in, sobol_points
 from myork.rom.probes import probe_columns
 
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... , KEY=lhs(LOW,HIGH) or KEY=sobol(LOW,HIGH)"
@@ -120,8 +120,7 @@ def _samples(
     if kind == "lhs":
         unit = qmc.LatinHypercube(len(ranges), seed=seed).random(count)
     else:
-        power = int(np.ceil(np.log2(max(count, 2))))
-        unit = qmc.Sobol(len(ranges), seed=seed).random_base2(power)[:count]
+        unit = sobol_points(len(ranges), count, seed)
     return [tuple(float(v) for v in row) for row in low + unit * (high - low)]
 
 
