@@ -437,6 +437,8 @@ class Results:
             Load, activation, coefficients and what they belong to.
         """
         step = self._step(step)
+        with _damage(self.path, "the version"):
+            version = self._file["MyoRK"].attrs["version"]
         return RestartState(
             step=step,
             load=float(self.loads[step]),
@@ -446,7 +448,7 @@ class Results:
             points=self.points,
             approximation=self._words("approximation"),
             deck=self._words("deck"),
-            version=self._version(),
+            version=version.decode("utf-8", "replace") if isinstance(version, bytes) else version,
         )
 
     def _words(self, name: str) -> str:
@@ -456,10 +458,6 @@ class Results:
         if missing:
             return ""
         return self._read(f"MyoRK/{name}").tobytes().decode("utf-8", "replace")
-
-    def _version(self) -> str:
-        with _damage(self.path, "the version"):
-            return _text(self._file["MyoRK"].attrs["version"])
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -579,10 +577,6 @@ def _open(path: Path) -> h5py.File:
         raise FileError(
             f"{path}: cannot be opened as an HDF5 file, it may be cut short: {error}"
         ) from error
-
-
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 class ReducedFields(NamedTuple):

@@ -539,7 +539,9 @@ class Scene:
         x, info, *numbers = called(_core.scene_states, self._handle, n, steps)
         places = called(_core.scene_points, self._handle, self.dimension, self.collocation_points)
         verdict = self._verdict(x, info[0], reduced)
-        return states_of(x, info, numbers, places, self._warnings(), verdict)
+        # an error is a warning where the solve ended in one
+        (warned,) = lines_of(lambda room: _core.scene_warnings(self._handle, room))
+        return states_of(x, info, numbers, places, warned, verdict)
 
     def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
         """Verdict on the core's last solve, its reasons and the error bars of the probes."""
@@ -554,10 +556,6 @@ class Scene:
         )
         bar = np.moveaxis(bar, (0, 1, 2), (2, 1, 0))[:steps, : self._probes]
         return VERDICTS[verdict], reasons, bar
-
-    def _warnings(self) -> list[str]:
-        """Warnings of the last solve; the error is one where it ended in one."""
-        return list(lines_of(lambda room: _core.scene_warnings(self._handle, room))[0])
 
 
 def _close(handle: int, turn: Turn) -> None:

@@ -314,7 +314,8 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     affine = np.eye(4)
     rows, columns = first.pixel
     affine[:3, 0], affine[:3, 1] = along_row * columns, along_column * rows
-    affine[:3, 2] = normal * (gaps.mean() if len(gaps) else _thickness(first))
+    alone = _numbers(first.path, first.data, "SliceThickness", 1, 1.0)[0]
+    affine[:3, 2] = normal * (gaps.mean() if len(gaps) else alone)
     affine[:3, 3] = slices[order[0]].place
     return np.stack(stack, axis=-1), FLIP @ affine
 
@@ -421,11 +422,6 @@ def _check_series(folder: Path, slices: list[_Slice]) -> None:
                 f"{other[0].name} has not ({len(other)} of {len(slices)} files); keep one series "
                 "in a folder"
             )
-
-
-def _thickness(slice_: _Slice) -> float:
-    """Thickness of a slice that stands alone [mm]."""
-    return float(_numbers(slice_.path, slice_.data, "SliceThickness", 1, 1.0)[0])
 
 
 def _values(slice_: _Slice) -> np.ndarray:

@@ -114,7 +114,9 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
         known = own & maps.fibers.data.any(axis=-1)
         if known.any():
             length = _median_length(maps.fibers, own, np.argwhere(known), axis)
-            pennation = None if long is None else _median(_angles(maps.fibers.data[known] @ long))
+            if long is not None:
+                cosine = np.clip(np.abs(maps.fibers.data[known] @ long), 0.0, 1.0)
+                pennation = _median(np.degrees(np.arccos(cosine)))
     pcsa = None
     if length is not None and pennation is not None and not cut:
         pcsa = volume * float(np.cos(np.radians(pennation))) / length
@@ -132,11 +134,6 @@ def _median(values: F64) -> float | None:
     """Median of what is above zero."""
     known = values[np.isfinite(values) & (values > 0)]
     return float(np.median(known)) if len(known) else None
-
-
-def _angles(cosine: F64) -> F64:
-    """Angles of directions without a sign [degree]."""
-    return np.degrees(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)))
 
 
 def _long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:

@@ -104,7 +104,7 @@ def read_folder(path: Path) -> RunFolder:
 
     folder = RunFolder(
         path=path,
-        summary=read("summary.json", _read_summary) or {},
+        summary=read("summary.json", lambda _: _known(read_summary(path))) or {},
         history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
         reduced=read(REDUCED_FILE, read_reduced),
@@ -122,10 +122,6 @@ def read_folder(path: Path) -> RunFolder:
             "segmentation.nii.gz is there; give the output folder of a command"
         )
     return folder
-
-
-def _read_summary(path: Path) -> dict[str, Any]:
-    return dict(_known(read_summary(path.parent)))
 
 
 def _known(value: Any) -> Any:
