@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
@@ -20,9 +19,8 @@ from scipy.special import ndtri
 from myork.model.normals import surface_normals
 from myork.model.points import BONE, first_voxel
 from myork.records import Labels
-from myork.types import F64, I32, Mask
+from myork.types import F64, I32, Index, Mask
 
-Voxels = NDArray[np.intp]
 # Standard deviation of the blur [voxel]: as far as a stair of the voxels reaches.
 _BLUR = 1.0
 # Layers added around the body, further than the blur reaches.
@@ -39,8 +37,8 @@ class Boundary:
     """Boundary points set by set."""
 
     names: tuple[str, ...]  #: Names of the sets
-    point: NDArray[np.intp]  #: Index of the voxel in the list of body voxels, shape `(nboundary,)`
-    set: NDArray[np.intp]  #: Index into `names`, shape `(nboundary,)`
+    point: Index  #: Index of the voxel in the list of body voxels, shape `(nboundary,)`
+    set: Index  #: Index into `names`, shape `(nboundary,)`
     normal: F64  #: Outward unit normals, shape `(nboundary, 3)` [-]
     area: F64  #: Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2]
 
@@ -96,7 +94,7 @@ def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None 
     )
 
 
-def _wall_normals(body: Mask, spacing: F64, voxels: Voxels, facets: F64, method: str) -> F64:
+def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64, method: str) -> F64:
     """Outward normals at voxels of the wall, from their facets where the level set has none."""
     normal = surface_normals(body, spacing, voxels, method)
     # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
@@ -155,7 +153,7 @@ def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
     return facets
 
 
-def end_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp]) -> F64:
+def end_offsets(body: Mask, spacing: F64, voxels: Index) -> F64:
     """Moves that bring the voxels' centres of the end slices onto the ends of the body.
 
     - `body`: voxels of the body, shape `(ni, nj, nk)`; a single slice is plane and has no ends
@@ -171,7 +169,7 @@ def end_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp]) -> F64:
     return move
 
 
-def surface_offsets(body: Mask, spacing: F64, voxels: NDArray[np.intp], normal: F64) -> F64:
+def surface_offsets(body: Mask, spacing: F64, voxels: Index, normal: F64) -> F64:
     """Moves that bring surface voxels' centres onto the surface.
 
     The body is taken to go on beyond its first and last slice, whose points stay in their plane.

@@ -12,7 +12,6 @@ Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135
 """
 
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from scipy import ndimage, sparse
@@ -21,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from myork.errors import InputError
 from myork.imaging.diffusion import dyads_of, lead_vector, unit_vectors
-from myork.imaging.geometry import canonical, slice_axis
+from myork.imaging.geometry import Grid, canonical, slice_axis
 from myork.model.fibers import fill_from_own
 from myork.records import Image, Labels
 from myork.segmentation.outlines import signed_distances
@@ -31,10 +30,8 @@ _ROOM = 8  # pixels around a label that it may move into
 # Gaussian over the distances, which know the steps of pixels only [pixel]
 _SMOOTHING = 0.5
 
-Map = TypeVar("Map", Labels, Image)
 
-
-def extruded(image: Map, length: float) -> Map:
+def extruded(image: Grid, length: float) -> Grid:
     """A single slice drawn out to a prism, of slices about as thick as its pixels are wide.
 
     - `image`: one slice across the axis nearest to superior, however thick

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from myork.types import F64, I32, I64
+from myork.types import F64, I32, I64, Index
 
 #: Colour of places without a value, which no map of colours in use has
 NO_VALUE = "#FF00C8"
@@ -327,7 +327,7 @@ def _normals(points: F64, triangles: I32) -> F64:
     return np.where(np.sum(own * smooth, axis=2, keepdims=True) > _SMOOTH, smooth, own)
 
 
-def _edges(points: F64, triangles: I32, least: float) -> NDArray[np.intp]:
+def _edges(points: F64, triangles: I32, least: float) -> Index:
     """Ends of edges that hang together over a length; short ones are folds of a rough surface."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     order = np.lexsort(edges.T)

@@ -46,23 +46,7 @@ class Batch(NamedTuple):
 
 
 class ReducedState:
-    """Answer for one set of parameters.
-
-    Attributes
-    ----------
-    parameters : dict
-        Values by key.
-    force : float or list
-        The first force probe of the deck.
-    probes, probe_units : dict
-        Values of all probes that the model knows by name, and their units, empty for ratios.
-    indicator : float
-        Estimated relative error of the displacement.
-    inside, converged : bool
-        Whether the parameters lie in the range of the training; whether this is a solution.
-    iterations : int
-        Newton's iterations.
-    """
+    """Answer for one set of parameters."""
 
     def __init__(
         self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str]
@@ -70,14 +54,17 @@ class ReducedState:
         def plain(value: Any) -> Any:
             return value.tolist() if np.ndim(value) else float(value)
 
-        self.parameters = parameters
-        self.force = plain(batch.force[0])
+        self.parameters = parameters  #: Values by key
+        self.force = plain(batch.force[0])  #: The first force probe of the deck
+        #: Values of all probes that the model knows by name, and their units, empty for ratios
         self.probes = {name: plain(value[0]) for name, value in batch.probes.items()}
         self.probe_units = probe_units
+        #: Estimated relative error of the displacement
         self.indicator = float(batch.indicator[0])
+        #: Whether the parameters lie in the range of the training; whether this is a solution
         self.inside = bool(batch.inside[0])
         self.converged = bool(batch.converged[0])
-        self.iterations = int(batch.iterations[0])
+        self.iterations = int(batch.iterations[0])  #: Newton's iterations
         self._amplitudes = batch.amplitudes[0]
         self._shapes = shapes
 
