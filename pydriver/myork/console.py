@@ -10,10 +10,7 @@ import sys
 from collections.abc import Callable
 from html import escape
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+from typing import Any
 
 ProgressCallback = Callable[[str], None]
 
@@ -74,8 +71,8 @@ class Console:
 
     def __init__(self, verbosity: int = 0) -> None:
         self._quiet = verbosity < 0
-        self._bar: Progress | None = None
-        self._tasks: dict[str, TaskID] = {}
+        self._bar: Any = None  # a Progress of rich, loaded where one is drawn
+        self._tasks: dict[str, Any] = {}
         self._shown: dict[str, _NotebookBar] | None = None
 
     def __enter__(self) -> "Console":

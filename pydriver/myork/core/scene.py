@@ -7,7 +7,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +29,6 @@ from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
 from myork.types import F64, I32
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 
 class Scene:
@@ -102,7 +99,7 @@ class Scene:
         overrides: Sequence[str] = (),
         out: Path | None = None,
         threads: int | None = None,
-    ) -> "Self":
+    ) -> "Scene":
         """Open a scene of data: without a file, unless the tables name one of points.
 
         Parameters
@@ -204,7 +201,7 @@ class Scene:
             f" {self.dofs} unknowns, {self.steps} load step{'s' * (self.steps != 1)})"
         )
 
-    def __enter__(self) -> "Self":
+    def __enter__(self) -> "Scene":
         return self
 
     def __exit__(self, *_: object) -> None:
