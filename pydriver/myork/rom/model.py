@@ -137,7 +137,7 @@ class ReducedModel:
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
         self.parameters = tuple(
-            Parameter(p[0], p[1], p[2], p[3], tuple(p[4])) for p in head["parameters"]
+            Parameter._make((*entry, tuple(tissues))) for *entry, tissues in head["parameters"]
         )
         self.units: dict[str, str] = head["units"]
         self.probe_units: dict[str, str] = {p["name"]: p["unit"] for p in head["probes"]}
@@ -158,12 +158,7 @@ class ReducedModel:
         self._solver = Solver(model, whole.modes(few), wanted + r, threads, least)
         self._places = None
         if "places/pressure" in arrays:
-            pressure, face, normal, bulk = (
-                np.asarray(arrays[f"places/{key}"])
-                for key in ("pressure", "face", "normal", "bulk")
-            )
-            cells = _cells(arrays, "places")
-            self._places = Places(cells, pressure, face, normal, bulk, model.fibers)
+            self._places = Places(arrays, _cells(arrays, "places"), model.fibers)
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
@@ -454,15 +449,7 @@ def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
 
 
 def _model(arrays: Mapping[str, Any], name: str, r: int) -> Model:
-    def array(key: str) -> F64:
-        return np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], float))
-
-    return Model(
-        r,
-        _cells(arrays, name),
-        array("constant"),
-        array("constant_slope"),
-        array("volume"),
-        array("volume_slope"),
-        np.asfortranarray(np.asarray(arrays["laws/fibers"]).T),
-    )
+    keys = ("constant", "constant_slope", "volume", "volume_slope")
+    numbers = (np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], float)) for key in keys)
+    fibers = np.asfortranarray(np.asarray(arrays["laws/fibers"]).T)
+    return Model._make((r, _cells(arrays, name), *numbers, fibers))
