@@ -24,7 +24,7 @@ from myork.core.checks import (
 )
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
-from myork.core.states import VERDICTS, Fields, States, states_of
+from myork.core.states import VERDICTS, Fields, States, error_norms
 from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
@@ -533,12 +533,35 @@ class Scene:
     def _converged(self, n: int, reduced: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        x, info, *numbers = called(_core.scene_states, self._handle, n, steps)
+        x, info, seconds, worst, norms = called(_core.scene_states, self._handle, n, steps)
+        load, iterations, min_j, max_j, acoustic, number = info
         places = called(_core.scene_points, self._handle, self.dimension, self.collocation_points)
-        verdict = self._verdict(x, info[0], reduced)
+        verdict, reasons, bars = self._verdict(x, load, reduced)
         # an error is a warning where the solve ended in one
         (warned,) = lines_of(lambda room: _core.scene_warnings(self._handle, room))
-        return states_of(x, info, numbers, places, warned, verdict)
+        # the point of the acoustic eigenvalue, 0 for none
+        point = number.astype(np.int64)
+        seen = point > 0
+        return States(
+            x=x.T,
+            load=load,
+            iterations=iterations.astype(np.int64),
+            min_j=min_j,
+            max_j=max_j,
+            assemble_s=float(seconds[0]),
+            solve_s=float(seconds[1]),
+            checks_s=float(seconds[2]),
+            backward_error=float(worst[0]),
+            min_acoustic=np.where(seen, acoustic, np.nan),
+            min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
+            force_imbalance=float(worst[1]),
+            work_mismatch=float(worst[2]),
+            errors=error_norms(*norms.tolist()),
+            warnings=warned,
+            verdict=verdict,
+            reasons=reasons,
+            probe_errors=bars,
+        )
 
     def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
         """Verdict on the core's last solve, its reasons and the error bars of the probes."""
