@@ -33,9 +33,9 @@ FORTRAN_LAYERS = [
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
     {"types"},
-    {"errors", "records", "console", "libraries"},
+    {"errors", "records", "console"},
     {"arrays", "files"},
-    {"model_file", "reduced_fields", "summary", "tables"},
+    {"model_file", "summary", "tables"},
     {"results"},
     {"core", "imaging"},
     {"segmentation"},

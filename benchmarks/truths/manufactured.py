@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.truths.bodies import box
+from benchmarks.truths.compiled import shape_functions
 from myork.core import material as core_material
 from myork.core.scene import Scene
-from myork.core.shape import shape_functions
 from myork.errors import MyorkError
 from myork.records import PointCloud
 from myork.types import F64

@@ -1,7 +1,5 @@
 """Arrays by a table that says what each must be; it holds for what is written and what is read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from itertools import accumulate

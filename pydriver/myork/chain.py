@@ -1,7 +1,5 @@
 """All stations of a deck one after the other: images, points, solution, report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -45,32 +43,11 @@ def run_chain(
 ) -> Path:
     """Run whatever a deck asks for, from its images to a report.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file.
-    out : str or Path
-        Folder of the results.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads; default all cores.
-    progress : callable
-        Called with every line of progress.
-    verbosity : int
-        Of the solution: -1 no progress, 0 a line a load step, 1 a line an iteration.
-    error : bool
-        Compute a second solution, which gives the probes their error bars.
-
-    Returns
-    -------
-    Path
-        The report.
-
-    Raises
-    ------
-    RefusedError, ConvergenceError
-        As `run_deck`, when the report of what there is has been written.
+    - `overrides`: `"table.key=value"` each
+    - `verbosity`, `error`: of the solution, as of `run_deck`
+    - returns the report
+    - raises RefusedError, ConvergenceError: as `run_deck`, when the report of what there is is
+      written
     """
     from myork.report import make_report
     from myork.stations.build import build

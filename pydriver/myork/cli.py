@@ -4,8 +4,6 @@ Exit status: 0 done; 1 the run ended without convergence, the last state is writ
 is refused; 2 bad input; 3 a missing or broken part of the installation.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json
@@ -22,9 +20,8 @@ from typing import Any, NamedTuple
 import myork
 from myork.bench import BENCHES
 from myork.console import Console, Unheard, silent
-from myork.errors import ConvergenceError, InputError, MyorkError
+from myork.errors import ConvergenceError, InputError, MyorkError, cure_of
 from myork.files import write_json, write_text
-from myork.libraries import cure_of
 from myork.summary import asked
 
 _EXIT_STATUS = """\

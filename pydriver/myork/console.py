@@ -4,18 +4,13 @@ Every function that takes a `progress` argument calls it with one line of text a
 that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys
 from collections.abc import Callable
 from html import escape
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+from typing import Any
 
 ProgressCallback = Callable[[str], None]
 
@@ -76,11 +71,11 @@ class Console:
 
     def __init__(self, verbosity: int = 0) -> None:
         self._quiet = verbosity < 0
-        self._bar: Progress | None = None
-        self._tasks: dict[str, TaskID] = {}
+        self._bar: Any = None  # a Progress of rich, loaded where one is drawn
+        self._tasks: dict[str, Any] = {}
         self._shown: dict[str, _NotebookBar] | None = None
 
-    def __enter__(self) -> Console:
+    def __enter__(self) -> "Console":
         if _in_notebook():
             self._shown = {}
         return self

@@ -1,7 +1,5 @@
 """The whole way on one command: phantom images to a muscle force, a reduced model and pages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

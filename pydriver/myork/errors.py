@@ -2,10 +2,10 @@
 
 The core reports an error as a pair (code, message); `check` turns the pair into an exception.
 Messages are full sentences that name the place (file, line, key, point or material), the
-offending value and what to do.
+offending value and what to do. `cure_of` says what to do where a shared library is missing.
 """
 
-from __future__ import annotations
+import re
 
 __all__ = [
     "ConvergenceError",
@@ -19,6 +19,7 @@ __all__ = [
     "StoppedError",
     "check",
 ]
+_MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 
 
 class MyorkError(Exception):
@@ -96,3 +97,18 @@ def check(stat: int, message: str | bytes) -> None:
         return
     text = message.decode("utf-8", "replace") if isinstance(message, bytes) else message
     raise _BY_CODE.get(int(stat), MyorkError)(text.rstrip(" \0"))
+
+
+def cure_of(complaint: str) -> str:
+    """What to do about a complaint of the loader.
+
+    - `complaint`: text of an exception, or what a program said that did not start
+    - returns a sentence without a full stop
+    """
+    found = _MISSING.search(complaint)
+    if found is None:
+        return "install again (sh setup.sh, or pip install --force-reinstall)"
+    return (
+        f"the library {found[1]} is not on this machine, or another version of it: sh setup.sh "
+        "installs it and builds again"
+    )

@@ -3,8 +3,6 @@
 Datasets have the names of the record's arrays.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Mapping

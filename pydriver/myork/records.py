@@ -3,8 +3,6 @@
 Each is frozen, holds arrays only, and can be written to a file and read back.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

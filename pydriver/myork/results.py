@@ -1,12 +1,14 @@
 """Reader of the result file `results.vtkhdf`: arrays are read when they are asked for.
 
+Beside it `reduced_fields.npz` has fields of reduced models beside those of the full one.
+
 The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in its group VTKHDF,
 what a restart needs in its group MyoRK.
 """
 
-from __future__ import annotations
-
 import importlib
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,15 +16,16 @@ from functools import cached_property
 from html import escape
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from myork.errors import FileError, InputError, InstallationError
+from myork.files import whole_file
 from myork.summary import printed, read_summary
-from myork.types import F64, I32
+from myork.types import F64, I32, I64
 
 _FILE = "results.vtkhdf"
 _DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
@@ -36,6 +39,9 @@ _STRESSES = ("cauchy", "principal_stress", "pressure")
 _CONSTANT = ("label", "fiber")
 # In the largest plane of a lattice, for each point
 _MOST_CELLS = 100
+REDUCED_FILE = "reduced_fields.npz"
+#: Beyond this a number is damage, or of no use in a picture
+_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ class Results:
         """Close the file; arrays that were read stay valid."""
         self._file.close()
 
-    def __enter__(self) -> Results:
+    def __enter__(self) -> "Results":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -431,6 +437,8 @@ class Results:
             Load, activation, coefficients and what they belong to.
         """
         step = self._step(step)
+        with _damage(self.path, "the version"):
+            version = self._file["MyoRK"].attrs["version"]
         return RestartState(
             step=step,
             load=float(self.loads[step]),
@@ -440,7 +448,7 @@ class Results:
             points=self.points,
             approximation=self._words("approximation"),
             deck=self._words("deck"),
-            version=self._version(),
+            version=version.decode("utf-8", "replace") if isinstance(version, bytes) else version,
         )
 
     def _words(self, name: str) -> str:
@@ -450,10 +458,6 @@ class Results:
         if missing:
             return ""
         return self._read(f"MyoRK/{name}").tobytes().decode("utf-8", "replace")
-
-    def _version(self) -> str:
-        with _damage(self.path, "the version"):
-            return _text(self._file["MyoRK"].attrs["version"])
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -575,5 +579,47 @@ def _open(path: Path) -> h5py.File:
         ) from error
 
 
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+class ReducedFields(NamedTuple):
+    """One state of the full model and of reduced ones; the full model is the first everywhere."""
+
+    points: F64  #: Undeformed points, shape `(n, 3)` [length]
+    modes: I64  #: Number of modes of each reduced model, shape `(m,)`
+    displacement: F64  #: Displacements, shape `(m + 1, n, 3)` [length]
+    #: Largest principal Cauchy stresses, not a number where J <= 0, shape `(m + 1, n)`
+    #: [force/length^2]
+    stress: F64
+    #: Points at the corners of the surface's triangles, as in `Results.surface`, shape `(t, 3)`
+    surface: I32
+
+
+def write_reduced(folder: Path, fields: ReducedFields) -> None:
+    """Write the file of a folder."""
+    with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
+        np.savez_compressed(stream, **fields._asdict())
+
+
+def read_reduced(path: Path) -> ReducedFields:
+    """Read the file.
+
+    - raises FileError: it is damaged
+    """
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            found = ReducedFields(*(np.asarray(content[name]) for name in ReducedFields._fields))
+    except (*_DAMAGES, EOFError, zipfile.BadZipFile, zlib.error) as reason:
+        raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None
+    n, m = len(np.atleast_1d(found.points)), np.size(found.modes)
+    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n), (len(np.atleast_1d(found.surface)), 3))
+    for (name, values), shape in zip(found._asdict().items(), shapes, strict=True):
+        whole = name in ("modes", "surface")
+        right = values.shape == shape and values.dtype.kind in ("iu" if whole else "f")
+        if right and name == "surface":
+            right = bool(((values >= 0) & (values < n)).all())
+        elif right:
+            size = np.abs(np.nan_to_num(values) if name == "stress" else values)
+            right = bool((size <= _LARGEST).all())
+        if not right:
+            raise FileError(
+                f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"
+            )
+    return found

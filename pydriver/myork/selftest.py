@@ -1,7 +1,5 @@
 """What shows in a minute that an installation works: known answers, threads, files, programs."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform
@@ -10,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,7 +22,7 @@ from myork.errors import InputError, MyorkError
 from myork.files import INPUTS, write_json
 from myork.report import make_report
 from myork.results import Results
-from myork.stations.check import Check, check_deck
+from myork.stations.check import Check, Checks, check_deck
 from myork.stations.new import new_deck
 from myork.stations.solve import find_executable, run_deck
 
@@ -59,24 +57,17 @@ def run_selftest(
         for name, value in facts.items():
             for place, line in enumerate(value.split("\n")):
                 progress(f"{'' if place else name:<22} {line}")
-        found: list[Check] = []
-
-        def note(name: str, run: Callable[[], tuple[bool | None, str]]) -> None:
-            try:
-                passed, detail = run()
-            except (MyorkError, OSError, ImportError, ArithmeticError) as reason:
-                passed, detail = False, f"{type(reason).__name__}: {reason}"
-            found.append(Check(name, passed, detail))
-            word = {True: "ok", False: "FAILED", None: "-"}[passed]
-            progress(f"{name:<22} {word:<7} {detail}")
-
+        found = Checks(
+            progress, MyorkError, OSError, ImportError, ArithmeticError,
+            detail=lambda reason: f"{type(reason).__name__}: {reason}",
+        )  # fmt: skip
         for method in ("rkpm-gauss", "rkpm-scni", "rkcm-mixed"):
-            note(f"patch, {method}", lambda method=method: _patch(method))  # type: ignore[misc]
-        note("sparse solvers", _sparse)
+            found.note(f"patch, {method}", _patch, method)
+        found.note("sparse solvers", _sparse)
         answers: dict[str, Any] = {}
-        note("known answer", lambda: _known(folder / "bar", answers))
-        note("both programs", lambda: _both(answers))
-        note("results and report", lambda: _files(folder / "bar"))
+        found.note("known answer", _known, folder / "bar", answers)
+        found.note("both programs", _both, answers)
+        found.note("results and report", _files, folder / "bar")
         deck = folder / "muscle.toml"
         deck.unlink(missing_ok=True)
         found += check_deck(new_deck("muscle", deck), progress=progress)

@@ -1,7 +1,5 @@
 """The file `summary.json` of an output folder, to which each station adds its part."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -37,7 +35,7 @@ def asked(folder: Path) -> Iterator[None]:
 
 def _write_refusal(folder: Path, message: str) -> None:
     _set_aside(folder)
-    summary = _read(folder)
+    summary = readable_summary(folder)
     waiting = folder / WAITING
     if (folder / SOLUTION[0]).exists() and "converged" in summary and not waiting.exists():
         (folder / "summary.json").rename(waiting)
@@ -48,7 +46,7 @@ def _write_refusal(folder: Path, message: str) -> None:
 
 def _set_aside(folder: Path) -> None:
     """Move a finished solution to `previous`: what is asked now makes it that of another model."""
-    summary = _read(folder)
+    summary = readable_summary(folder)
     verdict = summary.get("verdict") or {}
     if not summary.get("converged") or verdict.get("state") == "refused":
         return
@@ -89,7 +87,7 @@ def renewing(folder: Path, *parts: str) -> Iterator[None]:
         try:
             yield
         except BaseException as reason:
-            old = _read(folder)
+            old = readable_summary(folder)
             failed = str(reason) or type(reason).__name__
             marked = {
                 name: {**old[name], "failed": failed}
@@ -122,7 +120,7 @@ def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
     - `folder`: output folder
     - `part`: entries: text, numbers, lists and mappings of them; what is not finite becomes null
     """
-    write_json(folder / "summary.json", {**_read(folder), **part})
+    write_json(folder / "summary.json", {**readable_summary(folder), **part})
 
 
 def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -> list[Any]:
@@ -133,7 +131,7 @@ def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -
     - `station`: station whose entries these are; it is noted in each
     - `entries`: new entries
     """
-    kept = [own for own in _read(folder).get(name, ()) if own.get("station") != station]
+    kept = [own for own in readable_summary(folder).get(name, ()) if own.get("station") != station]
     return [*kept, *({**own, "station": station} for own in entries)]
 
 
@@ -146,8 +144,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
     return read_json(path) if path.exists() else {}
 
 
-def _read(folder: Path) -> dict[str, Any]:
-    """Entries of the file; a broken one of an earlier run is no reason to lose this run."""
+def readable_summary(folder: Path) -> dict[str, Any]:
+    """As `read_summary`; a broken one of an earlier run is no reason to lose this run."""
     try:
         return read_summary(folder)
     except FileError:

@@ -1,7 +1,5 @@
 """Decks as Python data: their TOML text, what differs in two, tables that cannot be changed."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

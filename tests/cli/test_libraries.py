@@ -10,8 +10,7 @@ import pytest
 
 import myork
 from myork import _core, run_deck
-from myork.errors import InstallationError
-from myork.libraries import cure_of
+from myork.errors import InstallationError, cure_of
 from myork.stations import solve
 
 #: Another version, which no machine has

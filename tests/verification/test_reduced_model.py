@@ -17,7 +17,7 @@ from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
 from myork.rom.check import CellErrors
-from myork.rom.cubature import few_cells
+from myork.rom.sampling import few_cells
 from tests.scenes import contracting
 
 BLOCK = contracting(

@@ -13,7 +13,7 @@ import myork
 from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
-from myork.reduced_fields import REDUCED_FILE, read_reduced
+from myork.results import REDUCED_FILE, read_reduced
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import (
     PathStates,

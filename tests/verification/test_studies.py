@@ -74,14 +74,8 @@ class Formula(Forward):
     is_reduced = True
 
     def __init__(self, broken: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
-        super().__init__()
+        super().__init__([], 3, {}, str)
         self.units, self.forces, self._broken = {"force": "N"}, ["force"], broken
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-    def key_of(self, name: str) -> str:
-        return name
 
     def _answer(self, keys: Sequence[str], values: np.ndarray) -> Values:
         a, b, _ = (2.0 * values - 1.0).T

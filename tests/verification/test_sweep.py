@@ -25,7 +25,8 @@ from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
-from myork.sweeps import inputs, run
+from myork.sweeps import plan as plans
+from myork.sweeps import run
 from myork.sweeps.plan import make_plan
 from tests.scenes import box, held, scene, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
@@ -443,9 +444,9 @@ def test_inputs_that_have_not_changed_are_not_read_again(
     deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = make_plan(["material.rubber.mu=5,6"])._replace(deck=deck)
-    own = inputs.Inputs(plan, tmp_path)
+    own = plans.Inputs(plan, tmp_path)
     assert "another sweep" in own.refusal(tmp_path, {**own.head, "inputs": ["deck"]})
-    monkeypatch.setattr(inputs, "_digest", lambda path: "another")
+    monkeypatch.setattr(plans, "_digest", lambda path: "another")
     own.check()
     deck.touch()
     with pytest.raises(InputError, match="has changed"):

@@ -25,7 +25,7 @@ import numpy as np
 from tests.dense import SOLVERS, least_squares
 from myork.core.level_sets import evolve_level_sets
 from myork.core.scene import Scene
-from myork.core.shape import shape_functions
+from benchmarks.truths.compiled import shape_functions
 from myork.core.threads import core_threads
 
 def digest(*arrays):

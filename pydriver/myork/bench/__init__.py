@@ -15,8 +15,6 @@ whether small cases are enough). Its result is written to `bench.json` as it is 
   with ``name``, ``x``, ``y`` and optionally ``rival`` (drawn grey), on logarithmic axes.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Problems of Basava (2015), chapter 6, with what was published of them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from myork.bench.runs import lattice

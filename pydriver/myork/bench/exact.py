@@ -6,8 +6,6 @@ where K is large, and K = infinity needs no second formula. Equation numbers are
 (2015).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -29,7 +27,7 @@ class Polynomial(NamedTuple):
     bulk: float  #: Bulk modulus, may be infinite [stress]
 
     @classmethod
-    def from_deck(cls, material: Mapping[str, Any], bulk: float | None = None) -> Polynomial:
+    def from_deck(cls, material: Mapping[str, Any], bulk: float | None = None) -> "Polynomial":
         """Material of a `[[material]]` table, with a bulk modulus of its own where given."""
         terms = {
             (i, j): float(material.get(f"A{i}{j}", 0.0))

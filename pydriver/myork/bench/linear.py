@@ -7,8 +7,6 @@ Problems with tractions are run with the published weight 1 of the traction rows
 over the few boundary points counts less than the same integral would.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

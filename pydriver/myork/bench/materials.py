@@ -3,8 +3,6 @@
 The law of that state is the compiled core's: it checks the discretisation, not the law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

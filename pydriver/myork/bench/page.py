@@ -1,7 +1,5 @@
 """The page `bench.html`: tables and curves of `bench.json`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -102,10 +100,7 @@ def _cell(value: Any) -> str:
 def draw_curves(plots: Sequence[Mapping[str, Any]]) -> Figure:
     """Plots side by side in one figure, with a legend outside, so that it hides no point.
 
-    Parameters
-    ----------
-    plots : sequence of mapping
-        As of `myork.bench`; a curve of one name looks alike in all of them.
+    - `plots`: as of `myork.bench`; a curve of one name looks alike in all of them
     """
     drawing = Figure(figsize=(5.0 + 5.0 * len(plots), 5.0), layout="constrained")
     curves = [curve for plot in plots for curve in plot["series"]]

@@ -6,8 +6,6 @@ muscles differs. The outer layer of connective tissue is as thick as the publish
 volume ask for: 159.9 and 128.4 cm^3 with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,23 +18,6 @@ from myork.core.deck import table_defaults
 from myork.imaging.phantom import make_phantom
 from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
-
-__all__ = [
-    "AGED",
-    "CONNECTIVE",
-    "FAT",
-    "GASTROCNEMIUS",
-    "MUSCLE_TISSUE",
-    "OLD",
-    "PIXEL",
-    "YOUNG",
-    "Muscle",
-    "aged_cloud",
-    "gastrocnemius",
-    "inclined",
-    "labelled",
-    "strided_cloud",
-]
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,6 @@ A benchmark must survive what it measures: a crash, a hang or a refusal is an ou
 other.
 """
 
-from __future__ import annotations
-
-import json
 import os
 import signal
 import subprocess
@@ -23,6 +20,7 @@ from myork.files import INPUTS
 from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.stations.solve import find_executable
+from myork.summary import readable_summary
 
 #: A deck file, the name of one in `INPUTS`, or tables
 Deck = str | Path | Mapping[str, Any]
@@ -140,7 +138,7 @@ def solve_case(
         for override in overrides:
             words += ["--set", override]
         ending = refusal or run_command(words, limit)
-        summary = _summary(Path(folder))
+        summary = readable_summary(Path(folder))
         converged = summary.get("converged", False)
         seen = look(Path(folder)) if look and summary.get("steps") else {}
     case: dict[str, Any] = {
@@ -193,11 +191,3 @@ def _path_of(deck: str | Path) -> Path:
     if not path.is_file():
         raise InputError(f"{path}: there is no such deck")
     return path
-
-
-def _summary(folder: Path) -> dict[str, Any]:
-    try:
-        content: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content

@@ -5,8 +5,6 @@ span of their modes. They are tables of runs and rows as those of `dissertation`
 same code; their reference is theory or an exact solution.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product

@@ -1,7 +1,5 @@
 """Tables and plots of a benchmark from its cases, by the names of what they show."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

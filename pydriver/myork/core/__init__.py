@@ -1,7 +1,6 @@
 """The compiled core: what Python hands to it and gets from it; only this room imports it."""
 
-from myork.errors import InputError, InstallationError
-from myork.libraries import cure_of
+from myork.errors import InputError, InstallationError, cure_of
 
 try:
     from myork.core.threads import MOST_THREADS, thread_count

@@ -5,8 +5,6 @@ compiled call lasts. A long call runs in a thread of its own: the calling thread
 Ctrl-C and progress, and always waits for the end of the call before it goes on.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -47,14 +45,12 @@ class Turn:
     @contextmanager
     def long(self) -> Iterator[None]:
         """Have the scene alone for a solve."""
-        if not self._lock.acquire(blocking=self._solver is None):
-            raise InputError(_BUSY)
-        self._solver = threading.get_ident()
-        try:
-            yield
-        finally:
-            self._solver = None
-            self._lock.release()
+        with self.short():
+            self._solver = threading.get_ident()
+            try:
+                yield
+            finally:
+                self._solver = None
 
     @property
     def is_mine(self) -> bool:

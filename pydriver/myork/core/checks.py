@@ -1,7 +1,5 @@
 """What a scene checks before it calls the core: shapes, starting states, keys of changes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path

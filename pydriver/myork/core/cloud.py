@@ -1,7 +1,5 @@
 """Points that a scene takes from outside: from the model file of a deck, or from arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

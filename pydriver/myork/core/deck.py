@@ -1,7 +1,5 @@
 """Decks as Python sees them: the values that the compiled reader checked."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Parts of a Galerkin problem in the compiled core, of which reduced models are made."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

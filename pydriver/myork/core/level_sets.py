@@ -1,7 +1,5 @@
 """Evolution of level sets: checks and conversions around the compiled core."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Materials at points: checks and conversions around the compiled core."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -23,16 +21,10 @@ class Material:
     What is not given has the value that the schema of decks gives it; which parameters a model
     has is said in `docs/decks.md`. All of them can be read as attributes.
 
-    Parameters
-    ----------
-    name : str
-        Name for messages.
-    K : float
-        Bulk modulus, positive; infinite only with `volumetric=False` below [stress].
-    model : str
-        `polynomial`, `muscle` or another model of decks.
-    **parameters : float or str
-        Parameters of the model, such as `A10` or `sigma_max`.
+    - `name`: for messages
+    - `K`: bulk modulus, positive; infinite only with `volumetric=False` below [stress]
+    - `model`: `polynomial`, `muscle` or another model of decks
+    - `**parameters`: those of the model, such as `A10` or `sigma_max`
 
     Examples
     --------
@@ -49,11 +41,11 @@ class Material:
         self.parameters = {**table_defaults("material", "model", model), **self._given}
 
     @classmethod
-    def of_table(cls, table: Mapping[str, Any]) -> Material:
+    def of_table(cls, table: Mapping[str, Any]) -> "Material":
         """Material of a `[[material]]` table, whose label and fiber direction are left out."""
         return cls(**{key: value for key, value in table.items() if key not in _PLACING})
 
-    def replace(self, **changes: float | str) -> Material:
+    def replace(self, **changes: float | str) -> "Material":
         """The same material with other values of some parameters."""
         return Material(self.name, **{**self._given, **changes})  # type: ignore[arg-type]
 
@@ -71,15 +63,6 @@ class Tangents(NamedTuple):
     tangent: F64  #: `C4[p, i, A, j, B] = dP_iA/dF_jB` [stress]
     #: `T[p, i, k, C]`, the sum of `C6[i, A, j, B, k, C] H[j, B, A]` [stress/length]
     contracted: F64
-
-
-class FiberCurves(NamedTuple):
-    """Forces of fibers against their stretch."""
-
-    #: Integral of the force from stretch 1, the force and its first three derivatives, shape
-    #: `(5, n)` [-]
-    active: F64
-    passive: F64
 
 
 def energy(
@@ -140,23 +123,6 @@ def strong(
         raise errors.InputError(f"dimension must be 2 or 3, not {dimension}")
     found = _at_points(material, gradient, second, dimension, fiber, activation, volumetric)
     return Tangents(*found[1:])
-
-
-def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
-    """Active and passive force of fibers (4.37), (4.38), as corrected, and their derivatives.
-
-    - `stretch`: normalised stretches lambda*, shape `(n,)` [-]
-    - `**parameters`: `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent
-    """
-    muscle = {**table_defaults("material", "model", "muscle"), **parameters}
-    curve, gamma1, gamma2 = (muscle[key] for key in ("curve", "gamma1", "gamma2"))
-    if curve not in ("published", "smooth"):
-        raise errors.InputError(f"curve = '{curve}' must be 'published' or 'smooth'")
-    if not gamma2 > 0.0:
-        raise errors.InputError(f"gamma2 = {gamma2} must be greater than 0")
-    return FiberCurves(
-        *_core.fiber_curves(int(curve == "smooth"), gamma1, gamma2, np.atleast_1d(stretch))
-    )
 
 
 def _at_points(

@@ -1,7 +1,5 @@
 """Reduced models in the compiled core: arrays of a model, and its states."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +27,7 @@ class Cells(NamedTuple):
     a_slope: F64
     bulk_slope: F64
 
-    def sample(self, kept: I64, factor: F64) -> Cells:
+    def sample(self, kept: I64, factor: F64) -> "Cells":
         """Some of the cells, their weights times factors."""
         counts = np.diff(self.first)[kept]
         entries = np.concatenate(
@@ -50,7 +48,7 @@ class Cells(NamedTuple):
             np.asfortranarray(self.bulk_slope[kept]),
         )
 
-    def modes(self, kept: I64) -> Cells:
+    def modes(self, kept: I64) -> "Cells":
         """The same cells with some of the amplitudes."""
         return self._replace(h=np.asfortranarray(self.h[:, :, kept]))
 

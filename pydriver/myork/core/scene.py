@@ -1,7 +1,5 @@
 """Scenes held open in the compiled core: solve, evaluate, reduce."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -9,7 +7,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,14 +24,11 @@ from myork.core.checks import (
 )
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
-from myork.core.states import VERDICTS, Fields, States, states_of
+from myork.core.states import VERDICTS, Fields, States, error_norms
 from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
 from myork.types import F64, I32
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 
 class Scene:
@@ -104,7 +99,7 @@ class Scene:
         overrides: Sequence[str] = (),
         out: Path | None = None,
         threads: int | None = None,
-    ) -> Self:
+    ) -> "Scene":
         """Open a scene of data: without a file, unless the tables name one of points.
 
         Parameters
@@ -206,7 +201,7 @@ class Scene:
             f" {self.dofs} unknowns, {self.steps} load step{'s' * (self.steps != 1)})"
         )
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Scene":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -316,10 +311,7 @@ class Scene:
     def unknowns_of(self, state: F64 | States | RestartState | str | Path) -> F64:
         """Unknowns of a state that `solve` can begin with, shape `(dofs,)`.
 
-        Raises
-        ------
-        InputError
-            It belongs to other points or to another approximation.
+        - raises InputError: it belongs to other points or to another approximation
         """
         approximation = self._ask(_core.scene_approximation).decode().strip()
         return unknowns_of(state, self.points(), approximation, self.dofs)
@@ -402,15 +394,10 @@ class Scene:
     def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
 
-        Parameters
-        ----------
-        body_force : F64
-            Force per undeformed volume, shape `(field_points, 3)` [force/length^3].
-        displacement : F64
-            Taken at essential components of boundary points, same shape [length].
-        stress : F64
-            First Piola-Kirchhoff stress `P[point, i, A]` whose traction the other components of
-            boundary points carry, shape `(field_points, 3, 3)` [stress].
+        - `body_force`: force per undeformed volume, shape `(field_points, 3)` [force/length^3]
+        - `displacement`: taken at essential components of boundary points, same shape [length]
+        - `stress`: first Piola-Kirchhoff stress `P[point, i, A]` whose traction the other
+          components of boundary points carry, shape `(field_points, 3, 3)` [stress]
         """
         n = len(self.field_points())
         finite("body_force", body_force, (n, 3))
@@ -427,14 +414,9 @@ class Scene:
     def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
         """Project the model on modes.
 
-        Parameters
-        ----------
-        modes : F64
-            Orthonormal columns, shape `(dofs, r)`.
-        projection : str
-            `galerkin`, `least-squares`, or `auto`: least squares for collocation.
-        assembled : bool
-            Assemble the rows of nonlinear collocation in full before they are projected.
+        - `modes`: orthonormal columns, shape `(dofs, r)`
+        - `projection`: `galerkin`, `least-squares`, or `auto`: least squares for collocation
+        - `assembled`: assemble the rows of nonlinear collocation in full before they are projected
         """
         modes = modes_of(modes, self.dofs)
         rows = self._ask(_core.scene_reduce, modes, projection, int(assembled))
@@ -456,26 +438,13 @@ class Scene:
     ) -> tuple[F64, F64]:
         """Residual of a state, and the linearised rows times a direction.
 
-        Parameters
-        ----------
-        x, direction : F64
-            Unknowns and a change of them, shape `(dofs,)`, or `(r,)` of the reduced model.
-        load : float
-            Fraction of the full load.
-        start : F64, optional
-            State at the start of the load step, which fixes the row weights; default `x`.
-        reduced : bool
-            Of the reduced model; `reduce` comes first.
-
-        Returns
-        -------
-        residual, product : F64
-            Shape `(rows,)` each; of a reduced Galerkin form `(r,)`.
-
-        Raises
-        ------
-        InputError
-            A wrong shape, or a state with J <= 0.
+        - `x`, `direction`: unknowns and a change of them, shape `(dofs,)`, or `(r,)` of the reduced
+          model
+        - `load`: fraction of the full load
+        - `start`: state at the start of the load step, which fixes the row weights; default `x`
+        - `reduced`: of the reduced model; `reduce` comes first
+        - returns `residual`, `product`: shape `(rows,)` each; of a reduced Galerkin form `(r,)`
+        - raises InputError: a wrong shape, or a state with J <= 0
         """
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)
@@ -483,37 +452,6 @@ class Scene:
         rows = self._reduced_rows if reduced else self.rows
         r, y = self._ask(_core.scene_linearise, int(reduced), rows, *states[:2], load, states[2])
         return r, y
-
-    def hessian(
-        self, x: F64, load: float, *, start: F64 | None = None, reduced: bool = False
-    ) -> tuple[F64, F64]:
-        """First and second derivatives of half the sum of squared residuals.
-
-        Parameters
-        ----------
-        x : F64
-            Unknowns, shape `(dofs,)`, or `(r,)` of the reduced model.
-        load : float
-            Fraction of the full load.
-        start : F64, optional
-            State at the start of the load step, which fixes the row weights; default `x`.
-        reduced : bool
-            Of the reduced model; `reduce` comes first.
-
-        Returns
-        -------
-        gradient, second : F64
-            Shapes `(n,)` and `(n, n)`.
-
-        Raises
-        ------
-        InputError
-            A wrong shape, or a state with J <= 0.
-        """
-        shape = (self._unknowns if reduced else self.dofs,)
-        given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
-        gradient, second = self._ask(_core.scene_hessian, int(reduced), *given, load)
-        return gradient, np.triu(second) + np.triu(second, 1).T
 
     def fields(self, x: F64, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`.
@@ -597,10 +535,35 @@ class Scene:
     def _converged(self, n: int, reduced: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        x, info, *numbers = called(_core.scene_states, self._handle, n, steps)
+        x, info, seconds, worst, norms = called(_core.scene_states, self._handle, n, steps)
+        load, iterations, min_j, max_j, acoustic, number = info
         places = called(_core.scene_points, self._handle, self.dimension, self.collocation_points)
-        verdict = self._verdict(x, info[0], reduced)
-        return states_of(x, info, numbers, places, self._warnings(), verdict)
+        verdict, reasons, bars = self._verdict(x, load, reduced)
+        # an error is a warning where the solve ended in one
+        (warned,) = lines_of(lambda room: _core.scene_warnings(self._handle, room))
+        # the point of the acoustic eigenvalue, 0 for none
+        point = number.astype(np.int64)
+        seen = point > 0
+        return States(
+            x=x.T,
+            load=load,
+            iterations=iterations.astype(np.int64),
+            min_j=min_j,
+            max_j=max_j,
+            assemble_s=float(seconds[0]),
+            solve_s=float(seconds[1]),
+            checks_s=float(seconds[2]),
+            backward_error=float(worst[0]),
+            min_acoustic=np.where(seen, acoustic, np.nan),
+            min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
+            force_imbalance=float(worst[1]),
+            work_mismatch=float(worst[2]),
+            errors=error_norms(*norms.tolist()),
+            warnings=warned,
+            verdict=verdict,
+            reasons=reasons,
+            probe_errors=bars,
+        )
 
     def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
         """Verdict on the core's last solve, its reasons and the error bars of the probes."""
@@ -615,10 +578,6 @@ class Scene:
         )
         bar = np.moveaxis(bar, (0, 1, 2), (2, 1, 0))[:steps, : self._probes]
         return VERDICTS[verdict], reasons, bar
-
-    def _warnings(self) -> list[str]:
-        """Warnings of the last solve; the error is one where it ended in one."""
-        return list(lines_of(lambda room: _core.scene_warnings(self._handle, room))[0])
 
 
 def _close(handle: int, turn: Turn) -> None:

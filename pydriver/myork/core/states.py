@@ -1,8 +1,5 @@
 """What a scene hands out: converged states of a solve, and fields of one of them."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
@@ -89,7 +86,7 @@ def _count(number: int, thing: str) -> str:
     return f"{number} {thing}" + ("s" if number != 1 else "")
 
 
-def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
+def error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
     """Norms by their names; none where the core has none."""
     if l2 < 0:
         return {}
@@ -100,46 +97,3 @@ def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -
         "relative_L2": l2 / max(l2_solution, tiny),
         "relative_H1": h1 / max(h1_solution, tiny),
     }
-
-
-def states_of(
-    x: F64,
-    info: F64,
-    numbers: Sequence[F64],
-    places: F64,
-    warnings: list[str],
-    judged: tuple[str, list[str], F64],
-) -> States:
-    """States from the arrays of the core.
-
-    - `x`: unknowns, shape `(n, nstep)`
-    - `info`: load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0
-      for none, shape `(6, nstep)`
-    - `numbers`: wall times; backward error, imbalance and mismatch of work; norms of errors
-    - `places`: collocation points, shape `(dimension, npoint)` [length]
-    - `warnings`: warnings of the solve
-    - `judged`: verdict, reasons, and error bars of the probes
-    """
-    seconds, worst, norms = numbers
-    point = info[5].astype(np.int64)
-    seen = point > 0
-    return States(
-        x=x.T,
-        load=info[0],
-        iterations=info[1].astype(np.int64),
-        min_j=info[2],
-        max_j=info[3],
-        assemble_s=float(seconds[0]),
-        solve_s=float(seconds[1]),
-        checks_s=float(seconds[2]),
-        backward_error=float(worst[0]),
-        min_acoustic=np.where(seen, info[4], np.nan),
-        min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
-        force_imbalance=float(worst[1]),
-        work_mismatch=float(worst[2]),
-        errors=_error_norms(*norms.tolist()),
-        warnings=warnings,
-        verdict=judged[0],
-        reasons=judged[1],
-        probe_errors=judged[2],
-    )

@@ -1,7 +1,5 @@
 """Threads of the compiled core."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Without signal, repeated, with another signal or at another place than their nei
 copy of the body in the air (ghost).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,20 +1,273 @@
-"""DICOM series by pydicom, an extra of the package: a folder of slices as one image."""
+"""DICOM series by pydicom, an extra of the package: a folder of slices as one image.
 
-from __future__ import annotations
+A series is one image where no two of its files share a place; else it is parted into kinds
+(magnitude, phase) and echoes, of which one is chosen.
 
-from collections.abc import Callable
+Makers write b values and gradients in elements and frames of their own, and some put all slices of
+a volume into one picture: dcm2niix, in the same extra, knows them and writes FSL's files.
+"""
+
+import re
+import subprocess
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from myork.errors import FileError, InputError
-from myork.imaging.dicom_choice import DicomFile, chosen_files
 from myork.imaging.formats import FLIP, library
 from myork.types import F64
 
 # Names that promise a DICOM file
 _SUFFIXES = (".dcm", ".dicom", ".ima")
+_KEYS = ("series", "echo", "kind")
+# Words of ImageType from the third on; what they leave to the scanner is taken as it is.
+_SPECIES = {
+    **dict.fromkeys(("W", "WATER"), "water"),
+    **dict.fromkeys(("F", "FAT"), "fat"),
+    **dict.fromkeys(("IP", "IN_PHASE"), "in-phase"),
+    **dict.fromkeys(("OP", "OPP_PHASE", "OUT_PHASE"), "opposed-phase"),
+}
+_PARTS = ("magnitude", "phase", "real", "imaginary")
+# Where GE says which of these parts an image is: 0 to 3
+_GE_PART = (0x0043, 0x102F)
+# Where Siemens, Philips and GE keep b values; GE adds a flag
+_WEIGHTS = ((0x0019, 0x100C), (0x2001, 0x1003), (0x0043, 0x1039))
+_GE_FLAG = 1e9
+
+
+class DicomFile(NamedTuple):
+    """A file with pixels and its header."""
+
+    path: Path
+    data: Any
+
+
+@dataclass(frozen=True)
+class ListedImage:
+    """An image of a folder."""
+
+    files: Sequence[DicomFile]  #: Its files
+    series: tuple[str, str]  #: Number and UID of its series
+    echo: int  #: Number of the echo, from 1
+    kind: str  #: Magnitude, phase, water and so on
+    text: str = ""  #: What chooses it, `series=5,echo=2`
+
+    @property
+    def weighted(self) -> bool:
+        """Whether it is a diffusion series: several volumes, of which one has a b value."""
+        volumes = len(self.files) > len({_place(file) for file in self.files})
+        return volumes and any(_weighting(file.data) > 0 for file in self.files)
+
+    @property
+    def voxels(self) -> float:
+        """Number of its voxels."""
+        rows, columns = (_finite(self.files[0].data, key) or [0] for key in ("Rows", "Columns"))
+        return len(self.files) * float(rows[0]) * float(columns[0])
+
+    def fits(self, wanted: Mapping[str, str]) -> bool:
+        """Whether it is what was asked for."""
+        own = {"series": self.series, "echo": (str(self.echo),), "kind": (self.kind,)}
+        return all(value in own[key] for key, value in wanted.items())
+
+    def about(self) -> list[str]:
+        """Description, echo time, kind, slices, size and spacing."""
+        data = self.files[0].data
+        size = [_text(data, key) or "?" for key in ("Columns", "Rows")]
+        steps = _finite(data, "PixelSpacing")
+        thick = _finite(data, "SpacingBetweenSlices") or _finite(data, "SliceThickness")
+        time = _finite(data, "EchoTime")
+        slices = len({_place(file) for file in self.files})
+        volumes = f" x {len(self.files) // slices}" if slices < len(self.files) else ""
+        return [
+            _text(data, "SeriesDescription")[:40] or "-",
+            f"TE {time[0]:g} ms" if time else "-",
+            self.kind,
+            f"{slices} slice" + ("s" if slices > 1 else "") + volumes,
+            " x ".join(size),
+            " x ".join(f"{step:.3g}" for step in [*steps[::-1], *thick[:1]]) + " mm",
+        ]
+
+
+def split_choice(path: Path) -> tuple[Path, str]:
+    """A folder and what is chosen in it, of `DIR:series=5,echo=2,kind=phase`.
+
+    - `path`: as a deck names an image; without a choice it comes back as it is, with an empty text
+    """
+    found = re.fullmatch(r"(.*):(\w+=[^:]*)", path.name)
+    if found is None or path.exists():
+        return path, ""
+    return path.parent / found[1], found[2]  # `DIR/:series=5` as well
+
+
+def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[DicomFile]:
+    """Files of the one image that a choice leaves.
+
+    - `folder`: for messages
+    - `files`: all files of the folder that have pixels, one at least
+    - `choice`: `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its
+      number or its UID, echoes are counted from 1 by their times.
+    """
+    images = listed_images(files)
+    wanted = _wanted(folder, choice)
+    fitting = [image for image in images if image.fits(wanted)]
+    if len(fitting) == 1:
+        return list(fitting[0].files)
+    shown = fitting or images
+    rows = [[f"{folder.name}:{image.text}", *image.about()] for image in shown]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    what = f"holds {len(shown)} images" + (f" with {choice}" if choice else "")
+    if not fitting:
+        what = f"holds no image with {choice}"
+    raise InputError("\n  ".join([f"{folder}: {what}; write one of these in its place:", *lines]))
+
+
+def listed_images(files: Sequence[DicomFile]) -> list[ListedImage]:
+    """Images of files, by series, kind and echo.
+
+    - `files`: files with pixels
+    """
+    # Some tools that take names out leave no UID, or the same for all.
+    series: dict[tuple[str, str], list[DicomFile]] = {}
+    for file in files:
+        key = _text(file.data, "SeriesNumber"), _text(file.data, "SeriesInstanceUID")
+        series.setdefault(key, []).append(file)
+    images = []
+    for name, own in series.items():
+        places = {_place(file) for file in own}
+        if len(places) == len(own):
+            images.append(ListedImage(own, name, 1, _kind(own[0].data)))
+            continue
+        parts: dict[tuple[str, float], list[DicomFile]] = {}
+        for file in own:
+            parts.setdefault((_kind(file.data), _echo(file.data)), []).append(file)
+        times = sorted({time for _, time in parts})
+        images += [
+            ListedImage(parts[kind, time], name, times.index(time) + 1, kind)
+            for kind, time in sorted(parts)
+        ]
+    return _choices(
+        sorted(images, key=lambda one: (_number(one.series[0]), one.series, one.echo, one.kind))
+    )
+
+
+def _choices(images: Sequence[ListedImage]) -> list[ListedImage]:
+    """Images with the shortest choice of each."""
+    found = []
+    all_series = {image.series for image in images}
+    for image in images:
+        number, uid = image.series
+        alike = [one for one in all_series if one[0] == number]
+        own = [one for one in images if one.series == image.series]
+        words = [f"series={number if number and len(alike) == 1 else uid}"]
+        words += [f"echo={image.echo}"] if len({one.echo for one in own}) > 1 else []
+        words += [f"kind={image.kind}"] if len({one.kind for one in own}) > 1 else []
+        text = ",".join(words[1:] if len(all_series) == 1 and words[1:] else words)
+        found.append(replace(image, text=text))
+    return found
+
+
+def _wanted(folder: Path, choice: str) -> dict[str, str]:
+    """Keys and values of a choice."""
+    wanted = {}
+    for part in filter(None, choice.split(",")):
+        key, _, value = (word.strip() for word in part.partition("="))
+        if key not in _KEYS or not value:
+            raise InputError(
+                f"{folder}:{choice}: {part!r} chooses nothing; write "
+                "DIR:series=NUMBER,echo=NUMBER,kind=WORD or a part of it"
+            )
+        wanted[key] = value.lower() if key == "kind" else value
+    return wanted
+
+
+def _kind(data: Any) -> str:
+    """What the values are: magnitude, phase, water and so on."""
+    words = [word.upper() for word in _words(data, "ImageType")[2:]]
+    for word in words:
+        if word in _SPECIES:
+            return _SPECIES[word]
+    part = _part(data)
+    if part is not None:
+        return part
+    heads = [re.split(r"[_ ]", word)[0] for word in words]
+    for head in [*heads, _text(data, "ComplexImageComponent").upper()]:
+        for name in _PARTS:
+            if head in (name.upper(), name[0].upper()):
+                return name
+    return words[0].lower().replace(" ", "-") if words and words[0] else "unknown"
+
+
+def _part(data: Any) -> str | None:
+    """Magnitude, phase, real or imaginary in the private element of GE."""
+    try:
+        value = data[_GE_PART].value
+        number = int.from_bytes(value[:2], "little") if isinstance(value, bytes) else int(value)
+        return _PARTS[number]
+    except Exception:  # not there, or not readable
+        return None
+
+
+def _weighting(data: Any) -> float:
+    """Diffusion weighting [s/mm^2], of the standard or of a maker; 0 without."""
+    found = _finite(data, "DiffusionBValue")
+    for key in _WEIGHTS:
+        try:
+            value = data[key].value
+            found = found or [float(np.ravel(value)[0]) % _GE_FLAG]
+        except Exception:  # not there, or not readable
+            continue
+    if not found and "DIFFUSION" in _words(data, "ImageType"):
+        return 1.0
+    return found[0] if found else 0.0
+
+
+def _echo(data: Any) -> float:
+    """Echo time [ms], or the number of the echo where there is no time."""
+    found = _finite(data, "EchoTime") or _finite(data, "EchoNumbers")
+    return round(found[0], 2) if found else 0.0
+
+
+def _place(file: DicomFile) -> tuple[float, ...] | Path:
+    """Position and orientation; the file itself where it has none."""
+    place = _finite(file.data, "ImagePositionPatient")
+    turn = _finite(file.data, "ImageOrientationPatient")
+    return tuple(np.round([*place, *turn], 3).tolist()) if len(place) == 3 else file.path
+
+
+def _number(text: str) -> float:
+    return float(text) if text.isdecimal() else float("inf")
+
+
+def _words(data: Any, key: str) -> list[str]:
+    """Words of an element; none where it is missing or damaged."""
+    try:
+        value = data.get(key)
+    except Exception:  # pydicom converts when asked, and raises what it likes
+        return []
+    many = isinstance(value, Iterable) and not isinstance(value, str | bytes)
+    return [str(one).strip() for one in (value if many else [value]) if one is not None]
+
+
+def _text(data: Any, key: str) -> str:
+    return " ".join(_words(data, key))
+
+
+def _finite(data: Any, key: str) -> list[float]:
+    """Finite numbers of an element; none where one of them is not."""
+    try:
+        found = [float(word) for word in _words(data, key)]
+    except ValueError:
+        return []
+    return found if np.isfinite(found).all() else []
 
 
 class _Slice(NamedTuple):
@@ -61,7 +314,8 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     affine = np.eye(4)
     rows, columns = first.pixel
     affine[:3, 0], affine[:3, 1] = along_row * columns, along_column * rows
-    affine[:3, 2] = normal * (gaps.mean() if len(gaps) else _thickness(first))
+    alone = _numbers(first.path, first.data, "SliceThickness", 1, 1.0)[0]
+    affine[:3, 2] = normal * (gaps.mean() if len(gaps) else alone)
     affine[:3, 3] = slices[order[0]].place
     return np.stack(stack, axis=-1), FLIP @ affine
 
@@ -170,11 +424,6 @@ def _check_series(folder: Path, slices: list[_Slice]) -> None:
             )
 
 
-def _thickness(slice_: _Slice) -> float:
-    """Thickness of a slice that stands alone [mm]."""
-    return float(_numbers(slice_.path, slice_.data, "SliceThickness", 1, 1.0)[0])
-
-
 def _values(slice_: _Slice) -> np.ndarray:
     """Pixels of a slice, columns first, with slope and intercept applied."""
     slope, intercept = (
@@ -191,3 +440,34 @@ def _values(slice_: _Slice) -> np.ndarray:
             f"{(slice_.rows, slice_.columns)}"
         )
     return pixels.T if (slope, intercept) == (1.0, 0.0) else pixels.T * slope + intercept
+
+
+@contextmanager
+def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:
+    """A NIfTI file of a diffusion series, its .bval and .bvec beside it, while the context lasts.
+
+    - `folder`: folder of DICOM images
+    - `choice`: which of several series, see `chosen_files`
+    """
+    files = series_files(folder, choice)
+    converter = library("dcm2niix", "dicom", folder).bin
+    with TemporaryDirectory(prefix="myork-") as place:
+        there, made = Path(place, "dicom"), Path(place, "nifti")
+        there.mkdir()
+        made.mkdir()
+        for number, file in enumerate(files):
+            (there / f"{number}.dcm").symlink_to(file.path.resolve())
+        # the folder is that of one image: what dcm2niix would part, as by echoes, stays together
+        command = [converter, "-b", "n", "-z", "n", "-f", "image", "-o", str(made), str(there)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, errors="replace")
+        except OSError as reason:
+            raise FileError(f"{converter}: does not start: {reason.strerror}") from None
+        tables = sorted(made.glob("*.bvec"))
+        if len(tables) != 1:
+            said = [line for line in done.stdout.splitlines() if line.strip()][-3:]
+            raise InputError(
+                f"{folder}: dcm2niix found gradients of {len(tables)} series in its "
+                f"{len(files)} files, one is needed; it said: {'; '.join(said)}"
+            )
+        yield tables[0].with_suffix(".nii")

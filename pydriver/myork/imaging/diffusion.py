@@ -8,8 +8,6 @@ References
 2. Salvador et al., Hum. Brain Mapp. 24 (2005), doi:10.1002/hbm.20076 (weights from the fit)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.errors import InputError
-from myork.imaging.dicom_choice import split_choice
-from myork.imaging.dicom_diffusion import diffusion_series
+from myork.imaging.dicom import diffusion_series, split_choice
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.headers import described_by
@@ -43,6 +40,13 @@ def tensor_components(full: F64) -> F64:
 def dyads_of(vector: F64) -> F64:
     """Components of the dyads of vectors, shape `(..., 6)` from `(..., 3)`."""
     return tensor_components(vector[..., :, np.newaxis] * vector[..., np.newaxis, :])
+
+
+def unit_vectors(vector: F64) -> tuple[F64, Mask]:
+    """Vectors of length 1, shape `(..., 3)`, zero where there is none, and where there is one."""
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    known = np.isfinite(length) & (length > 0)
+    return np.divide(vector, length, out=np.zeros(vector.shape), where=known), known[..., 0]
 
 
 def full_tensors(components: F64) -> F64:

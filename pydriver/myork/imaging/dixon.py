@@ -20,8 +20,6 @@ echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29 (2
 and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134 (peaks of fat and decay)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Its world has x to the left and y backwards; here it is right, anterior, superio
 readers do not refuse themselves is refused here.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import zlib

@@ -1,7 +1,5 @@
 """Grids of images: checks of the affine, equal grids, turning to the nearest world axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar

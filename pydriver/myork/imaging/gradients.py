@@ -5,8 +5,6 @@ the first component has the other sign where the affine has a positive determina
 package directions are in the world frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path

@@ -6,8 +6,6 @@ The Brain Imaging Data Structure, version 1.10: file names, the inheritance prin
 magnetic resonance images
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
@@ -15,8 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.errors import InputError
-from myork.imaging.dicom import series_files
-from myork.imaging.dicom_choice import split_choice
+from myork.imaging.dicom import series_files, split_choice
 from myork.imaging.plain import read_text
 
 
@@ -35,16 +32,15 @@ def read_header(path: Path) -> Header:
     """
     folder, choice = split_choice(path)
     if folder.is_dir():
-        data = series_files(folder, choice)[0].data
-        found = {key: data.get(key) for key in ("EchoTime", "MagneticFieldStrength")}
-        return Header(
-            _number(path, found, "EchoTime", 1.0),
-            _number(path, found, "MagneticFieldStrength", 1.0),
-        )
-    found = {k: v for file in described_by(path, "json") for k, v in _table(file).items()}
-    return Header(
-        _number(path, found, "EchoTime", 1000.0), _number(path, found, "MagneticFieldStrength", 1.0)
+        found, to_ms = series_files(folder, choice)[0].data, 1.0
+    else:
+        found = {k: v for file in described_by(path, "json") for k, v in _table(file).items()}
+        to_ms = 1000.0
+    time, field = (
+        _number(path, found, key, factor)
+        for key, factor in (("EchoTime", to_ms), ("MagneticFieldStrength", 1.0))
     )
+    return Header(time, field)
 
 
 def bids_name(path: Path) -> tuple[dict[str, str], str]:

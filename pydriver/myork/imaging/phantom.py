@@ -8,8 +8,6 @@ sheets of connective tissue in exact parts of their volume, and the medial gastr
 aponeurosis around it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plain numbers and texts from files, and what the libraries that read them let pass."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path

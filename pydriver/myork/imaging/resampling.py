@@ -5,8 +5,6 @@ take the nearest voxel, scalars are interpolated linearly, tensors likewise by t
 the world frame, and fibers, which have no sign, by their dyads.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import dyads_of, known_tensors, lead_vector
+from myork.imaging.diffusion import dyads_of, known_tensors, lead_vector, unit_vectors
 from myork.imaging.geometry import Grid, corner_distance, corners, reordered, same_grid
 from myork.records import Image, Labels
 from myork.types import F64, Mask
@@ -113,11 +111,8 @@ def _tensors(image: Image | Labels, like: Image | Labels) -> F64:
             f"{image.name}: tensors have six values per voxel and fibers three, this image has "
             f"shape {data.shape}"
         )
-    length = np.linalg.norm(data, axis=-1, keepdims=True)
-    known = (np.isfinite(length) & (length > 0))[..., 0]
-    unit = np.divide(data, length, out=np.zeros(data.shape), where=known[..., np.newaxis])
-    dyad = dyads_of(unit)
-    mean = _mean(dyad, known, image, like)
+    unit, known = unit_vectors(data)
+    mean = _mean(dyads_of(unit), known, image, like)
     some = mean.any(axis=-1)
     fibers = np.zeros((*some.shape, 3))
     fibers[some] = lead_vector(mean[some])

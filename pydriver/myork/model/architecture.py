@@ -10,8 +10,6 @@ References
 1. Lieber, Fridén, Muscle Nerve 23 (2000) 1647-1666
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from myork.imaging.diffusion import unit_vectors
 from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
@@ -88,7 +87,7 @@ def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -
         Labels that are no muscles.
     """
     if maps.fibers is not None:
-        maps = maps._replace(fibers=replace(maps.fibers, data=_unit(maps.fibers.data)))
+        maps = maps._replace(fibers=replace(maps.fibers, data=unit_vectors(maps.fibers.data)[0]))
     numbers = np.unique(labels.data[labels.data > 0]).tolist()
     return [_of(labels, number, maps) for number in numbers if number not in left_out]
 
@@ -115,7 +114,9 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
         known = own & maps.fibers.data.any(axis=-1)
         if known.any():
             length = _median_length(maps.fibers, own, np.argwhere(known), axis)
-            pennation = None if long is None else _median(_angles(maps.fibers.data[known] @ long))
+            if long is not None:
+                cosine = np.clip(np.abs(maps.fibers.data[known] @ long), 0.0, 1.0)
+                pennation = _median(np.degrees(np.arccos(cosine)))
     pcsa = None
     if length is not None and pennation is not None and not cut:
         pcsa = volume * float(np.cos(np.radians(pennation))) / length
@@ -133,18 +134,6 @@ def _median(values: F64) -> float | None:
     """Median of what is above zero."""
     known = values[np.isfinite(values) & (values > 0)]
     return float(np.median(known)) if len(known) else None
-
-
-def _angles(cosine: F64) -> F64:
-    """Angles of directions without a sign [degree]."""
-    return np.degrees(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)))
-
-
-def _unit(vector: F64) -> F64:
-    """Vectors of length 1, zero where there is none."""
-    length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    known = np.isfinite(length) & (length > 0)
-    return np.divide(vector, length, out=np.zeros(vector.shape), where=known)
 
 
 def _long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:

@@ -23,8 +23,6 @@ Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation
 Nolan, Biometrika 81 (1994), doi:10.1093/biomet/81.2.351 (neighbours left out)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Points of a model from labels and fibers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -11,12 +9,11 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.imaging.geometry import canonical, frame, length_factor, to_voxels
 from myork.model import points
-from myork.model.boundary import Boundary, bone_beside, boundary_sets
+from myork.model.boundary import Boundary, bone_beside, boundary_sets, end_offsets, surface_offsets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
 from myork.model.shares import LabelParts, checked_parts, label_shares
 from myork.model.slices import extruded, finer_fibers, finer_labels, finer_values, slice_parts
-from myork.model.surface import end_offsets, surface_offsets
 from myork.records import Image, Labels, PointCloud, Voxels
 
 # A cut plane with fewer points can hold the model only badly.

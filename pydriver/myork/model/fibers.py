@@ -5,8 +5,6 @@ averaged by their logarithms, vectors by their dyads, and the lead eigenvector o
 the fiber.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import dyads_of, lead_vector
+from myork.imaging.diffusion import dyads_of, lead_vector, unit_vectors
 from myork.imaging.geometry import frame
 from myork.imaging.resampling import on_grid
 from myork.model.averaging import (
@@ -186,17 +184,15 @@ def fibers_at_points(
     - `block`: voxels per point in each direction: the scale of the average
     - returns unit vectors, shape `(npoint, 3)`; zeros for a label without any fiber
     """
-    length = np.linalg.norm(fibers.data, axis=-1)
-    valid = np.isfinite(length) & (length > 0)
+    unit, valid = unit_vectors(fibers.data)
+    dyads = dyads_of(unit)
     result = np.zeros(place.shape)
     for number in np.unique(label):
         usable = (labels.data == number) & valid
         here = label == number
         if not usable.any():
             continue
-        vector = fibers.data[usable] / length[usable][:, np.newaxis]
-        dyad = np.zeros((*usable.shape, 6))
-        dyad[usable] = dyads_of(vector)
+        dyad = dyads * usable[..., np.newaxis]
         average, near = _averages(dyad, usable, place[here], block)
         known = near > LEAST_WEIGHT
         if not known.all():

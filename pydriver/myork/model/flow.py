@@ -9,8 +9,6 @@ References
 Choi, Blemker, PLoS ONE 8 (2013), doi:10.1371/journal.pone.0077576
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg

@@ -3,8 +3,6 @@
 Coordinates are taken as world coordinates (right, anterior, superior).
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ VTK's readers end the process that calls them on many damaged files, by a signal
 memory; here that is one more error with the name of the file.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os

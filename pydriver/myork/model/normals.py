@@ -5,13 +5,10 @@ is the other one). Two ways to a smooth phi: reciprocal multiquadrics around eac
 (thesis section 4.1.3, (4.8)), and the signed distance under a Gaussian.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.types import F64, Mask
+from myork.types import F64, Index, Mask
 
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
 # normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
@@ -29,9 +26,7 @@ _CHUNK = 4000
 _LAYERS = 10
 
 
-def surface_normals(
-    body: Mask, spacing: F64, voxels: NDArray[np.intp], method: str = "distance"
-) -> F64:
+def surface_normals(body: Mask, spacing: F64, voxels: Index, method: str = "distance") -> F64:
     """Outward unit normals at voxels of the lateral surface.
 
     The body is taken to go on beyond its first and last slice.
@@ -82,7 +77,7 @@ def _round_metric(body: Mask, spacing: F64) -> F64:
     return np.clip(ratio * extent.min() / extent, 1.0, ratio)
 
 
-def _multiquadric_gradient(phi: F64, spacing: F64, at: NDArray[np.intp]) -> F64:
+def _multiquadric_gradient(phi: F64, spacing: F64, at: Index) -> F64:
     """Gradient of reciprocal multiquadrics fitted to phi around voxels, shape `(n, 3)`.
 
     The global system of 4.1.3 is cut into one for each boundary voxel: a smoothing fit to the

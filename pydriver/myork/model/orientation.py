@@ -14,8 +14,6 @@ The length of tracts is not evidence: fibers of a pennate muscle are short, and 
 them along it make them three times as long.
 """
 
-from __future__ import annotations
-
 from itertools import permutations
 from typing import NamedTuple
 

@@ -5,20 +5,15 @@ collocation points below the surface form lattices along x, y and z; for an imag
 this is the world frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import frame, to_voxels
 from myork.records import Labels
-from myork.types import F64, I32, Mask
-
-Voxels = NDArray[np.intp]
+from myork.types import F64, I32, Index, Mask
 
 # Label of voxels outside the model that are bone
 BONE = -1
@@ -99,7 +94,7 @@ def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> La
     return trimmed(_moved(labels, best.astype(np.int32), -before + 0.5 * (size - 1), size))
 
 
-def _majority(data: I32, size: NDArray[np.intp]) -> I32:
+def _majority(data: I32, size: Index) -> I32:
     """Label of each block: of what is no body, or where the body fills enough, of the body."""
     n = np.array(data.shape) // size
     blocks = (n[0], size[0], n[1], size[1], n[2], size[2])
@@ -116,7 +111,7 @@ def _majority(data: I32, size: NDArray[np.intp]) -> I32:
     return best
 
 
-def first_voxel(fine: Labels, coarse: Labels, block: Sequence[int]) -> Voxels:
+def first_voxel(fine: Labels, coarse: Labels, block: Sequence[int]) -> Index:
     """Voxel of a label map in which the first block of its merged voxels begins, shape `(3,)`."""
     middle = to_voxels(fine.affine, coarse.affine[:3, 3])
     return np.rint(middle - 0.5 * (np.array(block) - 1)).astype(np.intp)
@@ -195,8 +190,8 @@ def blunt_ends(body: Mask, least: float) -> tuple[int, int]:
     return int(full[0]), int(full[-1])
 
 
-def thin_voxels(body: Mask) -> Voxels:
-    """Voxels of sheets and rods one voxel thick, shape `(n, 3)`.
+def thin_voxels(body: Mask) -> Index:
+    """Index of sheets and rods one voxel thick, shape `(n, 3)`.
 
     Such a voxel has no neighbour on either side of some direction, and two neighbours at least of
     which the same is true; a mere tip has not. A single slice is thin by intention and is looked
@@ -233,7 +228,7 @@ def points_across(body: Mask, step: Sequence[int]) -> float:
     return float(np.median(least))
 
 
-def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
+def source_voxels(body: Mask, step: Sequence[int]) -> Index:
     """Choose source points among the voxels of the body.
 
     A lattice with the given step that contains both ends in each direction, and then, so that the
@@ -257,7 +252,7 @@ def source_voxels(body: Mask, step: Sequence[int]) -> Voxels:
     return np.argwhere(chosen)
 
 
-def positions(labels: Labels, voxels: Voxels) -> F64:
+def positions(labels: Labels, voxels: Index) -> F64:
     """Coordinates of voxel centres in the frame of the voxel axes, shape `(n, 3)` [mm]."""
     return voxels * labels.spacing + labels.affine[:3, 3] @ frame(labels.affine)
 
@@ -278,7 +273,7 @@ def _moved(labels: Labels, data: I32, first: F64, scale: F64) -> Labels:
     return Labels(data, affine, labels.names, labels.name)
 
 
-def _nodes(n: int, step: int) -> NDArray[np.intp]:
+def _nodes(n: int, step: int) -> Index:
     """Places 0 to n - 1 in even steps as near to `step` as both ends allow."""
     count = max(1, round((n - 1) / step))
     return np.unique(np.rint(np.linspace(0, n - 1, count + 1)).astype(np.intp))

@@ -7,8 +7,6 @@ of each block it passes. Counted in the voxels that were merged, these parts kee
 the body and of each label. A voxel of the image may hold several labels itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

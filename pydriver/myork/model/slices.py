@@ -11,10 +11,7 @@ References
 Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from scipy import ndimage, sparse
@@ -22,8 +19,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.csgraph import connected_components
 
 from myork.errors import InputError
-from myork.imaging.diffusion import dyads_of, lead_vector
-from myork.imaging.geometry import canonical, slice_axis
+from myork.imaging.diffusion import dyads_of, lead_vector, unit_vectors
+from myork.imaging.geometry import Grid, canonical, slice_axis
 from myork.model.fibers import fill_from_own
 from myork.records import Image, Labels
 from myork.segmentation.outlines import signed_distances
@@ -33,10 +30,8 @@ _ROOM = 8  # pixels around a label that it may move into
 # Gaussian over the distances, which know the steps of pixels only [pixel]
 _SMOOTHING = 0.5
 
-Map = TypeVar("Map", Labels, Image)
 
-
-def extruded(image: Map, length: float) -> Map:
+def extruded(image: Grid, length: float) -> Grid:
     """A single slice drawn out to a prism, of slices about as thick as its pixels are wide.
 
     - `image`: one slice across the axis nearest to superior, however thick
@@ -124,10 +119,8 @@ def finer_fibers(fibers: Image, labels: Labels, finer: Labels, axis: int, parts:
     """
     vector = np.moveaxis(fibers.data, axis, 2)
     before, after = (np.moveaxis(one.data, axis, 2) for one in (labels, finer))
-    length = np.linalg.norm(vector, axis=-1)
-    valid = np.isfinite(length) & (length > 0) & (before > 0)
-    unit = np.zeros(vector.shape)
-    unit[valid] = vector[valid] / length[valid][:, np.newaxis]
+    unit, valid = unit_vectors(vector)
+    valid &= before > 0
     dyad = dyads_of(unit)
     low, share = _neighbours(before.shape[2], parts)
     share = np.clip(share, 0.0, 1.0)

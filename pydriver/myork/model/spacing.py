@@ -1,7 +1,5 @@
 """Spacing of scattered source points, the unit of their supports."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

@@ -4,8 +4,6 @@ A `Deformation` is the last state of a run; `units` are those of its summary, ke
 `stress`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,10 +16,11 @@ from matplotlib.patches import Patch
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from myork.reduced_fields import ReducedFields
 from myork.report.numbers import unit_of
 from myork.report.sketch import (
     RIM,
+    Panel,
+    board,
     draw_strokes,
     frame_of,
     limits_of,
@@ -30,8 +29,8 @@ from myork.report.sketch import (
     views_of,
 )
 from myork.report.sources import Deformation
-from myork.report.surface import Panel, board
-from myork.types import F64, I32
+from myork.results import ReducedFields
+from myork.types import F64, I32, Index
 
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
 _TISSUES = (
@@ -243,7 +242,7 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
 _PLANES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
-def _plane(lattice: I32, normal: int) -> tuple[NDArray[np.intp], I32]:
+def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
     """Points of the middle plane of a lattice, and triangles between them."""
     layer = lattice[:, normal]
     kept = np.flatnonzero(layer == (int(layer.min()) + int(layer.max())) // 2)
@@ -266,7 +265,7 @@ def _map(
     kind: str,
     places: F64,
     triangles: I32,
-    kept: NDArray[np.intp],
+    kept: Index,
     plane: tuple[int, int],
 ) -> None:
     """A field of the points that are kept, at places in a plane, with its strokes.
@@ -316,12 +315,12 @@ def _reach(places: F64) -> float:
     return max(float(np.ptp(places, axis=0).max()), 1e-300) / _ACROSS
 
 
-def _thinned(places: F64, reach: float) -> NDArray[np.intp]:
+def _thinned(places: F64, reach: float) -> Index:
     """Points at an even distance."""
     return np.unique(np.floor(places / reach), axis=0, return_index=True)[1]
 
 
-def _arrows(axes: Axes, places: F64, few: NDArray[np.intp], moves: F64) -> None:
+def _arrows(axes: Axes, places: F64, few: Index, moves: F64) -> None:
     """Arrows of the displacement at a few places, the longest as long as their distance."""
     most = float(np.linalg.norm(moves[few], axis=1).max(initial=0.0))
     if most > 0.0:

@@ -1,7 +1,5 @@
 """Two or more runs on one page: what differs in their decks, their answers, their cost."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -62,6 +60,11 @@ def _last(run: RunFolder) -> dict[str, Any]:
     return dict(run.summary["steps"][-1])
 
 
+def _probe(run: RunFolder, name: str) -> tuple[Any, Any]:
+    """The last value of a probe and its error bar, None where there is none."""
+    return tuple(_last(run).get(part, {}).get(name) for part in ("probes", "probe_errors"))
+
+
 def _probes(runs: Sequence[RunFolder]) -> dict[str, str]:
     """Units of the probes of any run, by name."""
     found: dict[str, str] = {}
@@ -82,7 +85,7 @@ def _story(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Answer]:
     lines: list[str | Markup] = []
     outside = []
     for name, unit in _probes(runs).items():
-        values = [_last(run).get("probes", {}).get(name) for run in runs]
+        values = [_probe(run, name)[0] for run in runs]
         numbers = [v for v in values if isinstance(v, int | float)]
         if len(numbers) < 2:
             continue
@@ -119,8 +122,7 @@ def _disagree(runs: Sequence[RunFolder], name: str) -> bool:
     """Whether two runs are further apart than the sum of their error bars."""
     found = []
     for run in runs:
-        value = _last(run).get("probes", {}).get(name)
-        bar = _last(run).get("probe_errors", {}).get(name)
+        value, bar = _probe(run, name)
         if isinstance(value, int | float):
             bar = float(bar) if isinstance(bar, int | float) else 0.0
             found.append((float(value), bar))
@@ -137,13 +139,11 @@ def _answers(runs: Sequence[RunFolder], names: Sequence[str]) -> Iterator[Markup
         ["load reached", *(fraction(_last(run).get("load")) for run in runs)],
     ]
     for name, unit in _probes(runs).items():
-        first = _last(runs[0]).get("probes", {}).get(name)
+        first, _ = _probe(runs[0], name)
         row: list[str | Markup] = [labelled(name, unit)]
         for run in runs:
-            value = _last(run).get("probes", {}).get(name)
-            cell = with_error(
-                printed(_last(run)).get(name), _last(run).get("probe_errors", {}).get(name)
-            )
+            value, bar = _probe(run, name)
+            cell = with_error(printed(_last(run)).get(name), bar)
             if run is not runs[0] and isinstance(value, int | float) and first:
                 change = 100.0 * (value - first) / abs(first)
                 cell = Markup("{}<br><small>{}{} %</small>").format(

@@ -4,8 +4,6 @@ Colours: Okabe and Ito's palette for lines, viridis for fields; both are distinc
 readers (https://jfly.uni-koeln.de/color). Lines differ in marker or dash as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple

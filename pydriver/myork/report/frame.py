@@ -1,7 +1,5 @@
 """A page and its parts: figures, tables, sections; text is escaped, `Markup` is not."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterable, Sequence

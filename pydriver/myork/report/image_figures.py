@@ -4,8 +4,6 @@ Pictures are shown in the canonical frame (right, anterior, superior), whatever 
 signs of the voxel axes in the file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,7 +139,7 @@ class _Body:
     colours: dict[int, str]  #: Of the labels
 
     @classmethod
-    def of(cls, labels: Labels, image: Image | None, fibers: Image | None) -> _Body:
+    def of(cls, labels: Labels, image: Image | None, fibers: Image | None) -> "_Body":
         """The part of the images in which labels lie, and some millimetres around."""
         shown = canonical(labels)
         found = ndimage.find_objects((shown.data > 0).astype(np.int8))

@@ -1,7 +1,5 @@
 """Numbers of a report as HTML, and their units."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The page: sections for whatever a folder holds, in one HTML file without external parts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What an output folder holds, read into one record; what is absent is left out."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,8 +12,7 @@ from numpy.typing import NDArray
 from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
-from myork.reduced_fields import REDUCED_FILE, ReducedFields, read_reduced
-from myork.results import Results
+from myork.results import REDUCED_FILE, ReducedFields, Results, read_reduced
 from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
 
@@ -107,7 +104,7 @@ def read_folder(path: Path) -> RunFolder:
 
     folder = RunFolder(
         path=path,
-        summary=read("summary.json", _read_summary) or {},
+        summary=read("summary.json", lambda _: _known(read_summary(path))) or {},
         history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
         reduced=read(REDUCED_FILE, read_reduced),
@@ -125,10 +122,6 @@ def read_folder(path: Path) -> RunFolder:
             "segmentation.nii.gz is there; give the output folder of a command"
         )
     return folder
-
-
-def _read_summary(path: Path) -> dict[str, Any]:
-    return dict(_known(read_summary(path.parent)))
 
 
 def _known(value: Any) -> Any:

@@ -1,7 +1,5 @@
 """The first screen of a report in words: what was asked, what came out, whether to trust it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

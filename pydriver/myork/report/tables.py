@@ -1,7 +1,5 @@
 """Tables of a report: every number with its unit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Proper orthogonal modes of snapshots (6.13)-(6.26)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from myork.errors import InputError

@@ -1,7 +1,5 @@
 """A reduced model against the full one at parameters that its training did not see."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple

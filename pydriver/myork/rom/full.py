@@ -1,7 +1,5 @@
 """Full solutions at parameters of a reduced model that is trained."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import time
@@ -12,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.changing import scene_at
+from myork.core.changing import ChangingScene
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
@@ -65,8 +63,7 @@ class FullModel:
         self.overrides = tuple(overrides)
         self.cloud = cloud
         self._threads = threads
-        self._scene: Scene | None = None
-        self._has: dict[str, float] = {}
+        self._at_values: ChangingScene | None = None
         self._own: dict[str, Any] = {}  # keys that a guess of the state changes
         # an open scene reads its deck again where it takes other values
         self._folder = Path(tempfile.mkdtemp(prefix="myork-"))
@@ -164,18 +161,15 @@ class FullModel:
     def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
         """The scene at values; it is opened once for all that an open scene can change."""
         wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
-        if self._scene is None:
-            self._scene = self.open([override_text(*pair) for pair in wanted.items()])
-            own = self._scene.deck
+        if self._at_values is None:
+            self._at_values = ChangingScene(self.open, wanted)
+            own = self._at_values.scene.deck
             self._own = {
                 "load.steps": own["load"]["steps"],
                 "load.max_halvings": own["load"]["max_halvings"],
                 "solver.max_iterations": own["solver"]["max_iterations"],
             }
-        else:
-            self._scene = scene_at(self._scene, self._has, wanted, self.open)
-        self._has = wanted
-        return self._scene
+        return self._at_values.at(wanted)
 
     def _state(self, scene: Scene, x: F64, load: F64, cpu: float, started: bool) -> FullState:
         probes = scene.probes(x, load)

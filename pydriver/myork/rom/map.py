@@ -1,7 +1,5 @@
 """A reduced model over a grid of its parameters: a table and a picture."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path

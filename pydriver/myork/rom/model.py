@@ -1,7 +1,5 @@
 """A trained reduced model: answers in a millisecond, each with its error."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from html import escape
@@ -15,7 +13,7 @@ from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
-from myork.rom.parameters import Parameter, short_names
+from myork.rom.parameters import Parameter, short_names, widths_of
 from myork.rom.places import Places
 from myork.rom.probes import is_stress
 from myork.rom.projection import Laws
@@ -48,23 +46,7 @@ class Batch(NamedTuple):
 
 
 class ReducedState:
-    """Answer for one set of parameters.
-
-    Attributes
-    ----------
-    parameters : dict
-        Values by key.
-    force : float or list
-        The first force probe of the deck.
-    probes, probe_units : dict
-        Values of all probes that the model knows by name, and their units, empty for ratios.
-    indicator : float
-        Estimated relative error of the displacement.
-    inside, converged : bool
-        Whether the parameters lie in the range of the training; whether this is a solution.
-    iterations : int
-        Newton's iterations.
-    """
+    """Answer for one set of parameters."""
 
     def __init__(
         self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str]
@@ -72,14 +54,17 @@ class ReducedState:
         def plain(value: Any) -> Any:
             return value.tolist() if np.ndim(value) else float(value)
 
-        self.parameters = parameters
-        self.force = plain(batch.force[0])
+        self.parameters = parameters  #: Values by key
+        self.force = plain(batch.force[0])  #: The first force probe of the deck
+        #: Values of all probes that the model knows by name, and their units, empty for ratios
         self.probes = {name: plain(value[0]) for name, value in batch.probes.items()}
         self.probe_units = probe_units
+        #: Estimated relative error of the displacement
         self.indicator = float(batch.indicator[0])
+        #: Whether the parameters lie in the range of the training; whether this is a solution
         self.inside = bool(batch.inside[0])
         self.converged = bool(batch.converged[0])
-        self.iterations = int(batch.iterations[0])
+        self.iterations = int(batch.iterations[0])  #: Newton's iterations
         self._amplitudes = batch.amplitudes[0]
         self._shapes = shapes
 
@@ -152,14 +137,12 @@ class ReducedModel:
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
         self.parameters = tuple(
-            Parameter(p[0], p[1], p[2], p[3], tuple(p[4])) for p in head["parameters"]
+            Parameter._make((*entry, tuple(tissues))) for *entry, tissues in head["parameters"]
         )
         self.units: dict[str, str] = head["units"]
         self.probe_units: dict[str, str] = {p["name"]: p["unit"] for p in head["probes"]}
         self.certificate: dict[str, Any] = head.get("certificate", {})
         self._laws = Laws(*(np.asarray(arrays[f"laws/{name}"]) for name in Laws._fields))
-        loads = sum(p.columns for p in self.parameters)
-        self._loads = loads
         self._extra = int(head["force_amplitudes"])
         whole = _cells(arrays, "force")
         r, m = int(head["modes"]), int(head["indicator_modes"])
@@ -175,16 +158,11 @@ class ReducedModel:
         self._solver = Solver(model, whole.modes(few), wanted + r, threads, least)
         self._places = None
         if "places/pressure" in arrays:
-            pressure, face, normal, bulk = (
-                np.asarray(arrays[f"places/{key}"])
-                for key in ("pressure", "face", "normal", "bulk")
-            )
-            cells = _cells(arrays, "places")
-            self._places = Places(cells, pressure, face, normal, bulk, model.fibers)
+            self._places = Places(arrays, _cells(arrays, "places"), model.fibers)
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
-        scale = np.array([p.high - p.low for p in self.parameters])
+        scale = widths_of(self.parameters)
         forces = np.asarray(arrays["training/forces"])
         self._scale = scale
         self._lifts = Regression(
@@ -195,7 +173,7 @@ class ReducedModel:
     @classmethod
     def train(
         cls, deck: str | Path, parameters: Mapping[str, Any], **settings: Any
-    ) -> ReducedModel:
+    ) -> "ReducedModel":
         """Train a reduced model of a deck; see `myork.rom.train.train` for the settings.
 
         Parameters
@@ -213,7 +191,7 @@ class ReducedModel:
         return train(deck, parameters, **settings)
 
     @classmethod
-    def load(cls, path: str | Path, threads: int = 0) -> ReducedModel:
+    def load(cls, path: str | Path, threads: int = 0) -> "ReducedModel":
         """Read a model from its file.
 
         Raises
@@ -383,17 +361,9 @@ class ReducedModel:
     def rows(self, given: Mapping[str, Any], count: int = 1) -> F64:
         """Values in the order of `parameters`, shape `(count, p)`.
 
-        Parameters
-        ----------
-        given : mapping
-            By key or short name a number, its text, or one for each row.
-        count : int
-            Number of rows.
-
-        Raises
-        ------
-        InputError
-            An unknown parameter, one without a value, or what is not a number.
+        - `given`: by key or short name a number, its text, or one for each row
+        - `count`: number of rows
+        - raises InputError: an unknown parameter, one without a value, or what is not a number
         """
         named = {self.key_of(name): value for name, value in given.items()}
         missing = [p.key for p in self.parameters if p.key not in named]
@@ -409,7 +379,7 @@ class ReducedModel:
 
     def conditions(self, values: F64) -> Conditions:
         """Conditions of states by their parameters."""
-        return conditions_of(values, self.parameters, self._laws, self._loads, self._extra)
+        return conditions_of(values, self.parameters, self._laws, self._extra)
 
     @property
     def basis(self) -> F64:
@@ -479,15 +449,7 @@ def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
 
 
 def _model(arrays: Mapping[str, Any], name: str, r: int) -> Model:
-    def array(key: str) -> F64:
-        return np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], float))
-
-    return Model(
-        r,
-        _cells(arrays, name),
-        array("constant"),
-        array("constant_slope"),
-        array("volume"),
-        array("volume_slope"),
-        np.asfortranarray(np.asarray(arrays["laws/fibers"]).T),
-    )
+    keys = ("constant", "constant_slope", "volume", "volume_slope")
+    numbers = (np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], float)) for key in keys)
+    fibers = np.asfortranarray(np.asarray(arrays["laws/fibers"]).T)
+    return Model._make((r, _cells(arrays, name), *numbers, fibers))

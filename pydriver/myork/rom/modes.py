@@ -1,8 +1,7 @@
 """Modes of the states of a training, and the reduced model of all cells that they make."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from myork.rom import projection
 from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.full import FullState
 from myork.rom.online import Answer, Regression, Solver
-from myork.rom.parameters import Parameter
+from myork.rom.parameters import Parameter, spread_points, widths_of
 from myork.rom.sampling import force_lifts
 from myork.rom.setting import Setting, Snapshots
 from myork.types import F64
@@ -39,6 +38,14 @@ _LIFT_WEIGHT = 0.01
 _BEYOND_WEIGHT = 0.7
 #: Values of parameters, in their ranges, that are the same ones
 _SAME = 1e-9
+#: How far modes are to hold: this times the largest sigma_max of the range
+REACH = 1.75
+#: States that fill what is beyond, and those of the largest active stress at most
+_SPREAD, _MOST_FACE = 16, 9
+#: Values of each load there, and loads of which all values are combined at most
+_ENDS, _MOST_COMBINED = 5, 4
+#: Modes of the model that finds them; large bodies have fewer, since its volume takes their cube
+_MODES, _MODES_OF_LARGE = 80, 60
 
 
 class Basis(NamedTuple):
@@ -64,7 +71,7 @@ class Draft(NamedTuple):
         """States at values of the parameters."""
         from scipy.spatial import cKDTree
 
-        scale = _scale(setting)
+        scale = widths_of(setting.parameters)
         r = self.basis.r
         start = Regression(self.known.values, self.amplitudes, scale)(values)[:, :r]
         solver = Solver(self.model, self.model.cells, np.zeros(0, np.int64), setting.threads)
@@ -133,16 +140,12 @@ def joined(
     new = Snapshots(values, state.load, state.x, state.probes)
     if before is None:
         return new
-    scale = np.array([p.high - p.low for p in kinds])
+    scale = widths_of(kinds)
     new_at = np.column_stack([values / scale, state.load])
     old_at = np.column_stack([before.values / scale, before.share])
     gap = np.abs(new_at[:, None] - old_at[None]).max(axis=2).min(axis=1)
     own = gap > _SAME
     return Snapshots(*(np.concatenate([a, b[own]]) for a, b in zip(before, new, strict=True)))
-
-
-def _scale(setting: Setting) -> F64:
-    return np.array([p.high - p.low for p in setting.parameters])
 
 
 def _basis(
@@ -231,3 +234,41 @@ def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Sna
     joined = [np.concatenate(pair)[own] for pair in zip(snapshots, empty, strict=True)]
     amplitudes = np.vstack([basis.amplitudes, np.zeros((1, basis.amplitudes.shape[1]))])
     return Snapshots(*joined), amplitudes[own]
+
+
+def values_beyond(setting: Setting, seed: int) -> F64:
+    """Values of parameters with sigma_max beyond its range, shape `(n, p)`; none if it is given."""
+    kinds = setting.parameters
+    if not any(p.kind == "sigma_max" for p in kinds):
+        return np.zeros((0, len(kinds)))
+    beyond = [
+        p._replace(low=p.high, high=REACH * p.high) if p.kind == "sigma_max" else p for p in kinds
+    ]
+    most = [p._replace(low=p.high) if p.kind in ("sigma_max", "activation") else p for p in beyond]
+    if sum(p.low < p.high for p in most) > _MOST_COMBINED:
+        face = spread_points(most, _MOST_FACE, seed + 1)
+    else:
+        ends = [np.unique(np.linspace(p.low, p.high, _ENDS)) for p in most]
+        face = np.array(list(product(*ends)))
+        if len(face) > _MOST_FACE:
+            face = np.random.default_rng(seed).permutation(face)[:_MOST_FACE]
+    return np.vstack([face, spread_points(beyond, _SPREAD, seed)])
+
+
+def states_beyond(
+    scene: Scene, setting: Setting, snapshots: Snapshots, lifts: F64, seed: int
+) -> F64:
+    """States at these values, shape `(n, dofs)`.
+
+    A constant of the muscle that nobody measures is asked for outside of the range sooner than a
+    load is. The snapshots hold such states three times as well as the modes that are kept of them,
+    which states of the range have chosen: no full solve is needed, but a model with nearly all
+    modes, whose states there have a say in the choice.
+    """
+    values = values_beyond(setting, seed)
+    if len(values) == 0:
+        return np.zeros((0, scene.dofs))
+    most = _MODES_OF_LARGE if len(setting.parts.weight) > LARGE else _MODES
+    wide = make_draft(scene, setting, snapshots, lifts, 0.0, most=most, more=0)
+    answer = wide.solve(setting, values)
+    return np.asarray(answer.amplitudes[answer.converged] @ wide.basis.modes.T)

@@ -1,7 +1,5 @@
 """States of a reduced model: start by regression, correct by Newton, fall back, give the error."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,7 +69,7 @@ class Conditions(NamedTuple):
     modulus: F64  #: Moduli that are parameters less their values in the model, shape `(n, nm)`
     given: F64  #: Prescribed amplitudes, shape `(n, s - r)`
 
-    def one(self, i: int) -> Conditions:
+    def one(self, i: int) -> "Conditions":
         """Those of one state."""
         return Conditions(*(a[i : i + 1] for a in self))
 
@@ -179,13 +177,12 @@ class Solver:
 
 
 def conditions_of(
-    values: F64, kinds: Any, laws: Laws, columns: int, extra: int, share: F64 | None = None
+    values: F64, kinds: Any, laws: Laws, extra: int, share: F64 | None = None
 ) -> Conditions:
     """Conditions of states by the values of the parameters.
 
     - `values`: values, shape `(n, p)`
     - `laws`: materials of the deck
-    - `columns`: prescribed fields that parameters scale
     - `extra`: amplitudes of forces, which are zero
     - `share`: part of what the deck prescribes beside the parameters; 1 by default
     """
@@ -194,7 +191,7 @@ def conditions_of(
     sigma = np.tile(laws.sigma_max, (n, 1))
     turn = np.zeros_like(activation)
     modulus = np.zeros((n, len(laws.modulus)))
-    given = np.zeros((n, 1 + columns + extra))
+    given = np.zeros((n, 1 + sum(p.columns for p in kinds) + extra))
     given[:, 0] = 1.0 if share is None else share
     if share is not None:
         activation *= share[:, None]

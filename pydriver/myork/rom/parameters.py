@@ -1,7 +1,5 @@
 """Parameters of a trained reduced model: keys of the deck with their ranges."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -130,13 +128,21 @@ def short_names(parameters: Sequence[Parameter]) -> dict[str, str]:
 
 def spread_points(parameters: Sequence[Parameter], count: int, seed: int) -> F64:
     """Points that fill the range evenly (Sobol), shape `(count, p)`."""
+    low = np.array([p.low for p in parameters])
+    return low + sobol_points(len(parameters), count, seed) * widths_of(parameters)
+
+
+def sobol_points(axes: int, count: int, seed: int) -> F64:
+    """Points that fill a unit cube evenly (Sobol), shape `(count, axes)`."""
     from scipy.stats import qmc
 
-    low = np.array([p.low for p in parameters])
-    high = np.array([p.high for p in parameters])
     power = int(np.ceil(np.log2(max(count, 2))))
-    points = qmc.Sobol(len(parameters), seed=seed).random_base2(power)[:count]
-    return np.asarray(low + points * (high - low))
+    return np.asarray(qmc.Sobol(axes, seed=seed).random_base2(power)[:count])
+
+
+def widths_of(parameters: Sequence[Parameter]) -> F64:
+    """Widths of the ranges, shape `(p,)`."""
+    return np.array([p.high - p.low for p in parameters])
 
 
 def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:

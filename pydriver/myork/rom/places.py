@@ -1,7 +1,5 @@
 """Stresses at the places of probes: rows made once, evaluated at amplitudes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -82,16 +80,16 @@ def place_arrays(
 class Places:
     """Stresses at places, of the amplitudes of a reduced model.
 
+    - `arrays`: those of `place_arrays`
     - `cells`: the places as cells of weight one
-    - `pressure`, `face`, `normal`, `bulk`: as in `place_arrays`
     - `fibers`: of a `Model`
     """
 
-    def __init__(
-        self, cells: Cells, pressure: F64, face: F64, normal: F64, bulk: F64, fibers: F64
-    ) -> None:
-        self._cells, self._pressure, self._fibers = cells, pressure, fibers
-        self._face, self._normal, self._bulk = face, normal, bulk
+    def __init__(self, arrays: Mapping[str, Any], cells: Cells, fibers: F64) -> None:
+        self._cells, self._fibers = cells, fibers
+        self._pressure, self._face, self._normal, self._bulk = (
+            np.asarray(arrays[f"places/{key}"]) for key in ("pressure", "face", "normal", "bulk")
+        )
 
     def values(
         self, conditions: Conditions, amplitudes: F64, wanted: Mapping[int, str]

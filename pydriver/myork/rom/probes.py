@@ -1,7 +1,5 @@
 """Probes of states by their names in the deck."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

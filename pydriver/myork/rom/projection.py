@@ -1,7 +1,5 @@
 """From modes and an open scene to the arrays of a reduced model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -46,7 +44,7 @@ class Variant(NamedTuple):
     #: Its parts
     parts: GalerkinParts
     laws: Laws
-    columns: Columns
+    columns: "Columns"
 
 
 class Directions(NamedTuple):
@@ -73,7 +71,7 @@ class Columns(NamedTuple):
     value: F64  #: Prescribed displacements of the surface points, shape `(ms, nd, m)`
 
     @classmethod
-    def of(cls, loads: Sequence[LoadParts]) -> Columns:
+    def of(cls, loads: Sequence[LoadParts]) -> "Columns":
         """Columns of several loads."""
         return cls(
             np.stack([load.given for load in loads], axis=2),

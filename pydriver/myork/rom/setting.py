@@ -1,7 +1,5 @@
 """What is the same for all models of one training."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, NamedTuple
@@ -39,9 +37,7 @@ class Setting(NamedTuple):
     #: What the deck prescribes beside the parameters, a unit of each load or two of a rotation, a
     #: unit of each set whose force is wanted and that no load moves
     columns: Columns
-    #: Numbers of the last two
-    loads: int
-    extra: int
+    extra: int  #: Number of the last ones
     wanted: I64  #: Columns whose forces are wanted
     threads: int
     still: tuple[tuple[str, float], ...]  #: Keys of the values of those sets, with the values
@@ -54,7 +50,7 @@ class Setting(NamedTuple):
 
     def conditions(self, values: F64, share: F64 | None = None) -> Conditions:
         """Conditions of states by their parameters."""
-        return conditions_of(values, self.parameters, self.laws, self.loads, self.extra, share)
+        return conditions_of(values, self.parameters, self.laws, self.extra, share)
 
 
 def make_setting(
@@ -126,7 +122,7 @@ def make_setting(
         variants.append(_variant(p, deck, parts, ends, [more[0], *more[1]], extra))
     laws = laws_of(scene, [value_of(p, deck) for p in moduli])
     setting = Setting(
-        kinds, laws, parts, projection.Columns.of(loads), len(units),
+        kinds, laws, parts, projection.Columns.of(loads),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
         tuple(still), push, tuple(places), tuple(variants),
         tuple(entry["index"] for entry in entries if is_stress(entry["quantity"])),

@@ -1,7 +1,5 @@
 """States of the full model: those of a solve that has been made, or of one that is made now."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection
 from pathlib import Path

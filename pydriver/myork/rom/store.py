@@ -4,8 +4,6 @@ Such files are passed on: rules that follow from the head hold for all arrays, w
 and when they are read. What is wrong is refused by the name of the file and of the array.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """From a deck to reduced models with their errors and timings."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ from myork.core.scene import Scene
 from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
-from myork.reduced_fields import REDUCED_FILE, ReducedFields, write_reduced
+from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states
@@ -223,7 +221,7 @@ class PathStates(NamedTuple):
     probes: dict[str, Any]  #: Probes by name
 
     @classmethod
-    def of(cls, scene: Scene, x: F64, load: F64) -> PathStates:
+    def of(cls, scene: Scene, x: F64, load: F64) -> "PathStates":
         """Those of a scene's states."""
         fields = [scene.fields(state, at) for state, at in zip(x, load, strict=True)]
         return cls(x, load, fields, named_probes(scene, x, load))

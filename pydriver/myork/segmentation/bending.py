@@ -10,8 +10,6 @@ Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284
 Mattes et al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -40,23 +38,12 @@ _FEWEST = 4
 def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tuple[Labels, F64]:
     """Bend labels onto an image.
 
-    Parameters
-    ----------
-    labels : Labels
-        On the grid of the image they were drawn in.
-    drawn_in : Image
-        That image, of an earlier visit, on any grid near the image.
-    image : Image
-        Onto which they are bent.
-    body : NDArray
-        Its inside of the body, shape `(ni, nj, nk)`.
-
-    Returns
-    -------
-    Labels
-        On the grid of the image.
-    NDArray
-        How far the voxels of these labels were moved, shape `(n,)` [mm].
+    - `labels`: on the grid of the image they were drawn in
+    - `drawn_in`: that image, of an earlier visit, on any grid near the image
+    - `image`: onto which they are bent
+    - `body`: its inside of the body, shape `(ni, nj, nk)`
+    - returns labels on the grid of the image, and how far their voxels were moved, shape `(n,)`
+      [mm]
     """
     itk = library("SimpleITK", "seg", "image.reference_anatomy")
     flat = image.data.shape[2] == 1

@@ -8,8 +8,6 @@ Li, Huang, Ding, Gatenby, Metaxas, Gore, IEEE Trans. Image Process. 20 (2011),
 doi:10.1109/TIP.2011.2146190
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

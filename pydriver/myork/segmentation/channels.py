@@ -1,7 +1,5 @@
 """Channels of a segmentation: grey values and fiber directions on one scale."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ References
 2. Arthur, Vassilvitskii, SODA (2007): the start (k-means++)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 What the user's tables say (`image`, `bias`, `muscle` of decks) is done on arrays, without files.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,13 +12,6 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.records import Image, Labels
-from myork.segmentation.assign import (
-    BACKGROUND,
-    label_by_phase,
-    label_by_reference,
-    label_by_rules,
-    label_by_seeds,
-)
 from myork.segmentation.bending import bend_labels
 from myork.segmentation.bias import check_positive, clustered_bias
 from myork.segmentation.channels import (
@@ -30,7 +21,16 @@ from myork.segmentation.channels import (
     scaled_values,
     smoothed_tensor,
 )
-from myork.segmentation.grouping import Muscle, check_seeds, rule_seeds
+from myork.segmentation.grouping import (
+    BACKGROUND,
+    Muscle,
+    check_seeds,
+    label_by_phase,
+    label_by_reference,
+    label_by_rules,
+    label_by_seeds,
+    rule_seeds,
+)
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
 from myork.segmentation.shading import shading
@@ -85,7 +85,7 @@ class Images:
         data = self.anatomy.data + np.maximum(self.fat.data, 0.0)
         return Image(data, self.anatomy.affine, name)
 
-    def divided(self, field: F64) -> Images:
+    def divided(self, field: F64) -> "Images":
         """The same without the shading of anatomy and fat."""
         even = [one and replace(one, data=one.data / field) for one in (self.anatomy, self.fat)]
         assert even[0] is not None

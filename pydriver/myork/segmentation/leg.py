@@ -9,9 +9,8 @@ is left, voxels with a diffusion tensor are muscle and all others fat; without t
 is taken from the muscle. What this supposes is checked, see `Tissues.doubts`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -310,7 +309,9 @@ def _boneless(anatomy: Image, body: Mask, bone: Mask) -> list[str]:
 
 def outer_boundary(anatomy: Image) -> Mask:
     """Voxels inside the skin: the bright phase of the whole image with its holes filled."""
-    inside = _phase(_even(anatomy), np.ones(anatomy.data.shape, bool), "bright")
+    # in square roots muscle is nearer to fat than to air
+    even = replace(anatomy, data=np.sqrt(np.maximum(anatomy.data, 0.0)))
+    inside = _phase(even, np.ones(anatomy.data.shape, bool), "bright")
     slices = np.moveaxis(inside, -1, 0)
     body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
     return large_pieces(body, anatomy.name)
@@ -375,11 +376,6 @@ def _depth(body: Mask, pixel: F64) -> F64:
         padded = np.pad(body[:, :, k], 1, mode="edge")
         depth[:, :, k] = ndimage.distance_transform_edt(padded, sampling=pixel)[1:-1, 1:-1]
     return depth
-
-
-def _even(anatomy: Image) -> Image:
-    """Grey values by their square roots, so that muscle is nearer to fat than to air."""
-    return Image(np.sqrt(np.maximum(anatomy.data, 0.0)), anatomy.affine, anatomy.name)
 
 
 def _phase(image: Image, region: Mask, phase: str) -> Mask:

@@ -10,8 +10,6 @@ Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291; Vese, C
 Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -51,7 +49,7 @@ class LevelSets:
     dt: float = 500.0  #: Largest time step; halved where the energy would increase [-]
 
     @classmethod
-    def of_table(cls, table: Mapping[str, Any], **changes: Any) -> LevelSets:
+    def of_table(cls, table: Mapping[str, Any], **changes: Any) -> "LevelSets":
         """What the `[image]` table of a deck says, with some fields changed."""
         named = {
             field.name: "lambda" if field.name == "lambdas" else field.name for field in fields(cls)

@@ -12,8 +12,6 @@ Laidlaw, Fleischer, Barr, IEEE Trans. Med. Imaging 17 (1998) 74-86, doi:10.1109/
 Zijdenbos, Evans, NeuroImage 23 (2004) 84-97, doi:10.1016/j.neuroimage.2004.05.007
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import permutations
 

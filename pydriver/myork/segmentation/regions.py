@@ -1,7 +1,5 @@
 """Where to look: the body, boxes, grown label maps; and which piece of the result to keep."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Agreement of two segmentations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -21,8 +21,6 @@ Mangin, Proc. MMBIA (2000), doi:10.1109/MMBIA.2000.852360 (entropy); Comaniciu, 
 Pattern Anal. Mach. Intell. 24 (2002), doi:10.1109/34.1000236 (mean shift)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

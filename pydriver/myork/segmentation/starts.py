@@ -1,7 +1,5 @@
 """First regions of a segmentation, and level sets made of regions."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -24,17 +22,9 @@ _RESTARTS, _ROUNDS = 8, 50
 def kmeans(values: F64, count: int) -> tuple[I32, F64]:
     """Clusters of values, in order of their centres; equal arguments give equal clusters.
 
-    Parameters
-    ----------
-    values : NDArray
-        Shape `(nvalue, nchannel)` [-].
-    count : int
-        Clusters.
-
-    Returns
-    -------
-    tuple
-        Cluster of each value, shape `(nvalue,)`; centres, shape `(count, nchannel)`.
+    - `values`: shape `(nvalue, nchannel)` [-]
+    - `count`: clusters
+    - returns cluster of each value, shape `(nvalue,)`; centres, shape `(count, nchannel)`
 
     References
     ----------

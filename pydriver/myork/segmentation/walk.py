@@ -11,15 +11,13 @@ References
 Grady, IEEE Trans. Pattern Anal. Mach. Intell. 28 (2006), doi:10.1109/TPAMI.2006.233
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from myork.errors import InputError
-from myork.types import F64, I32, Mask
+from myork.types import F64, I32, Index, Mask
 
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
 # pixels must not be lost.
@@ -153,7 +151,7 @@ def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> spar
     return (sparse.diags(np.asarray(both_ways.sum(axis=1)).ravel()) - both_ways).tocsr()
 
 
-def _slice_by_slice(system: sparse.csr_matrix, slices: NDArray[np.intp]) -> LinearOperator:
+def _slice_by_slice(system: sparse.csr_matrix, slices: Index) -> LinearOperator:
     """Preconditioner: slices solved each for itself; steps between them are few and weak."""
     parts = [np.flatnonzero(slices == k) for k in np.unique(slices)]
     solvers = [splu(system[part][:, part].tocsc()) for part in parts]

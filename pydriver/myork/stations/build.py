@@ -3,8 +3,6 @@
 Beside it `muscles.csv` is written: sizes, fat, diffusion and fibers of each muscle of the map.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,7 +13,7 @@ from typing import Any
 from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
 from myork.files import write_csv
-from myork.imaging.dicom_choice import split_choice
+from myork.imaging.dicom import split_choice
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, renew_images

@@ -1,7 +1,5 @@
 """Self-checks of a deck: what must hold whatever the answer is, measured on the deck itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,6 +32,34 @@ class Check(NamedTuple):
     detail: str  #: The number behind it, or why there is none
 
 
+class Checks(list[Check]):
+    """Checks in their order, each with a line of progress.
+
+    - `progress`: called with the line
+    - `failures`: what a check may raise where it does not hold
+    - `detail`: of such an exception
+    """
+
+    def __init__(
+        self,
+        progress: ProgressCallback,
+        *failures: type[Exception],
+        detail: Callable[[Exception], str] = str,
+    ) -> None:
+        super().__init__()
+        self._progress, self._failures, self._detail = progress, failures, detail
+
+    def note(self, name: str, run: Callable[..., tuple[bool | None, str]], *given: Any) -> None:
+        """Make a check of what is given."""
+        try:
+            passed, detail = run(*given)
+        except self._failures as reason:
+            passed, detail = False, self._detail(reason)
+        self.append(Check(name, passed, detail))
+        word = {True: "ok", False: "FAILED", None: "-"}[passed]
+        self._progress(f"{name:<22} {word:<7} {detail}")
+
+
 def check_deck(
     deck: str | Path,
     out: str | Path | None = None,
@@ -51,28 +77,18 @@ def check_deck(
     """
     folder = None if out is None else Path(out)
     values = load_deck(deck, overrides, "solve")
-    found: list[Check] = []
-
-    def note(name: str, run: Callable[[], tuple[bool | None, str]]) -> None:
-        try:
-            passed, detail = run()
-        except ConvergenceError as ended:
-            passed, detail = False, str(ended)
-        found.append(Check(name, passed, detail))
-        word = {True: "ok", False: "FAILED", None: "-"}[passed]
-        progress(f"{name:<22} {word:<7} {detail}")
-
+    found = Checks(progress, ConvergenceError)
     with Scene(deck, overrides, folder, threads=1) as scene:
-        note("tangent", lambda: _tangent(scene))
+        found.note("tangent", _tangent, scene)
         for table in values.get("material", []):
-            note(f"material {table['name']}", lambda table=table: _curves(table))  # type: ignore[misc]
-        note("fibers", lambda: _fibers(values, Path(deck).parent, folder))
+            found.note(f"material {table['name']}", _curves, table)
+        found.note("fibers", _fibers, values, Path(deck).parent, folder)
         if not quick:
-            note("solve and balance", lambda: _balance(scene))
+            found.note("solve and balance", _balance, scene)
             states = scene.states
             if states is not None and len(states.load) and states.load[-1] >= 1.0:
-                note("restart", lambda: _restart(deck, overrides, folder, states.x[-1]))
-                note("threads", lambda: _threads(deck, overrides, folder, states.x))
+                found.note("restart", _restart, deck, overrides, folder, states.x[-1])
+                found.note("threads", _threads, deck, overrides, folder, states.x)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "check.json", {"checks": [check._asdict() for check in found]})

@@ -1,7 +1,5 @@
 """Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +9,7 @@ from myork.console import ProgressCallback
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.damage import Damage, damaged_slices, missing_slices
-from myork.imaging.dicom_choice import split_choice
+from myork.imaging.dicom import split_choice
 from myork.imaging.diffusion import Diffusion, read_tensors
 from myork.imaging.geometry import Grid
 from myork.imaging.io import read_image, read_labels, read_reference
@@ -50,26 +48,16 @@ _MEASURED = ("anatomy", "channels", "magnitude")
 class OneGrid:
     """Brings images and label maps onto the grid of a run; the log says what was moved.
 
-    Parameters
-    ----------
-    progress : callable
-        Called with a line of text at a time.
-
-    Attributes
-    ----------
-    moved : list of dict
-        Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`.
-    damaged : list of dict
-        Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`.
-    doubts : list of str
-        Warnings.
+    - `progress`: called with a line of text at a time
     """
 
     def __init__(self, progress: ProgressCallback) -> None:
         self._progress = progress
+        #: Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`
         self.moved: list[dict[str, Any]] = []
+        #: Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`
         self.damaged: list[dict[str, Any]] = []
-        self.doubts: list[str] = []
+        self.doubts: list[str] = []  #: Warnings
 
     def note(self, name: str, faults: Sequence[Damage]) -> None:
         """Warn of damaged slices of a file."""
@@ -92,25 +80,10 @@ class OneGrid:
 class DeckFiles:
     """Images and label maps that a table of a deck names, on the grid of a run.
 
-    Parameters
-    ----------
-    deck : mapping
-        Effective deck; relative paths start in its folder.
-    name : str
-        Of the table.
-    grid : OneGrid
-        Brings them onto one grid.
-    made : mapping, optional
-        Files of an earlier station, in place of keys that the deck does not name.
-
-    Attributes
-    ----------
-    table : mapping
-        The table.
-    folder : Path
-        Where relative paths start.
-    read : list of Path
-        Files behind what was returned.
+    - `deck`: effective deck; relative paths start in its folder
+    - `name`: of the table
+    - `grid`: brings them onto one grid
+    - `made`: files of an earlier station, in place of keys that the deck does not name
     """
 
     def __init__(
@@ -122,7 +95,7 @@ class DeckFiles:
     ) -> None:
         self.table, self.folder = deck[name], Path(deck["folder"])
         self.grid = grid
-        self.read: list[Path] = []
+        self.read: list[Path] = []  #: Files behind what was returned
         self._made = made or {}
 
     def path(self, key: str) -> Path | None:

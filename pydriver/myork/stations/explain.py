@@ -1,7 +1,5 @@
 """What a deck will do and what that costs, before anything is computed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

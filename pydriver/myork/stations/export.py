@@ -3,8 +3,6 @@
 The corners are the collocation points: neighbours in their lattice make a cell, voxels likewise.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

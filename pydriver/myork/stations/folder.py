@@ -1,7 +1,5 @@
 """A folder of images, a BIDS tree or DICOM files, in place of a deck: the deck that it makes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,8 +7,7 @@ from typing import Any, NamedTuple
 from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.files import write_text
-from myork.imaging.dicom import dicom_files
-from myork.imaging.dicom_choice import listed_images
+from myork.imaging.dicom import dicom_files, listed_images
 from myork.imaging.headers import bids_name
 
 #: Suffixes of BIDS that are an anatomy, the best one first

@@ -1,7 +1,5 @@
 """Commented decks to start from."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,16 +8,8 @@ from myork.files import write_text
 
 _FOLDER = Path(__file__).parents[1] / "templates"
 
-#: Kinds of decks, with what each is
-KINDS = {
-    "box": "a box of rubber that is pulled",
-    "annulus": "a thick tube in plane strain",
-    "muscle": "a block of muscle that contracts",
-    "labels": "muscles of a NIfTI label map",
-    "images": "a muscle from MR and diffusion images",
-    "leg": "a leg of muscle, fat and connective tissue, from images",
-    "reduced": "a block of muscle for reduced models",
-}
+#: Kinds of decks
+KINDS = ("box", "annulus", "muscle", "labels", "images", "leg", "reduced")
 
 
 def schema_file() -> Path:

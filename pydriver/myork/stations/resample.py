@@ -1,7 +1,5 @@
 """An image file on the grid of another one, by what brings images of decks onto one grid."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -8,34 +8,49 @@ labels in each voxel, with `image.partial` only),
 `fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
 `eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the phantom also its images and
 its truth (`write_phantom`).
+
+With `tissue.find` materials of a whole leg are `tissue.nii.gz`, the fibers of its muscle
+`tissue_fibers.nii.gz`, memberships in the fuzzy clusters `membership_fat.nii.gz` and, where there
+is an image of it, `membership_connective_tissue.nii.gz`; with `image.partial` parts of the
+materials in each voxel are `tissue_fractions.nii.gz`.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
-from myork.imaging.io import renew_images, write_image, write_labels
+from myork.imaging.dixon import water_and_fat
+from myork.imaging.geometry import length_factor
+from myork.imaging.headers import read_header
+from myork.imaging.io import read_image, read_labels, renew_images, write_image, write_labels
+from myork.imaging.phantom import make_phantom, write_phantom
 from myork.model.architecture import fat_of_label
 from myork.model.fibers import fibers_of_labels
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
+from myork.segmentation.channels import scaled_values
 from myork.segmentation.grouping import Muscle
-from myork.segmentation.images import Segmentation, segment_images
-from myork.segmentation.scores import label_scores
-from myork.stations.data import OneGrid
-from myork.stations.images import read_images
+from myork.segmentation.images import Images, Segmentation, segment_images
+from myork.segmentation.leg import leg_tissues, outer_boundary
+from myork.segmentation.partial import parts_of_labels
+from myork.segmentation.regions import body_mask
+from myork.segmentation.scores import dice, label_scores
+from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
-from myork.stations.tissue import LabelRecord, find_tissues
+from myork.types import F64, I32, Mask
 
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
+_MUSCLE = 1
+# Skin, between fat and air, is as grey as both mixed; bone is dark and bright.
+_UNMIXED = (0, 4)
 
 
 @station("segment", "segmentation", "tissue")
@@ -81,7 +96,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     return parts
 
 
-def _record(deck: Mapping[str, Any], found: Segmentation) -> LabelRecord:
+def _record(deck: Mapping[str, Any], found: Segmentation) -> "LabelRecord":
     """Entry of the summary."""
     table, images, labels = deck["image"], found.images, found.labels
     record = LabelRecord(labels, deck)
@@ -194,3 +209,230 @@ def _lines(record: Mapping[str, Any], deck: Mapping[str, Any]) -> list[str]:
         for name, score in record["scores"].items()
     ]
     return lines
+
+
+class LabelRecord(dict[str, Any]):
+    """Entry of the summary about a label map.
+
+    - `labels`: the map
+    - `deck`: table `units`: volumes are in its unit of length, cubed
+    """
+
+    def __init__(self, labels: Labels, deck: Mapping[str, Any]) -> None:
+        self._labels = labels
+        self._voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
+        count = {name: int((labels.data == n).sum()) for n, name in labels.names.items()}
+        entries = {name: {"pixels": n, "volume": n * self._voxel} for name, n in count.items()}
+        super().__init__(labels=entries)
+
+    def parts(self, kinds: I32, values: F64, unmixed: Sequence[int], file: str) -> Image:
+        """Parts of the labels in each voxel; their volumes and file are noted.
+
+        - `kinds`, `values`, `unmixed`: as of `parts_of_labels`
+        - `file`: name of the file of the parts
+        """
+        parts, filled = parts_of_labels(self._labels, kinds, values, unmixed)
+        for name, voxels in filled.items():
+            self["labels"][name]["volume_of_parts"] = voxels * self._voxel
+        self.setdefault("maps", {})["fractions"] = file
+        return parts
+
+
+def find_tissues(
+    deck: Mapping[str, Any], out: Path, segmented: Segmentation, grid: OneGrid
+) -> LabelRecord:
+    """Label the materials of a leg and write them and the muscle's fibers.
+
+    - `deck`: effective deck; the tables `tissue`, `image` and `units` are read
+    - `out`: folder of the results, in which the phantom's images lie where it is used
+    - `segmented`: images without shading; the fraction of fat stands in for `tissue.fat` where the
+      deck names none
+    - `grid`: brings images onto the grid of the segmented ones
+    - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
+    """
+    files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
+    phantom = "anatomy" not in keys and segmented.fraction is None
+    fat: Image | None
+    connective: Image | None
+    if phantom:
+        fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
+    else:
+        fat = files.image("fat", images.anatomy) or segmented.fraction
+        connective = files.image("connective", images.anatomy)
+    anatomy, body, tensor = images.whole, images.body, images.tensor
+    if body is None and images.region is not None:
+        body = outer_boundary(anatomy) | (images.region.data > 0)
+    found, memberships, doubts = leg_tissues(
+        anatomy, fat=fat, connective=connective, others=images.others, tensor=tensor, body=body,
+        least_diffusivity=files.table["least_diffusivity"],
+    )  # fmt: skip
+    muscle = found.data == _MUSCLE
+    if not muscle.any():
+        raise InputError(f"{anatomy.name}: no muscle was found; check the images of [tissue]")
+    made: dict[str, Image | None] = dict.fromkeys(
+        ("tissue_fibers", "tissue_fractions", "membership_fat", "membership_connective_tissue")
+    )
+    made |= {f"membership_{k}": Image(v, found.affine) for k, v in memberships.items()}
+    record = LabelRecord(found, deck)
+    record["warnings"] = doubts
+    record["maps"] = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
+    if tensor is not None:
+        own = Labels(muscle.astype(np.int32), found.affine, {}, found.name)
+        way = fibers_of_labels(images.measured or tensor, own, keys.get("fiber_smoothing"))
+        made["tissue_fibers"] = way.fibers
+        record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
+    if keys["partial"]:
+        shown = [one for one in (anatomy, fat, connective) if one is not None]
+        values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
+        made["tissue_fractions"] = record.parts(
+            np.zeros_like(found.data), values, _UNMIXED, "tissue_fractions.nii.gz"
+        )
+    write_labels(out / "tissue.nii.gz", found)
+    renew_images(out, **made)
+    if phantom:
+        truth = read_labels(out / "true_tissue.nii.gz").data
+        record["scores"] = {
+            name: {"dice": dice(found.data == label, truth == label)}
+            for label, name in found.names.items()
+        }
+    return record
+
+
+def read_images(
+    deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback
+) -> Images:
+    """Images of a deck; the phantom's are also written.
+
+    - `deck`: tables `image`, `dixon` and `phantom`
+    - `out`: folder of the results
+    - `grid`: brings images onto the grid of the anatomy
+    """
+    table, files = deck["image"], DeckFiles(deck, "image", grid)
+    found = _echoes(deck, files, progress)
+    if found is None and "anatomy" not in table:
+        stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
+        stray += ["channels"] if table["channels"] else []
+        if stray:
+            raise InputError(
+                f"image.{stray[0]} needs image.anatomy; without it the phantom and its own "
+                f"{stray[0]} are used"
+            )
+        progress(f"phantom of {' x '.join(map(str, deck['phantom']['size']))} voxels")
+        phantom = make_phantom(**deck["phantom"])
+        write_phantom(out, phantom)
+        found = Images(phantom.anatomy, tensor=phantom.tensor, truth=phantom.truth)
+        like = found.anatomy
+    else:
+        if found is None:
+            anatomy = files.image("anatomy")
+            assert anatomy is not None
+            found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
+        like, diffusion = found.anatomy, files.tensors()
+        measured = diffusion and diffusion.tensor
+        progress(f"{like.name}: {' x '.join(map(str, like.data.shape))} voxels")
+        tensor = measured and grid.of(measured, like, "tensor-wise")
+        truth = files.labels("truth", like, progress)
+        found = replace(
+            found,
+            tensor=tensor,
+            measured=None if tensor is measured else measured,
+            truth=truth,
+            others=tuple(files.images("channels", like)),
+        )
+    drawn_in = files.image("reference_anatomy")
+    found = replace(
+        found,
+        reference=files.labels("reference", drawn_in or like, progress),
+        drawn_in=drawn_in,
+        seeds=files.labels("seeds", like, progress),
+        region=files.labels("region", like),
+    )
+    _check_labels(found)
+    body = files.labels("body", like)
+    return found if body is None else replace(found, body=_checked_body(body, found.region))
+
+
+def _check_labels(images: Images) -> None:
+    """Refuse an empty truth and an empty reference."""
+    truth, reference = images.truth, images.reference
+    if truth is not None and not truth.data.any():
+        raise InputError(f"{truth.name}: the truth is empty, no label is above zero")
+    if reference is not None and not reference.data.any():
+        raise InputError(
+            f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
+            "label map by which regions are to be grouped"
+        )
+
+
+def _checked_body(labels: Labels, region: Labels | None) -> Mask:
+    """The body that the user names, which contains the region; a voxel at its rim is taken in."""
+    body = labels.data > 0
+    if not body.any():
+        raise InputError(f"{labels.name}: image.body is empty, no label is above zero")
+    if region is None:
+        return body
+    near = ndimage.binary_dilation(body, ndimage.generate_binary_structure(3, 3))
+    beyond = np.argwhere((region.data > 0) & ~near)
+    if len(beyond):
+        raise InputError(
+            f"{region.name}: {len(beyond)} voxels of image.region lie outside of image.body, the "
+            f"first is {tuple(beyond[0].tolist())}; enlarge the body, or leave it out"
+        )
+    return body | (region.data > 0)
+
+
+def _echoes(
+    deck: Mapping[str, Any], beside: DeckFiles, progress: ProgressCallback
+) -> Images | None:
+    """Water and fat of the echoes of `[dixon]`; None without them."""
+    files = DeckFiles(deck, "dixon", beside.grid)
+    if "magnitude" not in files.table:
+        return None
+    for key in ("anatomy", "fat"):
+        if key in beside.table:
+            raise InputError(
+                f"[dixon] makes water and fat of its echoes; take image.{key} out, or list it in "
+                "image.channels"
+            )
+    magnitudes = files.images("magnitude")
+    first = magnitudes[0]
+    # a phase goes round: means of it are none
+    phases, mask = files.images("phase", first, "nearest"), beside.labels("body", first)
+    if mask is not None:
+        body = mask.data > 0
+    else:
+        body = body_mask(Image(np.sum([m.data for m in magnitudes], axis=0), first.affine), rim=0.0)
+    times, strength = _times(files, progress)
+    found = water_and_fat(magnitudes, phases, body, times=times, strength=strength)
+    return Images(
+        Image(found.water, first.affine, f"water of {first.name}"),
+        Image(found.fat, first.affine, f"fat of {first.name}"),
+        None if found.decay is None else Image(found.decay, first.affine, "R2*"),
+        source=files.table["magnitude"][0],
+        doubt=found.doubt,
+    )
+
+
+def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float], float]:
+    """Echo times [ms] and field [T] of the deck, else of the headers; none where both lack them."""
+    table = files.table
+    times, strength = table.get("echo_times", ()), table.get("field_strength", 0.0)
+    if times and strength:
+        return times, strength
+    headers = [read_header(files.folder / name) for name in table["magnitude"]]
+    written = [one.echo_time for one in headers if one.echo_time is not None]
+    fields = {one.field for one in headers if one.field is not None}
+    if not times and len(written) == len(headers):
+        times = written
+    if not strength and len(fields) == 1:
+        strength = fields.pop()
+    if len(times) == 0 or not strength:
+        if written and not table.get("echo_times"):
+            files.grid.doubts.append(
+                f"the headers of dixon.magnitude hold {len(written)} echo times and no field: the "
+                "first echo is taken as in phase, the second as opposed; give dixon.field_strength"
+            )
+        return table.get("echo_times", ()), table.get("field_strength", 0.0)
+    text = ", ".join(f"{time:.4g}" for time in times)
+    progress(f"echo times {text} ms at {strength:.4g} T, of the headers where the deck has none")
+    return times, strength

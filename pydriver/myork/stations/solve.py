@@ -4,9 +4,6 @@ A separate process loses nothing when the session that started it dies, and brin
 HDF5 nowhere near the one inside h5py.
 """
 
-from __future__ import annotations
-
-import json
 import os
 import shutil
 import signal
@@ -20,6 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
+
 from myork.console import ProgressCallback, silent
 from myork.core.deck import text_of_tables
 from myork.errors import (
@@ -29,15 +28,16 @@ from myork.errors import (
     MyorkError,
     RefusedError,
     StoppedError,
+    cure_of,
 )
 from myork.files import alone_in, write_text
-from myork.libraries import cure_of
-from myork.stations.estimate import pcsa_force
-from myork.summary import update_summary
+from myork.summary import readable_summary, update_summary
 
 _NAME = "myork-solve"
 #: Exit status of a program that the loader of the system gives up
 _DOES_NOT_LOAD = 127
+# A computed force further than this factor from the estimate is named.
+_FACTOR = 3.0
 
 
 def find_executable() -> Path:
@@ -140,10 +140,10 @@ def run_deck(
         run_executable(deck, [*options, *set_options(overrides)], progress)
     except ConvergenceError as ended:
         # both are exit status 1
-        if _summary(out).get("converged"):
+        if readable_summary(Path(out)).get("converged"):
             raise RefusedError(str(ended)) from None
         raise
-    summary = _summary(out)
+    summary = readable_summary(Path(out))
     if "steps" not in summary:
         raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")
     return _with_estimate(summary, Path(out), progress)
@@ -166,15 +166,6 @@ def _with_estimate(
     with alone_in(out):
         update_summary(out, {"pcsa_force": entry, "warnings": told})
     return {**summary, "pcsa_force": entry, "warnings": told}
-
-
-def _summary(out: str | Path) -> dict[str, Any]:
-    """Content of `summary.json` in a folder, nothing if there is no readable one."""
-    try:
-        content: dict[str, Any] = json.loads(Path(out, "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content
 
 
 def set_options(overrides: Sequence[str]) -> list[str]:
@@ -266,3 +257,45 @@ def _check_status(status: int, message: str, stopped: bool, progress: ProgressCa
         raise InstallationError(f"{_NAME} does not start: {message}; {cure_of(message)}")
     ending = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
     raise InstallationError(f"{_NAME} ended with {ending}: {message}")
+
+
+def pcsa_force(summary: Mapping[str, Any]) -> tuple[dict[str, Any], str] | None:
+    """Activation times PCSA times `sigma_max`, summed over the muscles of a model, at the end.
+
+    It is the force of fibers at their optimal length without the passive one.
+
+    - `summary`: content of `summary.json` after a solve
+    - returns entry `pcsa_force` of the summary: `value` in the deck's unit of force, the `probe` of
+      the largest force on a set and the `ratio` of both; a warning where they are three times
+      apart, else no text. None without activation, one muscle material, PCSA of all active muscles,
+      or a probe of a force.
+    """
+    deck, steps = summary.get("deck", {}), summary.get("steps") or [{}]
+    materials = [own for own in deck.get("material", []) if own.get("model") == "muscle"]
+    rows = (summary.get("model") or {}).get("muscles", [])
+    if deck.get("geometry", {}).get("kind") != "model" or len(materials) != 1:
+        return None
+    activation = materials[0].get("activation", steps[-1].get("activation", 0.0))
+    areas = [value for row in rows for head, value in row.items() if head.startswith("PCSA")]
+    areas = [value for value in areas if value is not None]
+    whole = len(areas) == 1 or len(areas) == len(rows)
+    forces = {
+        probe["name"]: float(np.linalg.norm(steps[-1].get("probes", {}).get(probe["name"]) or 0.0))
+        for probe in deck.get("probe", [])
+        if str(probe.get("quantity")).split("_")[0] == "force" and probe.get("set")
+    }
+    if not (areas and whole and any(forces.values()) and isinstance(activation, int | float)):
+        return None
+    value = float(activation * sum(areas) * materials[0]["sigma_max"])
+    if not value > 0.0:
+        return None
+    probe = max(forces, key=lambda name: forces[name])
+    ratio = forces[probe] / value
+    warning = ""
+    if not 1.0 / _FACTOR <= ratio <= _FACTOR:
+        warning = (
+            f"probe {probe} is {ratio:.2g} times activation x PCSA x sigma_max = {value:.4g} "
+            f"{summary.get('units', {}).get('force', '')}: look at fibers, attachments and unit of "
+            "sigma_max"
+        )
+    return {"value": value, "probe": probe, "ratio": ratio}, warning

@@ -1,7 +1,5 @@
 """What stations before a solve share: a deck comes in, files and parts of the summary go out."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -54,12 +52,8 @@ class Station(Protocol):
 def station(command: str, *parts: str) -> Callable[[Work], Station]:
     """Make a station of its work.
 
-    Parameters
-    ----------
-    command : str
-        Command that the deck is read for.
-    parts : str
-        Entries of `summary.json` that the work makes; the head of the summary is added.
+    - `command`: command that the deck is read for
+    - `parts`: entries of `summary.json` that the work makes; the head of the summary is added
     """
 
     def made(work: Work) -> Station:

@@ -6,8 +6,6 @@ averaged tensors, unit vectors in the world frame; `fibers.nii.gz` is that of `s
 muscles, and `build` takes no other by itself); `summary.json` gets `tensors`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,18 +1,14 @@
 """Answers for values of parameters: by a reduced model, or by full solves of an open scene."""
 
-from __future__ import annotations
-
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from myork.console import ProgressCallback, silent
-from myork.core.changing import scene_at
+from myork.core.changing import ChangingScene
 from myork.core.deck import deck_key
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
@@ -30,39 +26,30 @@ class Values(NamedTuple):
     good: Mask  #: Whether a state was found, shape `(n,)`
 
 
-class Forward(ABC):
+class Forward:
     """A model that answers for values of the keys asked for, others fixed.
 
-    Attributes
-    ----------
-    is_reduced : bool
-        Whether a reduced model answers.
-    forces : list of str
-        Scalars that are forces.
-    units : dict
-        Unit of each scalar.
-    states, cpu_s : int, float
-        States asked for so far, and their processor time.
+    - `probes`, `dimension`, `units`: of the deck: its probes, and the unit of each by its name
+    - `key_of`: full name of a key of the deck
     """
 
-    is_reduced = False
+    is_reduced = False  #: Whether a reduced model answers
 
     def __init__(
         self,
-        probes: Sequence[Mapping[str, Any]] = (),
-        dimension: int = 3,
-        units: Mapping[str, str] = MappingProxyType({}),
+        probes: Sequence[Mapping[str, Any]],
+        dimension: int,
+        units: Mapping[str, str],
+        key_of: Callable[[str], str],
     ) -> None:
-        self.states = 0
-        self.cpu_s = 0.0
+        self.key_of = key_of
+        #: States asked for so far, and their processor time [s]
+        self.states, self.cpu_s = 0, 0.0
         self._places = places_of(probes, dimension)
         named = {name: probes[i] for name, (i, _) in self._places.items()}
+        #: Unit of each scalar, and those that are forces
         self.units = {name: units[probe["name"]] for name, probe in named.items()}
         self.forces = [name for name, probe in named.items() if "force" in probe["quantity"]]
-
-    @abstractmethod
-    def key_of(self, name: str) -> str:
-        """Full name of a key of the deck."""
 
     def range_of(self, key: str) -> tuple[float, float] | None:
         """Range of the training; none of a full model."""
@@ -80,17 +67,16 @@ class Forward(ABC):
         """Keys that still need a value."""
         return []
 
-    @abstractmethod
     def close(self) -> None:
-        """Give back what is open."""
+        """Give back what is open; the file of a reduced model is closed already."""
 
     def cost(self) -> dict[str, Any]:
         """States and processor time so far."""
         return {"states": self.states, "cpu_s": self.cpu_s, "by": "full solves"}
 
-    @abstractmethod
     def _answer(self, keys: Sequence[str], values: F64) -> Values:
         """What `ask` gives, without its count."""
+        raise NotImplementedError
 
 
 class _Reduced(Forward):
@@ -98,21 +84,14 @@ class _Reduced(Forward):
 
     def __init__(self, path: Path, fixed: Sequence[str], threads: int) -> None:
         self._rom = rom = ReducedModel.load(path, threads=threads)
-        super().__init__(rom.head["probes"], rom.head["dimension"], rom.probe_units)
-        self._fixed = {self._rom.key_of(name): v for name, v in numbers_of(fixed).items()}
-
-    def key_of(self, name: str) -> str:
-        return self._rom.key_of(name)
+        super().__init__(rom.head["probes"], rom.head["dimension"], rom.probe_units, rom.key_of)
+        self._fixed = {rom.key_of(name): v for name, v in numbers_of(fixed).items()}
 
     def range_of(self, key: str) -> tuple[float, float] | None:
         return next((p.low, p.high) for p in self._rom.parameters if p.key == key)
 
     def unknown(self, keys: Sequence[str]) -> list[str]:
         return [p.key for p in self._rom.parameters if p.key not in {*keys, *self._fixed}]
-
-    def close(self) -> None:
-        # the model's file is read and closed
-        pass
 
     def cost(self) -> dict[str, Any]:
         full = self._rom.head["full_cpu_s"]
@@ -135,27 +114,26 @@ class _Full(Forward):
         progress: ProgressCallback,
     ) -> None:
         self._open = lambda more: Scene(deck, [*overrides, *more], out, threads=threads)
-        self._key_of = lambda name: deck_key(deck, name, overrides)
         self._progress = progress
-        self._scene = scene = self._open([])
-        super().__init__(scene.deck.get("probe", []), scene.dimension, scene.probe_units)
-        self._has: dict[str, float] = {}
-        self._steps = self._scene.deck["load"]["steps"]
+        self._full = ChangingScene(self._open)
+        scene = self._full.scene
+        super().__init__(
+            scene.deck.get("probe", []), scene.dimension, scene.probe_units,
+            lambda name: deck_key(deck, name, overrides),
+        )  # fmt: skip
+        self._steps = scene.deck["load"]["steps"]
         self._known: list[tuple[F64, F64]] = []
         self._keys: tuple[str, ...] = ()
 
-    def key_of(self, name: str) -> str:
-        return self._key_of(name)
-
     def close(self) -> None:
-        self._scene.close()
+        self._full.scene.close()
 
     def _answer(self, keys: Sequence[str], values: F64) -> Values:
         if tuple(keys) != self._keys:
             if self._keys:
                 # values of keys that are not asked for any more are the deck's
-                self._scene.close()
-                self._scene, self._has = self._open([]), {}
+                self.close()
+                self._full = ChangingScene(self._open)
             self._keys, self._known = tuple(keys), []
         good = np.zeros(len(values), bool)
         found = {name: np.full(len(values), np.nan) for name in self.units}
@@ -167,7 +145,7 @@ class _Full(Forward):
                 self._progress(f"no state at {place}: {reason}")
                 continue
             good[i] = True
-            value = self._scene.probes(x[None], np.ones(1))[0]
+            value = self._full.scene.probes(x[None], np.ones(1))[0]
             for name, at in self._places.items():
                 found[name][i] = value[at]
             self._progress(f"solve {i + 1}/{len(values)}")
@@ -184,11 +162,9 @@ class _Full(Forward):
             starts.insert(0, self._known[near][1])
         for start in starts:
             steps = {"load.steps": self._steps if start is None else 1}
-            wanted = {**changes, **steps}
-            self._scene = scene_at(self._scene, self._has, wanted, self._open)
-            self._has = wanted
+            scene = self._full.at({**changes, **steps})
             try:
-                x = np.asarray(self._scene.solve(error=False, start=start).x[-1])
+                x = np.asarray(scene.solve(error=False, start=start).x[-1])
             except ConvergenceError:
                 if start is None:
                     raise

@@ -1,7 +1,5 @@
 """Parameters that fit measured forces and displacements, with confidence intervals."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from contextlib import closing

@@ -1,7 +1,5 @@
 """What a force depends on: Sobol's indices over the ranges of parameters."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from contextlib import closing

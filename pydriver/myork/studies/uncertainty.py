@@ -1,7 +1,5 @@
 """What a segmentation's uncertainty does to a force: perturbed label maps, rebuilt and solved."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Sequence

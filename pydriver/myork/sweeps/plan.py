@@ -1,23 +1,26 @@
-"""Points of a sweep: grids, lists and samples of the keys of a deck."""
+"""Points of a sweep, by grids, lists and samples of the keys of a deck, and the files they read."""
 
-from __future__ import annotations
-
+import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.core.cloud import model_path
 from myork.core.deck import load_deck
-from myork.errors import InputError
-from myork.rom.parameters import grid_in, number_in
+from myork.errors import FileError, InputError, MyorkError
+from myork.rom.parameters import grid_in, number_in, sobol_points
+from myork.rom.probes import probe_columns
 
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... , KEY=lhs(LOW,HIGH) or KEY=sobol(LOW,HIGH)"
 
 #: More points are a slip of the pen
 _MOST = 1_000_000
+#: Columns of a table behind keys, probes and error bars
+LAST_COLUMNS = ("call", "verdict", "message", "cpu_s")
 
 
 class Plan(NamedTuple):
@@ -30,7 +33,7 @@ class Plan(NamedTuple):
     #: How many points there were after each call that added some; none: all are of the first
     calls: tuple[int, ...] = ()
 
-    def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> Plan:
+    def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> "Plan":
         """These points behind those of earlier calls, each point once."""
         earlier = [tuple(point) for point in points]
         known = set(earlier)
@@ -117,6 +120,143 @@ def _samples(
     if kind == "lhs":
         unit = qmc.LatinHypercube(len(ranges), seed=seed).random(count)
     else:
-        power = int(np.ceil(np.log2(max(count, 2))))
-        unit = qmc.Sobol(len(ranges), seed=seed).random_base2(power)[:count]
+        unit = sobol_points(len(ranges), count, seed)
     return [tuple(float(v) for v in row) for row in low + unit * (high - low)]
+
+
+class Inputs:
+    """Identity of a sweep: two sweeps of the same contents are the same, wherever the files are.
+
+    - `plan`: points and their deck
+    - `out`: folder of the sweep, in which the model file of the deck is looked for first
+    - `model`, `model_probes`: reduced model that answers, and names of the probes that it knows
+    - raises InputError: two columns of the table would have one name
+    - raises FileError: a file cannot be read
+    """
+
+    def __init__(
+        self, plan: Plan, out: Path, model: Path | None = None, model_probes: Sequence[str] = ()
+    ) -> None:
+        self._paths = {"deck": plan.deck} | ({} if model is None else {"--model": model})
+        # what is read and found depends on words and whole numbers: files, methods, names
+        chosen = {
+            tuple(value for value in point if not isinstance(value, float)): number
+            for number, point in reversed(list(enumerate(plan.points)))
+        }
+        for number in chosen.values():
+            try:
+                one = plan.tables(number)
+            except MyorkError:
+                # words that do not go together: these points fail with the message
+                continue
+            probes = one["probe"]
+            if model is None:
+                self._paths |= _files(one, out)
+            else:
+                probes = [probe for probe in probes if probe["name"] in model_probes]
+            _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
+        self._marks = {name: _mark(path) for name, path in self._paths.items()}
+        self._digests = {name: _digest(path) for name, path in self._paths.items()}
+        #: Digests of the files by what they are, overrides, keys, points, and how many of these
+        #: there were after each call that added some
+        self.head: dict[str, Any] = {
+            "inputs": self._digests,
+            "overrides": list(plan.overrides),
+            "keys": list(plan.keys),
+            "points": [list(point) for point in plan.points],
+            "calls": list(plan.calls or (len(plan.points),)),
+        }
+
+    def check(self) -> None:
+        """Refuse to go on where a file is not what it was at the start.
+
+        - raises InputError: another content
+        - raises FileError: the file is gone
+        """
+        for name, path in self._paths.items():
+            mark = _mark(path)
+            if mark == self._marks[name]:
+                continue
+            if _digest(path) != self._digests[name]:
+                raise InputError(
+                    f"{path} ({name}) has changed while the sweep ran; the points that were "
+                    "finished before are kept: put the earlier file back and run the same line "
+                    "again, or sweep into another folder"
+                )
+            self._marks[name] = mark
+
+    def refusal(self, path: Path, other: Any) -> str:
+        """Why the points in a file are not of this sweep, by its first line; "" where they are."""
+        if other == self.head or self._extends(other):
+            return ""
+        anew = f"or sweep into another folder than {path.parent}"
+        kinds = ("overrides", "keys", "points")
+        inputs = other.get("inputs", {}) if isinstance(other, dict) else {}
+        if (
+            not isinstance(inputs, dict)
+            or not inputs
+            or any(other.get(kind) != self.head[kind] for kind in kinds)
+        ):
+            return (
+                f"{path}: is of another sweep, with other keys, points or --set: add these points "
+                f"with --extend where only points differ, remove it, {anew}"
+            )
+        changed = [n for n in self._digests if inputs.get(n) != self._digests[n]]
+        names = ", ".join(f"{self._paths[name]} ({name})" for name in changed)
+        return (
+            f"{path}: is of another sweep, from before {names or 'its files'} changed: put the "
+            f"earlier file back, {anew}"
+        )
+
+    def _extends(self, other: Any) -> bool:
+        """Whether this sweep is another one with more points."""
+        calls = self.head["calls"]
+        before = [{"points": self.head["points"][:n], "calls": calls[: i + 1]}
+                  for i, n in enumerate(calls)]  # fmt: skip
+        return any(other == {**self.head, **earlier} for earlier in before)
+
+
+def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
+    """Files that a scene is read from, by the key that names them and its value."""
+    folder = Path(deck["folder"])
+    named = [("geometry.labels", deck["geometry"].get("labels"))]
+    named += [(f"table.{table['name']}.file", table.get("file")) for table in deck["table"]]
+    found = {f"{key} = {name}": folder / name for key, name in named if name is not None}
+    model = model_path(deck, folder, out)
+    if model is not None:
+        found[f"geometry.file = {deck['geometry']['file']}"] = model
+    return found
+
+
+def _check_columns(
+    keys: Sequence[str], probes: Sequence[Mapping[str, Any]], dimension: int, deck: Path
+) -> None:
+    """Refuse columns of the probes that another column of the table overwrites."""
+    taken = {key: f"the varied key {key}" for key in keys}
+    taken |= dict.fromkeys(LAST_COLUMNS, "every sweep")
+    for probe in probes:
+        own = probe_columns(probe, dimension)
+        for column in (*own, *(f"{name}_error" for name in own)):
+            if column in taken:
+                raise InputError(
+                    f"{deck}: probe.{probe['name']}: its column {column} of sweep.csv is also a "
+                    f"column of {taken[column]}: rename the probe"
+                )
+            taken[column] = f"the probe {probe['name']}"
+
+
+def _mark(path: Path) -> tuple[int, ...]:
+    """What changes with the content of a file, for a look that costs nothing."""
+    try:
+        found = path.stat()
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
+    return (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None

@@ -1,7 +1,5 @@
 """Solve the points of a sweep side by side: processes of this machine, or workers of Dask."""
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os
@@ -33,8 +31,7 @@ from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import places_of
 from myork.stations.explain import explain_deck
-from myork.sweeps.inputs import Inputs
-from myork.sweeps.plan import Plan, make_plan
+from myork.sweeps.plan import Inputs, Plan, make_plan
 from myork.sweeps.store import Store, has_parquet, read_head, read_points
 from myork.types import F64
 

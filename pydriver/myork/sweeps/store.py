@@ -1,7 +1,5 @@
 """The table of a sweep: kept a line a point while it runs, written as CSV and Parquet."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -14,7 +12,7 @@ from typing import Any
 
 from myork.errors import InputError
 from myork.files import open_output, whole_file, write_csv, write_json, write_text
-from myork.sweeps.inputs import LAST_COLUMNS, Inputs
+from myork.sweeps.plan import LAST_COLUMNS, Inputs
 
 
 def read_head(path: Path) -> Any:

@@ -1,7 +1,5 @@
 """What the page asks of a reduced model: its body, a state, curves of a force."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence
@@ -10,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.changing import scene_at
+from myork.core.changing import ChangingScene
 from myork.core.states import Fields
 from myork.errors import InputError, MyorkError
 from myork.rom.check import LEAST_FORCE
@@ -63,12 +61,10 @@ class Answers:
 
     def __init__(self, path: Path, threads: int = 1) -> None:
         self.rom = rom = ReducedModel.load(path, threads=threads)
-        self._has: dict[str, float] = {}
         full = rom.full_model()
-        self._open = lambda more: full.open(["load.steps=1", *more])
-        self._scene = self._open([])
-        points = self._scene.points()
-        self._corners, renumbered = np.unique(self._scene.surface(), return_inverse=True)
+        self._full = ChangingScene(lambda more: full.open(["load.steps=1", *more]))
+        points = self._full.scene.points()
+        self._corners, renumbered = np.unique(self._full.scene.surface(), return_inverse=True)
         self.triangles = renumbered.reshape(-1, 3).astype(np.uint32)
         self._rest = np.zeros((len(self._corners), 3))
         self._rest[:, : points.shape[1]] = points[self._corners]
@@ -76,11 +72,11 @@ class Answers:
         self.ranges, self._largest = self._ranges()
         self._bar = self._bar_of_force(path.parent)
 
-    def __enter__(self) -> Answers:
+    def __enter__(self) -> "Answers":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._scene.close()
+        self._full.scene.close()
 
     @property
     def rest(self) -> F64:
@@ -241,15 +237,13 @@ class Answers:
     def _fields(self, row: F64, amplitudes: F64) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""
         wanted = {p.key: float(v) for p, v in zip(self.rom.parameters, row, strict=True)}
-        self._scene = scene_at(self._scene, self._has, wanted, self._open)
-        self._has = wanted
-        return self._scene.fields(self.rom.basis @ amplitudes, 1.0)
+        return self._full.at(wanted).fields(self.rom.basis @ amplitudes, 1.0)
 
     def _probes(self) -> list[dict[str, str]]:
         """Names and units of the scalars that probes give, forces first."""
         found = []
         for probe in self.rom.head["probes"]:
-            names = probe_columns(probe, self._scene.dimension)
+            names = probe_columns(probe, self._full.scene.dimension)
             found += [{"name": n, "unit": probe["unit"], "of": probe["name"]} for n in names]
         if not found:
             raise InputError("the reduced model has no probe that could be shown")

@@ -1,7 +1,5 @@
 """The local page of a reduced model: a small server, the page, answers to its questions."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json
@@ -79,7 +77,7 @@ def serve(
             server.turn.shutdown(cancel_futures=True)
 
 
-def _server(port: int) -> _Server:
+def _server(port: int) -> "_Server":
     """A server that has its port."""
     try:
         return _Server(port)
@@ -97,19 +95,10 @@ class _Refused(Exception):
 class _Server(ThreadingHTTPServer):
     """A thread for each connection, and one that computes for all of them, first come first served.
 
-    Attributes
-    ----------
-    answers : Answers
-        What is asked.
-    address : str
-        Address of the page, with a token that only who started the server knows.
-    hosts : set of str
-        Hosts of which a request may ask: a page elsewhere whose name leads here has another one.
-    turn : ThreadPoolExecutor
-        The thread that computes.
+    Its address has a token that only who started the server knows.
     """
 
-    answers: Answers
+    answers: Answers  #: What is asked
     # the kernel keeps connections of a crowd until each has its thread
     request_queue_size = 128
 
@@ -118,8 +107,9 @@ class _Server(ThreadingHTTPServer):
         port = self.server_address[1]
         self.token = secrets.token_urlsafe(16)
         self.address = f"http://{_HOST}:{port}/{self.token}/"
+        #: Of which a request may ask: a page elsewhere whose name leads here has another host
         self.hosts = {f"{name}:{port}" for name in _NAMES} | set(_NAMES if port == 80 else ())
-        self.turn = ThreadPoolExecutor(max_workers=1)
+        self.turn = ThreadPoolExecutor(max_workers=1)  #: The thread that computes
         # since when open connections wait, the longest first; endless while one has a question
         self._since: dict[socket.socket, float] = {}
 

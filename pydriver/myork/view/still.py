@@ -1,7 +1,5 @@
 """States of a reduced model in a page that needs no server, and beside a run for its report."""
 
-from __future__ import annotations
-
 import base64
 from itertools import product
 from pathlib import Path

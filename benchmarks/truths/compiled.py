@@ -1,6 +1,4 @@
-"""Reproducing kernel shape functions: checks and conversions around the compiled core."""
-
-from __future__ import annotations
+"""What the compiled core computes of parts, for tests and exact solutions."""
 
 from typing import NamedTuple
 
@@ -9,7 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
 from myork.core.calls import called
+from myork.core.checks import shaped
 from myork.core.deck import table_defaults
+from myork.core.scene import Scene
+from myork.types import F64
 
 
 class ShapeFunctions(NamedTuple):
@@ -74,3 +75,47 @@ def as_points(name: str, points: ArrayLike) -> NDArray[np.float64]:
     if array.ndim != 2 or array.shape[1] not in (1, 2, 3) or len(array) == 0:
         raise errors.InputError(f"{name} must have shape (n, 1..3), not {array.shape}")
     return array
+
+
+class FiberCurves(NamedTuple):
+    """Forces of fibers against their stretch."""
+
+    #: Integral of the force from stretch 1, the force and its first three derivatives, shape
+    #: `(5, n)` [-]
+    active: F64
+    passive: F64
+
+
+def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
+    """Active and passive force of fibers (4.37), (4.38), as corrected, and their derivatives.
+
+    - `stretch`: normalised stretches lambda*, shape `(n,)` [-]
+    - `**parameters`: `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent
+    """
+    muscle = {**table_defaults("material", "model", "muscle"), **parameters}
+    curve, gamma1, gamma2 = (muscle[key] for key in ("curve", "gamma1", "gamma2"))
+    if curve not in ("published", "smooth"):
+        raise errors.InputError(f"curve = '{curve}' must be 'published' or 'smooth'")
+    if not gamma2 > 0.0:
+        raise errors.InputError(f"gamma2 = {gamma2} must be greater than 0")
+    return FiberCurves(
+        *_core.fiber_curves(int(curve == "smooth"), gamma1, gamma2, np.atleast_1d(stretch))
+    )
+
+
+def hessian(
+    scene: Scene, x: F64, load: float, *, start: F64 | None = None, reduced: bool = False
+) -> tuple[F64, F64]:
+    """First and second derivatives of half the sum of squared residuals of an open scene.
+
+    - `x`: unknowns, shape `(dofs,)`, or `(r,)` of the reduced model
+    - `load`: fraction of the full load
+    - `start`: state at the start of the load step, which fixes the row weights; default `x`
+    - `reduced`: of the reduced model; `Scene.reduce` comes first
+    - returns `gradient`, `second`: shapes `(n,)` and `(n, n)`
+    - raises InputError: a wrong shape, or a state with J <= 0
+    """
+    shape = (scene._unknowns if reduced else scene.dofs,)
+    given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
+    gradient, second = scene._ask(_core.scene_hessian, int(reduced), *given, load)
+    return gradient, np.triu(second) + np.triu(second, 1).T
