@@ -32,8 +32,8 @@ module rk_companion
 
    !> Length of an override
    integer, parameter :: override_length = 512
-   !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of its
-   !> second attempt
+   !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
+   !> its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
    !> Cells across a body that are too few to speak against a finer answer
    integer, parameter :: few_cells = 2

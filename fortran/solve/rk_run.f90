@@ -280,8 +280,8 @@ subroutine find_imbalance(problem, outcome)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
 
-!> Whether the state that is judged is a stable equilibrium, where the tangent is a matrix that would
-!> then be positive definite: without pressures as unknowns and pressures that follow a free rim
+!> Whether the state that is judged is a stable equilibrium. Its tangent is positive definite then,
+!> but for pressures as unknowns and pressures that follow a free rim, with which nothing is found.
 subroutine find_stability(problem, outcome)
    class(discretisation_type), target, intent(inout) :: problem
    !> Outcome with states

@@ -477,7 +477,7 @@ IMPOSSIBLE = [
             ("mu*sqrt(I1-3)", "no finite derivatives"),
             ("mu*I1 + (I1-3)^2.5", "no finite derivatives"),
             ("-mu*I1", "dW/dI1 + dW/dI2 = -3", "positive"),
-            ("I1 > 3 ? mu*I1 : 0", "instead of c ? a : b take max(a, b)"),
+            ("I1 > 3 ? mu*I1 : 0", "max(a, b), min(a, b) or (I4 > 1)*a instead of c ? a : b"),
             ("mu*I1, 2", "several values"),
             ("2*I1", "does not use all of its constants: mu"),
             ("mu*I1*(1 + activation)", "no fibers, I4"),
