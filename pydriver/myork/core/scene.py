@@ -12,18 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from myork import _core, errors
-from myork.core.calls import Turn, call_in_thread, called
-from myork.core.checks import (
-    check_changeable,
-    field_sizes,
-    finite,
-    lines_of,
-    modes_of,
-    shaped,
-    unknowns_of,
-)
+from myork.core.calls import Turn, answer, call_in_thread
+from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
 from myork.core.states import VERDICTS, Fields, States, states_of
@@ -168,7 +161,7 @@ class Scene:
         )
         check_deck(stat, message, text)
         self._handle = handle
-        self.points_found = tuple(called(_core.scene_found, handle).decode().split())
+        self.points_found = tuple(answer(handle, "found")["overrides"].split())
         for word in self.points_found:
             key, _, value = word.partition("=")
             deck["geometry"][key.removeprefix("geometry.")] = json.loads(value)
@@ -180,13 +173,12 @@ class Scene:
         self._close = weakref.finalize(self, _close, handle, self._turn)
         self._read_sizes()
         self._unknowns = 0
-        self._reduced_rows = 0
         self._threads = threads or 0
 
-    def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What a function of the core gives for this scene, as `called` has it."""
+    def _ask(self, question: str, *given: ArrayLike, word: str = "") -> dict[str, Any]:
+        """What the core says of this scene, as `answer` has it."""
         with self._turn.short():
-            return called(function, self._handle, *arguments)
+            return answer(self._handle, question, *given, word=word)
 
     def _read_sizes(self) -> None:
         (
@@ -198,7 +190,7 @@ class Scene:
             self._probes,
             self.steps,
             self.stencils,
-        ) = (int(size) for size in called(_core.scene_sizes, self._handle))
+        ) = answer(self._handle, "sizes")["sizes"].tolist()
 
     def __repr__(self) -> str:
         return (
@@ -321,13 +313,12 @@ class Scene:
         InputError
             It belongs to other points or to another approximation.
         """
-        approximation = self._ask(_core.scene_approximation).decode().strip()
+        approximation = self._ask("approximation")["text"]
         return unknowns_of(state, self.points(), approximation, self.dofs)
 
     def points(self) -> F64:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
-        x = self._ask(_core.scene_points, self.dimension, self.collocation_points)
-        return np.asarray(x.T)
+        return np.asarray(self._ask("points")["place"].T)
 
     def surface(self) -> I32:
         """Corners of the surface's triangles among `points`, counter-clockwise from outside.
@@ -335,10 +326,7 @@ class Scene:
         Those of a plane body fill it; there are none where the points have no lattice. Shape
         `(m, 3)`.
         """
-        n, found = self._ask(_core.scene_surface, 1)
-        if n > 1:
-            n, found = self._ask(_core.scene_surface, n)
-        return np.ascontiguousarray(found[:, :n].T)
+        return np.ascontiguousarray(self._ask("body")["surface"].T)
 
     def body(self) -> tuple[I32, F64, I32, F64]:
         """How the points hang together, and what fills them.
@@ -355,12 +343,9 @@ class Scene:
         share : F64
             Share of each label in the volume of each point, shape `(n, collocation_points)` [-].
         """
-        place, label, fiber = self._ask(_core.scene_body, self.dimension, self.collocation_points)
-        place = np.ascontiguousarray(place.T)
-        labels = np.unique(label)
-        share = [self._ask(_core.scene_share, one, self.collocation_points) for one in labels]
-        lattice = place[: len(place) if place.min(initial=0) >= 0 else 0]
-        return lattice, fiber.T, labels, np.array(share)
+        found = self._ask("body")
+        place = np.ascontiguousarray(found["place"].T)
+        return place, found["fiber"].T, found["labels"], found["share"].T
 
     def set_points(self, name: str) -> tuple[I32, F64]:
         """Points of a boundary set, and the area that belongs to each.
@@ -382,11 +367,9 @@ class Scene:
         InputError
             There is no such set, or it has no points.
         """
-        words = name.encode() or b" "
-        n, _, _ = self._ask(_core.scene_set, words, 1)
-        if n == 0:
+        point, area = self._ask("set", word=name).values()
+        if len(point) == 0:
             raise errors.InputError(f"{name!r} is no boundary set with points of this scene")
-        _, point, area = self._ask(_core.scene_set, words, n)
         return point, area
 
     def field_points(self) -> F64:
@@ -394,8 +377,7 @@ class Scene:
 
         Collocation points; in weak forms the integration points, then those of the surface.
         """
-        n = self._ask(_core.scene_count_field_points)
-        return np.asarray(self._ask(_core.scene_field_points, self.dimension, n).T)
+        return np.asarray(self._ask("field_points")["place"].T)
 
     def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
@@ -414,12 +396,7 @@ class Scene:
         finite("body_force", body_force, (n, 3))
         finite("displacement", displacement, (n, 3))
         finite("stress", stress, (n, 3, 3))
-        self._ask(
-            _core.scene_set_fields,
-            np.asfortranarray(body_force.T),
-            np.asfortranarray(displacement.T),
-            np.asfortranarray(np.moveaxis(stress, 0, -1)),
-        )
+        self._ask("set_fields", body_force.T, displacement.T, np.moveaxis(stress, 0, -1))
         self._has_fields = True
 
     def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
@@ -435,9 +412,8 @@ class Scene:
             Assemble the rows of nonlinear collocation in full before they are projected.
         """
         modes = modes_of(modes, self.dofs)
-        rows = self._ask(_core.scene_reduce, modes, projection, int(assembled))
+        self._ask("reduce", assembled, modes, word=projection)
         self._unknowns = modes.shape[1]
-        self._reduced_rows = int(rows)
 
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
@@ -478,8 +454,7 @@ class Scene:
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)
         states = [shaped("states and directions", array, shape) for array in given]
-        rows = self._reduced_rows if reduced else self.rows
-        r, y = self._ask(_core.scene_linearise, int(reduced), rows, *states[:2], load, states[2])
+        r, y = self._ask("linearise", reduced, load, *states).values()
         return r, y
 
     def hessian(
@@ -510,7 +485,7 @@ class Scene:
         """
         shape = (self._unknowns if reduced else self.dofs,)
         given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
-        gradient, second = self._ask(_core.scene_hessian, int(reduced), *given, load)
+        gradient, second = self._ask("hessian", reduced, load, *given).values()
         return gradient, np.triu(second) + np.triu(second, 1).T
 
     def fields(self, x: F64, load: float) -> Fields:
@@ -522,12 +497,8 @@ class Scene:
             Of places without a finite value: where J <= 0 there is no stress.
         """
         x = shaped("x", x, (self.dofs,))
-        values = self._ask(
-            _core.scene_fields, self.collocation_points, sum(field_sizes().values()), x, load
-        )
-        cuts = np.cumsum(list(field_sizes().values()))[:-1]
-        named = dict(zip(field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=0))
+        named = {name: values.T for name, values in self._ask("fields", load, x).items()}
+        bad = np.flatnonzero(~np.isfinite(np.hstack(list(named.values()))).all(axis=1))
         if len(bad):
             warnings.warn(
                 f"{len(bad)} of {self.collocation_points} points have fields that are not finite, "
@@ -544,8 +515,7 @@ class Scene:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
         load = np.atleast_1d(np.asarray(load, float))
         x = shaped("x", x, (len(load), self.dofs))
-        value = self._ask(_core.scene_probes, self._probes, x.T, load)
-        return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
+        return np.moveaxis(self._ask("probes", x.T, load)["value"], (0, 1, 2), (2, 1, 0))
 
     def _run(
         self,
@@ -556,11 +526,11 @@ class Scene:
         estimate: bool,
     ) -> States:
         """Solve in a thread, so that Ctrl-C and progress come through."""
-        answer: list[Any] = []
+        status: list[Any] = []
         said = 0
 
         def work() -> None:
-            answer.extend(
+            status.extend(
                 _core.scene_solve(
                     self._handle,
                     linear.encode() or b" ",
@@ -588,35 +558,27 @@ class Scene:
                     self._states = self._converged(len(start), reduced)
         if interrupted:
             raise KeyboardInterrupt
-        errors.check(*answer)
+        errors.check(*status)
         assert self._states is not None
         return self._states
 
     def _converged(self, n: int, reduced: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        x, info, *numbers = called(_core.scene_states, self._handle, n, steps)
-        places = called(_core.scene_points, self._handle, self.dimension, self.collocation_points)
-        verdict = self._verdict(x, info[0], reduced)
-        return states_of(x, info, numbers, places, self._warnings(), verdict)
-
-    def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
-        """Verdict on the core's last solve, its reasons and the error bars of the probes."""
-        steps = len(load)
-        # the wrapper takes no empty arrays
-        value = np.zeros((3, max(self._probes, 1), max(steps, 1)), order="F")
-        if self._probes and steps and not reduced:
-            value = called(_core.scene_probes, self._handle, self._probes, x, load)
-        load = np.resize(load, value.shape[2])
-        verdict, bar, reasons = lines_of(
-            lambda room: _core.scene_verdict(self._handle, load, value, room)
+        found = answer(self._handle, "states", n, steps)
+        value = np.zeros((3, self._probes, 0))
+        if steps and not reduced:
+            value = answer(self._handle, "probes", found["x"], found["info"][0])["value"]
+        judged = answer(self._handle, "verdict", value, found["info"][0][: value.shape[2]])
+        bars = np.full((steps, self._probes, 3), np.nan)
+        bars[: value.shape[2]] = judged["bars"].T
+        return states_of(
+            **found,
+            places=answer(self._handle, "points")["place"],
+            verdict=VERDICTS[judged["verdict"]],
+            reasons=judged["reasons"].splitlines(),
+            bars=bars,
         )
-        bar = np.moveaxis(bar, (0, 1, 2), (2, 1, 0))[:steps, : self._probes]
-        return VERDICTS[verdict], reasons, bar
-
-    def _warnings(self) -> list[str]:
-        """Warnings of the last solve; the error is one where it ended in one."""
-        return list(lines_of(lambda room: _core.scene_warnings(self._handle, room))[0])
 
 
 def _close(handle: int, turn: Turn) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
@@ -105,22 +104,27 @@ def _error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -
 def states_of(
     x: F64,
     info: F64,
-    numbers: Sequence[F64],
+    seconds: F64,
+    worst: F64,
+    norms: F64,
+    warnings: str,
     places: F64,
-    warnings: list[str],
-    judged: tuple[str, list[str], F64],
+    verdict: str,
+    reasons: list[str],
+    bars: F64,
 ) -> States:
     """States from the arrays of the core.
 
     - `x`: unknowns, shape `(n, nstep)`
     - `info`: load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0
       for none, shape `(6, nstep)`
-    - `numbers`: wall times; backward error, imbalance and mismatch of work; norms of errors
+    - `seconds`: wall times of assembly, least squares and checks [s]
+    - `worst`: backward error, imbalance and mismatch of work
+    - `norms`: of errors
+    - `warnings`: warnings of the solve, a line each
     - `places`: collocation points, shape `(dimension, npoint)` [length]
-    - `warnings`: warnings of the solve
-    - `judged`: verdict, reasons, and error bars of the probes
+    - `verdict`, `reasons`, `bars`: verdict, its reasons, and error bars of the probes
     """
-    seconds, worst, norms = numbers
     point = info[5].astype(np.int64)
     seen = point > 0
     return States(
@@ -138,8 +142,8 @@ def states_of(
         force_imbalance=float(worst[1]),
         work_mismatch=float(worst[2]),
         errors=_error_norms(*norms.tolist()),
-        warnings=warnings,
-        verdict=judged[0],
-        reasons=judged[1],
-        probe_errors=judged[2],
+        warnings=warnings.splitlines(),
+        verdict=verdict,
+        reasons=reasons,
+        probe_errors=bars,
     )
