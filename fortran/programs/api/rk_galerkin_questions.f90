@@ -174,7 +174,8 @@ end subroutine answer_gradients
 subroutine answer_loads(full, answer)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
-   real(wp), allocatable :: factor(:), value(:, :), push(:, :), given(:, :)
+   real(wp) :: factor(full%scene%programme%count())
+   real(wp), allocatable :: value(:, :), push(:, :), given(:, :)
    integer :: a, nd, q
 
    nd = full%gradient%nd

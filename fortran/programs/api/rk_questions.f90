@@ -90,8 +90,8 @@ subroutine answer_body(cloud, answer)
    real(wp), allocatable :: share(:, :)
    integer :: k, l, next
 
-   place = lattice_places(cloud)
-   triangle = surface_triangles(place) - 1
+   allocate (place, source=lattice_places(cloud))
+   allocate (triangle, source=surface_triangles(place) - 1)
    place = place - spread(minval(place, dim=2), 2, size(place, 2))
    labels = [integer ::]
    next = minval(cloud%label)
@@ -128,9 +128,8 @@ subroutine answer_set(cloud, name, answer)
    integer :: e, set
 
    set = cloud%find_set(name)
-   entry = [integer ::]
-   if (set > 0) entry = pack([(e, e=1, size(cloud%boundary_point))], &
-      & [(cloud%in_set(e, set), e=1, size(cloud%boundary_point))])
+   allocate (entry, source=pack([(e, e=1, size(cloud%boundary_point))], &
+      & set > 0 .and. cloud%in_set([(e, e=1, size(cloud%boundary_point))], max(set, 1))))
    call answer%put_whole('point', shape(entry), cloud%boundary_point(entry) - 1)
    call answer%put('area', shape(entry), cloud%area(entry))
 end subroutine answer_set
@@ -228,20 +227,19 @@ subroutine answer_verdict(slot, given)
    type(slot_type), intent(inout) :: slot
    !> Values of the probes, shape (3, probes, states), then the load of each state
    real(wp), intent(in) :: given(:)
-   real(wp), allocatable :: bar(:, :, :), value(:, :, :), load(:)
+   real(wp), allocatable :: bar(:, :, :), value(:, :, :)
    integer :: i, j, k, n, np
 
    np = size(slot%scene%probe)
    k = size(given)/(3*np + 1)
    value = reshape(given(:3*np*k), [3, np, k])
-   load = given(3*np*k + 1:)
    allocate (bar(3, np, k), source=ieee_value(1.0_wp, ieee_quiet_nan))
    if (allocated(slot%verdict%bars%change)) then
       do j = 1, k
          do i = 1, np
             n = quantity_size(slot%scene%probe(i)%quantity)
-            if (slot%verdict%bars%change(i) >= 0) bar(:n, i, j) = slot%verdict%bars%at(i, load(j), &
-               & value(:n, i, j))
+            if (slot%verdict%bars%change(i) >= 0) bar(:n, i, j) = slot%verdict%bars%at(i, &
+               & given(3*np*k + j), value(:n, i, j))
          end do
       end do
    end if

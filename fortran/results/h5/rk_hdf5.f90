@@ -87,7 +87,7 @@ module rk_hdf5
          type(*), intent(in) :: values(..)
       end function rkh5_append
 
-      !> All numbers of a dataset, in an array that is allocated there where the dataset has its rank
+      !> All numbers of a dataset, in an array that is allocated there, if the dataset has its rank
       type(c_ptr) function read_c_reals(file, path, values) bind(c, name='rkh5_read')
          import :: c_char, c_double, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
