@@ -4,18 +4,18 @@
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
 !> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
-!> of J are treated here and the tensors in rk_tensors. All that is evaluated at points is pure and
-!> allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who steps there must
-!> look at J first.
+!> of J are treated here and the tensors in rk_tensors and rk_curvature. All that is evaluated at
+!> points is pure and allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who
+!> steps there must look at J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
-   use rk_curvature, only : fourth_form, third_form
+   use rk_curvature, only : fourth_form, second_form, third_form, third_tensor
    use rk_error, only : error_type
    use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
-      & kind_i4, second_tensor, set_invariants, third_tensor
+      & kind_i4, set_invariants
    implicit none
    private
 
@@ -196,7 +196,7 @@ pure subroutine stress(self, at, p, c4)
    call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
    call set_derivatives(self, inv, at, merge(2, 1, present(c4)), w)
    call first_tensor(inv, w, p)
-   if (present(c4)) call second_tensor(3, inv, w, c4)
+   if (present(c4)) call second_form(inv, w, c4)
 end subroutine stress
 
 !> Everything a row of the strong form needs: P, C4 and T(i,k,C) = C6_iAjBkC H_jBA
@@ -216,22 +216,25 @@ pure subroutine strong(self, nd, at, h, p, c4, t)
    real(wp), intent(out) :: t(3, 3, 3)
    type(invariants_type) :: inv
    type(derivatives_type) :: w
-   real(wp) :: plane(3, 3, 3)
+   real(wp) :: within(3, 3, 3)
+   integer :: a
 
    call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
    call set_derivatives(self, inv, at, 3, w)
    call first_tensor(inv, w, p)
-   if (nd == 3) then
-      call second_tensor(3, inv, w, c4)
-      call third_tensor(3, inv, w, h, t)
-   else
-      plane = 0.0_wp
-      plane(:2, :2, :2) = h(:2, :2, :2)
-      c4 = 0.0_wp
-      t = 0.0_wp
-      call second_tensor(2, inv, w, c4)
-      call third_tensor(2, inv, w, plane, t)
-   end if
+   within = 0.0_wp
+   within(:nd, :nd, :nd) = h(:nd, :nd, :nd)
+   call second_form(inv, w, c4)
+   call third_tensor(nd, inv, w, within, t)
+   do a = nd + 1, 3
+      c4(a, :, :, :) = 0.0_wp
+      c4(:, a, :, :) = 0.0_wp
+      c4(:, :, a, :) = 0.0_wp
+      c4(:, :, :, a) = 0.0_wp
+      t(a, :, :) = 0.0_wp
+      t(:, a, :) = 0.0_wp
+      t(:, :, a) = 0.0_wp
+   end do
 end subroutine strong
 
 !> W_,FFF[R] = C6_iAjBkC R_iA as a symmetric 9x9 matrix, index j + 3 (B - 1)
