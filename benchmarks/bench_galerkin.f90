@@ -86,7 +86,7 @@ contains
          best(2) = min(best(2), now() - start)
          start = now()
          do q = 1, size(problem%cells%weight)
-            call problem%mixture%tangent(nc + q, identity, 0.1_wp, p, c4(:, :, :, :, q), &
+            call problem%mixture%stress(nc + q, identity, 0.1_wp, p, c4(:, :, :, :, q), &
                & volumetric=.false.)
          end do
          best(3) = min(best(3), now() - start)

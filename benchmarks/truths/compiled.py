@@ -62,10 +62,11 @@ def shape_functions(
         (window or default["window"]).encode(),
     )
     points = (source.T, np.asfortranarray(support.T), place.T)
-    counts, stencils = called(_core.shape_count, *args, *points)
-    offset = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     nq = 1 + ndim + ndim * (ndim + 1) // 2
-    neighbour, value = called(_core.shape_fill, *args, nq, int(offset[-1]), *points)
+    counts, *_ = called(_core.shape_values, *args, nq, 1, *points)
+    offset = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
+    found = called(_core.shape_values, *args, nq, int(offset[-1]), *points)
+    _, stencils, neighbour, value = found
     return ShapeFunctions(offset, neighbour, value.T, int(stencils))
 
 
@@ -117,5 +118,5 @@ def hessian(
     """
     shape = (scene._unknowns if reduced else scene.dofs,)
     given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
-    gradient, second = scene._ask(_core.scene_hessian, int(reduced), *given, load)
+    gradient, second = scene._ask("hessian", reduced, load, *given).values()
     return gradient, np.triu(second) + np.triu(second, 1).T

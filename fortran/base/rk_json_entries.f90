@@ -36,8 +36,10 @@ subroutine read_entries(path, entries, damaged)
    logical, intent(out) :: damaged
    character(len=:), allocatable :: text
    integer(i8) :: bytes
-   integer :: at, stat, unit
-   logical :: found, valid
+   !> Place in the text
+   integer :: at
+   integer :: stat, unit
+   logical :: found
 
    allocate (entries(0))
    damaged = .false.
@@ -53,213 +55,172 @@ subroutine read_entries(path, entries, damaged)
    close (unit)
    if (stat /= 0) return
    at = 1
-   call skip_blanks(text, at)
-   if (.not. follows(text, at, '{')) return
-   call skip_list(text, at, 1, valid, entries)
-   call skip_blanks(text, at)
-   damaged = .not. valid .or. at <= len(text)
+   call skip_blanks()
+   if (.not. next_is('{')) return
+   damaged = .not. skips_list(1)
+   call skip_blanks()
+   damaged = damaged .or. at <= len(text)
    if (.not. damaged) return
    deallocate (entries)
    allocate (entries(0))
-end subroutine read_entries
 
-!> Whether a character comes next
-pure logical function follows(text, at, character)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place
-   integer, intent(in) :: at
-   character(len=1), intent(in) :: character
+contains
 
-   follows = .false.
-   if (at <= len(text)) follows = text(at:at) == character
-end function follows
+   !> Whether a character comes next
+   logical function next_is(letter)
+      character(len=1), intent(in) :: letter
 
-!> Go behind blanks
-pure subroutine skip_blanks(text, at)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place
-   integer, intent(inout) :: at
-   integer :: length
+      next_is = .false.
+      if (at <= len(text)) next_is = text(at:at) == letter
+   end function next_is
 
-   if (at > len(text)) return
-   length = verify(text(at:), blank)
-   at = merge(len(text) + 1, at + length - 1, length == 0)
-end subroutine skip_blanks
+   !> Go behind a character, where it comes next
+   logical function skips(letter)
+      character(len=1), intent(in) :: letter
 
-!> Go behind a value of any kind
-recursive subroutine skip_value(text, at, depth, valid)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place, of the value's first character
-   integer, intent(inout) :: at
-   !> Open objects and arrays
-   integer, intent(in) :: depth
-   !> Whether there was a value
-   logical, intent(out) :: valid
+      skips = next_is(letter)
+      if (skips) at = at + 1
+   end function skips
 
-   valid = .false.
-   if (at > len(text)) return
-   select case (text(at:at))
-   case ('{', '[')
-      call skip_list(text, at, depth + 1, valid)
-   case ('"')
-      call skip_text(text, at, valid)
-   case ('t')
-      call skip_word(text, at, 'true', valid)
-   case ('f')
-      call skip_word(text, at, 'false', valid)
-   case ('n')
-      call skip_word(text, at, 'null', valid)
-   case default
-      call skip_number(text, at, valid)
-   end select
-end subroutine skip_value
+   !> Go behind blanks
+   subroutine skip_blanks()
+      integer :: length
 
-!> Go behind an object or an array
-recursive subroutine skip_list(text, at, depth, valid, entries)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place, of the opening bracket
-   integer, intent(inout) :: at
-   !> Open objects and arrays, this one included
-   integer, intent(in) :: depth
-   !> Whether it is whole
-   logical, intent(out) :: valid
-   !> Entries of an object are added here, where wanted
-   type(json_entry), allocatable, intent(inout), optional :: entries(:)
-   character(len=1) :: closing
-   integer :: key(2), first
+      if (at > len(text)) return
+      length = verify(text(at:), blank)
+      at = merge(len(text) + 1, at + length - 1, length == 0)
+   end subroutine skip_blanks
 
-   key = at
-   closing = merge('}', ']', text(at:at) == '{')
-   at = at + 1
-   valid = depth <= max_depth
-   if (.not. valid) return
-   call skip_blanks(text, at)
-   if (follows(text, at, closing)) then
-      at = at + 1
-      return
-   end if
-   do
-      if (closing == '}') then
-         key(1) = at
-         call skip_text(text, at, valid)
-         if (.not. valid) return
-         key(2) = at - 1
-         call skip_blanks(text, at)
-         valid = follows(text, at, ':')
-         if (.not. valid) return
-         at = at + 1
-         call skip_blanks(text, at)
-      end if
-      first = at
-      call skip_value(text, at, depth, valid)
-      if (.not. valid) return
-      if (present(entries)) entries = [entries, &
-         & json_entry(text(key(1) + 1:key(2) - 1), text(first:at - 1))]
-      call skip_blanks(text, at)
-      if (.not. follows(text, at, ',')) exit
-      at = at + 1
-      call skip_blanks(text, at)
-   end do
-   valid = follows(text, at, closing)
-   at = at + 1
-end subroutine skip_list
+   !> Go behind a value of any kind, where there is one
+   recursive logical function skips_value(depth) result(valid)
+      !> Open objects and arrays
+      integer, intent(in) :: depth
 
-!> Go behind a text in quotation marks
-pure subroutine skip_text(text, at, valid)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place, of the first mark
-   integer, intent(inout) :: at
-   !> Whether it ends
-   logical, intent(out) :: valid
-   integer :: four
-
-   valid = .false.
-   if (.not. follows(text, at, '"')) return
-   at = at + 1
-   do while (at <= len(text))
+      valid = .false.
+      if (at > len(text)) return
       select case (text(at:at))
+      case ('{', '[')
+         valid = skips_list(depth + 1)
       case ('"')
-         at = at + 1
-         valid = .true.
-         return
-      case ('\')
-         at = at + 1
-         if (at > len(text)) return
-         if (index('"\/bfnrtu', text(at:at)) == 0) return
-         if (text(at:at) == 'u') then
-            four = min(at + 4, len(text))
-            if (four < at + 4) return
-            if (verify(text(at + 1:four), digits//'abcdefABCDEF') > 0) return
-            at = four
-         end if
-      case (achar(0):achar(31))
-         return
+         valid = skips_text()
+      case ('t')
+         valid = skips_word('true')
+      case ('f')
+         valid = skips_word('false')
+      case ('n')
+         valid = skips_word('null')
+      case default
+         valid = skips_number()
       end select
+   end function skips_value
+
+   !> Go behind an object or an array, whose opening bracket comes next, where it is whole; entries
+   !> of the first one are kept
+   recursive logical function skips_list(depth) result(valid)
+      !> Open objects and arrays, this one included
+      integer, intent(in) :: depth
+      character(len=1) :: closing
+      integer :: key(2), first
+
+      key = at
+      closing = merge('}', ']', text(at:at) == '{')
       at = at + 1
-   end do
-end subroutine skip_text
+      valid = depth <= max_depth
+      if (.not. valid) return
+      call skip_blanks()
+      if (skips(closing)) return
+      do
+         if (closing == '}') then
+            key(1) = at
+            valid = skips_text()
+            if (.not. valid) return
+            key(2) = at - 1
+            call skip_blanks()
+            valid = skips(':')
+            if (.not. valid) return
+            call skip_blanks()
+         end if
+         first = at
+         valid = skips_value(depth)
+         if (.not. valid) return
+         if (depth == 1) entries = [entries, &
+            & json_entry(text(key(1) + 1:key(2) - 1), text(first:at - 1))]
+         call skip_blanks()
+         if (.not. skips(',')) exit
+         call skip_blanks()
+      end do
+      valid = skips(closing)
+   end function skips_list
 
-!> Go behind a word that has no quotation marks
-pure subroutine skip_word(text, at, word, valid)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place
-   integer, intent(inout) :: at
-   character(len=*), intent(in) :: word
-   !> Whether it is this word
-   logical, intent(out) :: valid
+   !> Go behind a text in quotation marks, where it ends
+   logical function skips_text() result(valid)
+      integer :: four
 
-   valid = index(text(at:), word) == 1
-   at = at + len(word)
-end subroutine skip_word
+      valid = .false.
+      if (.not. skips('"')) return
+      do while (at <= len(text))
+         select case (text(at:at))
+         case ('"')
+            at = at + 1
+            valid = .true.
+            return
+         case ('\')
+            at = at + 1
+            if (at > len(text)) return
+            if (index('"\/bfnrtu', text(at:at)) == 0) return
+            if (text(at:at) == 'u') then
+               four = min(at + 4, len(text))
+               if (four < at + 4) return
+               if (verify(text(at + 1:four), digits//'abcdefABCDEF') > 0) return
+               at = four
+            end if
+         case (achar(0):achar(31))
+            return
+         end select
+         at = at + 1
+      end do
+   end function skips_text
 
-!> Go behind a number
-pure subroutine skip_number(text, at, valid)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place
-   integer, intent(inout) :: at
-   !> Whether it is a number
-   logical, intent(out) :: valid
-   integer :: first
+   !> Go behind a word that has no quotation marks, where it comes next
+   logical function skips_word(word) result(valid)
+      character(len=*), intent(in) :: word
 
-   if (follows(text, at, '-')) at = at + 1
-   first = at
-   call skip_digits(text, at, valid)
-   ! a leading zero stands alone
-   if (valid .and. text(first:first) == '0') valid = at == first + 1
-   if (valid .and. follows(text, at, '.')) then
+      valid = index(text(at:), word) == 1
+      at = at + len(word)
+   end function skips_word
+
+   !> Go behind a number, where there is one
+   logical function skips_number() result(valid)
+      integer :: first
+
+      if (next_is('-')) at = at + 1
+      first = at
+      valid = skips_digits()
+      ! a leading zero stands alone
+      if (valid .and. text(first:first) == '0') valid = at == first + 1
+      if (valid .and. next_is('.')) then
+         at = at + 1
+         valid = skips_digits()
+      end if
+      if (.not. valid) return
+      if (.not. (next_is('e') .or. next_is('E'))) return
       at = at + 1
-      call skip_digits(text, at, valid)
-   end if
-   if (.not. valid) return
-   if (.not. (follows(text, at, 'e') .or. follows(text, at, 'E'))) return
-   at = at + 1
-   if (follows(text, at, '+') .or. follows(text, at, '-')) at = at + 1
-   call skip_digits(text, at, valid)
-end subroutine skip_number
+      if (next_is('+') .or. next_is('-')) at = at + 1
+      valid = skips_digits()
+   end function skips_number
 
-!> Go behind digits
-pure subroutine skip_digits(text, at, valid)
-   !> JSON text
-   character(len=*), intent(in) :: text
-   !> Place
-   integer, intent(inout) :: at
-   !> Whether there is one
-   logical, intent(out) :: valid
-   integer :: length
+   !> Go behind digits, where there is one
+   logical function skips_digits() result(valid)
+      integer :: length
 
-   valid = .false.
-   if (at > len(text)) return
-   length = verify(text(at:), digits) - 1
-   if (length < 0) length = len(text) - at + 1
-   valid = length > 0
-   at = at + length
-end subroutine skip_digits
+      valid = .false.
+      if (at > len(text)) return
+      length = verify(text(at:), digits) - 1
+      if (length < 0) length = len(text) - at + 1
+      valid = length > 0
+      at = at + length
+   end function skips_digits
+
+end subroutine read_entries
 
 end module rk_json_entries

@@ -10,7 +10,7 @@ module rk_kernel
    private
 
    public :: kernel_quintic, kernel_cubic, window_product, window_radial, window_polar
-   public :: find_kernel, find_window, polar_window, window
+   public :: find_name, kernel_names, window_names, polar_window, window
 
    !> Names of the kernels and of the windows in decks, in the order of the numbers below
    character(len=*), parameter :: kernel_names(2) = ['quintic', 'cubic  ']
@@ -28,28 +28,6 @@ module rk_kernel
    integer, parameter :: window_polar = 3
 
 contains
-
-!> Kernel of a name
-subroutine find_kernel(name, kernel, error)
-   character(len=*), intent(in) :: name
-   !> One of the kernel_* constants
-   integer, intent(out) :: kernel
-   !> Error handling: no such kernel
-   type(error_type), allocatable, intent(out) :: error
-
-   call find_name(kernel_names, 'kernel', name, kernel, error)
-end subroutine find_kernel
-
-!> Window of a name
-subroutine find_window(name, shape, error)
-   character(len=*), intent(in) :: name
-   !> One of the window_* constants
-   integer, intent(out) :: shape
-   !> Error handling: no such window
-   type(error_type), allocatable, intent(out) :: error
-
-   call find_name(window_names, 'window', name, shape, error)
-end subroutine find_window
 
 !> Place of a name in a list
 subroutine find_name(names, what, name, number, error)

@@ -7,12 +7,13 @@
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
 module rk_place_shape
    use rk_basis, only : monomials, second_index
-   use rk_kernel, only : polar_window, window, window_polar
+   use rk_error, only : error_type
+   use rk_kernel, only : find_name, kernel_names, polar_window, window, window_names, window_polar
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: approximation_type, shape_at_place
+   public :: approximation_type, new_approximation, shape_at_place
 
    !> Choice of the approximation
    type :: approximation_type
@@ -28,6 +29,20 @@ module rk_place_shape
    real(wp), parameter :: pivot_min = 1.0e-13_wp
 
 contains
+
+!> Approximation from the names of kernel and window in decks
+subroutine new_approximation(self, order, kernel, window, error)
+   type(approximation_type), intent(out) :: self
+   !> Order of the basis
+   integer, intent(in) :: order
+   character(len=*), intent(in) :: kernel, window
+   !> Error handling: no such kernel or window
+   type(error_type), allocatable, intent(out) :: error
+
+   self%order = order
+   call find_name(kernel_names, 'kernel', kernel, self%kernel, error)
+   if (.not. allocated(error)) call find_name(window_names, 'window', window, self%window, error)
+end subroutine new_approximation
 
 !> Shape functions of all neighbours at one place
 subroutine shape_at_place(approximation, powers, source, support, neighbours, x, value, singular)

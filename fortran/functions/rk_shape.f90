@@ -11,13 +11,13 @@ module rk_shape
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_polar, window_product
    use rk_neighbours, only : covers, find_neighbours
-   use rk_place_shape, only : approximation_type, shape_at_place
+   use rk_place_shape, only : approximation_type, new_approximation, shape_at_place
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: approximation_type, shape_type, new_shape, derivative_count
+   public :: approximation_type, new_approximation, shape_type, new_shape, derivative_count
 
    !> Shape functions at places. Derivatives are counted: 1 value, then nd first derivatives, then
    !> the nd(nd+1)/2 second derivatives in the order 11, 12, 13, 22, 23, 33.
@@ -308,7 +308,7 @@ subroutine find_stencils(self, source, support, place, example)
    !$omp parallel do default(none) schedule(static) private(ip) &
    !$omp shared(self, source, support, place, key)
    do ip = 1, self%np
-      key(ip) = stencil_key(self, source, support, place, ip)
+      key(ip) = stencil_key(ip)
    end do
    !$omp end parallel do
    bits = 4
@@ -327,89 +327,67 @@ subroutine find_stencils(self, source, support, place, example)
             exit
          end if
          if (key(found(table(slot))) == key(ip)) then
-            if (same_stencil(self, source, support, place, found(table(slot)), ip)) exit
+            if (same_stencil(found(table(slot)), ip)) exit
          end if
          slot = iand(slot + 1, 2**bits - 1)
       end do
       self%stencil(ip) = table(slot)
    end do
    example = found(:n)
-end subroutine find_stencils
 
-!> Offset of a neighbour in units of its support along an axis as an integer
-pure integer(i8) function quantised(offset, support)
-   !> Place minus source point [length]
-   real(wp), intent(in) :: offset
-   !> Support [length]
-   real(wp), intent(in) :: support
+contains
 
-   ! the sum is rounded to a whole number, as which its bits tell it
-   quantised = transfer(offset/support*quantum + whole, 0_i8)
-end function quantised
+   !> Offset of a place from a neighbour in units of its support along an axis, as an integer
+   pure integer(i8) function offset(ip, is, d)
+      integer, intent(in) :: ip, is, d
 
-!> Hash of the relative positions of a place's neighbours
-pure integer(i8) function stencil_key(self, source, support, place, ip)
-   !> Shape functions with neighbours
-   type(shape_type), intent(in) :: self
-   !> Source points, shape (nd, ns) [length]
-   real(wp), intent(in) :: source(:, :)
-   !> Support, shape (nd, ns) [length]
-   real(wp), intent(in) :: support(:, :)
-   !> Places, shape (nd, np) [length]
-   real(wp), intent(in) :: place(:, :)
-   !> Place
-   integer, intent(in) :: ip
-   integer(i8) :: q(2), k
-   integer :: d, i
+      ! the sum is rounded to a whole number, as which its bits tell it
+      offset = transfer((place(d, ip) - source(d, is))/support(d, is)*quantum + whole, 0_i8)
+   end function offset
 
-   stencil_key = 1469598103934665603_i8
-   do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
-      associate (is => self%neighbour%index(k))
-         do d = 1, self%nd
-            q = [quantised(place(d, ip) - source(d, is), support(d, is)), &
-               & transfer(support(d, is), 0_i8)]
-            do i = 1, 2
-               stencil_key = ieor(ishftc(stencil_key, 5), q(i) + ishft(q(i), -31))
-               stencil_key = ieor(stencil_key, ishft(stencil_key, 13))
-               stencil_key = ieor(stencil_key, ishft(stencil_key, -7))
-               stencil_key = ieor(stencil_key, ishft(stencil_key, 17))
+   !> Hash of the relative positions of a place's neighbours
+   pure integer(i8) function stencil_key(ip)
+      integer, intent(in) :: ip
+      integer(i8) :: q(2), k
+      integer :: d, i
+
+      stencil_key = 1469598103934665603_i8
+      do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
+         associate (is => self%neighbour%index(k))
+            do d = 1, self%nd
+               q = [offset(ip, is, d), transfer(support(d, is), 0_i8)]
+               do i = 1, 2
+                  stencil_key = ieor(ishftc(stencil_key, 5), q(i) + ishft(q(i), -31))
+                  stencil_key = ieor(stencil_key, ishft(stencil_key, 13))
+                  stencil_key = ieor(stencil_key, ishft(stencil_key, -7))
+                  stencil_key = ieor(stencil_key, ishft(stencil_key, 17))
+               end do
             end do
-         end do
-      end associate
-   end do
-end function stencil_key
+         end associate
+      end do
+   end function stencil_key
 
-!> Whether two places have the same stencil
-pure logical function same_stencil(self, source, support, place, ip, jp)
-   !> Shape functions with neighbours
-   type(shape_type), intent(in) :: self
-   !> Source points, shape (nd, ns) [length]
-   real(wp), intent(in) :: source(:, :)
-   !> Support, shape (nd, ns) [length]
-   real(wp), intent(in) :: support(:, :)
-   !> Places, shape (nd, np) [length]
-   real(wp), intent(in) :: place(:, :)
-   !> First place
-   integer, intent(in) :: ip
-   !> Second place
-   integer, intent(in) :: jp
-   integer(i8) :: k, shift
-   integer :: d
+   !> Whether two places have the same stencil
+   pure logical function same_stencil(ip, jp)
+      integer, intent(in) :: ip, jp
+      integer(i8) :: k, shift
+      integer :: d
 
-   same_stencil = self%count(ip) == self%count(jp)
-   if (.not. same_stencil) return
-   shift = self%neighbour%offset(jp) - self%neighbour%offset(ip)
-   do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
-      associate (is => self%neighbour%index(k), js => self%neighbour%index(k + shift))
-         do d = 1, self%nd
-            same_stencil = quantised(place(d, ip) - source(d, is), support(d, is)) == &
-               & quantised(place(d, jp) - source(d, js), support(d, js)) .and. &
-               & transfer(support(d, is), 0_i8) == transfer(support(d, js), 0_i8)
-            if (.not. same_stencil) return
-         end do
-      end associate
-   end do
-end function same_stencil
+      same_stencil = self%count(ip) == self%count(jp)
+      if (.not. same_stencil) return
+      shift = self%neighbour%offset(jp) - self%neighbour%offset(ip)
+      do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
+         associate (is => self%neighbour%index(k), js => self%neighbour%index(k + shift))
+            do d = 1, self%nd
+               same_stencil = offset(ip, is, d) == offset(jp, js, d) .and. &
+                  & transfer(support(d, is), 0_i8) == transfer(support(d, js), 0_i8)
+               if (.not. same_stencil) return
+            end do
+         end associate
+      end do
+   end function same_stencil
+
+end subroutine find_stencils
 
 !> Name the place of a singular moment matrix and the support that would cure it
 subroutine singular_error(approximation, powers, source, support, x, ip, n, error)

@@ -4,22 +4,22 @@
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
 !> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
-!> of J are treated here and the tensors in rk_tensors. All that is evaluated at points is pure and
-!> allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who steps there must
-!> look at J first.
+!> of J are treated here and the tensors in rk_tensors and rk_curvature. All that is evaluated at
+!> points is pure and allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who
+!> steps there must look at J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
-   use rk_curvature, only : fourth_form, third_form
+   use rk_curvature, only : fourth_form, second_form, third_form, third_tensor
    use rk_error, only : error_type
    use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
-      & kind_i4, second_tensor, set_invariants, third_tensor
+      & kind_i4, set_invariants
    implicit none
    private
 
-   public :: material_type, material_item, invariant_state, energy_derivatives
+   public :: material_type, material_item, material_point, invariant_state, energy_derivatives
    public :: kind_i1, kind_i2, kind_i4
 
    !> Exponents n of the reduced invariants I J^(-n)
@@ -34,6 +34,18 @@ module rk_material
       !> Activation of the fibers, 0..1 [-]
       real(wp) :: activation
    end type invariant_state
+
+   !> Where a material is asked
+   type :: material_point
+      !> Deformation gradient F(i,A), all components also in the plane [-]
+      real(wp) :: f(3, 3)
+      !> Fiber in the reference body, unit vector or zeros for none [-]
+      real(wp) :: fiber(3) = 0.0_wp
+      !> Activation, 0..1 [-]
+      real(wp) :: activation = 0.0_wp
+      !> Include K/2 (J-1)^2?
+      logical :: volumetric = .true.
+   end type material_point
 
    !> Reduced energy and its derivatives by I1r, I2r, I4r
    type :: energy_derivatives
@@ -73,10 +85,8 @@ module rk_material
       !> Shear modulus of a deformed state
       procedure :: shear_modulus
       procedure :: energy
-      !> P
+      !> P, and C4 where wanted
       procedure :: stress
-      !> P and C4
-      procedure :: tangent
       !> P, C4 and C6 contracted with second derivatives of the displacement
       procedure :: strong
       !> C6 contracted with a direction: second derivatives of P along it
@@ -156,168 +166,115 @@ pure real(wp) function shear_modulus(self, f)
 end function shear_modulus
 
 !> Energy W per reference volume [stress]
-pure function energy(self, f, fiber, activation, volumetric) result(w)
+pure function energy(self, at) result(w)
    class(material_type), intent(in) :: self
-   !> Deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Fiber in the reference body, unit vector or zeros for none [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Activation, 0..1 [-]
-   real(wp), intent(in) :: activation
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
+   type(material_point), intent(in) :: at
    real(wp) :: w
    type(invariants_type) :: inv
    type(energy_derivatives) :: r
    type(invariant_state) :: state
    real(wp) :: power(3)
 
-   call set_invariants(inv, f, fiber, self%active, gradients=.false.)
-   call set_state(inv, activation, state, power)
+   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.false.)
+   call set_state(inv, at%activation, state, power)
    call self%reduced(state, 0, r)
    w = r%energy
-   if (volumetric) w = w + 0.5_wp*self%bulk*(inv%value(1) - 1.0_wp)**2
+   if (at%volumetric) w = w + 0.5_wp*self%bulk*(inv%value(1) - 1.0_wp)**2
 end function energy
 
-!> First Piola-Kirchhoff stress
-pure subroutine stress(self, f, fiber, activation, p, volumetric)
+!> First Piola-Kirchhoff stress and, where wanted, the tangent
+pure subroutine stress(self, at, p, c4)
    class(material_type), intent(in) :: self
-   !> Deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Fiber in the reference body, unit vector or zeros for none [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Activation, 0..1 [-]
-   real(wp), intent(in) :: activation
-   !> Stress P(i,A) = dW/dF_iA [stress]
-   real(wp), intent(out) :: p(3, 3)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
-   type(invariants_type) :: inv
-   type(derivatives_type) :: w
-
-   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, volumetric, 1, w)
-   call first_tensor(inv, w, p)
-end subroutine stress
-
-!> Stress and tangent
-pure subroutine tangent(self, f, fiber, activation, p, c4, volumetric)
-   class(material_type), intent(in) :: self
-   !> Deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Fiber in the reference body, unit vector or zeros for none [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Activation, 0..1 [-]
-   real(wp), intent(in) :: activation
+   type(material_point), intent(in) :: at
    !> Stress P(i,A) = dW/dF_iA [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B) = dP_iA/dF_jB [stress]
-   real(wp), intent(out) :: c4(3, 3, 3, 3)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
+   real(wp), intent(out), optional :: c4(3, 3, 3, 3)
    type(invariants_type) :: inv
    type(derivatives_type) :: w
 
-   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, volumetric, 2, w)
+   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, at, merge(2, 1, present(c4)), w)
    call first_tensor(inv, w, p)
-   call second_tensor(3, inv, w, c4)
-end subroutine tangent
+   if (present(c4)) call second_form(inv, w, c4)
+end subroutine stress
 
 !> Everything a row of the strong form needs: P, C4 and T(i,k,C) = C6_iAjBkC H_jBA
-pure subroutine strong(self, nd, f, h, fiber, activation, p, c4, t, volumetric)
+pure subroutine strong(self, nd, at, h, p, c4, t)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
    integer, intent(in) :: nd
-   !> Deformation gradient F(i,A), all components also in the plane [-]
-   real(wp), intent(in) :: f(3, 3)
+   type(material_point), intent(in) :: at
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA; indices above nd are not read
    !> [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
-   !> Fiber in the reference body, unit vector or zeros for none [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Activation, 0..1 [-]
-   real(wp), intent(in) :: activation
    !> Stress P(i,A), all components also in the plane [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B); zero where an index is above nd [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
    !> Contraction T(i,k,C); zero where an index is above nd [stress/length]
    real(wp), intent(out) :: t(3, 3, 3)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
-   real(wp) :: plane(3, 3, 3)
+   real(wp) :: within(3, 3, 3)
+   integer :: a
 
-   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, volumetric, 3, w)
+   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, at, 3, w)
    call first_tensor(inv, w, p)
-   if (nd == 3) then
-      call second_tensor(3, inv, w, c4)
-      call third_tensor(3, inv, w, h, t)
-   else
-      plane = 0.0_wp
-      plane(:2, :2, :2) = h(:2, :2, :2)
-      c4 = 0.0_wp
-      t = 0.0_wp
-      call second_tensor(2, inv, w, c4)
-      call third_tensor(2, inv, w, plane, t)
-   end if
+   within = 0.0_wp
+   within(:nd, :nd, :nd) = h(:nd, :nd, :nd)
+   call second_form(inv, w, c4)
+   call third_tensor(nd, inv, w, within, t)
+   do a = nd + 1, 3
+      c4(a, :, :, :) = 0.0_wp
+      c4(:, a, :, :) = 0.0_wp
+      c4(:, :, a, :) = 0.0_wp
+      c4(:, :, :, a) = 0.0_wp
+      t(a, :, :) = 0.0_wp
+      t(:, a, :) = 0.0_wp
+      t(:, :, a) = 0.0_wp
+   end do
 end subroutine strong
 
 !> W_,FFF[R] = C6_iAjBkC R_iA as a symmetric 9x9 matrix, index j + 3 (B - 1)
-pure subroutine stress_curvature(self, f, r, fiber, activation, form, volumetric)
+pure subroutine stress_curvature(self, at, r, form)
    class(material_type), intent(in) :: self
-   !> Deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
+   type(material_point), intent(in) :: at
    !> Direction R(i,A)
    real(wp), intent(in) :: r(3, 3)
-   !> Fiber in the reference body, unit vector or zeros for none [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Activation, 0..1 [-]
-   real(wp), intent(in) :: activation
    !> Second derivatives of P_iA R_iA by F [stress]
    real(wp), intent(out) :: form(9, 9)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
 
-   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, volumetric, 3, w)
+   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, at, 3, w)
    call third_form(inv, w, r, form)
 end subroutine stress_curvature
 
 !> Second derivatives of s(F, H) = r_i C4_iAjB H_jBA; s_,HH = 0
-pure subroutine strong_curvature(self, nd, f, h, r, fiber, activation, ff, fh, volumetric)
+pure subroutine strong_curvature(self, nd, at, h, r, ff, fh)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
    integer, intent(in) :: nd
-   !> Deformation gradient F(i,A), all components also in the plane [-]
-   real(wp), intent(in) :: f(3, 3)
+   type(material_point), intent(in) :: at
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA; zero for indices above nd
    !> [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
    !> Weighted residual r_i; zero for indices above nd
    real(wp), intent(in) :: r(3)
-   !> Fiber in the reference body, unit vector or zeros for none [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Activation, 0..1 [-]
-   real(wp), intent(in) :: activation
    !> s_,FF = r_i C8_iAjBkClD H_jBA, index k + 3 (C - 1) [stress/length]
    real(wp), intent(out) :: ff(9, 9)
    !> s_,FH = r_i C6_iAjBkC with indices (kC, jB, A); zero for A above nd [stress]
    real(wp), intent(out) :: fh(9, 9, 3)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
    type(invariants_type) :: inv
    type(derivatives_type) :: w
    real(wp) :: direction(3, 3)
    integer :: a
 
-   call set_invariants(inv, f, fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, activation, volumetric, 4, w)
+   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
+   call set_derivatives(self, inv, at, 4, w)
    fh = 0.0_wp
    do a = 1, nd
       direction = 0.0_wp
@@ -352,13 +309,10 @@ pure subroutine set_state(inv, activation, state, power)
 end subroutine set_state
 
 !> Derivatives of W by the unscaled invariants from those by the reduced ones and by J
-pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
+pure subroutine set_derivatives(self, inv, at, order, w)
    class(material_type), intent(in) :: self
    type(invariants_type), intent(in) :: inv
-   !> Activation [-]
-   real(wp), intent(in) :: activation
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
+   type(material_point), intent(in) :: at
    !> Highest derivative wanted, 1..4
    integer, intent(in) :: order
    type(derivatives_type), intent(out) :: w
@@ -369,7 +323,7 @@ pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
    real(wp) :: power(3), inverse
    integer :: k(4), m, a, b, c
 
-   call set_state(inv, activation, state, power)
+   call set_state(inv, at%activation, state, power)
    call self%reduced(state, order, r)
    m = inv%n
    k = inv%kind
@@ -386,7 +340,7 @@ pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
    end do
 
    w%first(1) = 0.0_wp
-   if (volumetric) w%first(1) = self%bulk*(inv%value(1) - 1.0_wp)
+   if (at%volumetric) w%first(1) = self%bulk*(inv%value(1) - 1.0_wp)
    do a = 2, m
       w%first(a) = r%first(k(a))*di(a)
       w%first(1) = w%first(1) + r%first(k(a))*dj(a)
@@ -394,7 +348,7 @@ pure subroutine set_derivatives(self, inv, activation, volumetric, order, w)
    if (order < 2) return
 
    w%second(1, 1) = 0.0_wp
-   if (volumetric) w%second(1, 1) = self%bulk
+   if (at%volumetric) w%second(1, 1) = self%bulk
    do a = 2, m
       w%second(1, 1) = w%second(1, 1) + r%first(k(a))*djj(a)
       w%second(a, 1) = r%first(k(a))*dij(a)

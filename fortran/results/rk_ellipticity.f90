@@ -56,7 +56,7 @@ subroutine find_ellipticity(problem, state, worst)
       j(ip) = local%j
       worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))
       fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
-      call problem%mixture%tangent(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
+      call problem%mixture%stress(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
       modulus = problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
       if (surely_above(nd, c4, local%f, fixed, max(floor, 0.0_wp), modulus)) cycle
       least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(local%f, local%f), fixed)/modulus

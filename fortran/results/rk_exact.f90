@@ -2,7 +2,7 @@
 module rk_exact
    use rk_deck_records, only : exact_keys
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_material, only : material_type
+   use rk_material, only : material_point, material_type
    use rk_precision, only : wp
    use rk_probes, only : quantity
    use rk_scene, only : scene_type
@@ -32,9 +32,9 @@ subroutine exact_value(scene, exact, value, error)
    if (allocated(error)) return
    local%j = determinant(local%f)
    associate (material => scene%tissue(scene%tissue_of(1))%material, nd => scene%cloud%nd)
-      call material%stress(local%f, scene%cloud%fiber(:, 1), &
-         & scene%activation_at(scene%tissue_of(1), 1.0_wp), local%p, &
-         & volumetric=.not. material%incompressible())
+      call material%stress(material_point(local%f, scene%cloud%fiber(:, 1), &
+         & scene%activation_at(scene%tissue_of(1), 1.0_wp), .not. material%incompressible()), &
+         & local%p)
       if (material%incompressible()) then
          if (abs(local%j - 1.0_wp) > sqrt(epsilon(1.0_wp))) then
             call fatal_error(error, err_input, exact%solution//' changes the volume, which an ' &
@@ -153,7 +153,7 @@ contains
       do i = first, nd
          f(i, i) = exp(logarithm)
       end do
-      call material%stress(f, [0.0_wp, 0.0_wp, 0.0_wp], 0.0_wp, p, volumetric=.true.)
+      call material%stress(material_point(f), p)
       stress_at = p(nd, nd)
    end function stress_at
 

@@ -9,7 +9,7 @@ module rk_fiber_gradient
    use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_kernel, only : window_product
-   use rk_material, only : material_type
+   use rk_material, only : material_point, material_type
    use rk_neighbours, only : find_neighbours
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
@@ -135,20 +135,16 @@ pure function fitted_slope(scene, window, near, ip) result(slope)
 end function fitted_slope
 
 !> dP_iA/dN_k N_k,A, what turning fibers add to the divergence of P, and its derivatives by F
-pure subroutine fiber_divergence(material, f, fiber, slope, activation, pull, t)
+pure subroutine fiber_divergence(material, at, slope, pull, t)
    class(material_type), intent(in) :: material
-   !> F(i, A)
-   real(wp), intent(in) :: f(3, 3)
-   !> Fiber direction, shape (3) [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Its slope N_k,A, shape (3, nd) [1/length]
+   type(material_point), intent(in) :: at
+   !> Slope N_k,A of its fiber, shape (3, nd) [1/length]
    real(wp), intent(in) :: slope(:, :)
-   !> Activation [-]
-   real(wp), intent(in) :: activation
    !> Force per volume [stress/length]
    real(wp), intent(out) :: pull(3)
    !> Its derivatives T(i, k, C) by F(k, C) [stress/length]
    real(wp), intent(out) :: t(3, 3, 3)
+   type(material_point) :: beside
    real(wp) :: p(3, 3, 2), c4(3, 3, 3, 3, 2), rate
    integer :: a, c
 
@@ -158,8 +154,9 @@ pure subroutine fiber_divergence(material, f, fiber, slope, activation, pull, t)
       rate = norm2(slope(:, a))
       if (.not. rate > 0.0_wp) cycle
       do c = 1, 2
-         call material%tangent(f, fiber + (2*c - 3)*fiber_gradient/rate*slope(:, a), activation, &
-            & p(:, :, c), c4(:, :, :, :, c), volumetric=.false.)
+         beside = material_point(at%f, at%fiber + (2*c - 3)*fiber_gradient/rate*slope(:, a), &
+            & at%activation, .false.)
+         call material%stress(beside, p(:, :, c), c4(:, :, :, :, c))
       end do
       rate = 0.5_wp*rate/fiber_gradient
       pull = pull + rate*(p(:, a, 2) - p(:, a, 1))
@@ -170,20 +167,16 @@ pure subroutine fiber_divergence(material, f, fiber, slope, activation, pull, t)
 end subroutine fiber_divergence
 
 !> Second derivatives by F of the pull times a vector
-pure subroutine fiber_divergence_curvature(material, f, fiber, slope, rho, activation, ff)
+pure subroutine fiber_divergence_curvature(material, at, slope, rho, ff)
    class(material_type), intent(in) :: material
-   !> F(i, A)
-   real(wp), intent(in) :: f(3, 3)
-   !> Fiber direction, shape (3) [-]
-   real(wp), intent(in) :: fiber(3)
-   !> Its slope N_k,A, shape (3, nd) [1/length]
+   type(material_point), intent(in) :: at
+   !> Slope N_k,A of its fiber, shape (3, nd) [1/length]
    real(wp), intent(in) :: slope(:, :)
    !> Vector with index i
    real(wp), intent(in) :: rho(3)
-   !> Activation [-]
-   real(wp), intent(in) :: activation
    !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
    real(wp), intent(out) :: ff(9, 9)
+   type(material_point) :: beside
    real(wp) :: form(9, 9), weighted(3, 3), rate
    integer :: a, sign
 
@@ -194,8 +187,9 @@ pure subroutine fiber_divergence_curvature(material, f, fiber, slope, rho, activ
       weighted = 0.0_wp
       weighted(:, a) = rho
       do sign = -1, 1, 2
-         call material%stress_curvature(f, weighted, fiber + sign*fiber_gradient/rate*slope(:, a), &
-            & activation, form, volumetric=.false.)
+         beside = material_point(at%f, at%fiber + sign*fiber_gradient/rate*slope(:, a), &
+            & at%activation, .false.)
+         call material%stress_curvature(beside, weighted, form)
          ff = ff + sign*0.5_wp*rate/fiber_gradient*form
       end do
    end do

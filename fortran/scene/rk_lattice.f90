@@ -324,12 +324,12 @@ pure function digits_of(number, base) result(digit)
    !> Number, from 0
    integer, intent(in) :: number
    !> Values of each digit
-   integer, intent(in) :: base(3)
-   integer :: digit(3)
+   integer, intent(in) :: base(:)
+   integer :: digit(size(base))
    integer :: d, rest
 
    rest = number
-   do d = 3, 1, -1
+   do d = size(base), 1, -1
       digit(d) = mod(rest, base(d))
       rest = rest/base(d)
    end do
@@ -340,14 +340,10 @@ pure function grid(n) result(index)
    !> Points in each direction, shape (nd)
    integer, intent(in) :: n(:)
    integer :: index(size(n), product(n))
-   integer :: i, d, rest
+   integer :: i
 
    do i = 1, product(n)
-      rest = i - 1
-      do d = size(n), 1, -1
-         index(d, i) = mod(rest, n(d))
-         rest = rest/n(d)
-      end do
+      index(:, i) = digits_of(i - 1, n)
    end do
 end function grid
 

@@ -30,7 +30,7 @@ module rk_mixture
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
    use rk_levels, only : find_level, has_levels
    use rk_kernel, only : kernel_quintic, window_product
-   use rk_material, only : kind_i4
+   use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
@@ -72,10 +72,8 @@ module rk_mixture
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
       procedure :: fiber_of, energy
-      !> P
+      !> P, and C4 where wanted
       procedure :: stress
-      !> P and C4
-      procedure :: tangent
       !> Div P, P, and their derivatives
       procedure :: strong
       !> Second derivatives of P along a direction
@@ -182,19 +180,26 @@ pure subroutine parts(self, ip, tissue, fraction, fiber)
    end associate
 end subroutine parts
 
-!> Activation of the tissue of an entry; tissues without fibers have none [-]
-pure real(wp) function activation_of(self, e, load)
+!> Where the material of an entry is asked; tissues without fibers have no activation
+pure function point_of(self, e, f, load, volumetric) result(at)
    class(mixture_type), intent(in) :: self
    !> Entry
    integer, intent(in) :: e
+   !> Deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
    !> Load [-]
    real(wp), intent(in) :: load
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   type(material_point) :: at
 
-   activation_of = 0.0_wp
+   at%f = f
+   at%fiber = self%fiber(:, e)
+   at%volumetric = volumetric
    if (self%scene%tissue(self%tissue(e))%material%active(kind_i4)) &
-      & activation_of = self%scene%activation_at(self%tissue(e), load)
-   if (allocated(self%level)) activation_of = self%level(e)*activation_of
-end function activation_of
+      & at%activation = self%scene%activation_at(self%tissue(e), load)
+   if (allocated(self%level)) at%activation = self%level(e)*at%activation
+end function point_of
 
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
@@ -300,49 +305,13 @@ pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    energy = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (tissue > 0 .and. self%tissue(e) /= tissue) cycle
-      associate (material => self%scene%tissue(self%tissue(e))%material)
-         energy = energy + self%fraction(e)*material%energy(f, self%fiber(:, e), &
-            & activation_of(self, e, load), volumetric)
-      end associate
+      energy = energy + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%energy( &
+         & point_of(self, e, f, load, volumetric))
    end do
 end function energy
 
-!> First Piola-Kirchhoff stress at a place
-pure subroutine stress(self, ip, f, load, p, volumetric, tissue)
-   class(mixture_type), intent(in) :: self
-   !> Place
-   integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Stress P(i,A) [stress]
-   real(wp), intent(out) :: p(3, 3)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
-   !> The part of this tissue alone
-   integer, intent(in), optional :: tissue
-   real(wp) :: part(3, 3), c4(3, 3, 3, 3)
-   integer :: e
-
-   if (allocated(self%pair)) then
-      call self%tangent(ip, f, load, p, c4, volumetric)
-      return
-   end if
-   p = 0.0_wp
-   do e = self%first(ip) + 1, self%first(ip + 1)
-      if (present(tissue)) then
-         if (self%tissue(e) /= tissue) cycle
-      end if
-      associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%stress(f, self%fiber(:, e), activation_of(self, e, load), part, volumetric)
-      end associate
-      p = p + self%fraction(e)*part
-   end do
-end subroutine stress
-
-!> Stress and tangent at a place
-pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
+!> First Piola-Kirchhoff stress at a place and, where wanted, its tangent
+pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    class(mixture_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -353,32 +322,42 @@ pure subroutine tangent(self, ip, f, load, p, c4, volumetric)
    !> Stress P(i,A) [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B) [stress]
-   real(wp), intent(out) :: c4(3, 3, 3, 3)
+   real(wp), intent(out), optional :: c4(3, 3, 3, 3)
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
+   !> The part of this tissue alone
+   integer, intent(in), optional :: tissue
    real(wp) :: part(3, 3), part4(3, 3, 3, 3)
    integer :: b, e, k
 
    p = 0.0_wp
    if (allocated(self%pair)) then
-      c4 = linear_moduli(self, ip)
+      part4 = linear_moduli(self, ip)
       do b = 1, 3
          do k = 1, 3
-            p = p + c4(:, :, k, b)*f(k, b)
+            p = p + part4(:, :, k, b)*f(k, b)
          end do
       end do
+      if (present(c4)) c4 = part4
       return
    end if
-   c4 = 0.0_wp
+   if (present(c4)) c4 = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
-      associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%tangent(f, self%fiber(:, e), activation_of(self, e, load), part, part4, &
-            & volumetric)
+      if (present(tissue)) then
+         if (self%tissue(e) /= tissue) cycle
+      end if
+      associate (material => self%scene%tissue(self%tissue(e))%material, &
+         & at => point_of(self, e, f, load, volumetric))
+         if (present(c4)) then
+            call material%stress(at, part, part4)
+            c4 = c4 + self%fraction(e)*part4
+         else
+            call material%stress(at, part)
+         end if
       end associate
       p = p + self%fraction(e)*part
-      c4 = c4 + self%fraction(e)*part4
    end do
-end subroutine tangent
+end subroutine stress
 
 !> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
 pure function linear_moduli(self, ip) result(c4)
@@ -423,8 +402,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    divergence = 0.0_wp
    if (e == self%first(ip + 1)) then
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%strong(nd, f, h, self%fiber(:, e), activation_of(self, e, load), p, c4, t, &
-            & volumetric)
+         call material%strong(nd, point_of(self, e, f, load, volumetric), h, p, c4, t)
       end associate
    else
       p = 0.0_wp
@@ -432,8 +410,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
       t = 0.0_wp
       do e = self%first(ip) + 1, self%first(ip + 1)
          associate (material => self%scene%tissue(self%tissue(e))%material)
-            call material%strong(nd, f, h, self%fiber(:, e), activation_of(self, e, load), part, &
-               & part4, part_t, volumetric)
+            call material%strong(nd, point_of(self, e, f, load, volumetric), h, part, part4, part_t)
          end associate
          p = p + self%fraction(e)*part
          c4 = c4 + self%fraction(e)*part4
@@ -447,8 +424,8 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    if (allocated(self%fiber_gradient)) then
       do e = self%first(ip) + 1, self%first(ip + 1)
          associate (material => self%scene%tissue(self%tissue(e))%material)
-            call fiber_divergence(material, f, self%fiber(:, e), self%fiber_gradient(:, :, e), &
-               & activation_of(self, e, load), pull, part_t)
+            call fiber_divergence(material, point_of(self, e, f, load, volumetric), &
+               & self%fiber_gradient(:, :, e), pull, part_t)
          end associate
          divergence = divergence + self%fraction(e)*pull
          t = t + self%fraction(e)*part_t
@@ -482,8 +459,7 @@ pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
    form = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%stress_curvature(f, r, self%fiber(:, e), activation_of(self, e, load), &
-            & part, volumetric)
+         call material%stress_curvature(point_of(self, e, f, load, volumetric), r, part)
       end associate
       form = form + self%fraction(e)*part
    end do
@@ -517,22 +493,19 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
    fh = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       associate (material => self%scene%tissue(self%tissue(e))%material, &
-         & activation => activation_of(self, e, load))
-         call material%strong_curvature(nd, f, h, r, self%fiber(:, e), activation, part, part_h, &
-            & volumetric)
+         & at => point_of(self, e, f, load, volumetric))
+         call material%strong_curvature(nd, at, h, r, part, part_h)
          ff = ff + self%fraction(e)*part
          fh = fh + self%fraction(e)*part_h
          if (allocated(self%fiber_gradient)) then
-            call fiber_divergence_curvature(material, f, self%fiber(:, e), &
-               & self%fiber_gradient(:, :, e), r, activation, part)
+            call fiber_divergence_curvature(material, at, self%fiber_gradient(:, :, e), r, part)
             ff = ff + self%fraction(e)*part
          end if
          if (self%first(ip + 1) - self%first(ip) == 1) cycle
          do a = 1, 3
             direction(:, a) = r*self%slope(a, e)
          end do
-         call material%stress_curvature(f, direction, self%fiber(:, e), activation, part, &
-            & volumetric)
+         call material%stress_curvature(at, direction, part)
          ff = ff + part
       end associate
    end do

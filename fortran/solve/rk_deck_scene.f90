@@ -14,11 +14,12 @@ module rk_deck_scene
    use rk_deck_sets, only : read_sets
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
-   use rk_kernel, only : find_kernel, find_window, window_polar
+   use rk_kernel, only : window_polar
    use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_scene, only : displacement_weight, scene_type
+   use rk_shape, only : new_approximation
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
    implicit none
@@ -166,10 +167,7 @@ subroutine read_approximation(scene, deck, error)
             & //'voxels have them, is for models of voxels by method "rkpm-gauss"', error)
          return
       end if
-      scene%approximation%order = basis%order
-      call find_kernel(basis%kernel, scene%approximation%kernel, error)
-      if (allocated(error)) return
-      call find_window(basis%window, scene%approximation%window, error)
+      call new_approximation(scene%approximation, basis%order, basis%kernel, basis%window, error)
       if (allocated(error)) return
       allocate (scene%support, mold=cloud%spacing)
       do d = 1, cloud%nd

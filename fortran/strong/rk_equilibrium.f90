@@ -254,7 +254,7 @@ subroutine start(self, x, load, iteration)
          else if (self%scene%solver%weight_essential > 0.0_wp) then
             weight = self%scene%solver%weight_essential
          else
-            call self%mixture%tangent(ip, f, load, p, c4, volumetric=.true.)
+            call self%mixture%stress(ip, f, load, p, c4, volumetric=.true.)
             weight = factor*maxval(abs(c4(:nd, :nd, :nd, :nd)))
          end if
       end associate

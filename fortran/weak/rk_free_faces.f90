@@ -255,7 +255,7 @@ subroutine release(self, i, mixture, ip, load, f, local)
    associate (normal => self%normal(:, i))
       do k = 1, most
          if (.not. determinant(g) > 0.0_wp) return
-         call mixture%tangent(ip, g, load, p, c4, volumetric=.true.)
+         call mixture%stress(ip, g, load, p, c4, volumetric=.true.)
          slope = identity
          slope(:nd, :nd) = 0.0_wp
          do b = 1, nd

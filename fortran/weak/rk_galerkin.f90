@@ -469,7 +469,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
          cofactor = volume_slope(self, f)
          own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
          if (tangent .or. jumps) then
-            call self%mixture%tangent(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
+            call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             if (.not. self%linear) call add_cross_form(own &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
             do k = 1, 3

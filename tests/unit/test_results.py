@@ -363,7 +363,7 @@ def test_model_round_trip(model: Path) -> None:
         ("area", np.ones(2), "'area' has shape (2), but (3) is needed"),
         ("area", -np.ones(3), "'area' must hold finite numbers not below 0, but entry 0 is -1"),
         ("volume", -np.ones(3), "'volume' must hold finite numbers not below 0, but entry 0"),
-        ("source", np.ones(6), "'source' has 1 dimension(s), but 2 are needed"),
+        ("source", np.ones(6), "'source': it has 1 dimension(s), but 2 are needed"),
         ("voxels/index", np.ones((2, 3), int), "'voxels/index' has shape (2, 3), but (3, 3)"),
         ("voxels/index", np.full((3, 3), -(2**30)), "an index beyond any image in entry 0"),
         ("voxels/size", np.array([1.0, 0.0, 1.0]), "'voxels/size' must be positive and finite"),

@@ -6,7 +6,7 @@
 subroutine material_at_points(name, n, keys, texts, numbers, volumetric, nd, np, f, h, fiber, &
    & activation, w, p, c4, t, stat, message)
    use rk_error, only : error_type
-   use rk_material, only : material_item
+   use rk_material, only : material_item, material_point
    use rk_pack, only : pack_error, unpack_material
    implicit none
    !f2py threadsafe
@@ -19,6 +19,7 @@ subroutine material_at_points(name, n, keys, texts, numbers, volumetric, nd, np,
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(material_item) :: item
+   type(material_point) :: at
    integer :: ip
 
    w = 0.0d0
@@ -28,12 +29,13 @@ subroutine material_at_points(name, n, keys, texts, numbers, volumetric, nd, np,
    call unpack_material(item, name, keys, texts, numbers, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   !$omp parallel do default(none) schedule(static) private(ip) &
+   !$omp parallel do default(none) schedule(static) private(ip, at) &
    !$omp shared(item, nd, np, f, h, fiber, activation, volumetric, w, p, c4, t)
    do ip = 1, np
-      w(ip) = item%material%energy(f(:, :, ip), fiber(:, ip), activation, volumetric /= 0)
-      call item%material%strong(nd, f(:, :, ip), h(:, :, :, ip), fiber(:, ip), activation, &
-         & p(:, :, ip), c4(:, :, :, :, ip), t(:, :, :, ip), volumetric /= 0)
+      at = material_point(f(:, :, ip), fiber(:, ip), activation, volumetric /= 0)
+      w(ip) = item%material%energy(at)
+      call item%material%strong(nd, at, h(:, :, :, ip), p(:, :, ip), c4(:, :, :, :, ip), &
+         & t(:, :, :, ip))
    end do
    !$omp end parallel do
 end subroutine material_at_points

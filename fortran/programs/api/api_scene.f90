@@ -83,245 +83,6 @@ subroutine scene_close(handle)
    if (.not. allocated(error)) call close_slot(slot)
 end subroutine scene_close
 
-!> What the search for points has changed in the deck, an override "table.key=value" a line; blank
-!> where nothing was searched
-subroutine scene_found(handle, words, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle
-   character(len=512), intent(out) :: words
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-
-   words = ''
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   if (allocated(slot%refinement%points)) words = slot%refinement%points
-end subroutine scene_found
-
-!> Sizes: dimension, source points, collocation points, unknowns, equations, probes, steps, stencils
-subroutine scene_sizes(handle, sizes, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle
-   integer, intent(out) :: sizes(8), stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-
-   sizes = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   sizes = [slot%full%shape%nd, slot%full%shape%ns, size(slot%scene%cloud%points, 2), &
-      & slot%full%n, slot%full%m, size(slot%scene%probe), &
-      & slot%scene%steps(), maxval(slot%full%shape%stencil)]
-end subroutine scene_sizes
-
-!> Project the full problem on modes, by a projection (auto, galerkin, least-squares) and with rows
-!> that are assembled in full (assembled = 1) or not; gives the number of equations that are left
-subroutine scene_reduce(handle, n, r, modes, projection, assembled, rows, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : look_up, slot_type
-   use rk_pack, only : pack_error
-   use rk_reduced, only : new_reduced, reduction_type
-   implicit none
-   !f2py threadsafe
-   integer, intent(in) :: handle, n, r, assembled
-   double precision, intent(in) :: modes(n, r)
-   character(len=*), intent(in) :: projection
-   integer, intent(out) :: rows, stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-
-   rows = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   if (associated(slot%reduced)) deallocate (slot%reduced)
-   call new_reduced(slot%reduced, slot%full, modes, reduction_type(projection, assembled /= 0), &
-      & error)
-   if (.not. allocated(error)) rows = slot%reduced%m
-   call pack_error(error, stat, message)
-end subroutine scene_reduce
-
-!> Collocation points
-subroutine scene_points(handle, nd, nc, place, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle, nd, nc
-   double precision, intent(out) :: place(nd, nc)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-
-   place = 0
-   call look_up(handle, slot, stat, message)
-   if (stat == 0) place = slot%scene%cloud%points
-end subroutine scene_points
-
-!> Triangles of the surface, or of a plane body itself: their number, and as many as there is room
-!> for, points from 0
-subroutine scene_surface(handle, room, n, triangle, stat, message)
-   use rk_handles, only : look_up, slot_type
-   use rk_surface, only : lattice_places, surface_triangles
-   implicit none
-   integer, intent(in) :: handle, room
-   integer, intent(out) :: n, triangle(3, room), stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   integer, allocatable :: found(:, :)
-
-   n = 0
-   triangle = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   found = surface_triangles(lattice_places(slot%scene%cloud)) - 1
-   n = size(found, 2)
-   triangle(:, :min(n, room)) = found(:, :min(n, room))
-end subroutine scene_surface
-
-!> How the collocation points hang together: the place of each in a lattice, from 0, or -1 without
-!> one; its label and its fiber, a unit vector or zero
-subroutine scene_body(handle, nd, nc, place, label, fiber, stat, message)
-   use rk_handles, only : look_up, slot_type
-   use rk_surface, only : lattice_places
-   implicit none
-   integer, intent(in) :: handle, nd, nc
-   integer, intent(out) :: place(nd, nc), label(nc), stat
-   double precision, intent(out) :: fiber(3, nc)
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   integer, allocatable :: found(:, :)
-
-   place = -1
-   label = 0
-   fiber = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   label = slot%scene%cloud%label
-   fiber = slot%scene%cloud%fiber
-   found = lattice_places(slot%scene%cloud)
-   if (size(found, 2) == nc) place = found - spread(minval(found, dim=2), 2, nc)
-end subroutine scene_body
-
-!> Share of a label in the volume of each collocation point [-]
-subroutine scene_share(handle, label, nc, share, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle, label, nc
-   double precision, intent(out) :: share(nc)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   integer :: k
-
-   share = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   associate (cloud => slot%scene%cloud)
-      if (allocated(cloud%fraction)) then
-         do k = 1, size(cloud%fraction_label)
-            if (cloud%fraction_label(k) == label) share = share + cloud%fraction(k, :)
-         end do
-      else
-         where (cloud%label == label) share = 1
-      end if
-   end associate
-end subroutine scene_share
-
-!> Collocation points of a boundary set, from 0, with the area of each: their number, none where
-!> there is no such set, and as many as there is room for
-subroutine scene_set(handle, name, room, n, point, area, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle, room
-   character(len=*), intent(in) :: name
-   integer, intent(out) :: n, point(room), stat
-   double precision, intent(out) :: area(room)
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   integer :: e, set
-
-   n = 0
-   point = 0
-   area = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   associate (cloud => slot%scene%cloud)
-      set = cloud%find_set(name)
-      if (set == 0) return
-      do e = 1, size(cloud%boundary_point)
-         if (.not. cloud%in_set(e, set)) cycle
-         n = n + 1
-         if (n > room) cycle
-         point(n) = cloud%boundary_point(e) - 1
-         area(n) = cloud%area(e)
-      end do
-   end associate
-end subroutine scene_set
-
-!> Number of points where scene_set_fields wants values
-subroutine scene_count_field_points(handle, n, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle
-   integer, intent(out) :: n, stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   double precision, allocatable :: place(:, :)
-   double precision :: none(3, 0), no_stress(3, 3, 0)
-
-   n = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   call slot%full%set_point_loads(none, none, no_stress, place)
-   n = size(place, 2)
-end subroutine scene_count_field_points
-
-!> Points where scene_set_fields wants values
-subroutine scene_field_points(handle, nd, n, place, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle, nd, n
-   double precision, intent(out) :: place(nd, n)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   double precision, allocatable :: points(:, :)
-   double precision :: none(3, 0), no_stress(3, 3, 0)
-
-   place = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   call slot%full%set_point_loads(none, none, no_stress, points)
-   place = points
-end subroutine scene_field_points
-
-!> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
-!> and at the field points; the last two count where the deck has conditions of their kind
-subroutine scene_set_fields(handle, nc, body_force, displacement, stress, stat, message)
-   use rk_error, only : err_input, error_type, fatal_error
-   use rk_handles, only : look_up, slot_type
-   use rk_pack, only : pack_error
-   implicit none
-   integer, intent(in) :: handle, nc
-   double precision, intent(in) :: body_force(3, nc), displacement(3, nc), stress(3, 3, nc)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   if (slot%full%linear) then
-      call fatal_error(error, err_input, 'the loads of a linear problem are those of its deck: ' &
-         & //'give linear.source and the boundary as expressions instead of set_fields')
-   else
-      call slot%full%set_point_loads(body_force, displacement, stress)
-   end if
-   call pack_error(error, stat, message)
-end subroutine scene_set_fields
-
 !> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
 !> 0 for all cores, without (estimate = 0) or with error bars; threads are a matter of the calling
 !> thread, so it is set here. The iteration begins at `start`, unknowns that may all be zero
@@ -362,22 +123,6 @@ subroutine scene_progress(handle, steps, iterations)
    iterations = slot%states%iterations
 end subroutine scene_progress
 
-!> Shape functions in words: coefficients belong to them
-subroutine scene_approximation(handle, text, stat, message)
-   use rk_deck_scene, only : approximation_text
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle
-   character(len=200), intent(out) :: text
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-
-   text = ''
-   call look_up(handle, slot, stat, message)
-   if (stat == 0) text = approximation_text(slot%deck)
-end subroutine scene_approximation
-
 !> Ask a running solve to end after its iteration
 subroutine scene_stop(handle)
    use rk_error, only : error_type
@@ -391,243 +136,67 @@ subroutine scene_stop(handle)
    if (.not. allocated(error)) slot%states%stop = .true.
 end subroutine scene_stop
 
-!> States of the last solve: unknowns; load, iterations, smallest and largest J, smallest eigenvalue
-!> of the acoustic tensor and its point, from 1; wall times of assembly, least squares and checks;
-!> largest backward error, imbalance of forces, mismatch of works, not a number without one; L2 and
-!> H1 norms of the error and of the solution of a linear problem, negative for others
-subroutine scene_states(handle, n, steps, x, info, seconds, worst, norms, stat, message)
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_error, only : error_type, fatal_error, err_input
+!> Ask about an open scene: a question of rk_questions, the word and the numbers that it needs,
+!> behind them one that does not count; the number of arrays of the answer
+subroutine scene_ask(handle, question, word, n, given, count, stat, message)
+   use rk_error, only : error_type
+   use rk_handles, only : slot_type
+   use rk_pack, only : pack_error
+   use rk_questions, only : ask
+   implicit none
+   !f2py threadsafe
+   integer, intent(in) :: handle, n
+   character(len=*), intent(in) :: question, word
+   double precision, intent(in) :: given(n)
+   integer, intent(out) :: count, stat
+   character(len=2048), intent(out) :: message
+   type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
+
+   count = 0
+   call ask(handle, question, word, given(:n - 1), slot, error)
+   if (.not. allocated(error)) count = slot%answer%count
+   call pack_error(error, stat, message)
+end subroutine scene_ask
+
+!> An array of the last answer: its name, what its numbers are (rk_answer), its rank and shape
+subroutine answer_form(handle, number, name, kind, rank, extent)
+   use rk_error, only : error_type
    use rk_handles, only : find_slot, slot_type
-   use rk_pack, only : pack_error
    implicit none
-   integer, intent(in) :: handle, n, steps
-   double precision, intent(out) :: x(n, steps), info(6, steps), seconds(3), worst(3), norms(4)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
+   integer, intent(in) :: handle, number
+   character(len=16), intent(out) :: name
+   integer, intent(out) :: kind, rank, extent(3)
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
-   x = 0
-   info = 0
-   seconds = 0
-   worst = 0
-   norms = -1
+   name = ''
+   kind = 0
+   rank = 0
+   extent = 0
    call find_slot(handle, slot, error)
-   if (.not. allocated(error)) then
-      if (.not. allocated(slot%states%x)) then
-         call fatal_error(error, err_input, 'this scene has not been solved yet')
-      else if (size(slot%states%x, 1) /= n .or. slot%states%steps < steps) then
-         call fatal_error(error, err_input, 'the last solve of this scene was of another model')
-      end if
-   end if
-   call pack_error(error, stat, message)
-   if (stat /= 0) return
-   x = slot%states%x(:n, :steps)
-   info = slot%states%info(:, :steps)
-   seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, &
-      & slot%outcome%seconds]
-   worst = [slot%states%backward_error, slot%outcome%imbalance, ieee_value(worst(3), &
-      & ieee_quiet_nan)]
-   if (allocated(slot%outcome%work_mismatch)) worst(3) = slot%outcome%work_mismatch
-   if (.not. allocated(slot%outcome%norms)) return
-   associate (found => slot%outcome%norms)
-      seconds(3) = seconds(3) + found%seconds
-      norms = [found%l2, found%h1, found%l2_solution, found%h1_solution]
+   if (allocated(error)) return
+   associate (array => slot%answer%array(number))
+      name = array%name
+      kind = array%kind
+      rank = size(array%shape)
+      extent(:rank) = array%shape
    end associate
-end subroutine scene_states
+end subroutine answer_form
 
-!> Warnings of the last solve, also of one that failed, each with its line feed. `length` is that of
-!> the whole text; where it is above `capacity` the caller asks again with more.
-subroutine scene_warnings(handle, capacity, text, length, stat, message)
-   use rk_handles, only : look_up, slot_type
-   implicit none
-   integer, intent(in) :: handle, capacity
-   character(len=capacity), intent(out) :: text
-   integer, intent(out) :: length, stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-
-   text = ''
-   length = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0 .or. .not. allocated(slot%outcome%warnings)) return
-   length = len(slot%outcome%warnings)
-   text = slot%outcome%warnings
-end subroutine scene_warnings
-
-!> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; its reasons, each with
-!> its line feed; error bars of the probes, three numbers each, at loads and values, not a number
-!> where there is none. `length` is that of the whole text, see scene_warnings.
-subroutine scene_verdict(handle, np, k, load, value, capacity, verdict, bar, text, length, stat, &
-   & message)
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_handles, only : look_up, slot_type
-   use rk_probes, only : quantity_size
-   implicit none
-   integer, intent(in) :: handle, np, k, capacity
-   double precision, intent(in) :: load(k), value(3, np, k)
-   integer, intent(out) :: verdict, length, stat
-   double precision, intent(out) :: bar(3, np, k)
-   character(len=capacity), intent(out) :: text
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   integer :: i, j, n
-
-   verdict = 0
-   bar = ieee_value(1.0d0, ieee_quiet_nan)
-   text = ''
-   length = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0 .or. .not. allocated(slot%verdict%reasons)) return
-   verdict = slot%verdict%state
-   length = len(slot%verdict%reasons)
-   text = slot%verdict%reasons
-   if (.not. allocated(slot%verdict%bars%change)) return
-   do j = 1, k
-      do i = 1, min(np, size(slot%scene%probe))
-         n = quantity_size(slot%scene%probe(i)%quantity)
-         if (slot%verdict%bars%change(i) >= 0) bar(:n, i, j) = slot%verdict%bars%at(i, load(j), &
-            & value(:n, i, j))
-      end do
-   end do
-end subroutine scene_verdict
-
-!> Names and components of the fields of a body, a line each
-subroutine scene_field_list(text)
-   use rk_fields, only : field_names, field_sizes
-   use rk_text, only : to_text
-   implicit none
-   character(len=1024), intent(out) :: text
-   integer :: k
-
-   text = ''
-   do k = 1, size(field_names)
-      text = trim(text)//trim(field_names(k))//' '//to_text(field_sizes(k))//new_line('a')
-   end do
-end subroutine scene_field_list
-
-!> All fields at all collocation points for one state of the full problem, one under the other in
-!> the order of the list
-subroutine scene_fields(handle, n, nc, rows, x, load, values, stat, message)
-   use rk_fields, only : compute_fields
-   use rk_handles, only : look_up, slot_type
-   use rk_point_field, only : point_field
-   use rk_states, only : field_state
-   implicit none
-   !f2py threadsafe
-   integer, intent(in) :: handle, n, nc, rows
-   double precision, intent(in) :: x(n), load
-   double precision, intent(out) :: values(rows, nc)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(slot_type), pointer :: slot
-   type(field_state) :: state
-   type(point_field), allocatable :: fields(:)
-   integer :: k, row
-
-   values = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   call slot%full%state(x, load, state)
-   call compute_fields(slot%full, state, fields)
-   row = 0
-   do k = 1, size(fields)
-      values(row + 1:row + size(fields(k)%value, 1), :) = fields(k)%value
-      row = row + size(fields(k)%value, 1)
-   end do
-end subroutine scene_fields
-
-!> Gradient A^T r and second derivatives (upper triangle) of r.r/2, with the row weights of a load
-!> step that starts at `start`
-subroutine scene_hessian(handle, reduced, n, start, x, load, gradient, second, stat, message)
+!> Its numbers, which the core gives away
+subroutine answer_numbers(handle, number, n, value)
    use rk_error, only : error_type
-   use rk_operator, only : row_operator
-   use rk_pack, only : pack_error
-   use rk_problem, only : problem_type
-   use rk_session, only : evaluate_session
+   use rk_handles, only : find_slot, slot_type
    implicit none
-   !f2py threadsafe
-   integer, intent(in) :: handle, reduced, n
-   double precision, intent(in) :: start(n), x(n), load
-   double precision, intent(out) :: gradient(n), second(n, n)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   class(problem_type), pointer :: problem
-   class(row_operator), pointer :: op
-   double precision, allocatable :: r(:)
-
-   gradient = 0
-   second = 0
-   call evaluate_session(handle, reduced /= 0, start, x, load, problem, r, error)
-   call pack_error(error, stat, message)
-   if (stat /= 0) return
-   op => problem%operator()
-   call op%apply_transposed(r, gradient)
-   call problem%hessian(x, load, r, second)
-end subroutine scene_hessian
-
-!> Residual and linearised rows times a direction, of the full (reduced = 0) or the reduced problem;
-!> the row weights are those of a load step that starts at `start`
-subroutine scene_linearise(handle, reduced, n, m, start, x, load, dx, r, y, stat, message)
-   use rk_error, only : error_type
-   use rk_operator, only : row_operator
-   use rk_pack, only : pack_error
-   use rk_problem, only : problem_type
-   use rk_session, only : evaluate_session
-   implicit none
-   !f2py threadsafe
-   integer, intent(in) :: handle, reduced, n, m
-   double precision, intent(in) :: start(n), x(n), load, dx(n)
-   double precision, intent(out) :: r(m), y(m)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   class(problem_type), pointer :: problem
-   class(row_operator), pointer :: op
-   double precision, allocatable :: residual(:)
-
-   r = 0
-   y = 0
-   call evaluate_session(handle, reduced /= 0, start, x, load, problem, residual, error)
-   call pack_error(error, stat, message)
-   if (stat /= 0) return
-   r = residual
-   op => problem%operator()
-   call op%apply(dx, y)
-end subroutine scene_linearise
-
-!> Values of all probes, three numbers each, for states of the full problem
-subroutine scene_probes(handle, n, k, np, x, load, value, stat, message)
-   use rk_error, only : error_type
-   use rk_handles, only : look_up, slot_type
-   use rk_pack, only : pack_error
-   use rk_probes, only : new_probes, probe_value, probes_type
-   use rk_states, only : field_state
-   implicit none
-   !f2py threadsafe
-   integer, intent(in) :: handle, n, k, np
-   double precision, intent(in) :: x(n, k), load(k)
-   double precision, intent(out) :: value(3, np, k)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
+   integer, intent(in) :: handle, number, n
+   double precision, intent(out) :: value(n)
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
-   type(field_state) :: state
-   type(probes_type) :: probes
-   integer :: i, j
 
    value = 0
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   call new_probes(probes, slot%scene, error)
-   call pack_error(error, stat, message)
-   if (stat /= 0) return
-   do j = 1, k
-      call slot%full%state(x(:, j), load(j), state)
-      do i = 1, size(slot%scene%probe)
-         call probe_value(slot%full, probes, i, state, value(:, i, j))
-      end do
-   end do
-end subroutine scene_probes
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   value = slot%answer%array(number)%value
+   deallocate (slot%answer%array(number)%value)
+end subroutine answer_numbers

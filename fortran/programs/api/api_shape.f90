@@ -1,47 +1,20 @@
 ! Python boundary of the shape functions: plain arrays in, plain arrays out; kernel and window by
 ! the names they have in decks.
 
-!> Number of neighbours of every place
-subroutine shape_count(order, kernel, window, nd, ns, np, source, support, place, &
-   & counts, stencils, stat, message)
+!> Neighbours and shape functions of every place in compressed rows: the number of neighbours of
+!> each place, and as many rows as there is room for; where there are more, the caller asks again
+subroutine shape_values(order, kernel, window, nd, ns, np, nq, room, source, support, place, &
+   & counts, stencils, neighbours, values, stat, message)
    use rk_error, only : error_type
-   use rk_pack, only : pack_error, unpack_approximation
-   use rk_shape, only : approximation_type, new_shape, shape_type
+   use rk_pack, only : pack_error
+   use rk_shape, only : approximation_type, new_approximation, new_shape, shape_type
    implicit none
    !f2py threadsafe
    character(len=*), intent(in) :: kernel, window
-   integer, intent(in) :: order, nd, ns, np
+   integer, intent(in) :: order, nd, ns, np, nq, room
    double precision, intent(in) :: source(nd, ns), support(nd, ns), place(nd, np)
-   integer, intent(out) :: counts(np), stencils, stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   type(approximation_type) :: choice
-   type(shape_type) :: shape
-   integer :: ip
-
-   counts = 0
-   stencils = 0
-   call unpack_approximation(choice, order, kernel, window, error)
-   if (.not. allocated(error)) call new_shape(shape, choice, source, support, place, error)
-   call pack_error(error, stat, message)
-   if (stat /= 0) return
-   counts = [(shape%count(ip), ip=1, np)]
-   stencils = maxval(shape%stencil)
-end subroutine shape_count
-
-!> Neighbours and shape functions of every place, in compressed rows of known size
-subroutine shape_fill(order, kernel, window, nd, ns, np, nq, nnz, source, support, place, &
-   & neighbours, values, stat, message)
-   use rk_error, only : error_type
-   use rk_pack, only : pack_error, unpack_approximation
-   use rk_shape, only : approximation_type, new_shape, shape_type
-   implicit none
-   !f2py threadsafe
-   character(len=*), intent(in) :: kernel, window
-   integer, intent(in) :: order, nd, ns, np, nq, nnz
-   double precision, intent(in) :: source(nd, ns), support(nd, ns), place(nd, np)
-   integer, intent(out) :: neighbours(nnz), stat
-   double precision, intent(out) :: values(nq, nnz)
+   integer, intent(out) :: counts(np), stencils, neighbours(room), stat
+   double precision, intent(out) :: values(nq, room)
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(approximation_type) :: choice
@@ -50,15 +23,21 @@ subroutine shape_fill(order, kernel, window, nd, ns, np, nq, nnz, source, suppor
    integer, pointer, contiguous :: nodes(:)
    integer :: ip, k
 
-   call unpack_approximation(choice, order, kernel, window, error)
+   counts = 0
+   stencils = 0
+   call new_approximation(choice, order, kernel, window, error)
    if (.not. allocated(error)) call new_shape(shape, choice, source, support, place, error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
+   stencils = maxval(shape%stencil)
    k = 0
    do ip = 1, np
       call shape%row(ip, nodes, row)
-      neighbours(k + 1:k + size(nodes)) = nodes - 1
-      values(:, k + 1:k + size(nodes)) = row
-      k = k + size(nodes)
+      counts(ip) = size(nodes)
+      if (k + counts(ip) <= room) then
+         neighbours(k + 1:k + counts(ip)) = nodes - 1
+         values(:, k + 1:k + counts(ip)) = row
+      end if
+      k = k + counts(ip)
    end do
-end subroutine shape_fill
+end subroutine shape_values

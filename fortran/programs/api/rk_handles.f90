@@ -3,12 +3,11 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
+   use rk_answer, only : answer_type
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_galerkin, only : galerkin_problem
-   use rk_pack, only : pack_error
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -20,7 +19,7 @@ module rk_handles
    implicit none
    private
 
-   public :: slot_type, states_type, open_slot, close_slot, find_slot, look_up
+   public :: slot_type, states_type, open_slot, close_slot, find_slot
 
    !> Rows of the table
    integer, parameter :: rows = 64
@@ -66,12 +65,11 @@ module rk_handles
       !> Deck and points it was made of
       type(deck_type) :: deck
       type(cloud_type) :: model
+      !> Shape functions in words: coefficients belong to them
+      character(len=:), allocatable :: approximation
+      !> Answer to the last question
+      type(answer_type) :: answer
    end type slot_type
-
-   !> What a handle stands for, or status and message of an error
-   interface look_up
-      module procedure :: look_up_slot, look_up_galerkin
-   end interface look_up
 
    type(slot_type), target, save :: table(0:rows - 1)
    integer, save :: serial = 0
@@ -128,50 +126,6 @@ subroutine find_slot(handle, slot, error)
    end if
    call fatal_error(error, err_input, 'this scene is closed')
 end subroutine find_slot
-
-!> Row of a handle, for the boundary
-subroutine look_up_slot(handle, slot, stat, message)
-   integer, intent(in) :: handle
-   !> Its row
-   type(slot_type), pointer, intent(out) :: slot
-   !> Status, 0 for success, and text of the error
-   integer, intent(out) :: stat
-   character(len=*), intent(out) :: message
-   type(error_type), allocatable :: error
-
-   call find_slot(handle, slot, error)
-   call pack_error(error, stat, message)
-end subroutine look_up_slot
-
-!> Galerkin problem of a handle, of which a reduced model can be trained
-subroutine look_up_galerkin(handle, problem, stat, message)
-   integer, intent(in) :: handle
-   !> Its problem
-   type(galerkin_problem), pointer, intent(out) :: problem
-   !> Status, 0 for success, and text of the error: a closed handle, another form, K = inf
-   integer, intent(out) :: stat
-   character(len=*), intent(out) :: message
-   type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-
-   nullify (problem)
-   call look_up(handle, slot, stat, message)
-   if (stat /= 0) return
-   select type (full => slot%full)
-   type is (galerkin_problem)
-      problem => full
-      if (full%linear) then
-         call fatal_error(error, err_input, 'only nonlinear problems have trained reduced models')
-      else if (full%multiplier%extra > 0) then
-         call fatal_error(error, err_input, 'a trained reduced model needs finite bulk ' &
-            & //'moduli; take K = 1e3 times the shear modulus instead of inf')
-      end if
-   class default
-      call fatal_error(error, err_input, 'a trained reduced model needs one of the Galerkin ' &
-         & //'forms: method "rkpm-gauss" or "rkpm-scni"')
-   end select
-   call pack_error(error, stat, message)
-end subroutine look_up_galerkin
 
 !> Count an iteration
 subroutine iteration(self, it)

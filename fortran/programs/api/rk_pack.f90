@@ -1,16 +1,14 @@
-!> Errors, materials and approximations as plain numbers and text, for the Python boundary.
+!> Errors and materials as plain numbers and text, for the Python boundary.
 module rk_pack
    use rk_error, only : error_type
-   use rk_kernel, only : find_kernel, find_window
    use rk_material, only : material_item
    use rk_energies, only : new_material
    use rk_parameters, only : parameters_type
    use rk_precision, only : wp
-   use rk_shape, only : approximation_type
    implicit none
    private
 
-   public :: pack_error, unpack_approximation, unpack_material
+   public :: pack_error, unpack_material
 
 contains
 
@@ -29,21 +27,6 @@ subroutine pack_error(error, stat, message)
       message = error%message
    end if
 end subroutine pack_error
-
-!> Approximation from the names of kernel and window
-subroutine unpack_approximation(self, order, kernel, window, error)
-   type(approximation_type), intent(out) :: self
-   !> Order of the basis
-   integer, intent(in) :: order
-   !> Names
-   character(len=*), intent(in) :: kernel, window
-   !> Error handling: no such kernel or window
-   type(error_type), allocatable, intent(out) :: error
-
-   self%order = order
-   call find_kernel(kernel, self%kernel, error)
-   if (.not. allocated(error)) call find_window(window, self%window, error)
-end subroutine unpack_approximation
 
 !> Material from its name and its parameters by the keys of a deck
 subroutine unpack_material(item, name, keys, texts, numbers, error)

@@ -2,7 +2,7 @@
 module rk_session
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
-   use rk_deck_scene, only : new_scene
+   use rk_deck_scene, only : approximation_text, new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : close_slot, find_slot, open_slot, slot_type
    use rk_new_problem, only : new_problem
@@ -53,6 +53,7 @@ subroutine open_session(path, text, overrides, model, handle, error)
       handle = slot%handle
       slot%deck = deck
       slot%model = model
+      slot%approximation = approximation_text(deck)
    end if
 end subroutine open_session
 

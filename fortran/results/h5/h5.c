@@ -252,31 +252,33 @@ static int is_backed(hid_t set, hid_t space)
    return 0;
 }
 
-/* Fortran shape of a dataset whose numbers can be read as those of a kind */
-const char *rkh5_shape(int64_t file, const char *path, int kind, int *rank, int64_t *dims)
+/* All numbers of a dataset, converted to the kind of an array that is allocated here with its shape;
+ * where that is left unallocated the dataset is not what is wanted */
+const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
 {
    hsize_t shape[H5S_MAX_RANK];
+   CFI_index_t first[MAX_RANK] = {1, 1, 1, 1}, last[MAX_RANK];
+   const int kind = kind_of(values->type), wanted = values->rank;
    listen();
-   *rank = -1;
    hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
-   if (set >= 0) {
-      hid_t space = H5Dget_space(set);
-      if (space >= 0 && fits(set, kind) && is_backed(set, space))
-         *rank = H5Sget_simple_extent_dims(space, shape, NULL);
-      if (space >= 0) H5Sclose(space);
-      H5Dclose(set);
+   hid_t space = set < 0 ? -1 : H5Dget_space(set);
+   int rank = -1;
+   if (space >= 0 && fits(set, kind) && is_backed(set, space))
+      rank = H5Sget_simple_extent_dims(space, shape, NULL);
+   int failed = rank != wanted;
+   if (rank >= 0 && failed) {
+      snprintf(reason.text, sizeof reason.text, "it has %d dimension(s), but %d are needed", rank,
+               wanted);
+      reason.heard = 1;
    }
-   for (int i = 0; i < *rank && i < MAX_RANK; i++) dims[i] = (int64_t)shape[*rank - 1 - i];
-   return finish(*rank < 0);
-}
-
-/* All numbers of a dataset, converted to the wanted kind; the caller has asked for the shape */
-const char *rkh5_read(int64_t file, const char *path, int kind, void *data)
-{
-   listen();
-   hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
-   int failed = set < 0
-      || H5Dread(set, type_of(kind), H5S_ALL, H5S_ALL, H5P_DEFAULT, data) < 0;
+   for (int i = 0; !failed && i < rank; i++) last[i] = (CFI_index_t)shape[rank - 1 - i];
+   if (!failed && CFI_allocate(values, first, last, 0) != CFI_SUCCESS) {
+      complain("there is no memory for it");
+      failed = 1;
+   }
+   if (!failed)
+      failed = H5Dread(set, type_of(kind), H5S_ALL, H5S_ALL, H5P_DEFAULT, values->base_addr) < 0;
+   if (space >= 0) H5Sclose(space);
    if (set >= 0) H5Dclose(set);
    return finish(failed);
 }

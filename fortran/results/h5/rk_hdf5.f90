@@ -8,13 +8,11 @@
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
 !> called through h5.c
 module rk_hdf5
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_loc, &
-      c_null_char, c_ptr
-   use, intrinsic :: iso_fortran_env, only : int8
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_int8_t, &
+      c_int64_t, c_loc, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
    use rk_error, only : err_file, err_input, error_type, fatal_error
-   use rk_precision, only : i8, wp
-   use rk_text, only : to_text
+   use rk_precision, only : wp
    use rk_text_file, only : rkf_rename
    implicit none
    private
@@ -22,9 +20,7 @@ module rk_hdf5
    public :: h5_type
 
    !> Kinds of numbers, as in h5.c
-   integer(c_int), parameter :: kind_real = 1, kind_int = 2, kind_byte = 4
-   !> Largest number of dimensions the shim handles
-   integer, parameter :: max_rank = 4
+   integer(c_int), parameter :: kind_int = 2, kind_byte = 4
 
    !> An open file
    type :: h5_type
@@ -45,8 +41,8 @@ module rk_hdf5
       procedure :: append
       procedure :: append_text
       !> Read a whole dataset
-      generic :: read => read_real1, read_real2, read_int1, read_int2, read_text
-      procedure, private :: read_real1, read_real2, read_int1, read_int2, read_text
+      generic :: read => read_reals, read_integers, read_text
+      procedure, private :: read_reals, read_integers, read_text
       !> Set an attribute of a group or dataset
       generic :: put_attribute => put_integers, put_text
       procedure, private :: put_integers, put_text
@@ -91,25 +87,29 @@ module rk_hdf5
          type(*), intent(in) :: values(..)
       end function rkh5_append
 
-      !> Fortran shape of a dataset whose numbers can be read as those of a kind; of more than four
-      !> dimensions only their number
-      type(c_ptr) function rkh5_shape(file, path, kind, rank, dims) bind(c)
-         import :: c_char, c_int, c_int64_t, c_ptr
+      !> All numbers of a dataset, in an array that is allocated there, if the dataset has its rank
+      type(c_ptr) function read_c_reals(file, path, values) bind(c, name='rkh5_read')
+         import :: c_char, c_double, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: kind
-         integer(c_int), intent(out) :: rank
-         integer(c_int64_t), intent(out) :: dims(*)
-      end function rkh5_shape
+         real(c_double), allocatable, intent(inout) :: values(..)
+      end function read_c_reals
 
-      !> All numbers of a dataset
-      type(c_ptr) function rkh5_read(file, path, kind, data) bind(c)
+      !> The same of integers
+      type(c_ptr) function read_c_integers(file, path, values) bind(c, name='rkh5_read')
          import :: c_char, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: kind
-         type(c_ptr), value :: data
-      end function rkh5_read
+         integer(c_int), allocatable, intent(inout) :: values(..)
+      end function read_c_integers
+
+      !> The same of bytes
+      type(c_ptr) function read_c_bytes(file, path, values) bind(c, name='rkh5_read')
+         import :: c_char, c_int8_t, c_int64_t, c_ptr
+         integer(c_int64_t), value :: file
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int8_t), allocatable, intent(inout) :: values(..)
+      end function read_c_bytes
 
       !> Set an attribute of a group or dataset: n numbers, or a text of n bytes
       type(c_ptr) function rkh5_put_attribute(file, object, name, kind, n, values) bind(c)
@@ -254,72 +254,36 @@ subroutine append_text(self, name, text, error)
    character(len=*), intent(in) :: text
    type(error_type), allocatable, intent(inout) :: error
 
-   call self%append(name, transfer(text, [0_int8]), error)
+   call self%append(name, transfer(text, [0_c_int8_t]), error)
 end subroutine append_text
 
-!> Read a list of real numbers
-subroutine read_real1(self, name, values, error)
+!> Read real numbers
+subroutine read_reals(self, name, values, error)
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   real(wp), allocatable, target, intent(out) :: values(:)
+   !> Numbers, of the rank that the dataset has
+   real(wp), allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
-   integer(i8) :: dims(1)
 
-   call get_shape(self, name, kind_real, dims, error)
-   if (allocated(error)) return
-   allocate (values(dims(1)))
-   call read_any(self, name, kind_real, c_loc(values), error)
-end subroutine read_real1
+   if (.not. is_there(self, name, error)) return
+   call check_read(self, name, read_c_reals(self%handle, c_text(name), values), &
+      allocated(values), error)
+end subroutine read_reals
 
-!> Read a table of real numbers
-subroutine read_real2(self, name, values, error)
+!> Read integers
+subroutine read_integers(self, name, values, error)
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers, shape (m,n)
-   real(wp), allocatable, target, intent(out) :: values(:, :)
+   !> Numbers, of the rank that the dataset has
+   integer, allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
-   integer(i8) :: dims(2)
 
-   call get_shape(self, name, kind_real, dims, error)
-   if (allocated(error)) return
-   allocate (values(dims(1), dims(2)))
-   call read_any(self, name, kind_real, c_loc(values), error)
-end subroutine read_real2
-
-!> Read a list of integers
-subroutine read_int1(self, name, values, error)
-   class(h5_type), intent(in) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (n)
-   integer, allocatable, target, intent(out) :: values(:)
-   type(error_type), allocatable, intent(inout) :: error
-   integer(i8) :: dims(1)
-
-   call get_shape(self, name, kind_int, dims, error)
-   if (allocated(error)) return
-   allocate (values(dims(1)))
-   call read_any(self, name, kind_int, c_loc(values), error)
-end subroutine read_int1
-
-!> Read a table of integers
-subroutine read_int2(self, name, values, error)
-   class(h5_type), intent(in) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Numbers, shape (m,n)
-   integer, allocatable, target, intent(out) :: values(:, :)
-   type(error_type), allocatable, intent(inout) :: error
-   integer(i8) :: dims(2)
-
-   call get_shape(self, name, kind_int, dims, error)
-   if (allocated(error)) return
-   allocate (values(dims(1), dims(2)))
-   call read_any(self, name, kind_int, c_loc(values), error)
-end subroutine read_int2
+   if (.not. is_there(self, name, error)) return
+   call check_read(self, name, read_c_integers(self%handle, c_text(name), values), &
+      allocated(values), error)
+end subroutine read_integers
 
 !> Read a text stored as bytes
 subroutine read_text(self, name, text, error)
@@ -327,62 +291,49 @@ subroutine read_text(self, name, text, error)
    !> Path in the file
    character(len=*), intent(in) :: name
    !> Text, UTF-8
-   character(len=:), allocatable, target, intent(out) :: text
+   character(len=:), allocatable, intent(out) :: text
    type(error_type), allocatable, intent(inout) :: error
-   integer(i8) :: dims(1)
+   integer(c_int8_t), allocatable :: bytes(:)
 
-   call get_shape(self, name, kind_byte, dims, error)
-   if (allocated(error)) return
-   allocate (character(len=dims(1)) :: text)
-   call read_any(self, name, kind_byte, c_loc(text), error)
+   if (.not. is_there(self, name, error)) return
+   call check_read(self, name, read_c_bytes(self%handle, c_text(name), bytes), allocated(bytes), &
+      error)
+   if (.not. allocated(error)) text = transfer(bytes, repeat(' ', size(bytes)))
 end subroutine read_text
 
-!> Fortran shape of a dataset, with the wanted number of dimensions and kind of numbers
-subroutine get_shape(self, name, kind, dims, error)
+!> Whether there is a dataset to be read, after no error
+logical function is_there(self, name, error)
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Kind of the numbers
-   integer(c_int), intent(in) :: kind
-   !> Shape
-   integer(i8), intent(out) :: dims(:)
    type(error_type), allocatable, intent(inout) :: error
-   type(c_ptr) :: why
-   integer(c_int64_t) :: found(max_rank)
-   integer(c_int) :: rank
 
+   is_there = .false.
    if (allocated(error)) return
-   if (.not. self%has(name)) then
-      call fatal_error(error, err_input, self%path//": dataset '"//name//"' is missing")
-      return
-   end if
-   why = rkh5_shape(self%handle, c_text(name), kind, rank, found)
-   if (c_associated(why)) then
-      call fatal_error(error, err_input, self%path//": '"//name//"': "//to_fortran(why))
-   else if (rank /= size(dims)) then
-      call fatal_error(error, err_input, self%path//": '"//name//"' has "//to_text(int(rank))// &
-         " dimension(s), but "//to_text(size(dims))//" are needed")
-   else
-      dims = found(:rank)
-   end if
-end subroutine get_shape
+   is_there = self%has(name)
+   if (.not. is_there) call fatal_error(error, err_input, self%path//": dataset '"//name// &
+      "' is missing")
+end function is_there
 
-!> Read all numbers of a dataset
-subroutine read_any(self, name, kind, values, error)
+!> Turn the answer of C to a reading into an error
+subroutine check_read(self, name, why, fits, error)
    class(h5_type), intent(in) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Kind of the numbers
-   integer(c_int), intent(in) :: kind
-   !> First number
-   type(c_ptr), intent(in) :: values
+   !> Reason of a failure, null for success
+   type(c_ptr), intent(in) :: why
+   !> The dataset is of the wanted kind and rank
+   logical, intent(in) :: fits
    type(error_type), allocatable, intent(inout) :: error
-   type(c_ptr) :: why
 
-   why = rkh5_read(self%handle, c_text(name), kind, values)
-   if (c_associated(why)) call fatal_error(error, err_file, self%path//": '"//name// &
-      "' cannot be read: "//to_fortran(why))
-end subroutine read_any
+   if (.not. c_associated(why)) return
+   if (fits) then
+      call fatal_error(error, err_file, self%path//": '"//name//"' cannot be read: "// &
+         to_fortran(why))
+   else
+      call fatal_error(error, err_input, self%path//": '"//name//"': "//to_fortran(why))
+   end if
+end subroutine check_read
 
 !> Set whole numbers as an attribute
 subroutine put_integers(self, object, name, values, error)

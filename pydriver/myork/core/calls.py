@@ -12,6 +12,10 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from myork import _core
 from myork.errors import InputError, check
 
 
@@ -23,6 +27,30 @@ def called(function: Callable[..., Any], *arguments: Any) -> Any:
     *found, stat, message = function(*arguments)
     check(stat, message)
     return found[0] if len(found) == 1 else found
+
+
+def answer(handle: int, question: str, *given: ArrayLike, word: str = "") -> dict[str, Any]:
+    """What the core says of an open scene: arrays, numbers and texts by their names.
+
+    - `question`: a question of rk_questions
+    - `given`: the numbers that it needs, one after the other
+    - `word`: the word that it needs
+    """
+    # the wrapper takes no empty arrays: one number more, which the core leaves out
+    numbers = np.concatenate([np.ravel(array, order="F") for array in (*given, 0.0)])
+    count = called(_core.scene_ask, handle, question.encode(), word.encode() or b" ", numbers)
+    found: dict[str, Any] = {}
+    for number in range(1, count + 1):
+        name, kind, rank, extent = _core.answer_form(handle, number)
+        shape = tuple(extent[:rank])
+        value = np.empty(shape)
+        if value.size:
+            value = _core.answer_numbers(handle, number, value.size).reshape(shape, order="F")
+        key = name.decode().rstrip()
+        found[key] = value.astype(np.int32) if kind == _WHOLE else value
+        if kind == _TEXT:
+            found[key] = value.astype(np.uint8).tobytes().decode("utf-8", "replace")
+    return found
 
 
 class Turn:
@@ -67,6 +95,9 @@ class Turn:
         finally:
             self._lock.release()
 
+
+#: What the numbers of an answer are, as in rk_answer
+_WHOLE, _TEXT = 1, 2
 
 _BUSY = (
     "this scene is being solved: wait for the end of the solve, or open a scene of its own in each "

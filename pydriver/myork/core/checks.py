@@ -1,13 +1,10 @@
 """What a scene checks before it calls the core: shapes, starting states, keys of changes."""
 
-from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from myork import _core, errors
+from myork import errors
 from myork.core.states import States
 from myork.results import RestartState, restart_of
 from myork.types import F64
@@ -26,27 +23,6 @@ def check_changeable(key: str) -> None:
             f"{key} cannot be changed in an open scene: open another one. Changeable are "
             f"the tables {', '.join(sorted(_CHANGEABLE))} but for {', '.join(sorted(_FIXED_KEYS))}"
         )
-
-
-def lines_of(ask: Callable[[int], tuple[Any, ...]]) -> tuple[Any, ...]:
-    """Answer of the core that ends in a text, its length, status and message; the text as lines.
-
-    `ask` takes the room for the text, and is asked again where that was not enough.
-    """
-    capacity = 1 << 12
-    while True:
-        *others, text, length, stat, message = ask(capacity)
-        errors.check(stat, message)
-        if length <= capacity:
-            return *others, text[:length].decode("utf-8", "replace").splitlines()
-        capacity = int(length)
-
-
-@cache
-def field_sizes() -> dict[str, int]:
-    """Components of the fields of a body by name, in the core's order."""
-    lines = _core.scene_field_list().decode().split("\n")
-    return {name: int(size) for name, size in (line.split() for line in lines if line.strip())}
 
 
 def shaped(name: str, array: F64, shape: tuple[int, ...]) -> F64:

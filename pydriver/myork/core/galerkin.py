@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from myork import _core
 from myork.core.checks import modes_of
 from myork.core.scene import Scene
 from myork.types import F64, I32, Mask
@@ -69,15 +68,9 @@ def galerkin_parts(scene: Scene) -> GalerkinParts:
 
     - raises InputError: the scene is of another form, or has an infinite bulk modulus
     """
-    points, groups, surface, entries, _ = _sizes(scene)
-    cells = scene._ask(_core.galerkin_cells, scene.dimension, points, groups, surface)
-    tissues = scene._ask(_core.galerkin_tissues, points, entries)
-    weight, group, local_bulk, bulk, count, basis, total, of, essential, penalty = cells
-    first, tissue, fraction, fiber = tissues
-    return GalerkinParts(
-        weight, local_bulk, group, bulk, count, basis.T, total.T, of, essential.T != 0, penalty,
-        first, tissue - 1, fraction, fiber.T,
-    )  # fmt: skip
+    found = scene._ask("cells")
+    turned = {name: found[name].T for name in ("basis", "total", "fiber")}
+    return GalerkinParts(**{**found, **turned, "essential": found["essential"].T != 0})
 
 
 def tissue_laws(scene: Scene) -> tuple[F64, F64, F64]:
@@ -91,52 +84,35 @@ def tissue_laws(scene: Scene) -> tuple[F64, F64, F64]:
       `(nt, 3)`
     - raises InputError: a law that is no polynomial with fibers
     """
-    coefficients, fibers, state = scene._ask(_core.galerkin_laws, _sizes(scene)[4])
+    coefficients, fibers, state = scene._ask("laws").values()
     return coefficients.T, fibers.T, state.T
 
 
 def load_parts(scene: Scene) -> LoadParts:
     """What an open scene prescribes at full load."""
-    points, _, surface, _, _ = _sizes(scene)
-    value, push, given, force = scene._ask(
-        _core.galerkin_loads, scene.dimension, scene.dofs, points, surface
-    )
-    return LoadParts(value.T, push.T, given.T, force)
+    return LoadParts(**{name: array.T for name, array in scene._ask("loads").items()})
 
 
-def probe_sets(scene: Scene, probes: int) -> I32:
+def probe_sets(scene: Scene) -> I32:
     """Boundary sets of the probes, from 1; 0 of those at points."""
-    return np.asarray(scene._ask(_core.galerkin_probe_sets, max(probes, 1))[:probes])
+    return np.asarray(scene._ask("probe_sets")["sets"])
 
 
 def place_parts(scene: Scene, probe: int, modes: F64) -> PlaceParts:
     """The place of a probe, from 0, and gradients of modes, shape `(n, r)`, there."""
-    modes = modes_of(modes, scene.dofs)
-    points, groups, _, _, tissues = _sizes(scene)
-    found = scene._ask(
-        _core.galerkin_place, probe + 1, points, scene.dimension, groups, tissues, modes
-    )
-    gradient, weight, pressure, local, count, tissue, fraction, fiber, face, normal, bulk = found
-    return PlaceParts(
-        gradient, weight, pressure.T, float(local), tissue[:count] - 1, fraction[:count],
-        fiber.T[:count], face, normal, float(bulk),
-    )  # fmt: skip
+    found = scene._ask("place", probe + 1, modes_of(modes, scene.dofs))
+    numbers = {name: float(found[name]) for name in ("local_bulk", "bulk")}
+    turned = {name: found[name].T for name in ("pressure", "fiber")}
+    return PlaceParts(**{**found, **numbers, **turned})
 
 
 def modal_gradients(scene: Scene, modes: F64) -> F64:
     """Displacement gradients of modes, shape `(n, r)`, at the points: `(np, 9, r)`."""
-    modes = modes_of(modes, scene.dofs)
-    gradient = scene._ask(_core.galerkin_gradients, _sizes(scene)[0], modes)
+    gradient = scene._ask("gradients", modes_of(modes, scene.dofs))["gradient"]
     return np.moveaxis(gradient, (0, 1, 2), (1, 0, 2))
 
 
 def modal_products(scene: Scene, modes: F64) -> tuple[F64, F64]:
     """Products of modes, shape `(n, r)`, with penalty and stabilisation, and with the mass."""
-    modes = modes_of(modes, scene.dofs)
-    stiff, mass = scene._ask(_core.galerkin_products, modes)
+    stiff, mass = scene._ask("products", modes_of(modes, scene.dofs)).values()
     return stiff, mass
-
-
-def _sizes(scene: Scene) -> list[int]:
-    """Integration points, groups, surface points, entries of tissues, tissues."""
-    return [int(size) for size in scene._ask(_core.galerkin_sizes)]

@@ -10,21 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from myork import _core, errors
-from myork.core.calls import Turn, call_in_thread, called
-from myork.core.checks import (
-    check_changeable,
-    field_sizes,
-    finite,
-    lines_of,
-    modes_of,
-    shaped,
-    unknowns_of,
-)
+from myork.core.calls import Turn, answer, call_in_thread
+from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
-from myork.core.states import VERDICTS, Fields, States, error_norms
+from myork.core.states import VERDICTS, Fields, States, states_of
 from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
@@ -163,7 +156,7 @@ class Scene:
         )
         check_deck(stat, message, text)
         self._handle = handle
-        self.points_found = tuple(called(_core.scene_found, handle).decode().split())
+        self.points_found = tuple(answer(handle, "found")["overrides"].split())
         for word in self.points_found:
             key, _, value = word.partition("=")
             deck["geometry"][key.removeprefix("geometry.")] = json.loads(value)
@@ -175,13 +168,12 @@ class Scene:
         self._close = weakref.finalize(self, _close, handle, self._turn)
         self._read_sizes()
         self._unknowns = 0
-        self._reduced_rows = 0
         self._threads = threads or 0
 
-    def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What a function of the core gives for this scene, as `called` has it."""
+    def _ask(self, question: str, *given: ArrayLike, word: str = "") -> dict[str, Any]:
+        """What the core says of this scene, as `answer` has it."""
         with self._turn.short():
-            return called(function, self._handle, *arguments)
+            return answer(self._handle, question, *given, word=word)
 
     def _read_sizes(self) -> None:
         (
@@ -193,7 +185,7 @@ class Scene:
             self._probes,
             self.steps,
             self.stencils,
-        ) = (int(size) for size in called(_core.scene_sizes, self._handle))
+        ) = answer(self._handle, "sizes")["sizes"].tolist()
 
     def __repr__(self) -> str:
         return (
@@ -313,13 +305,12 @@ class Scene:
 
         - raises InputError: it belongs to other points or to another approximation
         """
-        approximation = self._ask(_core.scene_approximation).decode().strip()
+        approximation = self._ask("approximation")["text"]
         return unknowns_of(state, self.points(), approximation, self.dofs)
 
     def points(self) -> F64:
         """Collocation points, shape `(collocation_points, dimension)` [length]."""
-        x = self._ask(_core.scene_points, self.dimension, self.collocation_points)
-        return np.asarray(x.T)
+        return np.asarray(self._ask("points")["place"].T)
 
     def surface(self) -> I32:
         """Corners of the surface's triangles among `points`, counter-clockwise from outside.
@@ -327,10 +318,7 @@ class Scene:
         Those of a plane body fill it; there are none where the points have no lattice. Shape
         `(m, 3)`.
         """
-        n, found = self._ask(_core.scene_surface, 1)
-        if n > 1:
-            n, found = self._ask(_core.scene_surface, n)
-        return np.ascontiguousarray(found[:, :n].T)
+        return np.ascontiguousarray(self._ask("body")["surface"].T)
 
     def body(self) -> tuple[I32, F64, I32, F64]:
         """How the points hang together, and what fills them.
@@ -347,12 +335,9 @@ class Scene:
         share : F64
             Share of each label in the volume of each point, shape `(n, collocation_points)` [-].
         """
-        place, label, fiber = self._ask(_core.scene_body, self.dimension, self.collocation_points)
-        place = np.ascontiguousarray(place.T)
-        labels = np.unique(label)
-        share = [self._ask(_core.scene_share, one, self.collocation_points) for one in labels]
-        lattice = place[: len(place) if place.min(initial=0) >= 0 else 0]
-        return lattice, fiber.T, labels, np.array(share)
+        found = self._ask("body")
+        place = np.ascontiguousarray(found["place"].T)
+        return place, found["fiber"].T, found["labels"], found["share"].T
 
     def set_points(self, name: str) -> tuple[I32, F64]:
         """Points of a boundary set, and the area that belongs to each.
@@ -374,13 +359,11 @@ class Scene:
         InputError
             There is no such set, or it has no points.
         """
-        words = name.encode() or b" "
-        n, _, _ = self._ask(_core.scene_set, words, 1)
-        if n == 0:
+        point, area = self._ask("set", word=name).values()
+        if len(point) == 0:
             raise errors.InputError(
                 f"{name!r} is not a boundary set of this scene, or has no points"
             )
-        _, point, area = self._ask(_core.scene_set, words, n)
         return point, area
 
     def field_points(self) -> F64:
@@ -388,8 +371,7 @@ class Scene:
 
         Collocation points; in weak forms the integration points, then those of the surface.
         """
-        n = self._ask(_core.scene_count_field_points)
-        return np.asarray(self._ask(_core.scene_field_points, self.dimension, n).T)
+        return np.asarray(self._ask("field_points")["place"].T)
 
     def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
         """Set what varies from point to point, at full load; it grows in proportion to the load.
@@ -403,12 +385,7 @@ class Scene:
         finite("body_force", body_force, (n, 3))
         finite("displacement", displacement, (n, 3))
         finite("stress", stress, (n, 3, 3))
-        self._ask(
-            _core.scene_set_fields,
-            np.asfortranarray(body_force.T),
-            np.asfortranarray(displacement.T),
-            np.asfortranarray(np.moveaxis(stress, 0, -1)),
-        )
+        self._ask("set_fields", body_force.T, displacement.T, np.moveaxis(stress, 0, -1))
         self._has_fields = True
 
     def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
@@ -419,9 +396,8 @@ class Scene:
         - `assembled`: assemble the rows of nonlinear collocation in full before they are projected
         """
         modes = modes_of(modes, self.dofs)
-        rows = self._ask(_core.scene_reduce, modes, projection, int(assembled))
+        self._ask("reduce", assembled, modes, word=projection)
         self._unknowns = modes.shape[1]
-        self._reduced_rows = int(rows)
 
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
@@ -449,8 +425,7 @@ class Scene:
         shape = (self._unknowns if reduced else self.dofs,)
         given = (x if start is None else start, x, direction)
         states = [shaped("states and directions", array, shape) for array in given]
-        rows = self._reduced_rows if reduced else self.rows
-        r, y = self._ask(_core.scene_linearise, int(reduced), rows, *states[:2], load, states[2])
+        r, y = self._ask("linearise", reduced, load, *states).values()
         return r, y
 
     def fields(self, x: F64, load: float) -> Fields:
@@ -462,12 +437,8 @@ class Scene:
             Of places without a finite value: where J <= 0 there is no stress.
         """
         x = shaped("x", x, (self.dofs,))
-        values = self._ask(
-            _core.scene_fields, self.collocation_points, sum(field_sizes().values()), x, load
-        )
-        cuts = np.cumsum(list(field_sizes().values()))[:-1]
-        named = dict(zip(field_sizes(), np.split(values.T, cuts, axis=1), strict=True))
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=0))
+        named = {name: values.T for name, values in self._ask("fields", load, x).items()}
+        bad = np.flatnonzero(~np.isfinite(np.hstack(list(named.values()))).all(axis=1))
         if len(bad):
             warnings.warn(
                 f"{len(bad)} of {self.collocation_points} points have fields that are not finite, "
@@ -484,8 +455,7 @@ class Scene:
         """Probe values of states of the full model, shape `(nstep, nprobe, 3)`."""
         load = np.atleast_1d(np.asarray(load, float))
         x = shaped("x", x, (len(load), self.dofs))
-        value = self._ask(_core.scene_probes, self._probes, x.T, load)
-        return np.moveaxis(value, (0, 1, 2), (2, 1, 0))
+        return np.moveaxis(self._ask("probes", x.T, load)["value"], (0, 1, 2), (2, 1, 0))
 
     def _run(
         self,
@@ -496,11 +466,11 @@ class Scene:
         estimate: bool,
     ) -> States:
         """Solve in a thread, so that Ctrl-C and progress come through."""
-        answer: list[Any] = []
+        status: list[Any] = []
         said = 0
 
         def work() -> None:
-            answer.extend(
+            status.extend(
                 _core.scene_solve(
                     self._handle,
                     linear.encode() or b" ",
@@ -528,56 +498,27 @@ class Scene:
                     self._states = self._converged(len(start), reduced)
         if interrupted:
             raise KeyboardInterrupt
-        errors.check(*answer)
+        errors.check(*status)
         assert self._states is not None
         return self._states
 
     def _converged(self, n: int, reduced: int) -> States:
         """States of the core's last solve, of `n` unknowns each."""
         steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        x, info, seconds, worst, norms = called(_core.scene_states, self._handle, n, steps)
-        load, iterations, min_j, max_j, acoustic, number = info
-        places = called(_core.scene_points, self._handle, self.dimension, self.collocation_points)
-        verdict, reasons, bars = self._verdict(x, load, reduced)
-        # an error is a warning where the solve ended in one
-        (warned,) = lines_of(lambda room: _core.scene_warnings(self._handle, room))
-        # the point of the acoustic eigenvalue, 0 for none
-        point = number.astype(np.int64)
-        seen = point > 0
-        return States(
-            x=x.T,
-            load=load,
-            iterations=iterations.astype(np.int64),
-            min_j=min_j,
-            max_j=max_j,
-            assemble_s=float(seconds[0]),
-            solve_s=float(seconds[1]),
-            checks_s=float(seconds[2]),
-            backward_error=float(worst[0]),
-            min_acoustic=np.where(seen, acoustic, np.nan),
-            min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
-            force_imbalance=float(worst[1]),
-            work_mismatch=float(worst[2]),
-            errors=error_norms(*norms.tolist()),
-            warnings=warned,
-            verdict=verdict,
-            reasons=reasons,
-            probe_errors=bars,
+        found = answer(self._handle, "states", n, steps)
+        value = np.zeros((3, self._probes, 0))
+        if steps and not reduced:
+            value = answer(self._handle, "probes", found["x"], found["info"][0])["value"]
+        judged = answer(self._handle, "verdict", value, found["info"][0][: value.shape[2]])
+        bars = np.full((steps, self._probes, 3), np.nan)
+        bars[: value.shape[2]] = judged["bars"].T
+        return states_of(
+            **found,
+            places=answer(self._handle, "points")["place"],
+            verdict=VERDICTS[judged["verdict"]],
+            reasons=judged["reasons"].splitlines(),
+            bars=bars,
         )
-
-    def _verdict(self, x: F64, load: F64, reduced: int) -> tuple[str, list[str], F64]:
-        """Verdict on the core's last solve, its reasons and the error bars of the probes."""
-        steps = len(load)
-        # the wrapper takes no empty arrays
-        value = np.zeros((3, max(self._probes, 1), max(steps, 1)), order="F")
-        if self._probes and steps and not reduced:
-            value = called(_core.scene_probes, self._handle, self._probes, x, load)
-        load = np.resize(load, value.shape[2])
-        verdict, bar, reasons = lines_of(
-            lambda room: _core.scene_verdict(self._handle, load, value, room)
-        )
-        bar = np.moveaxis(bar, (0, 1, 2), (2, 1, 0))[:steps, : self._probes]
-        return VERDICTS[verdict], reasons, bar
 
 
 def _close(handle: int, turn: Turn) -> None:

@@ -97,3 +97,51 @@ def error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) ->
         "relative_L2": l2 / max(l2_solution, tiny),
         "relative_H1": h1 / max(h1_solution, tiny),
     }
+
+
+def states_of(
+    x: F64,
+    info: F64,
+    seconds: F64,
+    worst: F64,
+    norms: F64,
+    warnings: str,
+    places: F64,
+    verdict: str,
+    reasons: list[str],
+    bars: F64,
+) -> States:
+    """States from the arrays of the core.
+
+    - `x`: unknowns, shape `(n, nstep)`
+    - `info`: load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0
+      for none, shape `(6, nstep)`
+    - `seconds`: wall times of assembly, least squares and checks [s]
+    - `worst`: backward error, imbalance and mismatch of work
+    - `norms`: of errors
+    - `warnings`: warnings of the solve, a line each
+    - `places`: collocation points, shape `(dimension, npoint)` [length]
+    - `verdict`, `reasons`, `bars`: verdict, its reasons, and error bars of the probes
+    """
+    point = info[5].astype(np.int64)
+    seen = point > 0
+    return States(
+        x=x.T,
+        load=info[0],
+        iterations=info[1].astype(np.int64),
+        min_j=info[2],
+        max_j=info[3],
+        assemble_s=float(seconds[0]),
+        solve_s=float(seconds[1]),
+        checks_s=float(seconds[2]),
+        backward_error=float(worst[0]),
+        min_acoustic=np.where(seen, info[4], np.nan),
+        min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
+        force_imbalance=float(worst[1]),
+        work_mismatch=float(worst[2]),
+        errors=error_norms(*norms.tolist()),
+        warnings=warnings.splitlines(),
+        verdict=verdict,
+        reasons=reasons,
+        probe_errors=bars,
+    )

@@ -1,0 +1,332 @@
+!> Questions of Python about an open scene: a word and numbers in, arrays by name out.
+module rk_questions
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_answer, only : answer_type
+   use rk_cloud, only : cloud_type
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_fields, only : compute_fields, field_names, field_sizes
+   use rk_galerkin_questions, only : ask_galerkin
+   use rk_handles, only : find_slot, slot_type
+   use rk_operator, only : row_operator
+   use rk_point_field, only : point_field
+   use rk_precision, only : wp
+   use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
+   use rk_problem, only : problem_type
+   use rk_reduced, only : new_reduced, reduction_type
+   use rk_session, only : evaluate_session
+   use rk_states, only : field_state
+   use rk_surface, only : lattice_places, surface_triangles
+   implicit none
+   private
+
+   public :: ask
+
+contains
+
+!> Answer a question, in the slot of the handle
+subroutine ask(handle, question, word, given, slot, error)
+   integer, intent(in) :: handle
+   character(len=*), intent(in) :: question
+   !> Name that the question needs, blank for none
+   character(len=*), intent(in) :: word
+   !> Numbers that it needs, one after the other
+   real(wp), contiguous, intent(in) :: given(:)
+   !> Row of the handle
+   type(slot_type), pointer, intent(out) :: slot
+   !> Error handling: a closed handle, numbers that have no answer
+   type(error_type), allocatable, intent(out) :: error
+
+   call find_slot(handle, slot, error)
+   if (allocated(error)) return
+   slot%answer%count = 0
+   associate (answer => slot%answer, cloud => slot%scene%cloud, shape_of => slot%full%shape)
+      select case (question)
+      case ('sizes')
+         ! dimension, source points, collocation points, unknowns, equations, probes, steps,
+         ! stencils
+         call answer%put_whole('sizes', [8], [shape_of%nd, shape_of%ns, size(cloud%points, 2), &
+            & slot%full%n, slot%full%m, size(slot%scene%probe), slot%scene%steps(), &
+            & maxval(shape_of%stencil)])
+      case ('found')
+         ! what the search for points has changed in the deck, an override a line
+         call answer%put_text('overrides', slot%refinement%points)
+      case ('approximation')
+         call answer%put_text('text', slot%approximation)
+      case ('points')
+         call answer%put('place', shape(cloud%points), cloud%points)
+      case ('body')
+         call answer_body(cloud, answer)
+      case ('set')
+         call answer_set(cloud, word, answer)
+      case ('field_points')
+         call answer_field_points(slot, answer)
+      case ('set_fields')
+         call set_fields(slot, given, error)
+      case ('reduce')
+         call reduce(slot, word, given, error)
+      case ('states')
+         call answer_states(slot, nint(given(1)), nint(given(2)), error)
+      case ('verdict')
+         call answer_verdict(slot, given)
+      case ('fields')
+         call answer_fields(slot, given)
+      case ('probes')
+         call answer_probes(slot, given, error)
+      case ('linearise', 'hessian')
+         call linearise(slot, given, question == 'hessian', error)
+      case default
+         call ask_galerkin(slot%full, question, given, answer, error)
+      end select
+   end associate
+end subroutine ask
+
+!> How the collocation points hang together: the place of each in a lattice, from 0, none without
+!> one; triangles of the surface, or of a plane body itself, points from 0; fiber of each, a unit
+!> vector or zero; labels, and the share of each in the volume of the points [-]
+subroutine answer_body(cloud, answer)
+   type(cloud_type), intent(in) :: cloud
+   type(answer_type), intent(inout) :: answer
+   integer, allocatable :: place(:, :), triangle(:, :), labels(:)
+   real(wp), allocatable :: share(:, :)
+   integer :: k, l, next
+
+   allocate (place, source=lattice_places(cloud))
+   allocate (triangle, source=surface_triangles(place) - 1)
+   place = place - spread(minval(place, dim=2), 2, size(place, 2))
+   labels = [integer ::]
+   next = minval(cloud%label)
+   do while (next <= maxval(cloud%label))
+      labels = [labels, next]
+      if (next == maxval(cloud%label)) exit
+      next = minval(cloud%label, mask=cloud%label > next)
+   end do
+   allocate (share(size(cloud%label), size(labels)), source=0.0_wp)
+   do l = 1, size(labels)
+      if (allocated(cloud%fraction)) then
+         do k = 1, size(cloud%fraction_label)
+            if (cloud%fraction_label(k) == labels(l)) share(:, l) = share(:, l) &
+               & + cloud%fraction(k, :)
+         end do
+      else
+         where (cloud%label == labels(l)) share(:, l) = 1
+      end if
+   end do
+   call answer%put_whole('place', shape(place), place)
+   call answer%put_whole('surface', shape(triangle), triangle)
+   call answer%put('fiber', shape(cloud%fiber), cloud%fiber)
+   call answer%put_whole('labels', shape(labels), labels)
+   call answer%put('share', shape(share), share)
+end subroutine answer_body
+
+!> Collocation points of a boundary set, from 0, and the area of each; none where there is no such
+!> set
+subroutine answer_set(cloud, name, answer)
+   type(cloud_type), intent(in) :: cloud
+   character(len=*), intent(in) :: name
+   type(answer_type), intent(inout) :: answer
+   integer, allocatable :: entry(:)
+   integer :: e, set
+
+   set = cloud%find_set(name)
+   allocate (entry, source=pack([(e, e=1, size(cloud%boundary_point))], &
+      & set > 0 .and. cloud%in_set([(e, e=1, size(cloud%boundary_point))], max(set, 1))))
+   call answer%put_whole('point', shape(entry), cloud%boundary_point(entry) - 1)
+   call answer%put('area', shape(entry), cloud%area(entry))
+end subroutine answer_set
+
+!> Points where `set_fields` wants values
+subroutine answer_field_points(slot, answer)
+   type(slot_type), intent(inout) :: slot
+   type(answer_type), intent(inout) :: answer
+   real(wp), allocatable :: place(:, :)
+   real(wp) :: none(3, 0), no_stress(3, 3, 0)
+
+   call slot%full%set_point_loads(none, none, no_stress, place)
+   call answer%put('place', shape(place), place)
+end subroutine answer_field_points
+
+!> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
+!> and at the field points; the last two count where the deck has conditions of their kind
+subroutine set_fields(slot, given, error)
+   type(slot_type), intent(inout) :: slot
+   !> Components of these, shapes (3, n), (3, n) and (3, 3, n)
+   real(wp), intent(in) :: given(:)
+   type(error_type), allocatable, intent(out) :: error
+   integer :: n
+
+   n = size(given)/15
+   if (slot%full%linear) then
+      call fatal_error(error, err_input, 'the loads of a linear problem are those of its deck: ' &
+         & //'give linear.source and the boundary as expressions instead of set_fields')
+   else
+      call slot%full%set_point_loads(reshape(given(:3*n), [3, n]), &
+         & reshape(given(3*n + 1:6*n), [3, n]), reshape(given(6*n + 1:), [3, 3, n]))
+   end if
+end subroutine set_fields
+
+!> Project the full problem on modes; answers the number of equations that are left
+subroutine reduce(slot, projection, given, error)
+   type(slot_type), intent(inout) :: slot
+   !> auto, galerkin or least-squares
+   character(len=*), intent(in) :: projection
+   !> Whether rows are assembled in full (1) or not, then the modes
+   real(wp), contiguous, intent(in) :: given(:)
+   type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: modes(:, :)
+
+   modes = reshape(given(2:), [slot%full%n, (size(given) - 1)/slot%full%n])
+   if (associated(slot%reduced)) deallocate (slot%reduced)
+   call new_reduced(slot%reduced, slot%full, modes, reduction_type(projection, given(1) > 0), error)
+   if (.not. allocated(error)) call slot%answer%put_whole('rows', [integer ::], [slot%reduced%m])
+end subroutine reduce
+
+!> States of the last solve and warnings, also of one that failed
+subroutine answer_states(slot, n, steps, error)
+   type(slot_type), intent(inout) :: slot
+   !> Unknowns of each state, and how many are wanted
+   integer, intent(in) :: n, steps
+   !> Error handling: no solve yet, or one of another model
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: seconds(3), worst(3), norms(4)
+
+   call slot%answer%put_text('warnings', slot%outcome%warnings)
+   if (.not. allocated(slot%states%x)) then
+      call fatal_error(error, err_input, 'this scene has not been solved yet')
+   else if (size(slot%states%x, 1) /= n .or. slot%states%steps < steps) then
+      call fatal_error(error, err_input, 'the last solve of this scene was of another model')
+   end if
+   if (allocated(error)) return
+   seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, slot%outcome%seconds]
+   ! not a number without one
+   worst = [slot%states%backward_error, slot%outcome%imbalance, ieee_value(worst(3), &
+      & ieee_quiet_nan)]
+   if (allocated(slot%outcome%work_mismatch)) worst(3) = slot%outcome%work_mismatch
+   norms = -1
+   if (allocated(slot%outcome%norms)) then
+      associate (found => slot%outcome%norms)
+         seconds(3) = seconds(3) + found%seconds
+         norms = [found%l2, found%h1, found%l2_solution, found%h1_solution]
+      end associate
+   end if
+   associate (answer => slot%answer)
+      call answer%put('x', [n, steps], slot%states%x(:, :steps))
+      ! load, iterations, smallest and largest J, eigenvalue of the acoustic tensor and its point
+      call answer%put('info', [6, steps], slot%states%info(:, :steps))
+      ! assembly, least squares and checks
+      call answer%put('seconds', [3], seconds)
+      ! backward error, imbalance of forces, mismatch of works
+      call answer%put('worst', [3], worst)
+      ! of the error and of the solution of a linear problem, negative for others
+      call answer%put('norms', [4], norms)
+   end associate
+end subroutine answer_states
+
+!> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; its reasons, each with
+!> its line feed; error bars of the probes, three numbers each, not a number where there is none
+subroutine answer_verdict(slot, given)
+   type(slot_type), intent(inout) :: slot
+   !> Values of the probes, shape (3, probes, states), then the load of each state
+   real(wp), intent(in) :: given(:)
+   real(wp), allocatable :: bar(:, :, :), value(:, :, :)
+   integer :: i, j, k, n, np
+
+   np = size(slot%scene%probe)
+   k = size(given)/(3*np + 1)
+   value = reshape(given(:3*np*k), [3, np, k])
+   allocate (bar(3, np, k), source=ieee_value(1.0_wp, ieee_quiet_nan))
+   if (allocated(slot%verdict%bars%change)) then
+      do j = 1, k
+         do i = 1, np
+            n = quantity_size(slot%scene%probe(i)%quantity)
+            if (slot%verdict%bars%change(i) >= 0) bar(:n, i, j) = slot%verdict%bars%at(i, &
+               & given(3*np*k + j), value(:n, i, j))
+         end do
+      end do
+   end if
+   call slot%answer%put_whole('verdict', [integer ::], [merge(slot%verdict%state, 0, &
+      & allocated(slot%verdict%reasons))])
+   call slot%answer%put_text('reasons', slot%verdict%reasons)
+   call slot%answer%put('bars', shape(bar), bar)
+end subroutine answer_verdict
+
+!> All fields at all collocation points for one state of the full problem, zero where it has none
+subroutine answer_fields(slot, given)
+   type(slot_type), intent(inout) :: slot
+   !> Load, then the unknowns
+   real(wp), contiguous, intent(in) :: given(:)
+   type(field_state) :: state
+   type(point_field), allocatable :: fields(:)
+   real(wp), allocatable :: value(:, :)
+   integer :: k
+
+   call slot%full%state(given(2:), given(1), state)
+   call compute_fields(slot%full, state, fields)
+   do k = 1, size(field_names)
+      allocate (value(field_sizes(k), size(fields(1)%value, 2)), source=0.0_wp)
+      if (k <= size(fields)) value(:size(fields(k)%value, 1), :) = fields(k)%value
+      call slot%answer%put(field_names(k), shape(value), value)
+      deallocate (value)
+   end do
+end subroutine answer_fields
+
+!> Values of all probes, three numbers each, for states of the full problem
+subroutine answer_probes(slot, given, error)
+   type(slot_type), intent(inout) :: slot
+   !> Unknowns of the states, one after the other, then the load of each
+   real(wp), contiguous, intent(in) :: given(:)
+   !> Error handling: a probe without a place
+   type(error_type), allocatable, intent(out) :: error
+   type(field_state) :: state
+   type(probes_type) :: probes
+   real(wp), allocatable :: value(:, :, :)
+   integer :: i, j, k, n
+
+   n = slot%full%n
+   k = size(given)/(n + 1)
+   allocate (value(3, size(slot%scene%probe), k), source=0.0_wp)
+   call new_probes(probes, slot%scene, error)
+   if (allocated(error)) return
+   do j = 1, k
+      call slot%full%state(given((j - 1)*n + 1:j*n), given(k*n + j), state)
+      do i = 1, size(value, 2)
+         call probe_value(slot%full, probes, i, state, value(:, i, j))
+      end do
+   end do
+   call slot%answer%put('value', shape(value), value)
+end subroutine answer_probes
+
+!> Residual and linearised rows times a direction; or the gradient A^T r and the second derivatives
+!> (upper triangle) of r.r/2
+subroutine linearise(slot, given, second, error)
+   type(slot_type), intent(inout) :: slot
+   !> 1 for the reduced problem, load; unknowns at the start of the load step, which fix the row
+   !> weights, those of the state and, where it is wanted, the direction
+   real(wp), contiguous, intent(in) :: given(:)
+   !> Want second derivatives
+   logical, intent(in) :: second
+   type(error_type), allocatable, intent(out) :: error
+   class(problem_type), pointer :: problem
+   class(row_operator), pointer :: op
+   real(wp), allocatable :: r(:), y(:), a(:, :)
+   integer :: n
+
+   n = (size(given) - 2)/merge(2, 3, second)
+   call evaluate_session(slot%handle, given(1) > 0, given(3:2 + n), given(3 + n:2 + 2*n), &
+      & given(2), problem, r, error)
+   if (allocated(error)) return
+   op => problem%operator()
+   if (second) then
+      allocate (y(n), a(n, n), source=0.0_wp)
+      call op%apply_transposed(r, y)
+      call problem%hessian(given(3 + n:), given(2), r, a)
+      call slot%answer%put('gradient', [n], y)
+      call slot%answer%put('second', [n, n], a)
+   else
+      allocate (y(problem%m), source=0.0_wp)
+      call op%apply(given(3 + 2*n:), y)
+      call slot%answer%put('residual', shape(r), r)
+      call slot%answer%put('product', shape(y), y)
+   end if
+end subroutine linearise
+
+end module rk_questions
