@@ -354,8 +354,8 @@ def reproduce(
       there already, from this version, stay
     - `show`: called with the text of each table that is finished
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
-      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note` and,
-      where there is no number, `ended`
+      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note`,
+      `call` (start of the call) and, where there is no number, `ended`
     - raises InputError: a name is unknown
     """
     wanted = find_tables(names)
@@ -370,7 +370,7 @@ def reproduce(
                 f"about {entry.cost_s:g} s{long}"
             )
             compute(entry, records, progress)
-            rows = rows_of(entry, records)
+            rows = [row | {"call": content["date"]} for row in rows_of(entry, records)]
             _draw(entry, records, out)
             show(_text(entry, rows))
             content["rows"] = [row for row in content["rows"] if row["table"] != entry.name]
@@ -420,7 +420,7 @@ def _earlier(file: Path) -> list[dict[str, Any]]:
         for row in entry.rows
     }
     return [
-        row | {"note": notes[row["table"], row["row"]]}
+        {"call": found["date"], **row, "note": notes[row["table"], row["row"]]}
         for row in found.get("rows", [])
         if found.get("version") == machine()["version"] and (row["table"], row["row"]) in notes
     ]
@@ -577,13 +577,15 @@ def _markdown(
     """The page `docs/reproduced.md`."""
     far = [row["row"] for row in content["rows"] if row["far"]]
     times = sum(name.endswith(("[s]", "[min]")) for name in far)
+    calls = sorted({row["call"] for row in content["rows"]})
+    said = "one call" if len(calls) == 1 else f"{len(calls)} calls since {calls[0][:16]}"
     lines = [
         "# The dissertation's tables and figures",
         "",
         f"Written by `myork reproduce {' '.join(by_table) if len(by_table) < 8 else 'all'}` "
-        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
-        f"thread): {len(content['rows'])} numbers of {len(by_table)} tables and figures. "
-        f"{len(far)} of them are more than {100 * FAR:.0f} % off (*), with the reason below the "
+        f"in {said} (version {content['version']}, {content['date'][:10]}, "
+        f"{content['processor']}, one thread): {len(content['rows'])} numbers of "
+        f"{len(by_table)} tables and figures. {len(far)} of them are more than {100 * FAR:.0f} % off (*), with the reason below the "
         f"table; {times} of these are times of another machine. CPU seconds "
         "and memory, that of the command itself included, are of the runs that a row reads. `myork "
         "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
