@@ -64,10 +64,7 @@ def gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 
 def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """A slice of the image of connective tissue, and where it was found: clusters alone, and ours.
-
-    Fat and connective tissue of the whole slice stand beside them.
-    """
+    """A slice of the image of connective tissue, where it was found, and all materials."""
     record = records["tissue"]
     k = record["image"].data.shape[2] // 2
     figure = Figure(figsize=(14.0, 4.3), layout="constrained")
@@ -87,8 +84,7 @@ def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:
     _kinds(panels[3], np.minimum(record["labels"].data[..., k], 4), spacing,
            [*_TISSUES.values(), "#444444"])  # fmt: skip
     panels[3].set_title("materials of the model")
-    _patches(panels[1], _AGREEMENT)
-    _patches(panels[3], {**_TISSUES, "bone": "#444444"})
+    _patches(figure, {**_AGREEMENT, **_TISSUES, "bone": "#444444"})
     return figure
 
 
@@ -111,7 +107,7 @@ def young_and_old(records: Mapping[str, Mapping[str, Any]]) -> Figure:
             xlim=(middle[0] - size / 2 - 4, middle[0] + size / 2 + 4),
             ylim=(middle[1] - size / 2 - 4, middle[1] + size / 2 + 4),
         )
-    _patches(panels[1], _TISSUES)
+    _patches(figure, _TISSUES)
     axes = panels[2]
     for number, (name, published) in enumerate(_FORCE.items()):
         steps = [(0.0, 0.0)] + [
@@ -143,7 +139,7 @@ def convergence(records: Mapping[str, Mapping[str, Any]]) -> Figure:
             for axes, key in ((left, "h"), (right, "cpu_s")):
                 axes.loglog([case[key] for case in cases], errors, dash, marker=marker,
                             color=COLOURS[number], label=f"{name}, {norm}")  # fmt: skip
-    left.set(xlabel="source spacing [length of the deck]", ylabel="relative error [-]")
+    left.set(xlabel="source spacing [unit of length of the deck]", ylabel="relative error [-]")
     right.set(xlabel="CPU time of the whole run [s]")
     for axes in (left, right):
         axes.grid(which="both", color="#E5E5E5")
@@ -195,7 +191,7 @@ def _kinds(axes: Axes, kinds: I32, spacing: F64, colours: list[str]) -> None:
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
 
 
-def _patches(axes: Axes, colours: Mapping[str, str]) -> None:
+def _patches(figure: Figure, colours: Mapping[str, str]) -> None:
+    """What the colours of areas are, below all panels."""
     handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2,
-                fontsize="small", frameon=False)  # fmt: skip
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)

@@ -585,8 +585,9 @@ def _markdown(
         f"Written by `myork reproduce {' '.join(by_table) if len(by_table) < 8 else 'all'}` "
         f"in {said} (version {content['version']}, {content['date'][:10]}, "
         f"{content['processor']}, one thread): {len(content['rows'])} numbers of "
-        f"{len(by_table)} tables and figures. {len(far)} of them are more than {100 * FAR:.0f} % off (*), with the reason below the "
-        f"table; {times} of these are times of another machine. CPU seconds "
+        f"{len(by_table)} tables and figures. {len(far)} of them are more than "
+        f"{100 * FAR:.0f} % off (*), with the reason below the table; {times} of these are "
+        "times of another machine. CPU seconds "
         "and memory, that of the command itself included, are of the runs that a row reads. `myork "
         "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
         "",
