@@ -110,7 +110,7 @@ def test_a_case_that_should_end_otherwise_is_found() -> None:
     assert run_case(some, PATIENCE)["end"] == EXPLAINED != some._replace(expected=RIGHT).wanted
 
 
-#: What the table of all cases calls the ends; a crash or an end without its reason is named as it is
+#: What the table of all cases calls the ends; a crash or an end without its reason has its own name
 ENDS = {
     RIGHT: "right, accepted",
     DOUBTED: "right, doubted",
