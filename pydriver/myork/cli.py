@@ -795,7 +795,7 @@ _COMMANDS = {
             ),
             _flag("--list", "name all, with their decks and costs, and end"),
         ),
-        "folder of reproduce.json, reproduce.md and reproduce.html; tables that are there stay; "
+        "folder of reproduce.json, reproduce.md, reproduce.html and pictures; tables there stay; "
         "default out/reproduce",
     ),
     "report": _Command(

@@ -386,7 +386,12 @@ def lattices():
             deck["geometry"]["size"] = [1.0, 1.0, height]
             point = [0.5, 0.5, 0.5 * height]
             deck["probe"] = [{"name": "stress", "quantity": "cauchy_xx", "point": point}]
-            yield tension(f"{name}, {form}", None)._replace(deck=deck)
+            case = tension(f"{name}, {form}", None)._replace(deck=deck)
+            if (height, jitter, form) == (20.0, 0.4, "rkpm-scni"):
+                case = case.ends(
+                    DOUBTED, "its second solution, on 3x3x3 points, is none", "[3,3,3]"
+                )
+            yield case
 
 
 def curved():
@@ -439,8 +444,8 @@ def beams():
     doubted, right = (DOUBTED, CAUTION), (RIGHT, RIMS)
     off, coarse = (WARNED, STRONG, "the stress does"), (WARNED, COARSE, "probe inside")
     for name, jitter, gauss, nodal in (
-        ("cantilever, dead traction", 0.0, right, right),
-        ("cantilever, dead traction", 0.3, doubted, right),
+        ("cantilever, dead traction", 0.0, right, doubted),
+        ("cantilever, dead traction", 0.3, doubted, doubted),
         ("clamped beam, end shear", 0.0, doubted, coarse),
         ("clamped beam, end shear", 0.3, right, coarse),
     ):
@@ -455,6 +460,9 @@ def columns():
             case = beside(name, size, form)
             if form in METHODS:
                 case = case.ends(WARNED, STRONG, "the stress does")
+            if (name, form) == ("column, leaning load", "rkpm-gauss"):
+                # 3.9 % off in the probe that is farthest off
+                case = case.ends(DOUBTED, CAUTION, "probe inside")
             yield case._replace(why=STIFF) if form == "rkpm-scni" else case
 
 

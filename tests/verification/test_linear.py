@@ -423,8 +423,32 @@ def test_explain_says_linear(inputs: Path) -> None:
     text = "\n".join(lines)
     assert "linear elasticity in plane strain" in text
     assert "one least squares solve" in text
-    assert "load steps" not in text
+    assert "load steps" not in text and "  rom " not in text and "  motion " not in text
     assert "of which error bars 0" in text  # the solution is known
+
+
+@pytest.mark.parametrize(
+    ("deck", "words", "says"),
+    [
+        ("bar_1d", (), ["motion        30 time steps of 0.2 to time 6",
+                        "rom           modes 1, 5, 25 of 30 of 30 states:"]),
+        ("bar_1d", ("rom.first=50", "rom.modes=[20]"),
+         ["rom           modes 20 of 15 of 30 states (more modes than that are refused):"]),
+        # a step that is taken in ten, of which every third gives a snapshot
+        ("muscle_block", ("rom.every=3", "rom.modes=[2]"),
+         ["rom           modes 2 of 3 of 10 states"]),
+        ("muscle_block", ("rom.steps=[1,4]", "load.steps=4", "rom.snapshots=unit", "rom.modes=[2]"),
+         ["rom           modes 2 of 2 of 4 states, each divided by its norm:"]),
+    ],
+)  # fmt: skip
+def test_explain_counts_states(
+    deck: str, words: tuple[str, ...], says: list[str], inputs: Path
+) -> None:
+    """Time steps of a motion and the states that give modes; linear problems at rest have none."""
+    lines: list[str] = []
+    explain_deck(inputs / f"{deck}.toml", overrides=words, progress=lines.append)
+    text = "\n".join(lines)
+    assert all(f"  {line}" in text for line in says), text
 
 
 def test_explain_forecasts_the_time(inputs: Path) -> None:

@@ -6,8 +6,9 @@ twice what it was before counts as worse. The fast cases are tests;
 
     python tests/verification/test_stability.py
 
-runs all, prints those that end otherwise than known, and writes the errors by which later ones are
-judged to `tests/verification/hard_measured.json`: look at them before they are committed.
+runs all, prints those that end otherwise than known and how many end in which way, and writes each
+case to `docs/results/hard_cases.md` and the errors by which later ones are judged to
+`tests/verification/hard_measured.json`: look at them before they are committed.
 """
 
 import json
@@ -20,6 +21,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.truths.manufactured import solve as solve_manufactured
+from myork.bench.machine import machine
 from myork.bench.runs import outcome_text, solve_case
 from myork.results import Results
 from tests.verification.hard_cases import (
@@ -108,9 +110,20 @@ def test_a_case_that_should_end_otherwise_is_found() -> None:
     assert run_case(some, PATIENCE)["end"] == EXPLAINED != some._replace(expected=RIGHT).wanted
 
 
+#: What the table of all cases calls the ends; a crash or an end without its reason has its own name
+ENDS = {
+    RIGHT: "right, accepted",
+    DOUBTED: "right, doubted",
+    WARNED: "off, and the run says so",
+    EXPLAINED: "stopped with the reason",
+    "wrong": "wrong and accepted",
+}
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "hard_cases.md"
+
+
 def main() -> None:
-    """Run all cases and write their errors."""
-    known = {}
+    """Run all cases, count how they end, and write them and their errors."""
+    known, cases, counts = {}, [], dict.fromkeys(ENDS.values(), 0)
     for case in CASES:
         record = run_case(case, 300.0)
         if record["end"] != case.wanted:
@@ -118,8 +131,27 @@ def main() -> None:
         if "error" in record:
             kept = [what for what in ("error", "stray", "way") if what in record]
             known[case.name] = {what: float(f"{record[what]:.2g}") for what in kept}
+        end = ENDS.get(record["end"], record["end"])
+        counts[end] = counts.get(end, 0) + 1
+        off = [f"{record[what]:.2g}" if what in record else "" for what in ("error", "stray")]
+        why = "" if record["end"] == RIGHT else str(record["reported"]).replace("\n", " ")
+        cases.append(f"| {case.name} | {end} | {' | '.join(off)} | {why.replace('|', '/')} |")
     rows = [f"  {json.dumps(name)}: {json.dumps(values)}" for name, values in known.items()]
     MEASURED.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
+    sums = [f"| {end} | {count} |" for end, count in counts.items()]
+    about = machine()
+    lines = [
+        "# Hard cases",
+        "",
+        f"Written by `python tests/verification/test_stability.py` on {about['date'][:10]} (MyoRK "
+        f"{about['version']}): {len(cases)} cases in all four forms. Error: the largest relative "
+        "one of the probes; J: root mean square off its range.",
+        "",
+        *("| end | cases |", "|---|---|", *sums, ""),
+        *("| case | end | error | J | what the run says |", "|---|---|---|---|---|", *cases),
+    ]
+    PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(sums))
 
 
 if __name__ == "__main__":

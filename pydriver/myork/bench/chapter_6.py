@@ -28,14 +28,17 @@ class Motion(NamedTuple):
 MODES = (1, 5, 25)
 #: Tables 6.1 and 6.2
 _WAVE, _BAR = (3.202e-3, 4.791e-4, 5.597e-9), (5.776, 3.547e-2, 3.018e-7)
-_STRONG, _THIRD = "scene.method=rkcm", ("approximation.order=3", "approximation.support=3.5")
-MOTIONS = (
-    Motion("wave, order 2, 3h (table 6.1)", "wave_1d", (_STRONG,), _WAVE),
-    Motion("the same, weights of (6.41)", "wave_1d", (_STRONG, _WEIGHTS[0]), _WAVE),
-    Motion("the same, order 3, 3.5h", "wave_1d", (_STRONG, _WEIGHTS[0], *_THIRD), _WAVE),
-    Motion("wave, Galerkin form", "wave_1d", ("scene.method=rkpm-gauss",)),
-    Motion("bar of two stiffnesses (table 6.2)", "bar_1d", (_STRONG,), _BAR),
-    Motion("bar, Galerkin form", "bar_1d", ("scene.method=rkpm-gauss",)),
+_STRONG, _WEAK = "scene.method=rkcm", "scene.method=rkpm-gauss"
+_THIRD = (_WEIGHTS[0], "approximation.order=3", "approximation.support=3.5")
+#: The motions of tables 6.1 and 6.2
+WAVES = (
+    Motion("order 2, 3h", "wave_1d", (_STRONG,), _WAVE),
+    Motion("order 3, 3.5h, weights (6.41)", "wave_1d", (_STRONG, *_THIRD), _WAVE),
+    Motion("Galerkin form", "wave_1d", (_WEAK,)),
+)
+BARS = (
+    Motion("E = 1 and 1/4", "bar_1d", (_STRONG,), _BAR),
+    Motion("Galerkin form", "bar_1d", (_WEAK,)),
 )
 
 

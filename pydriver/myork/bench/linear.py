@@ -58,6 +58,7 @@ class Study(NamedTuple):
     support: float = 3.0  #: Half width of the support in spacings
     traction: float = 1.0  #: Weight of the traction rows
     published: tuple[float, ...] = ()  #: Published L2 and H1 rates, empty where there are none
+    method: str = "rkcm"  #: Form, as of `scene.method`
 
     @property
     def label(self) -> str:
@@ -125,6 +126,7 @@ def study_rates(study: Study) -> dict[str, Any]:
             f"approximation.order={study.order}",
             f"approximation.support={study.support}",
             f"solver.weight_traction={study.traction}",
+            f"scene.method={study.method}",
         )
         case = solve_case(deck, words)
         if "errors" not in case:

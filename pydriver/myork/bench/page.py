@@ -53,6 +53,8 @@ def _parts(bench: Mapping[str, Any]) -> list[Markup]:
     parts = [_about(bench["about"])] if "about" in bench else []
     if "ended" in bench:
         parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
+    for file, caption in bench.get("pictures", []):
+        parts.append(figure(file, caption))
     for plot in bench.get("plots", []):
         parts.append(figure(draw_curves([plot]), plot.get("caption", plot["title"])))
     for entry in bench.get("tables", []):

@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -44,9 +43,12 @@ from myork.bench.tables import Columns, entry_of, table
 from myork.console import ProgressCallback, silent
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, MyorkError
-from myork.files import INPUTS, alone_in, write_json, write_text
+from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
+from myork.imaging.io import read_image, read_labels
+from myork.records import Labels
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import PathStates, reduced_path
+from myork.segmentation.scores import dice
 from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.types import F64
@@ -101,17 +103,45 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
     Slices 15 and 30 of the dissertation's 33 are those at the same part of the height.
     """
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
-        found = segment(INPUTS / f"{run.deck}.toml", Path(folder), threads=1, progress=progress)
+        out = Path(folder)
+        found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
+        record: dict[str, Any] = {
+            "anatomy": read_image(out / "anatomy.nii.gz"),
+            "found": _only(read_labels(out / "segmentation.nii.gz")),
+            "truth": _only(read_labels(out / "truth.nii.gz")),
+        }
     score = found["segmentation"]["scores"]["medial_gastrocnemius"]
-    record = {}
+    count = len(score["dice_by_slice"])
+    places = {number: round((number - 0.5) / 33 * count - 0.5) for number in (15, 30)}
     for key in ("dice", "pcc"):
         slices = np.array(score[f"{key}_by_slice"], float)
         record[key] = float(np.nanmean(slices))
-        for number in (15, 30):
-            record[f"{key}_{number}"] = float(
-                slices[round((number - 0.5) / 33 * slices.size - 0.5)]
-            )
-    return record
+        record |= {f"{key}_{number}": float(slices[k]) for number, k in places.items()}
+    return record | {"dice_by_slice": score["dice_by_slice"], "slices": places}
+
+
+def _only(labels: Labels) -> Labels:
+    """The gastrocnemius as label 1, of which the truth of all muscles has the first number."""
+    number = next((n for n, name in labels.names.items() if name == "medial_gastrocnemius"), 1)
+    return replace(labels, data=(labels.data == number).astype(np.int32))
+
+
+def _tissue(run: Run, progress: ProgressCallback) -> Record:
+    """Dice of fat and connective tissue of a leg, and of the latter by fuzzy clusters alone."""
+    with tempfile.TemporaryDirectory(prefix="myork-") as folder:
+        out = Path(folder)
+        found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
+        labels, truth = (read_labels(out / f"{name}.nii.gz") for name in ("tissue", "true_tissue"))
+        image = read_image(out / "connective.nii.gz")
+        clusters = read_image(out / "membership_connective_tissue.nii.gz").data > 0.5
+    scores = {name: score["dice"] for name, score in found["tissue"]["scores"].items()}
+    return scores | {
+        "dice_clusters": dice(clusters, truth.data == CONNECTIVE),
+        "clusters": clusters,
+        "labels": labels,
+        "truth": truth,
+        "image": image,
+    }
 
 
 def _aged(run: Run, progress: ProgressCallback) -> Record:
@@ -133,6 +163,7 @@ def _aged(run: Run, progress: ProgressCallback) -> Record:
     # connective tissue inside the muscle, without the aponeurosis around it
     imct = float((bare.data == CONNECTIVE).sum() * voxel)
     return case | {
+        "labels": labels,
         "images": images | {"imct": imct},
         "force": force,
         "force_per_volume": force / sum(images.values()),
@@ -149,25 +180,28 @@ def _fibers(run: Run, progress: ProgressCallback) -> Record:
     return _converged(solve_case(GASTROCNEMIUS, (*steps, *run.overrides), cloud=cloud))
 
 
-def _motion(run: Run, progress: ProgressCallback, published: bool = True) -> Record:
-    """Error e1 of a motion by numbers of modes; Cholesky's factor as published, or QR."""
+def _motion(run: Run, progress: ProgressCallback) -> Record:
+    """Error e1 of a motion by numbers of modes, by Cholesky's factor as published."""
     with Scene(INPUTS / f"{run.deck}.toml", run.overrides, threads=1) as scene:
         states = scene.solve(error=False)
         full = PathStates.of(scene, states.x, states.load)
         modes, _ = proper_orthogonal_modes(states.x)
-        record = {
-            str(r): reduced_path(scene, full, modes[:, :r], published=published)[0] for r in MODES
-        }
-        return record | {"cases": _reduced_cases(record, scene.dofs)}
+        own = _strong(scene)
+        return {str(r): reduced_path(scene, full, modes[:, :r], published=own)[0] for r in MODES}
 
 
-def _path(run: Run, progress: ProgressCallback, published: bool = True) -> Record:
+def _strong(scene: Scene) -> bool:
+    """Whether the equations are those of collocation, of which Cholesky's factor is published."""
+    return str(scene.deck["scene"]["method"]).startswith("rkcm")
+
+
+def _path(run: Run, progress: ProgressCallback) -> Record:
     """Errors and times of a path of loads, full and by numbers of modes.
 
     As published, rows are assembled in full and projected, and Cholesky's factor is taken; the full
-    model's time is that of an iteration by dense QR times their number. Otherwise rows are formed
-    in the span of the modes, the full model's solver is that of `auto`, and modes of states of unit
-    norm stand beside those of the states.
+    model's time is that of an iteration by dense QR times their number. Beside them stand rows in
+    the span of the modes (`span`), modes of states of unit norm, also so (`unit`), and the time of
+    the full model by `auto`.
     """
     path = run.more
     assert isinstance(path, LoadPath)
@@ -179,30 +213,32 @@ def _path(run: Run, progress: ProgressCallback, published: bool = True) -> Recor
             progress(f"{path.deck}: full model, {scene.dofs} unknowns")
             before = time.process_time()
             states = scene.solve(error=False)
-            spent = time.process_time() - before
+            auto = time.process_time() - before
             full = PathStates.of(scene, states.x, states.load)
             last = scene.probes(states.x[-1:], states.load[-1:])[0, :, 0]
             names = [probe["name"] for probe in read_deck(path.deck, run.overrides)["probe"]]
-            bases = {"": proper_orthogonal_modes(states.x)[0]}
-            if not published:
-                bases["unit "] = proper_orthogonal_modes(unit_states(states.x))[0]
+            modes, _ = proper_orthogonal_modes(states.x)
+            alike, _ = proper_orthogonal_modes(unit_states(states.x))
+            ways = {"": (modes, _strong(scene)), "unit ": (alike, False)}
+            if path.full_min:
+                ways["span "] = modes, False
             record: dict[str, Any] = {}
-            for (way, modes), r in product(bases.items(), path.modes):
+            for (way, (basis, published)), r in product(ways.items(), path.modes):
                 progress(f"{path.deck}: {way}r = {r}")
                 record[f"{way}{r}"], _ = reduced_path(
-                    scene, full, modes[:, :r], published=published
+                    scene, full, basis[:, :r], published=published
                 )
-            if published:
-                progress(f"{path.deck}: an iteration by dense QR")
-                # last: the scene keeps its single load step
-                spent = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
+            progress(f"{path.deck}: an iteration by dense QR")
+            # last: the scene keeps its single load step
+            dense = auto
+            if path.full_min:
+                dense = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
     for entry in record.values():
-        entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / spent)}
-    cases = _reduced_cases(record, scene.dofs)
-    cases.append({"method": "full", "dofs": scene.dofs, "cpu_s": spent, "error": {}})
-    probes = dict(zip(names, last.tolist(), strict=True))
-    full_cost = {"cpu_s": spent, "cpu_min": spent / 60}
-    return record | {"full": full_cost, "probes": probes, "cases": cases}
+        entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
+    return record | {
+        "full": {"cpu_min": dense / 60, "auto_min": auto / 60},
+        "probes": dict(zip(names, last.tolist(), strict=True)),
+    }
 
 
 def _images(run: Run) -> tuple[str, ...]:
@@ -221,35 +257,17 @@ def _dense_iteration(scene: Scene, start: F64) -> float:
     return time.process_time() - before
 
 
-def _reduced_cases(record: Mapping[str, dict[str, Any]], dofs: int) -> list[dict[str, Any]]:
-    """A case for each number of modes."""
-    return [
-        {
-            "method": f"{'unit states, ' if 'unit' in name else ''}r = {name.split()[-1]}",
-            "dofs": dofs,
-            "cpu_s": found["cpu_s"],
-            "error": {
-                key: found[key]
-                for key in ("e1", "e2", "stress_error", "force_error")
-                if found[key] is not None
-            },
-        }
-        for name, found in record.items()
-    ]
-
-
 #: What a kind of run computes: a record with the quantities of its rows
 RUNS: dict[str, Callable[[Run, ProgressCallback], Record]] = {
     "deck": _deck,
     "solve": _solve,
     "rates": _rates,
     "segment": _segment,
+    "tissue": _tissue,
     "aged": _aged,
     "fibers": _fibers,
     "motion": _motion,
     "path": _path,
-    "motion in the span": partial(_motion, published=False),
-    "path in the span": partial(_path, published=False),
 }
 
 
@@ -336,8 +354,8 @@ def reproduce(
       there already, from this version, stay
     - `show`: called with the text of each table that is finished
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
-      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note` and,
-      where there is no number, `ended`
+      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note`,
+      `call` (start of the call) and, where there is no number, `ended`
     - raises InputError: a name is unknown
     """
     wanted = find_tables(names)
@@ -352,7 +370,8 @@ def reproduce(
                 f"about {entry.cost_s:g} s{long}"
             )
             compute(entry, records, progress)
-            rows = rows_of(entry, records)
+            rows = [row | {"call": content["date"]} for row in rows_of(entry, records)]
+            _draw(entry, records, out)
             show(_text(entry, rows))
             content["rows"] = [row for row in content["rows"] if row["table"] != entry.name]
             content["rows"] += rows
@@ -366,6 +385,22 @@ def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback
     for run in entry.runs.values():
         if run not in records:
             records[run] = _record(run, progress)
+
+
+def _draw(entry: Table, records: Mapping[Run, Record], out: Path) -> None:
+    """Draw a table's picture; one of an earlier call goes where there is none now."""
+    file = out / _picture(entry.name)
+    found = {name: records[run] for name, run in entry.runs.items()}
+    if entry.picture is None or any("ended" in record for record in found.values()):
+        file.unlink(missing_ok=True)
+        return
+    file.parent.mkdir(exist_ok=True)
+    write_figure(file, entry.picture.draw(found))
+
+
+def _picture(name: str) -> str:
+    """File of a table's picture in the folder of the results."""
+    return f"reproduced/{name}.png"
 
 
 def rows_of(entry: Table, records: Mapping[Run, Record]) -> list[dict[str, Any]]:
@@ -385,7 +420,7 @@ def _earlier(file: Path) -> list[dict[str, Any]]:
         for row in entry.rows
     }
     return [
-        row | {"note": notes[row["table"], row["row"]]}
+        {"call": found["date"], **row, "note": notes[row["table"], row["row"]]}
         for row in found.get("rows", [])
         if found.get("version") == machine()["version"] and (row["table"], row["row"]) in notes
     ]
@@ -504,17 +539,24 @@ def _write(out: Path, content: dict[str, Any]) -> None:
     }
     content["rows"] = [row for rows in by_table.values() for row in rows]
     write_json(out / "reproduce.json", content)
-    write_text(out / "reproduce.md", _markdown(content, by_table))
+    write_text(out / "reproduce.md", _markdown(content, by_table, out))
     sections = {
         name: {
             "title": f"{_heading(name)}: {TABLES[name].title}",
             "about": "\n\n".join([*(f"`{line}`" for line in _runs_text(TABLES[name]))]),
+            "pictures": _shown(TABLES[name], out),
             "tables": [table("\n".join(_notes(rows)), row_columns(), rows)],
         }
         for name, rows in by_table.items()
     }
     record = {**content, "benches": sections}
     write_page(out / "reproduce.html", record, "Tables and figures", "reproduce")
+
+
+def _shown(entry: Table, out: Path) -> list[tuple[str, str]]:
+    """File and caption of a table's picture, where it was drawn."""
+    file = _picture(entry.name)
+    return [(file, entry.picture.caption)] if entry.picture and (out / file).is_file() else []
 
 
 def row_columns() -> Columns:
@@ -529,18 +571,23 @@ def row_columns() -> Columns:
     )
 
 
-def _markdown(content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record]]) -> str:
+def _markdown(
+    content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record]], out: Path
+) -> str:
     """The page `docs/reproduced.md`."""
     far = [row["row"] for row in content["rows"] if row["far"]]
     times = sum(name.endswith(("[s]", "[min]")) for name in far)
+    calls = sorted({row["call"] for row in content["rows"]})
+    said = "one call" if len(calls) == 1 else f"{len(calls)} calls since {calls[0][:16]}"
     lines = [
         "# The dissertation's tables and figures",
         "",
         f"Written by `myork reproduce {' '.join(by_table) if len(by_table) < 8 else 'all'}` "
-        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
-        f"thread): {len(content['rows'])} numbers of {len(by_table)} tables and figures. "
-        f"{len(far)} of them are more than {100 * FAR:.0f} % off (*), with the reason below the "
-        f"table; {times} of these are times of another machine. CPU seconds "
+        f"in {said} (version {content['version']}, {content['date'][:10]}, "
+        f"{content['processor']}, one thread): {len(content['rows'])} numbers of "
+        f"{len(by_table)} tables and figures. {len(far)} of them are more than "
+        f"{100 * FAR:.0f} % off (*), with the reason below the table; {times} of these are "
+        "times of another machine. CPU seconds "
         "and memory, that of the command itself included, are of the runs that a row reads. `myork "
         "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
         "",
@@ -556,6 +603,8 @@ def _markdown(content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record
             f"{row['memory_bytes'] / 1e6:.0f} |"
             for row in rows
         ]
+        for file, caption in _shown(TABLES[name], out):
+            lines += ["", f"![{caption}]({file})", "", f"*{caption}*"]
         lines += ["", *(line for note in _notes(rows) for line in (f"{_sentence(note)}", ""))]
     return "\n".join(lines)
 

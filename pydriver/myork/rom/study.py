@@ -10,6 +10,7 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.core.scene import Scene
+from myork.core.snapshots import snapshot_steps, step_count
 from myork.core.states import Fields
 from myork.core.threads import thread_count
 from myork.errors import InputError
@@ -19,10 +20,7 @@ from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states
 from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES
-from myork.types import F64, I32
-
-# Load steps that give the snapshots where the deck takes its load in one.
-_STEPS = 10
+from myork.types import F64
 
 
 def run_rom(
@@ -112,10 +110,9 @@ def _with_steps(
 ) -> Sequence[str]:
     """Overrides that give a state for each mode where the deck has a single load step."""
     tables = load_deck(deck, overrides, "rom")
-    wanted = max(tables["rom"]["modes"])
-    if "load" not in tables or tables["load"]["steps"] > 1 or wanted == 1:
+    if "load" not in tables or step_count(tables) == tables["load"]["steps"]:
         return overrides
-    steps = max(_STEPS, wanted)
+    steps, wanted = step_count(tables), max(tables["rom"]["modes"])
     progress(
         f"rom.modes: one load step gives one snapshot, but {wanted} modes are asked for: "
         f"{steps} steps are taken"
@@ -130,7 +127,7 @@ def _check_modes(scene: Scene) -> None:
             "reduced models are made of nonlinear problems and of motions: a linear problem at "
             "rest is solved once, which leaves nothing to save"
         )
-    chosen = _chosen(scene)
+    chosen = snapshot_steps(scene.deck["rom"], scene.steps)
     if not chosen.size:
         raise InputError(
             f"rom.every = {scene.deck['rom'].get('every')}: none of the {scene.steps} steps is a "
@@ -148,22 +145,13 @@ def _check_modes(scene: Scene) -> None:
         )
 
 
-def _chosen(scene: Scene) -> I32:
-    """Numbers, from 0, of the steps whose states are snapshots."""
-    table = scene.deck["rom"]
-    if "steps" in table:
-        return np.array(table["steps"], np.int32) - 1
-    last, every = np.ceil(scene.steps * table.get("first", 100.0) / 100.0), table.get("every", 1)
-    return np.arange(every - 1, last, every, dtype=np.int32)
-
-
 def _study(
     scene: Scene, full: States, progress: ProgressCallback
 ) -> tuple[dict[str, Any], ReducedFields | None]:
     """Modes and reduced models of the full states, and all last fields where there are stresses."""
     table = scene.deck["rom"]
     started = time.perf_counter()
-    seen = full.x[_chosen(scene)]
+    seen = full.x[snapshot_steps(table, scene.steps)]
     modes, values = proper_orthogonal_modes(
         unit_states(seen) if table["snapshots"] == "unit" else seen
     )

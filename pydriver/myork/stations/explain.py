@@ -1,11 +1,13 @@
 """What a deck will do and what that costs, before anything is computed."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from myork.console import ProgressCallback
 from myork.core.deck import load_deck
+from myork.core.snapshots import snapshot_steps, step_count
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
@@ -30,7 +32,41 @@ def explain_deck(
             progress(line)
         return
     options = ["--explain"] if out is None else ["--explain", "-o", str(out)]
-    run_executable(deck, [*options, *set_options(overrides)], progress)
+    more = _states(deck, values, overrides)
+
+    def say(line: str) -> None:
+        if line.startswith("  solver "):
+            for one in more:
+                progress(one)
+        progress(line)
+
+    run_executable(deck, [*options, *set_options(overrides)], say)
+
+
+def _states(deck: str | Path, values: Mapping[str, Any], overrides: Sequence[str]) -> list[str]:
+    """The time steps of a motion, and the states of which `myork rom` makes modes."""
+    lines = []
+    if "dynamics" in values:
+        motion = values["dynamics"]
+        written = f", every {motion['every']}th is written" if motion["every"] > 1 else ""
+        lines.append(
+            f"  motion        {step_count(values)} time steps of {motion['time_step']:g} to time "
+            f"{motion['end_time']:g}{written}"
+        )
+    elif "linear" in values:
+        return lines
+    text = "\n".join([Path(deck).read_text(encoding="utf-8"), *overrides])
+    if re.search(r"^\s*(\[\s*rom\s*\]|rom\.)", text, re.MULTILINE):
+        table, count = values["rom"], step_count(values)
+        chosen = snapshot_steps(table, count) + 1
+        modes = ", ".join(str(r) for r in table["modes"])
+        kind = ", each divided by its norm" if table["snapshots"] == "unit" else ""
+        few = " (more modes than that are refused)" if len(chosen) < max(table["modes"]) else ""
+        lines.append(
+            f"  rom           modes {modes} of {len(chosen)} of {count} states{kind}"
+            f"{few}: `myork rom`"
+        )
+    return lines
 
 
 def stations_of(values: Mapping[str, Any]) -> list[str]:

@@ -1,0 +1,197 @@
+"""Pictures of the dissertation's figures that show images: what was found beside the truth.
+
+Each function draws the records of the runs of a table, by their names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+from myork.records import Labels
+from myork.report.figures import COLOURS
+from myork.types import F64, I32
+
+#: Muscle, fat, connective tissue, as in the labels 1 to 3
+_TISSUES = {"muscle": "#B5524A", "fat": "#EFD27A", "connective tissue": "#3B6FB6"}
+#: In truth and found, missed, found beyond the truth
+_AGREEMENT = {"found": "#009E73", "missed": "#D55E00", "too much": "#56B4E9"}
+#: Force at full activation and mean Dice coefficient that were published
+_FORCE = {"young": 68.76, "old": 37.74}  # [N]
+_DICE, _DICE_OF_SLICES = 0.8744, {15: 0.90, 30: 0.84}
+
+
+def gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Two slices with the muscle found and the true one, and the Dice coefficient of each slice."""
+    record = records["enriched"]
+    shown, truth, found = (record[key] for key in ("anatomy", "truth", "found"))
+    figure = Figure(figsize=(12.0, 4.0), layout="constrained")
+    panels = figure.subplots(1, 3, width_ratios=[1, 1, 1.3])
+    for axes, number in zip(panels, _DICE_OF_SLICES, strict=False):
+        k = record["slices"][number]
+        _grey(axes, shown, k)
+        for labels, colour, width in ((truth, "#FFD700", 2.2), (found, COLOURS[1], 1.0)):
+            _outline(axes, labels.data[..., k], labels.spacing, colour, width)
+        axes.set_title(f"slice at {number}/33 of the height: Dice {record[f'dice_{number}']:.3f}")
+    handles = [
+        Line2D([], [], color="#FFD700", linewidth=2.2, label="true outline"),
+        Line2D([], [], color=COLOURS[1], linewidth=1.0, label="level sets"),
+    ]
+    panels[0].legend(handles=handles, loc="lower left", fontsize="small")
+    axes, slices = panels[2], np.array(record["dice_by_slice"], float)
+    height = (np.arange(slices.size) + 0.5) / slices.size * 33 + 0.5
+    axes.plot(height, slices, "o-", color=COLOURS[0], label="phantom, level sets")
+    axes.plot(
+        list(_DICE_OF_SLICES), list(_DICE_OF_SLICES.values()), "s", color=COLOURS[1],
+        label="published, single slices",
+    )  # fmt: skip
+    axes.axhline(_DICE, color=COLOURS[1], linestyle="--", label="published, mean of 33 slices")
+    axes.set(
+        xlabel="height, as number of the published slice [-]", ylabel="Dice coefficient [-]",
+        ylim=(0.8, 1.005),
+    )  # fmt: skip
+    axes.grid(color="#E5E5E5")
+    axes.legend(frameon=False, fontsize="small", loc="lower left")
+    return figure
+
+
+def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """A slice of the image of connective tissue, where it was found, and all materials."""
+    record = records["tissue"]
+    k = record["image"].data.shape[2] // 2
+    figure = Figure(figsize=(14.0, 4.3), layout="constrained")
+    panels = figure.subplots(1, 4)
+    _grey(panels[0], record["image"], k)
+    panels[0].set_title("image of connective tissue")
+    spacing = record["labels"].spacing
+    truth = record["truth"].data[..., k] == 3
+    ways = {
+        "fuzzy clusters, as published": (record["clusters"][..., k], record["dice_clusters"]),
+        "over muscle around": (record["labels"].data[..., k] == 3, record["connective_tissue"]),
+    }
+    for axes, (name, (found, dice)) in zip(panels[1:], ways.items(), strict=False):
+        kinds = np.where(truth & found, 1, np.where(truth, 2, np.where(found, 3, 0)))
+        _kinds(axes, kinds, spacing, list(_AGREEMENT.values()))
+        axes.set_title(f"{name}: Dice {dice:.3f}")
+    _kinds(panels[3], np.minimum(record["labels"].data[..., k], 4), spacing,
+           [*_TISSUES.values(), "#444444"])  # fmt: skip
+    panels[3].set_title("materials of the model")
+    _patches(figure, {**_AGREEMENT, **_TISSUES, "bone": "#444444"})
+    return figure
+
+
+def young_and_old(records: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """The middle slice of both muscles at one scale, and force over activation."""
+    figure = Figure(figsize=(12.5, 4.2), layout="constrained")
+    panels = figure.subplots(1, 3, width_ratios=[1, 1, 1.4])
+    boxes = []
+    for axes, name in zip(panels, _FORCE, strict=False):
+        labels = records[name]["labels"]
+        k = labels.data.shape[2] // 2
+        _kinds(axes, labels.data[..., k], labels.spacing, list(_TISSUES.values()))
+        boxes.append(_box_of(labels, k))
+        axes.set_title(f"{name}: {records[name]['images']['muscle']:.1f} cm³ of muscle")
+    # one scale
+    size = max(high - low for box in boxes for low, high in box)
+    for axes, box in zip(panels, boxes, strict=False):
+        middle = [(low + high) / 2 for low, high in box]
+        axes.set(
+            xlim=(middle[0] - size / 2 - 4, middle[0] + size / 2 + 4),
+            ylim=(middle[1] - size / 2 - 4, middle[1] + size / 2 + 4),
+        )
+    _patches(figure, _TISSUES)
+    axes = panels[2]
+    for number, (name, published) in enumerate(_FORCE.items()):
+        steps = [(0.0, 0.0)] + [
+            (step["activation"], step["probes"]["top"]) for step in records[name]["history"]
+        ]
+        colour = COLOURS[number]
+        axes.plot(*zip(*steps, strict=True), "o-", color=colour, label=f"{name}, σ_max 30 N/cm²")
+        axes.plot([1.0], [published], "s", color=colour, markerfacecolor="none", markersize=9,
+                  label=f"{name}, published: {published:g} N")  # fmt: skip
+    ratio = records["old"]["force"] / records["young"]["force"]
+    axes.set(
+        xlabel="activation [-]", ylabel="force at the fixed end [N]", ylim=(0, None),
+        title=f"old over young: {ratio:.3f}, published {_FORCE['old'] / _FORCE['young']:.3f}",
+    )  # fmt: skip
+    axes.grid(color="#E5E5E5")
+    axes.legend(frameon=False, fontsize="small", loc="upper left")
+    return figure
+
+
+def convergence(records: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Relative errors in L2 and H1 over source spacing and CPU time, by form."""
+    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    names = {"rates": "collocation, published", "auto": "default (Galerkin)"}
+    for number, (run, name) in enumerate(names.items()):
+        cases = records[run]["cases"]
+        for norm, dash, marker in (("L2", "-", "o"), ("H1", "--", "s")):
+            errors = [case["errors"][f"relative_{norm}"] for case in cases]
+            for axes, key in ((left, "h"), (right, "cpu_s")):
+                axes.loglog([case[key] for case in cases], errors, dash, marker=marker,
+                            color=COLOURS[number], label=f"{name}, {norm}")  # fmt: skip
+    left.set(xlabel="source spacing [unit of length of the deck]", ylabel="relative error [-]")
+    right.set(xlabel="CPU time of the whole run [s]")
+    for axes in (left, right):
+        axes.grid(which="both", color="#E5E5E5")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        _ticks(axes)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4,
+                  frameon=False)  # fmt: skip
+    return figure
+
+
+def _ticks(axes: Axes) -> None:
+    """Numbers between powers of ten, where there are few of these."""
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+
+
+def _box_of(labels: Labels, k: int) -> list[tuple[float, float]]:
+    """Range of the labels of a slice along both axes [mm]."""
+    found = np.nonzero(labels.data[..., k])
+    return [
+        (float(i.min()) * step, float(i.max() + 1) * step)
+        for i, step in zip(found, labels.spacing, strict=False)
+    ]
+
+
+def _extent(shape: Sequence[int], spacing: F64) -> tuple[float, float, float, float]:
+    return 0.0, float(shape[0] * spacing[0]), 0.0, float(shape[1] * spacing[1])
+
+
+def _grey(axes: Axes, image: Any, k: int) -> None:
+    """A slice of an image in grey."""
+    one = image.data[..., k]
+    top = float(np.nanpercentile(image.data, 99.5))
+    axes.imshow(one.T, origin="lower", extent=_extent(one.shape, image.spacing), cmap="gray",
+                vmin=0.0, vmax=top)  # fmt: skip
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
+
+
+def _outline(axes: Axes, mask: I32, spacing: F64, colour: str, width: float) -> None:
+    x, y = ((np.arange(n) + 0.5) * step for n, step in zip(mask.shape, spacing, strict=False))
+    axes.contour(x, y, mask.T, levels=[0.5], colors=[colour], linewidths=width)
+
+
+def _kinds(axes: Axes, kinds: I32, spacing: F64, colours: list[str]) -> None:
+    """Voxels of a slice by their number, 0 is white."""
+    axes.imshow(kinds.T, origin="lower", extent=_extent(kinds.shape, spacing),
+                cmap=ListedColormap(["white", *colours]), vmin=-0.5, vmax=len(colours) + 0.5,
+                interpolation="nearest")  # fmt: skip
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
+
+
+def _patches(figure: Figure, colours: Mapping[str, str]) -> None:
+    """What the colours of areas are, below all panels."""
+    handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)

@@ -1,0 +1,37 @@
+"""Which steps of a deck give the snapshots of `[rom]`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from myork.types import I32
+
+# Load steps that give the snapshots where the deck takes its load in one.
+_STEPS = 10
+
+
+def step_count(deck: Mapping[str, Any]) -> int:
+    """Number of load or time steps that `myork rom` takes.
+
+    A deck that takes its load in one step has ten if more than one mode is wanted, and no fewer
+    than modes.
+    """
+    if "dynamics" in deck:
+        return round(deck["dynamics"]["end_time"] / deck["dynamics"]["time_step"])
+    steps, wanted = int(deck["load"]["steps"]), max(deck["rom"]["modes"])
+    return max(_STEPS, wanted) if steps == 1 < wanted else steps
+
+
+def snapshot_steps(table: Mapping[str, Any], count: int) -> I32:
+    """Numbers, from 0, of the steps whose states are snapshots.
+
+    - `table`: `[rom]` of the deck
+    - `count`: number of steps
+    """
+    if "steps" in table:
+        return np.array(table["steps"], np.int32) - 1
+    last, every = np.ceil(count * table.get("first", 100.0) / 100.0), table.get("every", 1)
+    return np.arange(every - 1, last, every, dtype=np.int32)
