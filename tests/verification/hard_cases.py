@@ -386,12 +386,7 @@ def lattices():
             deck["geometry"]["size"] = [1.0, 1.0, height]
             point = [0.5, 0.5, 0.5 * height]
             deck["probe"] = [{"name": "stress", "quantity": "cauchy_xx", "point": point}]
-            case = tension(f"{name}, {form}", None)._replace(deck=deck)
-            if (height, jitter, form) == (20.0, 0.4, "rkpm-scni"):
-                case = case.ends(
-                    DOUBTED, "its second solution, on 3x3x3 points, is none", "[3,3,3]"
-                )
-            yield case
+            yield tension(f"{name}, {form}", None)._replace(deck=deck)
 
 
 def curved():
@@ -444,8 +439,8 @@ def beams():
     doubted, right = (DOUBTED, CAUTION), (RIGHT, RIMS)
     off, coarse = (WARNED, STRONG, "the stress does"), (WARNED, COARSE, "probe inside")
     for name, jitter, gauss, nodal in (
-        ("cantilever, dead traction", 0.0, right, doubted),
-        ("cantilever, dead traction", 0.3, doubted, doubted),
+        ("cantilever, dead traction", 0.0, right, right),
+        ("cantilever, dead traction", 0.3, doubted, right),
         ("clamped beam, end shear", 0.0, doubted, coarse),
         ("clamped beam, end shear", 0.3, right, coarse),
     ):
