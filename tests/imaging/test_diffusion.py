@@ -152,7 +152,7 @@ def test_turning_in_the_voxel_frame_is_that_of_the_axes():
 
 @pytest.mark.parametrize("text", ["x y", "x y y", "x y w", "x y z -x", ""])
 def test_bad_axes(text):
-    with pytest.raises(InputError, match="image.gradient_axes = .* x, y and z are wanted"):
+    with pytest.raises(InputError, match="image.gradient_axes = .* x, y and z are needed"):
         parse_axes(text)
 
 

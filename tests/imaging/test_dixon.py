@@ -108,7 +108,7 @@ def test_echoes_at_which_fat_turns_by_few_degrees():
     (one, two), water, fat, _ = legs((2.3, 4.6), 1.5)
     alike = fat_factors((2.3, 4.6), 3.0)
     for factors, message in (
-        (alike, "same phase in both echoes.* do not part water"),
+        (alike, "same phase in both echoes.* cannot separate water"),
         ((1.0, np.exp(1j * np.radians(15.0))), "the noise of water and fat 5.4 times"),
     ):
         with pytest.raises(InputError, match=message):

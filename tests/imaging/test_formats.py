@@ -140,7 +140,7 @@ def test_mixed_or_broken_series_are_refused(tmp_path):
     with pytest.raises(InputError, match="lie at the same position, so there are several times"):
         read_image(folder)
     series(tmp_path / "gap", heights=(1.0, 5.0, 13.0))
-    with pytest.raises(InputError, match="distances of the slices run from 4 to 8 mm"):
+    with pytest.raises(InputError, match="spacing of the slices varies from 4 to 8 mm"):
         read_image(tmp_path / "gap")
     uid = series(tmp_path / "size")
     series(tmp_path / "size", heights=(13.0,), uid=uid, first=7, rows=4)
@@ -375,7 +375,7 @@ def test_masks_of_dafne_lie_on_the_image_they_were_drawn_in(tmp_path, axes):
     for label, away in ((1, 0.0), (2, width)):
         place = image.world(np.argwhere(found.data == label))
         np.testing.assert_allclose(place, [corner - [away, 0, 0]])
-    with pytest.raises(InputError, match="masks of Dafne have no grid; bring them onto that"):
+    with pytest.raises(InputError, match="Dafne masks have no grid; put them on that"):
         read_labels(tmp_path / "rois.npz")
     np.savez(tmp_path / "rois.npz", Soleus=soleus[1:])
     with pytest.raises(InputError, match=r"mask Soleus has shape \(4, 6, 4\); rows, columns and"):

@@ -186,7 +186,7 @@ def test_a_trunk_is_no_limb_and_a_third_grey_no_fat():
     assert "1020 cm^2, more than a limb" in " ".join(leg_tissues(wide).doubts)
     organ = np.where(disc(10.0), 70.0 + 0.0 * image.data, image.data)
     doubts = " ".join(leg_tissues(Image(organ, image.affine)).doubts)
-    assert "between fat and muscle in grey" in doubts
+    assert "between those of fat and muscle" in doubts
 
 
 def test_another_echo_parts_what_one_image_does_not():

@@ -219,7 +219,7 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
         ("load.activation,reaction\n0.1,1\n", ["sigma_max"], "needed for boundary.z1.u_z"),
         ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is not a number"),
         ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),
-        ("sigma_max,load.activation,u_z,reaction\n30,0.1,0,1\n", ["sigma_max"], "not given"),
+        ("sigma_max,load.activation,u_z,reaction\n30,0.1,0,1\n", ["sigma_max"], "is fitted"),
         ("load.activation,u_z,reaction\n,0,1\n", ["sigma_max"], "needs its conditions"),
         ("load.activation,u_z,reaction,reaction_error\n0.1,0,1,0\n", ["sigma_max"], "above 0"),
         ("load.activation,u_z,reaction\n0.1,0,1\n", ["sigma_max=3"], "KEY=LOW:HIGH is needed"),
