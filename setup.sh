@@ -148,8 +148,9 @@ test)
    shift
    has_browser || install_packages chromium
    command -v ccx >/dev/null || install_packages calculix-ccx # what `myork export` is compared with
-   # side by side, a file of tests in one process; -m in "$@" replaces the one here
-   exec .venv/bin/python -m pytest -n "$(nproc)" --dist loadfile -m "not nightly" "$@"
+   # side by side, a file of tests in one process, whatever OMP_NUM_THREADS is, which nproc looks at;
+   # -m in "$@" replaces the one here
+   exec .venv/bin/python -m pytest -n "$(env -u OMP_NUM_THREADS nproc)" --dist loadfile -m "not nightly" "$@"
    ;;
 *) say "ready: .venv/bin/myork, .venv/bin/myork-solve" ;;
 esac

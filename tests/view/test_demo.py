@@ -35,7 +35,7 @@ def test_it_ends_accepted(
     assert "full solve 10/24" in said and "test 8/8" in said and "state 100/" in said
     # the check stands in its file and in the model
     check = json.loads((tmp_path / "check.json").read_text())
-    assert check["failed"] == 0 and check["points"] == 12
+    assert check["failed"] == 0 and check["points"] == 6
     assert check["force"]["max"] < 1e-3 and check["u"]["max_of_largest"] < 2e-3
     (model,) = tmp_path.glob("*.rom.h5")
     rom = ReducedModel.load(model, threads=1)
