@@ -79,7 +79,7 @@ def test_what_is_no_expression_is_told_with_its_place(text: str, what: str) -> N
     said = refused(plate([{"set": "x0", "u_x": 0, "u_y": text}]))
     assert "boundary.x0.u_y: " in said and what in said
     if what.startswith("unknown name"):
-        # an item of an array is told by its number
+        # an item of an array is named by its number
         said = refused(plate([{"set": "x0", "traction": [1, text]}]))
         assert f"traction: item 2, '{text}' is not an expression" in said
 
