@@ -297,7 +297,9 @@ subroutine find_stability(problem, outcome)
    if (index(problem%scene%method, 'rkpm') /= 1) return
    k = judged_state(problem, outcome%x)
    if (outcome%factored .and. k == size(outcome%load)) return
-   allocate (r(problem%m), x(problem%n))
+   allocate (r(problem%m))
+   ! iterations, where there are any, begin at it
+   allocate (x(problem%n), source=0.0_wp)
    call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
    tangent => null()
    associate (linearised => problem%operator())
