@@ -19,7 +19,7 @@ def machine() -> dict[str, Any]:
         pass
     return {
         "version": myork.__version__,
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "date": datetime.now(timezone.utc).isoformat(timespec="milliseconds"),
         "processor": model,
         "cores": os.cpu_count(),
         "load_average": os.getloadavg()[0],

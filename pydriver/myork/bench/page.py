@@ -36,7 +36,7 @@ def write_page(
             for name, bench in benches.items()
         ],
         about=(
-            f"MyoRK {record['version']}, {record['date']}, {record['processor']}, "
+            f"MyoRK {record['version']}, {record['date'][:19]}, {record['processor']}, "
             f"{record['cores']} cores, one thread a solve, "
             f"{'small cases only' if record['quick'] else 'all cases'}; load of the machine at "
             f"the start {record['load_average']:.1f}. {len(benches) - len(without)} "
