@@ -189,9 +189,6 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         assert two[f"{method}, total [s]"] == pytest.approx(
             sum(parts) + two[f"{method}, solution [s]"]
         )
-    # what the published table shows, on any machine
-    assert two["RKCM, assembly [s]"] < two["RKPM, assembly [s]"]
-    assert two["RKCM, solution [s]"] > two["RKPM, solution [s]"]
     page = (tmp_path / "reproduce.html").read_text("utf-8")
     assert page.count("<table") == 3 and "myork reproduce" in page and "reproduce.json" in page
     notes = (tmp_path / "reproduce.md").read_text("utf-8")
