@@ -11,7 +11,8 @@ writes the page.
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
 prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
-`--write` last it becomes a section of `docs/results/images.md`. `half` is `tuned`, the cases on
+`--write` last it becomes a section of `docs/results/images.md`, those of `PAGES` of
+pages of their modules' names. `half` is `tuned`, the cases on
 which settings were chosen, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
@@ -81,8 +82,15 @@ TABLES = {
     "real_images": ("real_images",),
     "shading_fields": ("shading_fields",),
     "tissues": ("tissues",),
+    "trained": ("trained",),
     "forecasts": ("forecasts",),
     "walks": ("walks", "outlines"),
+}
+#: Modules of tables with a page of results of their own, with its title; the rest is of images
+PAGES = {
+    "forms": "Settings of the forms",
+    "large_leg": "A leg of many points",
+    "trained": "Trained reduced models",
 }
 
 #: Name of a form, and the overrides that choose it
@@ -498,10 +506,12 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         print("\n".join(new), flush=True)
         lines += new
     if write:
-        call = f"`python benchmarks/runner.py {head[3:]} --write`"
+        call = f"`python benchmarks/runner.py {' '.join((name, *arguments))} --write`"
         lines += ["", f"{call}: {about['processor']}, {about['date'][:10]}.", ""]
-        page = _RESULTS / "images.md"
-        first, *sections = page.read_text(encoding="utf-8").split("\n## ")
+        module = table.__module__.rsplit(".", 1)[-1]
+        page = _RESULTS / f"{module if module in PAGES else 'images'}.md"
+        before = page.read_text(encoding="utf-8") if page.is_file() else f"# {PAGES[module]}\n"
+        first, *sections = before.split("\n## ")
         own = "\n".join(lines)[3:]
         sections = [one for one in sections if one.split("\n")[0] != head[3:]] + [own]
         write_text(page, "\n## ".join([first, *sorted(sections)]).rstrip("\n") + "\n")

@@ -51,7 +51,7 @@ subroutine read_activation(scene, deck, at, k, error)
       key = 'load.amplitude'
       if (deck%has(at//'.amplitude')) key = at//'.amplitude'
       if (tissue%amplitude == 0) return
-      if (.not. tissue%activation > 0.0_wp) then
+      if (.not. (deck%given('load.activation') .or. deck%given(at//'.activation'))) then
          call deck%complain(key, 'there is no activation to scale by it: give ' &
             & //'load.activation or material.'//tissue%name//'.activation', error)
          return

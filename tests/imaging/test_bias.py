@@ -61,6 +61,21 @@ def test_brightness_and_values_outside_do_not_matter(monkeypatch):
     np.testing.assert_allclose(a.field, b.field, rtol=1e-10)
 
 
+def test_weights_of_the_contours(monkeypatch):
+    """Three regions have two level sets: their weights may differ; equal ones are one for both."""
+    monkeypatch.setattr(bias, "_ROUNDS", 2)
+    image, mask, _ = shaded(0.3, (96, 96, 3))
+
+    def field(mu):
+        return clustered_bias(image.data, mask, spacing=image.spacing, regions=3, mu=mu).field
+
+    one = field(0.02)
+    np.testing.assert_array_equal(field([0.02, 0.02]), one)
+    assert not np.array_equal(field([0.02, 2.0]), one)
+    with pytest.raises(InputError, match="bias.mu has 3 weights; give one for all or 2"):
+        field([0.1, 0.1, 0.1])
+
+
 def test_empty_mask():
     with pytest.raises(InputError, match="no voxel to estimate the field from"):
         clustered_bias(np.ones((8, 8, 1)), np.zeros((8, 8, 1), bool), spacing=(1, 1, 1), regions=2)

@@ -203,6 +203,12 @@ def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
     return block(method, probe=[{"name": "p", **probe}])
 
 
+def test_an_activation_of_zero_may_follow_an_amplitude() -> None:
+    """As at the end of a range of activations; it is refused only where none is given."""
+    zero = with_amplitude({"amplitude": "pull", "activation": 0.0})
+    np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
+
+
 @pytest.mark.parametrize(
     ("deck", "complaint"),
     [

@@ -52,6 +52,24 @@ def check_3_36_gaussian() -> None:
     assert sp.simplify(in_plane / (2 * sp.pi * sigma**2)) == 1
 
 
+def check_3_41_field() -> None:
+    # one place of the field beside one voxel of either region: K is 1
+    b, image, c, weight, inside = (
+        sp.symbols(name, positive=True) for name in ("b", "I:2", "c:2", "lambda:2", "M:2")
+    )
+    parts = list(zip(image, c, weight, inside, strict=True))
+    energy = sum(w * (i - b * mean) ** 2 * m for i, mean, w, m in parts)
+    (least,) = sp.solve(energy.diff(b), b)
+    right = sum(w * i * mean * m for i, mean, w, m in parts) / sum(
+        w * mean**2 * m for _, mean, w, m in parts
+    )
+    printed = right.subs({w: 1 for w in weight})
+    assert sp.simplify(least - right) == 0
+    assert sp.simplify(least - printed) != 0
+    # they are the same where the weights are
+    assert sp.simplify((least - printed).subs(weight[1], weight[0])) == 0
+
+
 def check_4_23_stress_power() -> None:
     f = sp.Matrix(3, 3, sp.symbols("f:9"))
     rate = sp.Matrix(3, 3, sp.symbols("d:9"))

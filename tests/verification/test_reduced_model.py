@@ -410,6 +410,44 @@ def test_wrong_decks(deck: Path, change: str, message: str) -> None:
         ReducedModel.train(deck, RANGES, overrides=[change])
 
 
+def programme(path: Path, end: float) -> Path:
+    """The block's deck with a programme: the muscle, then its end, whose amplitude ends so."""
+    tables = {
+        **BLOCK,
+        "load": {**BLOCK["load"], "activation": 0.6, "amplitude": "muscle"},
+        "boundary": [
+            BLOCK["boundary"][0],
+            BLOCK["boundary"][1] | {"u_z": 0.15, "amplitude": "plate"},
+        ],
+        "amplitude": [
+            {"name": "muscle", "time": [0, 0.5], "value": [0, 1]},
+            {"name": "plate", "time": [0, 0.5, 1], "value": [0, 0, end], "curve": "smooth"},
+        ],
+    }
+    path.write_text(text_of_tables(tables))
+    return path
+
+
+def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path: Path) -> None:
+    """The full solves are those of a deck without amplitudes, an activation of zero among them; the
+    state at the end of the programme is that of its values, to the error of either model.
+    """
+    deck = programme(tmp_path / "programme.toml", 0.5)
+    found = ReducedModel.train(deck, RANGES, full_solves=12, tests=4, threads=1)
+    state = found.solve(activation=0.6, u_z=0.075)
+    assert state.force == pytest.approx(rom.solve(activation=0.6, u_z=0.075).force, rel=1e-9)
+    with Scene(deck, threads=1) as scene:
+        states = scene.solve(error=False)
+        truth = scene.probes(states.x, states.load)[-1, 0, 0]
+    assert state.force == pytest.approx(truth, rel=max(rom.certificate["force"]["max"], 1e-6))
+
+
+def test_what_an_amplitude_ends_elsewhere_with_is_varied(tmp_path: Path) -> None:
+    deck, ranges = programme(tmp_path / "half.toml", 0.5), {"load.activation": (0.0, 1.0)}
+    with pytest.raises(InputError, match=r"plate ends at 0\.5, and boundary\.z1\.u_z follows it"):
+        ReducedModel.train(deck, ranges)
+
+
 def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     content = trained.read_bytes()
     damaged = tmp_path / "damaged.rom.h5"

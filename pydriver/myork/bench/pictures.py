@@ -127,6 +127,50 @@ def young_and_old(records: Mapping[str, Mapping[str, Any]]) -> Figure:
     return figure
 
 
+def both_fields(
+    records: Mapping[str, Mapping[str, Any]], axes: tuple[int, int], name: str, exact: float
+) -> Figure:
+    """A component of the Cauchy stress in the deformed body, its middle plane, by both methods."""
+    figure = Figure(figsize=(10.5, 4.6), layout="constrained")
+    planes = {}
+    for form, record in records.items():
+        depth = record["ends"][:, 2]
+        middle = np.abs(depth - depth.mean()) < 0.01 * np.ptp(depth)
+        planes[form] = record["ends"][middle], record["cauchy"][:, axes[0], axes[1]][middle]
+    stresses = np.concatenate([stress for _, stress in planes.values()])
+    # one scale without the corners, where stresses are singular; what is within 1 % has one colour
+    low, high = np.quantile(stresses, [0.05, 0.95])
+    low, high = min(low, exact - 0.01 * abs(exact)), max(high, exact + 0.01 * abs(exact))
+    panels = figure.subplots(1, len(planes), sharey=True)
+    for panel, (form, (ends, stress)) in zip(panels, planes.items(), strict=True):
+        shown = panel.scatter(*ends[:, :2].T, c=stress, s=60, vmin=low, vmax=high, cmap="viridis")
+        panel.set(
+            xlabel="x [cm]", title=f"{form}: {stress.min():.4g} to {stress.max():.4g}, "
+            f"median {np.median(stress):.4g}",
+        )  # fmt: skip
+    panels[0].set(ylabel="y [cm]")
+    figure.colorbar(shown, ax=panels, label=f"{name} [N/cm²], exact {exact:g}", extend="both")
+    return figure
+
+
+def both_curves(records: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Stress in the middle and reaction over the load by both methods."""
+    figure = Figure(figsize=(10.5, 4.0), layout="constrained")
+    panels = figure.subplots(1, 2)
+    labels = {"stress_zz": "σ_zz in the middle [N/cm²]", "reaction": "reaction [N]"}
+    for axes, (probe, label) in zip(panels, labels.items(), strict=True):
+        for number, (form, record) in enumerate(records.items()):
+            steps = [(0.0, 0.0)] + [
+                (step["activation"], abs(step["probes"][probe])) for step in record["history"]
+            ]
+            axes.plot(*zip(*steps, strict=True), ("o-", "s--")[number], color=COLOURS[number],
+                      label=form.upper(), markerfacecolor="none")  # fmt: skip
+        axes.set(xlabel="activation [-]", ylabel=label)
+        axes.grid(color="#E5E5E5")
+        axes.legend(frameon=False)
+    return figure
+
+
 def convergence(records: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Relative errors in L2 and H1 over source spacing and CPU time, by form."""
     figure = Figure(figsize=(10.5, 4.2), layout="constrained")

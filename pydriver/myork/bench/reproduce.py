@@ -46,6 +46,7 @@ from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
 from myork.imaging.io import read_image, read_labels
 from myork.records import Labels
+from myork.results import Results
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import PathStates, reduced_path
 from myork.segmentation.scores import dice
@@ -74,7 +75,15 @@ def _deck(run: Run, progress: ProgressCallback) -> Record:
 
 def _solve(run: Run, progress: ProgressCallback) -> Record:
     """A solve of a deck; `two` are the times of shape functions and two iterations [s]."""
-    return _converged(solve_case(run.deck, run.overrides, limit=_LIMIT))
+    return _converged(solve_case(run.deck, run.overrides, limit=_LIMIT, look=_last_fields))
+
+
+def _last_fields(folder: Path) -> Record:
+    """Where points of a solve end, shape `(n, 3)`, and their stress, shape `(n, 3, 3)`."""
+    with Results(folder) as results:
+        if "cauchy" not in results.fields:
+            return {}
+        return {"ends": results.deformed(), "cauchy": results.field("cauchy")}
 
 
 def _converged(case: dict[str, Any]) -> dict[str, Any]:

@@ -27,7 +27,10 @@ _NEAR = 0.2
 #: more than the way from rest: 13 to 19 CPU s instead of 2.5 in a muscle of 2,500 unknowns
 _PATIENCE = 12
 #: Tables of a deck of which its states depend, and keys in them on which they do not
-_TABLES = ("scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load")
+_TABLES = (
+    "scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load",
+    "amplitude",
+)  # fmt: skip
 _OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
 
 

@@ -16,7 +16,7 @@ _POSSIBLE = (
 #: What a parameter may be
 KINDS = ("activation", "sigma_max", "fiber_angle", "modulus", "load", "rotation")
 #: Displacements that a condition prescribes
-_PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
+PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
 _MODULI = (
     "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
@@ -158,13 +158,13 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
     words = name.split(".")
     if words[-1] == "activation":
         return _activation(name, low, high, deck)
-    if words[0] == "boundary" and words[-1] in _PRESCRIBED:
+    if words[0] == "boundary" and words[-1] in PRESCRIBED:
         entries = deck.get("boundary", [])
         if not any(b["set"] == words[1] and words[-1] in b for b in entries):
             raise InputError(
                 f"{name}: the deck prescribes no such value; it has "
                 + ", ".join(
-                    f"boundary.{b['set']}.{u}" for b in entries for u in _PRESCRIBED if u in b
+                    f"boundary.{b['set']}.{u}" for b in entries for u in PRESCRIBED if u in b
                 )
             )
         kind = "rotation" if words[-1] == "rotation" else "load"

@@ -31,7 +31,14 @@ from myork.rom.full import FullModel, cloud_arrays
 from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
 from myork.rom.online import Answer, Regression, Solver
-from myork.rom.parameters import Parameter, as_parameters, parse_vary, spread_points, widths_of
+from myork.rom.parameters import (
+    PRESCRIBED,
+    Parameter,
+    as_parameters,
+    parse_vary,
+    spread_points,
+    widths_of,
+)
 from myork.rom.places import place_arrays
 from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, Snapshots, force_values, make_setting
@@ -119,11 +126,7 @@ def train(
                 f"{deck}: probe.{probe['name']}.set: reduced models have forces of sides, not of "
                 f"the [[set]] {probe['set']}: leave the probe out"
             )
-    if values.get("amplitude"):
-        raise InputError(
-            f"{deck}: amplitude: reduced models are trained on loads that grow in proportion: "
-            "leave amplitudes out and vary what they drive, or reduce this path: `myork rom DECK`"
-        )
+    overrides = [*overrides, *_ramps(deck, values, varied)]
     if values.get("galerkin", {}).get("essential") == "transformation":
         raise InputError(
             f'{deck}: galerkin.essential = "transformation": reduced models need '
@@ -162,6 +165,39 @@ def train(
         head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": values["sha256"]}
         rom = training.model(head, {} if cloud is None else cloud_arrays(cloud), begin)
     return rom
+
+
+def _ramps(deck: Path, values: Mapping[str, Any], varied: set[str]) -> list[str]:
+    """Overrides that make every amplitude of a deck the ramp of a deck without any.
+
+    States depend on the values at their end only, and the training goes to them in proportion.
+
+    - `varied`: keys of the parameters, which are values at the end whatever the amplitude is there
+    - raises InputError: an amplitude ends elsewhere than at 1, and what it drives is no parameter
+    """
+    ends = {entry["name"]: entry["value"][-1] for entry in values.get("amplitude", [])}
+    driven = [
+        (f"boundary.{entry['set']}.{key}", entry.get("amplitude"))
+        for entry in values.get("boundary", [])
+        for key in (*PRESCRIBED, "traction")
+        if np.any(entry.get(key, 0.0))
+    ]
+    for entry in values.get("material", []):
+        own = f"material.{entry['name']}.activation" if "activation" in entry else "load.activation"
+        driven.append((own, entry.get("amplitude", values["load"].get("amplitude"))))
+    for key, name in driven:
+        if ends.get(name, 1) != 1 and key not in varied:
+            raise InputError(
+                f"{deck}: amplitude.{name} ends at {ends[name]:g}, and {key} follows it: a reduced "
+                f"model answers for values at the end of a programme: vary {key}, or let the "
+                "amplitude end at 1"
+            )
+    ramp = {"time": [0, 1], "value": [0, 1], "curve": "linear"}
+    return [
+        override_text(f"amplitude.{name}.{key}", value)
+        for name in ends
+        for key, value in ramp.items()
+    ]
 
 
 class _Training:

@@ -8,6 +8,7 @@ Li, Huang, Ding, Gatenby, Metaxas, Gore, IEEE Trans. Image Process. 20 (2011),
 doi:10.1109/TIP.2011.2146190
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,6 +19,7 @@ from scipy import ndimage
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.records import Image
+from myork.segmentation.level_sets import contour_weights
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from myork.types import F64, Mask
 
@@ -29,7 +31,6 @@ _STEPS = 5  # of the level sets between two improvements of the field
 _ROUNDS = 100  # improvements of the field
 _AT_REST = 1e-4  # root mean square change of the field in a round at rest
 _SIGMA = 12.0  # standard deviation of the Gaussian neighbourhood (3.36) [mm]
-_MU = 0.01  # weight of the contours' length; grey values are scaled to about one
 _EDGE = 0.05  # relative change from pixel to pixel that makes an edge; noise of 1/25 makes 0.01
 _NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
 _SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
@@ -69,6 +70,7 @@ def clustered_bias(
     *,
     spacing: ArrayLike,
     regions: int,
+    mu: float | Sequence[float] = 0.01,
     gamma: float = 0.0,
 ) -> BiasField:
     """Bias field by local clustering, (3.30) to (3.45), for any number of regions.
@@ -82,6 +84,8 @@ def clustered_bias(
     - `mask`: voxels that take part, same shape
     - `spacing`: voxel sizes, shape `(3,)` [mm]
     - `regions`: number of regions
+    - `mu`: weight of the contours' length, one for all level sets or one for each; the grey values
+      are scaled to about one [-]
     - `gamma`: weight of P (3.39), which keeps the level sets near distance functions [-]
     """
     if not mask.any():
@@ -124,7 +128,7 @@ def clustered_bias(
                 trust * square,
                 phi,
                 spacing=tuple(pixel.tolist()),
-                mu=_MU,
+                mu=contour_weights("bias.mu", mu, regions),
                 nu=0.0,
                 gamma=gamma,
                 epsilon=_EPSILON,

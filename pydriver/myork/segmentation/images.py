@@ -143,6 +143,7 @@ def segment_images(
     table: Mapping[str, Any],
     *,
     bias: str = "none",
+    mu: float | Sequence[float] = 0.01,
     gamma: float = 0.0,
     muscles: Sequence[Muscle] = (),
     progress: ProgressCallback = silent,
@@ -157,8 +158,9 @@ def segment_images(
         Table `image` of decks.
     bias : str
         Method of the shading: `auto`, `level-sets` or `none`.
-    gamma : float
-        Of `level-sets`: weight of P (3.39), which keeps them near distance functions [-].
+    mu, gamma : float
+        Of `level-sets`: weights of the contours' length, one for all or one a level set, and of P
+        (3.39), which keeps them near distance functions [-].
     muscles : sequence
         Rules by which regions are grouped.
     progress : callable
@@ -169,7 +171,8 @@ def segment_images(
         # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
         # badly, and its rim what lies under the skin.
         body = _body_of(images)
-    shade, record = _shading(images.whole, body, bias, gamma, progress)
+    contours = {"mu": mu, "gamma": gamma}
+    shade, record = _shading(images.whole, body, bias, contours, progress)
     images = images if shade is None else images.divided(shade)
     image = images.anatomy
     reference, lost = _bent(images, body, progress)
@@ -249,7 +252,7 @@ def _body_of(images: Images) -> Mask:
 
 
 def _shading(
-    image: Image, mask: Mask, method: str, gamma: float, progress: ProgressCallback
+    image: Image, mask: Mask, method: str, contours: Mapping[str, Any], progress: ProgressCallback
 ) -> tuple[F64 | None, dict[str, Any]]:
     """Shading estimated in the body, None without one, and its record."""
     if method == "none":
@@ -264,7 +267,7 @@ def _shading(
             record |= {"start": best.candidates[0].start, "doubt": best.doubt}
         else:
             found = clustered_bias(
-                image.data, mask, spacing=image.spacing, regions=_EVEN, gamma=gamma
+                image.data, mask, spacing=image.spacing, regions=_EVEN, **contours
             )
             shade = found.field
             record |= {"converged": found.converged, "energy": found.energy.tolist()}

@@ -22,6 +22,7 @@ from myork.errors import InputError
 from myork.segmentation.starts import (
     circle_regions,
     kmeans,
+    level_sets_for,
     level_sets_of,
     regions_of,
     threshold_regions,
@@ -111,7 +112,7 @@ def segment_regions(
         region,
         first,
         spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()),
-        mu=_lengths(choice, first.shape[3]),
+        mu=contour_weights("image.mu", choice.mu, choice.regions),
         nu=choice.nu,
         epsilon=choice.epsilon,
         dt=choice.dt,
@@ -146,13 +147,16 @@ def wanted_phase(result: Regions, values: F64, phase: str) -> Mask:
     return one if phase == "dark" else two
 
 
-def _lengths(choice: LevelSets, levels: int) -> F64:
-    """Weights of the contours' lengths, shape `(levels,)`."""
-    given = np.atleast_1d(np.asarray(choice.mu, float))
+def contour_weights(key: str, mu: float | Sequence[float], regions: int) -> F64:
+    """Weights of the contours' lengths by the weights of a deck, shape `(levels,)` [-].
+
+    - raises InputError: `mu`, called `key`, is neither one for all nor one a level set
+    """
+    given, levels = np.atleast_1d(np.asarray(mu, float)), level_sets_for(regions)
     if given.size not in (1, levels):
         raise InputError(
-            f"image.mu has {given.size} weights; give one for all or {levels}, one a level set: "
-            f"image.regions = {choice.regions} has so many"
+            f"{key} has {given.size} weights; give one for all or {levels}, one a level set: "
+            f"{regions} regions have so many"
         )
     return np.broadcast_to(given, levels)
 

@@ -63,7 +63,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     _check_rules(table, muscles)
     grid = OneGrid(progress)
     images = read_images(deck, out, grid, progress)
-    bias = {"bias": deck["bias"]["method"], "gamma": deck["bias"]["gamma"]}
+    bias = {"bias": deck["bias"]["method"]} | {key: deck["bias"][key] for key in ("mu", "gamma")}
     found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
     record = _record(deck, found)
