@@ -257,6 +257,15 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
    refine.values["accuracy"] = usual;
 }
 
+// Whether source points on the sides can hold prescribed displacements exactly, so that no answer
+// depends on a penalty. Tendons and pressures with a free rim take the penalty.
+static bool can_hold(Deck &deck) {
+   const std::vector<Section *> entries = deck.entries("boundary");
+   return std::none_of(entries.begin(), entries.end(), [](const Section *entry) {
+      return entry->find("tendon") || entry->find("pressure");
+   });
+}
+
 // Points that nobody chose are searched for where a search is possible
 static void choose_points(Deck &deck) {
    const std::vector<Section *> bodies = deck.entries("geometry");
@@ -273,7 +282,10 @@ static void choose_points(Deck &deck) {
           singular_sides(deck, body.find("source")->items.size());
       body.values["graded"] = array_of(sides, body.origin);
    }
-   ask_for_error(deck, chosen_here && nonlinear && !deck.entries("probe").empty());
+   const bool searched = chosen_here && nonlinear && !deck.entries("probe").empty();
+   if (searched && can_hold(deck))
+      deck.facts["points_chosen"] = "true";
+   ask_for_error(deck, searched);
 }
 
 void choose_form(Deck &deck) {

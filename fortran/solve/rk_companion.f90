@@ -217,6 +217,9 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    if (scene%programme%count() > 1) steps = scene%load%steps
    words = [character(len=override_length) :: 'load.steps='//to_text(steps), &
       & 'load.max_halvings='//to_text(halvings)]
+   ! exact values make a body stiffer and the penalty makes it softer: what the method changes shows
+   if (scene%galerkin%essential == 'transformation') words = [character(len=override_length) :: &
+      & words, 'galerkin.essential="penalty"']
    self%other_form = index(scene%method, 'rkcm') == 1
    if (self%other_form .and. allocated(scene%motion)) then
       self%why_not = 'motions by collocation have no second solution'

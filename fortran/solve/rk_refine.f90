@@ -351,9 +351,13 @@ function words_of(deck, cloud, cells) result(words)
    !> Cells along each direction, shape (nd)
    integer, intent(in) :: cells(:)
    character(len=long), allocatable :: words(:)
+   character(len=:), allocatable :: essential
 
    allocate (words(0))
    if (allocated(cloud%lattice)) then
+      call deck%get('galerkin.essential', essential)
+      if (essential == 'transformation') words = [character(len=long) :: 'galerkin.essential="' &
+         & //essential//'"']
       call lattice_words(deck, cells + 1, words)
    else
       words = [character(len=long) :: 'geometry.blocks='//list(cells)]
