@@ -355,10 +355,10 @@ function words_of(deck, cloud, cells) result(words)
 
    allocate (words(0))
    if (allocated(cloud%lattice)) then
-      call deck%get('galerkin.essential', essential)
-      if (essential == 'transformation') words = [character(len=long) :: 'galerkin.essential="' &
-         & //essential//'"']
       call lattice_words(deck, cells + 1, words)
+      call deck%get('galerkin.essential', essential)
+      if (essential == 'transformation') words = [character(len=long) :: words(:2), &
+         & 'galerkin.essential="'//essential//'"', words(3:)]
    else
       words = [character(len=long) :: 'geometry.blocks='//list(cells)]
    end if

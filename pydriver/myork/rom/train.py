@@ -127,20 +127,24 @@ def train(
                 f"the [[set]] {probe['set']}: leave the probe out"
             )
     overrides = [*overrides, *_ramps(deck, values, varied)]
-    if values.get("galerkin", {}).get("essential") == "transformation":
-        raise InputError(
-            f'{deck}: galerkin.essential = "transformation": reduced models need '
-            f'displacements prescribed by the penalty; take "penalty"'
-        )
-    if "refine" in values:
+    if values.get("galerkin", {}).get("essential") == "transformation" or "refine" in values:
         first = values["geometry"].get("source")
         given = [] if first is None else [override_text("geometry.source", first)]
-        if "refine" in load_deck(deck, [*overrides, *given], "solve"):
+        # what the deck says itself, and not because nobody chose its points
+        said = load_deck(deck, [*overrides, *given], "solve")
+        if said.get("galerkin", {}).get("essential") == "transformation":
+            raise InputError(
+                f'{deck}: galerkin.essential = "transformation": reduced models need '
+                f'displacements prescribed by the penalty; take "penalty"'
+            )
+        if "refine" in said:
             # each of its states would be searched for points of its own
             raise InputError(
                 f"{deck}: accuracy, [refine]: reduced models are trained on one set of points: "
                 "leave both out; without geometry.source 2 % are met"
             )
+        if first is not None:
+            overrides = [*overrides, override_text("galerkin.essential", "penalty")]
     if not 0.0 < tolerance < 0.5:
         raise InputError(f"tolerance must lie between 0 and 0.5, not {tolerance}")
     if full_solves < 4:
