@@ -730,7 +730,7 @@ _COMMANDS = {
                 "parameter to be fitted; KEY alone takes the range of the training",
                 required=True,
             ),
-            _flag("--dry-run", "solve the first measurement, print what the fit costs, and exit"),
+            _flag("--dry-run", "solve each measurement once, print what the fit costs, and exit"),
         ),
         _OUT_STUDY,
     ),

@@ -21,6 +21,8 @@ _STARTS, _BEST = 64, 3
 _STEP = 1e-3
 #: Iterations of a fit, each with the states of its differences, as forecasts count them
 _ROUNDS = 6
+#: Rounds that move far
+_DISTANT = 3
 _CONFIDENCE = 0.95
 #: Parameters whose estimates go together as far as this are not distinguished by the data
 _TOGETHER = 0.98
@@ -70,7 +72,7 @@ def identify(
     threads : int, optional
         Number of threads.
     dry_run : bool
-        Solve the first measurement only, for a forecast of the cost, and write nothing.
+        Solve each measurement once, for a forecast of the cost, and write nothing.
     progress : callable
         Called with every line of progress.
 
@@ -175,12 +177,22 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
 def _forecast(
     forward: Forward, data: _Data, ranges: dict[str, tuple[float, float]]
 ) -> dict[str, Any]:
-    """States that a fit asks for, and their processor time by that of the first one [s]."""
-    middle = [0.5 * (low + high) for low, high in ranges.values()]
-    forward.ask([*data.keys, *ranges], np.array([[*data.conditions[0], *middle]]))
+    """States that a fit asks for, and their processor time [s].
+
+    All measurements are solved at the middle of the ranges, and one beside it: the first rounds of
+    a fit move as far as the former, the others are near to states that are known.
+    """
+    middle = np.array([0.5 * (low + high) for low, high in ranges.values()])
+    rows = np.hstack([data.conditions, np.tile(middle, (len(data.values), 1))])
+    forward.ask([*data.keys, *ranges], rows)
+    far = forward.cpu_s / len(rows)
+    beside = rows[:1] * np.where(np.arange(rows.shape[1]) < len(data.keys), 1.0, 1.0 + _STEP)
+    forward.ask([*data.keys, *ranges], beside)
+    near = forward.cpu_s - far * len(rows)
     rounds = (_BEST if forward.is_reduced else 1) * _ROUNDS * (1 + len(ranges)) + 1
-    states = len(data.values) * (rounds + (_STARTS if forward.is_reduced else 0))
-    return {"states": states, "cpu_s": states * forward.cpu_s / forward.states}
+    states = len(rows) * (rounds + (_STARTS if forward.is_reduced else 0))
+    distant = min(_DISTANT * len(rows), states)
+    return {"states": states, "cpu_s": distant * far + (states - distant) * near}
 
 
 def _fit(
