@@ -2,6 +2,8 @@
 
 import html
 import re
+import sys
+from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -9,6 +11,9 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 from myork import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))
+import messages  # noqa: E402
 
 project = "MyoRK"
 author = "The MyoRK developers"
@@ -66,6 +71,13 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def _messages(_: Sphinx, name: str, source: list[str]) -> None:
+    """Put the list below its page."""
+    if name == "messages":
+        source[0] += "\n" + messages.page()
+
+
 def setup(app: Sphinx) -> None:
-    """Draw formulas as MathML."""
+    """Draw formulas as MathML, list all messages."""
+    app.connect("source-read", _messages)
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))

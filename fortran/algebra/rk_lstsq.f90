@@ -482,7 +482,8 @@ subroutine check_rank(op, factor, rcond, error)
    rcond = rcond/sqrt(real(op%n, wp))
    ! a comparison that a factor with zeros on its diagonal fails
    if (.not. rcond > op%n*epsilon(1.0_wp)) call fatal_error(error, err_linalg, &
-      & 'rank below '//to_text(op%n)//', undetermined: '//names_of(op, abs(v)))
+      & 'the equations do not determine '//names_of(op, abs(v))//' (rank below ' &
+      & //to_text(op%n)//'): prescribe more displacements, or take more collocation points')
 end subroutine check_rank
 
 !> An unknown that no equation sees

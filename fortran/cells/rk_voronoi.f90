@@ -93,8 +93,8 @@ subroutine voronoi_facets(facets, cloud, error)
       radius = farthest(cell, x)
       if (.not. 2.0_wp*radius < reach*spacing) then
          call fatal_error(error, err_input, 'source point '//to_text(is)//' at ' &
-            & //to_text(cloud%source(:, is))//' has no others near enough to close its cell: its ' &
-            & //'corners are '//to_text(radius/spacing, 3)//' spacings away')
+            & //to_text(cloud%source(:, is))//' has too few neighbours to close its cell, whose ' &
+            & //'corners are '//to_text(radius/spacing, 3)//' spacings away: fill the gap there')
          return
       end if
       ! the source point itself may lie on a facet of the box

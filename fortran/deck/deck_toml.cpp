@@ -99,9 +99,15 @@ bool read_toml(Deck &deck) {
    if (!result) {
       const toml::source_position place = result.error().source().begin;
       const std::string why(result.error().description());
-      const bool encoding = why.find("utf-8") != std::string::npos;
+      std::string cure;
+      if (why.find("utf-8") != std::string::npos)
+         cure = "; save the deck as UTF-8";
+      else if (why.find("value type") != std::string::npos)
+         cure = "; a text needs quotes, as in kind = \"box\"";
+      else if (why.find("saw ','") != std::string::npos)
+         cure = "; decimals have a point, lists brackets: 10.5, [10, 5]";
       deck.complain({static_cast<int>(place.line), static_cast<int>(place.column), ""}, "",
-                    "not TOML: " + why + (encoding ? "; save the deck as UTF-8" : ""));
+                    "not TOML: " + why + cure);
       return false;
    }
    const toml::table &root = result.table();

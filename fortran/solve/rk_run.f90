@@ -109,7 +109,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    logical :: loaded
 
    outcome%warnings = ''
-   call warn_of_overlaps(problem%scene, outcome, recorder)
+   call warn_of_conditions(problem%scene, outcome, recorder)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
@@ -223,16 +223,26 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    end select
 end subroutine solve_motion
 
-!> Tell sets of the deck that overlap
-subroutine warn_of_overlaps(scene, outcome, recorder)
+!> Warn of conditions without effect, and of sets of the deck that overlap
+subroutine warn_of_conditions(scene, outcome, recorder)
    type(scene_type), intent(in) :: scene
    !> Where warnings are kept
    type(outcome_type), intent(inout) :: outcome
    !> Receiver of warnings
    class(recorder_type), intent(inout) :: recorder
    character(len=:), allocatable :: lines
-   integer :: first, length
+   integer :: first, length, k
 
+   if (scene%load%activation > 0.0_wp .and. .not. any([(scene%tissue(k)%material%fibered, &
+      & k=1, size(scene%tissue))])) call outcome%warn('load.activation has no effect: no ' &
+      & //'material has fibers; model = "muscle" does', recorder)
+   do k = 1, size(scene%condition)
+      associate (condition => scene%condition(k))
+         if (any(condition%fixed .and. condition%traction%acts())) call outcome%warn('boundary.' &
+            & //trim(scene%cloud%set_names(condition%set))//': traction has no effect in a ' &
+            & //'component whose displacement is prescribed; leave one of the two out', recorder)
+      end associate
+   end do
    if (.not. allocated(scene%cloud%region)) return
    lines = overlaps(scene%cloud, scene%condition)
    first = 1
@@ -242,9 +252,9 @@ subroutine warn_of_overlaps(scene, outcome, recorder)
       call outcome%warn(lines(first:first + length - 2), recorder)
       first = first + length
    end do
-end subroutine warn_of_overlaps
+end subroutine warn_of_conditions
 
-!> Keep a warning and tell it
+!> Keep a warning and report it
 subroutine warn(self, line, recorder)
    class(outcome_type), intent(inout) :: self
    !> Warning

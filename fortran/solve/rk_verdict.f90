@@ -100,7 +100,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(companion_type) :: nearer
    character(len=:), allocatable :: from
    real(wp) :: bound
-   integer :: i, kind
+   integer :: i, kind, known
    logical :: adrift
 
    self%state = accepted
@@ -120,7 +120,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       ! roundings would be compared with roundings
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
-         & //'sets do not balance: # of the largest is left')
+         & //'sets do not balance: # of the largest is left; take more points, or compare with ' &
+         & //'method "rkpm-gauss"')
       if (outcome%unstable) then
          call self%object(doubtful, 'the equilibrium is unstable, its tangent is not positive ' &
             & //'definite: a small disturbance takes the body to another state; reduce the load ' &
@@ -174,6 +175,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
          call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
       end if
    end if
+   known = len(self%reasons)
    if (self%companion%other_form) then
       from = 'on the same points'
       if (self%companion%finer) from = 'with '//self%companion%lattice
@@ -188,6 +190,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
          & merge(of_finer, of_change, self%companion%finer), ' from the same with ' &
          & //self%companion%lattice, outcome)
    end if
+   if (len(self%reasons) > known .and. .not. deck%has('refine')) self%reasons = self%reasons &
+      & //'what helps: '//cure_of(problem, self%companion%other_form)//new_line('a')
    ! off equilibrium collocation has several minima, and the iteration ends in any of them
    if (adrift) call withhold(self%bars)
 end subroutine judge
@@ -231,7 +235,8 @@ subroutine judge_works(self, problem, outcome)
    end associate
    call self%compare(abs(outcome%work_mismatch), bounds, 'the ' &
       & //'stress does # '//merge('less', 'more', outcome%work_mismatch < 0.0_wp)//' work than ' &
-      & //'the forces: the state is off equilibrium, and displacements may be as far off')
+      & //'the forces: the state is off equilibrium, and displacements may be as far off; take ' &
+      & //'method "rkpm-gauss"')
 end subroutine judge_works
 
 !> Volume in which J is not that of the pressure, where the pressure is a field of its own
@@ -256,7 +261,8 @@ subroutine judge_volume(self, problem, state)
       end do
    end associate
    call self%compare(off/max(total, tiny(1.0_wp)), of_volume, 'in # of the volume J is ' &
-      & //'more than '//to_text(off_pressure)//' away from what the pressure allows')
+      & //'more than '//to_text(off_pressure)//' away from what the pressure allows; take more ' &
+      & //'points')
 end subroutine judge_volume
 
 !> Warn where J at points is not that of the pressure, which weak forms keep over cells only
@@ -310,10 +316,11 @@ subroutine judge_lost(self, problem, outcome)
    found = outcome%lost//extent_of(problem, worst%lost)
    ! what was lost on the way may have led to another branch
    if (matters(problem, worst%lost) .or. .not. any(worst%lost)) then
-      call self%object(doubtful, found//': the answer is not unique')
+      call self%object(doubtful, found//': the answer is not unique; less activation or load, an ' &
+         & //'end that can move, or a stiffer matrix helps, more points do not')
    else
-      self%reasons = self%reasons//found//': too little of the body, away from the probes, to ' &
-         & //'count against them'//new_line('a')
+      self%reasons = self%reasons//'not counted, as it is small and far from the probes: ' &
+         & //found//new_line('a')
    end if
 end subroutine judge_lost
 
@@ -454,6 +461,27 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    self%reasons = self%reasons//found%reasons
    self%state = max(self%state, found%state)
 end subroutine judge_probes
+
+!> What brings an answer and its second solution together
+function cure_of(problem, other_form) result(text)
+   class(discretisation_type), intent(in) :: problem
+   !> The second solution is another form on the same points
+   logical, intent(in) :: other_form
+   character(len=:), allocatable :: text
+
+   if (problem%linear) then
+      text = 'more points (geometry.source)'
+   else if (other_form) then
+      text = 'method "rkpm-gauss", whose bars come from fewer points, or more points'
+   else if (allocated(problem%scene%cloud%block)) then
+      text = 'finer blocks (half of build.source_stride or of geometry.blocks), or ' &
+         & //'refine.accuracy = 0.05, which looks for them'
+   else if (allocated(problem%scene%cloud%lattice)) then
+      text = 'more points (geometry.source), or accuracy = 0.02 in its place, which looks for them'
+   else
+      text = 'more points (a smaller build.source_stride, or a denser cloud)'
+   end if
+end function cure_of
 
 !> There is no second solution: a note where none was wanted or none is possible, a reason for doubt
 !> where one failed

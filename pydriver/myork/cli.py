@@ -97,7 +97,9 @@ def _explanation(error: Exception) -> tuple[str, int]:
     if isinstance(error, ImportError):
         return f"a part of the installation does not load: {error}; {cure_of(str(error))}", 3
     if isinstance(error, OSError):
-        return str(error), 2
+        # an exception without errno has nothing but its arguments, which may be a bare path
+        what = error.strerror or f"{type(error).__name__}: {error}"
+        return f"{error.filename}: {what}" if error.filename else what, 2
     name = type(error).__name__
     return f"internal error, please report it with the output of -v: {name}: {error}", 3
 
@@ -354,7 +356,11 @@ def _sensitivity(options: argparse.Namespace, console: Console) -> str:
 
 
 def _identify(options: argparse.Namespace, console: Console) -> str:
-    found, out = _study(options, console, "identify", options.data, options.free)
+    found, out = _study(
+        options, console, "identify", options.data, options.free, dry_run=options.dry_run
+    )
+    if options.dry_run:
+        return ""
     lines = [
         "{}: {:.5g}, 95 % from {:.5g} to {:.5g}".format(key, entry["value"], *entry["interval"])
         for key, entry in found["parameters"].items()
@@ -724,6 +730,7 @@ _COMMANDS = {
                 "parameter to be fitted; KEY alone takes the range of the training",
                 required=True,
             ),
+            _flag("--dry-run", "solve each measurement once, print what the fit costs, and exit"),
         ),
         _OUT_STUDY,
     ),

@@ -18,8 +18,8 @@ _MODEL, _PAGE = "mg_muscle.rom.h5", "mg_muscle.html"
 _OVERRIDES = ("material.muscle.lambda_o=1.4", "load.steps=3")
 #: What the reduced model leaves free [-], [cm]
 _VARIED = {"load.activation": (0.0, 0.3), "boundary.top.u_z": (-0.3, 0.3)}
-#: Full solves of its training at most, of the test that ends it, and of the check
-_SOLVES, _TESTS, _CHECKS = 24, 8, 6
+#: Full solves of its training, which no test ends, and of the check of what came out
+_SOLVES, _CHECKS = 24, 6
 
 
 def run_demo(
@@ -104,7 +104,7 @@ def _reduced(
     from myork.rom.train import train
 
     rom = train(
-        deck, _VARIED, full_solves=_SOLVES, tests=_TESTS, out=out, overrides=overrides,
+        deck, _VARIED, full_solves=_SOLVES, tests=0, out=out, overrides=overrides,
         threads=threads, progress=progress,
     )  # fmt: skip
     progress(f"check by {_CHECKS} full solves that the training does not see")

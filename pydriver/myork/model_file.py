@@ -167,8 +167,8 @@ def _fitted(found: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, Any
         if not near.all():
             entry = int(np.argmin(near))
             raise InputError(
-                f"'voxels/index', 'voxels/size' and 'voxels/origin' put the voxel of point {entry} "
-                f"at a distance of {far[entry]:g} from it"
+                f"'voxels/index', 'voxels/size' and 'voxels/origin' place the voxel of point "
+                f"{entry} {far[entry]:g} away from it"
             )
     return arrays
 

@@ -390,7 +390,7 @@ ONCE: list[tuple[str, list[Edit], str]] = [
     ("tracts/sound.npz", lines(LINES, [0, 70]), "offsets must rise"),
     ("tracts/sound.npz", lines(LINES[:0], [0]), "holds no line"),
     ("tracts/sound.npz", lines(LINES * 1e12, [0, 7]), "km away"),
-    ("tracts/sound.npz", lines(LINES * 0, [0, 7]), "no line has a length"),
+    ("tracts/sound.npz", lines(LINES * 0, [0, 7]), "all points of each line coincide"),
     ("surface/sound.vtk", put("POINTS 6", "POINTS 4000000000"), "cannot be read|no surface"),
     ("surface/sound.ply", put("vertex 6", "vertex 2000000000"), "cannot be read|no surface"),
     ("surface/sound.vtp", put('Points="6"', 'Points="6000000000000"'), "cannot be read|no surface"),

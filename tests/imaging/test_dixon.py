@@ -147,7 +147,7 @@ def test_what_cannot_be_parted_is_told():
         separate(one, one, ~everywhere, spacing=SPACING)
     with pytest.raises(InputError, match="not finite in the body"):
         separate(one, one * np.nan, everywhere, spacing=SPACING)
-    with pytest.raises(InputError, match=r"span 1e\+06, more than any usual turn; scale them"):
+    with pytest.raises(InputError, match=r"span 1e\+06, more than one turn in any usual unit"):
         echo(np.ones(2), np.array([0.0, 1e6]))
 
 

@@ -144,7 +144,7 @@ def test_mixed_or_broken_series_are_refused(tmp_path):
         read_image(tmp_path / "gap")
     uid = series(tmp_path / "size")
     series(tmp_path / "size", heights=(13.0,), uid=uid, first=7, rows=4)
-    with pytest.raises(InputError, match="holds different sizes"):
+    with pytest.raises(InputError, match="the files differ in sizes"):
         read_image(tmp_path / "size")
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileError, match="holds no DICOM images"):

@@ -287,7 +287,7 @@ def test_otsu_parts_two_heaps():
         ({"lambdas": [1.0, 1.0, 1.0]}, "image.lambda has 3 weights; give one for all or 2"),
         ({"mu": [0.1, 0.2]}, "image.mu has 2 weights; give one for all or 1, one a level set"),
         ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
-        ({"start": "labels"}, "a start from labels needs them"),
+        ({"start": "labels"}, "image.start = 'labels' needs a label map"),
     ],
 )
 def test_impossible_choices(change, message):

@@ -269,7 +269,7 @@ SEED = bone(39, 34, 0)
             {"split": "walk", "reference": "old.nii.gz"},
             "image.reference: only for split = pieces",
         ),
-        ([SEED], {"reference": "old.nii.gz"}, "both say what is where; take one out"),
+        ([SEED], {"reference": "old.nii.gz"}, "both define the muscles; leave one of them out"),
         (
             [bone(39, 2, 34, 0)],
             {},
@@ -442,7 +442,7 @@ def test_seeds_of_muscles_alone_leave_the_rest_without_a_label(tmp_path, case):
     write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
     keys = dict(split="walk", tolerance=0.01, seeds="seeds.nii.gz")
     (warning,) = parted(tmp_path, **keys)["warnings"]
-    assert "is like none of the seeds and becomes background" in warning
+    assert "resembles none of the seeds and becomes background" in warning
     found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
     assert min(dice(found == n, kind == n) for n in (1, 2)) > 0.95
     # one muscle alone, and all else as it is drawn

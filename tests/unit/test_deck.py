@@ -649,6 +649,15 @@ def test_wrong_files(write: Write, text: bytes, message: str) -> None:
     assert any(line.startswith(message) for line in complaints(write(text)))
 
 
+@pytest.mark.parametrize(
+    ("text", "cure"),
+    [(b"a = box\n", "a text needs quotes"), (b"a = 10,5\n", "decimals have a point")],
+)
+def test_slips_of_toml_have_a_cure(write: Write, text: bytes, cure: str) -> None:
+    (line,) = complaints(write(text))
+    assert line.startswith("case.toml:1:") and cure in line
+
+
 def test_files_that_cannot_be_read(write: Write, tmp_path: Path) -> None:
     write(BLOCK)
     with pytest.raises(FileError, match="^cas.toml: .*No such file.*did you mean 'case.toml'"):

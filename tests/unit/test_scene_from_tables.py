@@ -267,3 +267,8 @@ def test_what_notebooks_show() -> None:
     told = states._replace(verdict="doubtful", reasons=["J < 0 & worse"])
     assert repr(told).endswith("\n  J < 0 & worse)")
     assert "<b>doubtful</b>" in told._repr_html_() and "J &lt; 0 &amp; worse" in told._repr_html_()
+
+
+def test_arrays_in_place_of_a_cloud_are_refused() -> None:
+    with pytest.raises(InputError, match="a PointCloud is needed, not ndarray"):
+        Scene.from_tables(PULLED, np.zeros((4, 3)))  # type: ignore[arg-type]

@@ -1,13 +1,17 @@
 """Stations: one signature, decks that are files or data, and the names that the package exports."""
 
 import inspect
+from pathlib import Path
 
+import nibabel
+import numpy as np
 import pytest
 
 import myork
 from myork import _core
 from myork.console import silent
 from myork.core.threads import core_threads
+from myork.errors import MyorkError
 
 
 def test_public_names() -> None:
@@ -44,3 +48,61 @@ def test_threads_of_the_core_are_given_back() -> None:
         with core_threads(None):
             assert _core.set_threads(0) == before + 2
     assert _core.set_threads(0) == before
+
+
+DECK = """[scene]
+dimension = 3
+[units]
+force = "N"
+length = "cm"
+[build]
+labels = "{labels}"
+{more}
+[[material]]
+name = "muscle"
+label = 1
+model = "polynomial"
+A10 = 1
+K = 100
+[[material]]
+name = "fat"
+label = 4
+model = "polynomial"
+A10 = 1
+K = 100
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    labels = np.ones((8, 8, 6), np.int16)
+    labels[4:] = 2
+    nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), tmp_path / "map.nii.gz")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("labels", "more", "line", "message"),
+    [
+        ("nothing.nii.gz", "", 7, r"build.labels: .*nothing.nii.gz: there is no such file"),
+        ("map.nii.gz", 'fibers = "map.nii.gz"', 8, r"build.fibers: .*a 4-D image with 3 volumes"),
+        ("map.nii.gz", "source_stride = [3, 3, 1]\ncollocation_stride = [2, 2, 1]", 8,
+         "build.source_stride = .* must be a multiple"),
+    ],
+)  # fmt: skip
+def test_errors_begin_with_file_line_and_key(
+    folder: Path, labels: str, more: str, line: int, message: str
+) -> None:
+    deck = folder / "body.toml"
+    deck.write_text(DECK.format(labels=labels, more=more))
+    with pytest.raises(MyorkError, match=rf"body.toml:{line}: {message}"):
+        myork.build(deck, folder / "out")
+
+
+def test_labels_and_materials_that_do_not_meet(folder: Path) -> None:
+    """What a solve will refuse is a warning when the model is built."""
+    deck = folder / "body.toml"
+    deck.write_text(DECK.format(labels="map.nii.gz", more=""))
+    warnings = myork.build(deck, folder / "out")["model"]["warnings"]
+    assert any("material fat: no voxel has its label 4; the labels are 1, 2" in w for w in warnings)
+    assert any("label 2 has no material" in w for w in warnings)

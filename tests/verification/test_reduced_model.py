@@ -363,7 +363,7 @@ def test_corrections(rom: ReducedModel) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"activation": 0.1}, "a value is missing of boundary.z1.u_z"),
+        ({"activation": 0.1}, "no value for boundary.z1.u_z"),
         ({"activation": 0.1, "u_z": 0.0, "K": 3.0}, "K: not a parameter of this reduced model"),
         ({"material.K": 3.0}, "material.muscle.K: not a parameter of this reduced model"),
         ({"boundary.z7.u_z": 3.0}, r"no \[\[boundary\]\] is called 'z7'"),
@@ -482,7 +482,7 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"from before .*own\.rom\.h5 \(--model\) changed"):
         sweep(deck, vary, tmp_path / "own", model=own, overrides=given)
     for overrides, message in (
-        ([], "a value is missing of boundary.z1.u_z"),
+        ([], "no value for boundary.z1.u_z"),
         (["boundary.z1.u_z=0.1", "material.muscle.K=100"], "not a parameter of this reduced"),
     ):
         with pytest.raises(InputError, match=message):
@@ -530,7 +530,7 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(["rom", "check", str(trained), *wrong, "--out", str(tmp_path)]) == 2
     assert "load.activation: a range needs LOW <= HIGH, not 0.8 and 0.7" in capsys.readouterr().err
     assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
-    assert "a value is missing of load.activation" in capsys.readouterr().err
+    assert "no value for load.activation" in capsys.readouterr().err
 
 
 def test_few_cells_keep_the_sums() -> None:

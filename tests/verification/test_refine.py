@@ -214,3 +214,21 @@ GRADED = {**beam(9, 5)["geometry"], "graded": ["x0"]}
 def test_what_cannot_be_refined_is_refused(change, message) -> None:
     with pytest.raises(InputError, match=message):
         Scene.from_tables({**cantilever(accuracy=0.01), **change}).close()
+
+
+def test_a_search_reports_and_can_be_stopped(caplog: pytest.LogCaptureFixture) -> None:
+    """Lines of a scene that is opened in memory go to `progress`, else to a logger."""
+    lines: list[str] = []
+    Scene.from_tables(without_points(0.02), progress=lines.append).close()
+    assert lines and all(re.match(r"refine \d+: \[.*CPU s$", line) for line in lines)
+    with caplog.at_level("INFO", logger="myork"):
+        Scene.from_tables(without_points(0.02)).close()
+    assert [re.sub(r", [^,]* CPU s", "", line) for line in caplog.messages] == [
+        re.sub(r", [^,]* CPU s", "", line) for line in lines
+    ]
+
+    def interrupt(line: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Scene.from_tables(without_points(0.02), progress=interrupt)

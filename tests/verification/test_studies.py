@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -220,7 +221,7 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
         ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is not a number"),
         ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),
         ("sigma_max,load.activation,u_z,reaction\n30,0.1,0,1\n", ["sigma_max"], "is fitted"),
-        ("load.activation,u_z,reaction\n,0,1\n", ["sigma_max"], "needs its conditions"),
+        ("load.activation,u_z,reaction\n,0,1\n", ["sigma_max"], "needs a number for each key"),
         ("load.activation,u_z,reaction,reaction_error\n0.1,0,1,0\n", ["sigma_max"], "above 0"),
         ("load.activation,u_z,reaction\n0.1,0,1\n", ["sigma_max=3"], "KEY=LOW:HIGH is needed"),
         ("load.activation,u_z,reaction\n0.1,0,1\n", ["K=1:2"], "K: not a parameter"),
@@ -356,3 +357,18 @@ def test_commands(trained: Path, deck: Path, tmp_path: Path, capsys: Any) -> Non
     assert "a power of two" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["study"])
+
+
+def test_the_cost_of_a_fit_is_forecast(deck: Path, tmp_path: Path, capsys: Any) -> None:
+    """A dry run writes nothing; states within a factor of two of those that the fit takes."""
+    data = tmp_path / "data.csv"
+    data.write_text("load.activation,boundary.z1.u_z,reaction\n0.3,0,3\n0.5,0.05,5\n")
+    call = ["study", "identify", str(deck), "--data", str(data)]
+    call += ["--free", "material.muscle.sigma_max=20:45", "--threads", "1"]
+    assert main([*call, "--out", str(tmp_path / "dry"), "--dry-run"]) == 0
+    assert not (tmp_path / "dry").exists()
+    forecast = re.match(r"about (\d+) states, \S+ CPU s", capsys.readouterr().out)
+    assert forecast is not None
+    assert main([*call, "--out", str(tmp_path / "fit")]) == 0
+    states = json.loads((tmp_path / "fit" / "identify.json").read_text())["cost"]["states"]
+    assert states / 2 <= int(forecast[1]) <= 2 * states

@@ -432,9 +432,8 @@ def test_only_a_death_costs_a_point_a_message(
     with pytest.raises(caught) if caught else contextlib.nullcontext():
         sweep(deck, ["material.rubber.mu=5,6"], tmp_path)
     if caught is None:
-        assert {row["message"] for row in rows_of(tmp_path)} == {
-            "the process of this point died: killed"
-        }
+        (message,) = {row["message"] for row in rows_of(tmp_path)}
+        assert "out of memory" in message and message.endswith(": killed")
         lines: list[str] = []
         sweep(deck, ["material.rubber.mu=5,6"], tmp_path, dry_run=True, progress=lines.append)
         assert "nan" not in "".join(lines)

@@ -4,15 +4,20 @@
 !> and may be empty: by source point its place and spacing; by collocation point place, fiber,
 !> volume, activation and fractions, then label and voxel; by boundary entry normal and area, then
 !> point and set; size and origin of the voxels. A size of 0 stands for none, and so do fractions
-!> of one label and activations below 0. Not threadsafe: gfortran keeps the lengths of character
-!> function results in static storage, and keys are made of such results
+!> of one label and activations below 0. `listener` is the address of a C function that takes a line
+!> of the search for points and returns 1 to stop it. Not threadsafe: gfortran keeps the lengths of
+!> character function results in static storage, and keys are made of such results
 subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, point, place, &
-   & entry, entry_of, grid, fraction_label, set_names, length_unit, handle, stat, message)
+   & entry, entry_of, grid, fraction_label, set_names, length_unit, listener, handle, stat, message)
+   use, intrinsic :: iso_c_binding, only : c_f_procpointer, c_null_funptr
    use rk_cloud, only : cloud_type, take_arrays
    use rk_error, only : error_type
    use rk_pack, only : pack_error
+   use rk_handles, only : listener_interface
    use rk_session, only : open_session
    implicit none
+   !f2py integer*8 listener
+   integer(8), intent(in) :: listener
    integer, intent(in) :: nover, ns, nc, nb, nset, nf
    character(len=*), intent(in) :: path, text, overrides(nover), set_names(nset), length_unit
    double precision, intent(in) :: source(3, 2, ns), point(8 + nf, nc), entry(4, nb), grid(3, 2)
@@ -21,7 +26,9 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(cloud_type) :: model
+   procedure(listener_interface), pointer :: reader
 
+   call c_f_procpointer(transfer(listener, c_null_funptr), reader)
    model%nd = 3
    model%source = source(:, 1, :)
    model%spacing = source(:, 2, :)
@@ -49,7 +56,8 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    model%length_unit = trim(length_unit)
    handle = 0
    call take_arrays(model, error)
-   if (.not. allocated(error)) call open_session(path, text, overrides, model, handle, error)
+   if (.not. allocated(error)) call open_session(path, text, overrides, model, reader, handle, &
+      & error)
    call pack_error(error, stat, message)
 end subroutine scene_open
 

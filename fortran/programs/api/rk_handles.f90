@@ -3,6 +3,7 @@
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
+   use, intrinsic :: iso_c_binding, only : c_char, c_int, c_null_char
    use rk_answer, only : answer_type
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -19,7 +20,7 @@ module rk_handles
    implicit none
    private
 
-   public :: slot_type, states_type, open_slot, close_slot, find_slot
+   public :: slot_type, states_type, listener_interface, open_slot, close_slot, find_slot
 
    !> Rows of the table
    integer, parameter :: rows = 64
@@ -38,11 +39,23 @@ module rk_handles
       real(wp) :: backward_error = 0.0_wp
       !> Set from outside to end the solve
       logical :: stop = .false.
+      !> Reader of notes, not associated without one
+      procedure(listener_interface), pointer, nopass :: listener => null()
    contains
       procedure :: iteration
       procedure :: step
       procedure :: stopped
+      procedure :: note
    end type states_type
+
+   abstract interface
+      !> Take a line, which may be empty; other than 0 asks the work to stop
+      integer(c_int) function listener_interface(line) bind(c)
+         import :: c_char, c_int
+         !> Text, with a null character behind it
+         character(kind=c_char), intent(in) :: line(*)
+      end function listener_interface
+   end interface
 
    !> What a handle stands for
    type :: slot_type
@@ -156,7 +169,22 @@ end subroutine step
 logical function stopped(self)
    class(states_type), intent(inout) :: self
 
+   if (associated(self%listener)) call self%note('', warning=.false.)
    stopped = self%stop
 end function stopped
+
+!> Hand a line on to the reader, who may ask to stop
+subroutine note(self, line, warning)
+   class(states_type), intent(inout) :: self
+   !> What happened
+   character(len=*), intent(in) :: line
+   !> It deserves attention
+   logical, intent(in) :: warning
+
+   associate (unused => warning)
+   end associate
+   if (.not. associated(self%listener)) return
+   if (self%listener(line//c_null_char) /= 0) self%stop = .true.
+end subroutine note
 
 end module rk_handles

@@ -193,7 +193,8 @@ subroutine answer_states(slot, n, steps, error)
    if (.not. allocated(slot%states%x)) then
       call fatal_error(error, err_input, 'this scene has not been solved yet')
    else if (size(slot%states%x, 1) /= n .or. slot%states%steps < steps) then
-      call fatal_error(error, err_input, 'the last solve of this scene was of another model')
+      call fatal_error(error, err_input, 'the last solve of this scene was of its other model, ' &
+         & //'full or reduced: solve again')
    end if
    if (allocated(error)) return
    seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, slot%outcome%seconds]

@@ -4,7 +4,7 @@ module rk_session
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : approximation_text, new_scene
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_handles, only : close_slot, find_slot, open_slot, slot_type
+   use rk_handles, only : close_slot, find_slot, listener_interface, open_slot, slot_type
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -22,7 +22,7 @@ module rk_session
 contains
 
 !> Open the scene of a deck
-subroutine open_session(path, text, overrides, model, handle, error)
+subroutine open_session(path, text, overrides, model, listener, handle, error)
    !> Deck, or its name for messages
    character(len=*), intent(in) :: path
    !> Text of the deck; blank for that of the file
@@ -31,6 +31,8 @@ subroutine open_session(path, text, overrides, model, handle, error)
    character(len=*), intent(in) :: overrides(:)
    !> Points of the model file, where the deck wants one
    type(cloud_type), intent(in) :: model
+   !> Reader of the lines of a search for points, who may stop it
+   procedure(listener_interface) :: listener
    integer, intent(out) :: handle
    type(error_type), allocatable, intent(out) :: error
    type(slot_type), pointer :: slot
@@ -41,7 +43,9 @@ subroutine open_session(path, text, overrides, model, handle, error)
    if (allocated(error)) return
    call open_slot(slot, error)
    if (allocated(error)) return
+   slot%states%listener => listener
    call refine(slot%refinement, deck, model, slot%states, error)
+   nullify (slot%states%listener)
    if (.not. allocated(error)) call new_scene(slot%scene, deck, model, error)
    if (.not. allocated(error)) then
       call new_problem(slot%full, slot%scene, error)

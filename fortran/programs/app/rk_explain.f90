@@ -83,7 +83,8 @@ subroutine explain(deck, model, scene)
    whole = forecast_solve(scene, cost)/speed
    bars = forecast_bars(deck, model, scene)/speed
    print '(a)', '  time          about '//to_text(whole + bars, 2) &
-      & //' CPU s, of which error bars '//to_text(bars, 2)
+      & //' CPU s, of which error bars '//to_text(bars, 2)//trim(merge('; finer points of the ' &
+      & //'search take more', repeat(' ', 38), deck%has('refine')))
 end subroutine explain
 
 !> Blocks of voxels between the source points, and where they became finer by themselves

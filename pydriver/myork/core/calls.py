@@ -5,8 +5,11 @@ compiled call lasts. A long call runs in a thread of its own: the calling thread
 Ctrl-C and progress, and always waits for the end of the call before it goes on.
 """
 
+import ctypes
+import logging
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -105,6 +108,44 @@ _BUSY = (
 )
 
 _INTERVAL_S = 0.05
+
+
+#: A search for points that takes longer is a warning, which Python shows without being asked [s]
+_LONG_S = 10.0
+_LISTENER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_char_p)
+
+
+@contextmanager
+def listening(progress: Callable[[str], None] | None) -> Iterator[int]:
+    """Address of a C function to which a search for points hands its lines.
+
+    The core calls it often, with empty lines between the others, and stops when it returns 1: a
+    signal or an error of `progress` ends the search, and is raised at the end of the block.
+
+    - `progress`: called with every line; without it lines go to the logger `myork`, as information,
+      or as warnings where the search lasts
+    """
+    began = time.monotonic()
+    failures: list[BaseException] = []
+
+    def logged(line: str) -> None:
+        lasts = time.monotonic() - began > _LONG_S
+        logging.getLogger("myork").log(logging.WARNING if lasts else logging.INFO, line)
+
+    def hear(line: bytes) -> int:
+        try:
+            if line and not failures:
+                (progress or logged)(line.decode("utf-8", "replace"))
+        except BaseException as failure:
+            failures.append(failure)
+        return int(bool(failures))
+
+    function = _LISTENER(hear)
+    try:
+        yield ctypes.cast(function, ctypes.c_void_p).value or 0
+    finally:
+        if failures:
+            raise failures[0]
 
 
 def call_in_thread(

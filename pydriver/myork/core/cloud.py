@@ -52,6 +52,11 @@ def model_path(deck: Mapping[str, Any], folder: Path, out: Path | None) -> Path 
 
 def with_cloud(tables: Mapping[str, Any], cloud: PointCloud) -> dict[str, Any]:
     """Tables of a scene whose points are at hand; refuse a geometry of their own."""
+    if not isinstance(cloud, PointCloud):
+        raise errors.InputError(
+            f"cloud: a PointCloud is needed, not {type(cloud).__name__}: "
+            "myork.records.PointCloud(source=..., spacing=..., points=..., ...)"
+        )
     geometry = tables.get("geometry", {})
     for key, value in geometry.items() if isinstance(geometry, Mapping) else ():
         if (key, value) != ("kind", "model"):

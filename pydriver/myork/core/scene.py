@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from myork import _core, errors
-from myork.core.calls import Turn, answer, call_in_thread
+from myork.core.calls import Turn, answer, call_in_thread, listening
 from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
@@ -39,6 +39,9 @@ class Scene:
         Folder in which the model file of the deck is looked for first.
     threads : int, optional
         Number of threads of a solve; default all cores.
+    progress : callable, optional
+        Called with every line of a search for points, which a deck without points starts when it
+        is opened; without it lines go to the logger `myork`, those of a long search as warnings.
 
     Attributes
     ----------
@@ -79,9 +82,10 @@ class Scene:
         overrides: Sequence[str] = (),
         out: Path | None = None,
         threads: int | None = None,
+        progress: Callable[[str], None] | None = None,
     ) -> None:
         deck = load_deck(path, overrides, "solve")
-        self._open(deck, "", overrides, model_of(deck, Path(path).parent, out), threads)
+        self._open(deck, "", overrides, model_of(deck, Path(path).parent, out), threads, progress)
 
     @classmethod
     def from_tables(
@@ -92,6 +96,7 @@ class Scene:
         overrides: Sequence[str] = (),
         out: Path | None = None,
         threads: int | None = None,
+        progress: Callable[[str], None] | None = None,
     ) -> "Scene":
         """Open a scene of data: without a file, unless the tables name one of points.
 
@@ -109,6 +114,8 @@ class Scene:
             Folder in which a model file that the tables name is looked for first.
         threads : int, optional
             Number of threads of a solve; default all cores.
+        progress : callable, optional
+            Called with every line of a search for points.
 
         Raises
         ------
@@ -136,7 +143,7 @@ class Scene:
         else:
             cloud = check_cloud(deck, cloud)
         scene = cls.__new__(cls)
-        scene._open(deck, text_of_tables(tables), overrides, cloud, threads)
+        scene._open(deck, text_of_tables(tables), overrides, cloud, threads, progress)
         return scene
 
     def _open(
@@ -146,14 +153,17 @@ class Scene:
         overrides: Sequence[str],
         model: PointCloud | None,
         threads: int | None,
+        progress: Callable[[str], None] | None,
     ) -> None:
         """Hand deck and points to the core; the text is empty where the deck is a file."""
-        handle, stat, message = _core.scene_open(
-            os.fsencode(deck["path"]),
-            text.encode() or b" ",
-            as_texts(overrides),
-            *packed(NO_CLOUD if model is None else model),
-        )
+        with listening(progress) as listener:
+            handle, stat, message = _core.scene_open(
+                os.fsencode(deck["path"]),
+                text.encode() or b" ",
+                as_texts(overrides),
+                *packed(NO_CLOUD if model is None else model),
+                listener,
+            )
         check_deck(stat, message, text)
         self._handle = handle
         self.points_found = tuple(answer(handle, "found")["overrides"].split())

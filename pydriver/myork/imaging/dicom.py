@@ -418,9 +418,9 @@ def _check_series(folder: Path, slices: list[_Slice]) -> None:
         other = [slice_.path for slice_ in slices if answer(slice_) != wanted]
         if other:
             raise InputError(
-                f"{folder}: holds different {word}: {reference.path.name} has {wanted}, "
-                f"{other[0].name} has not ({len(other)} of {len(slices)} files); keep one series "
-                "in a folder"
+                f"{folder}: the files differ in {word}: {reference.path.name} has {wanted}, "
+                f"{len(other)} of {len(slices)} files have another, the first is {other[0].name}; "
+                "keep one series in a folder"
             )
 
 

@@ -83,8 +83,8 @@ def echo(magnitude: F64, phase: F64) -> C128:
     fitting = [one for one in _TURNS if reach <= 1.001 * one]
     if not fitting:
         raise InputError(
-            f"the values of a phase image span {reach:g}, more than any usual turn; scale them to "
-            "radians"
+            f"the values of a phase image span {reach:g}, more than one turn in any usual unit; "
+            "scale them to radians"
         )
     return np.asarray(magnitude * np.exp(2j * np.pi * phase / fitting[0]))
 

@@ -199,7 +199,7 @@ def _read_names(path: Path) -> dict[int, str]:
     right = all(type(label) is int and 0 <= label <= _LAST_LABEL for label in labels)
     if not right or len(set(labels)) < len(labels):
         raise InputError(
-            f'{path}: must hold {{"name": label}}, each name with a label of its own from 0 to '
+            f'{path}: must hold {{"name": label}}, each name with a different label from 0 to '
             f"{_LAST_LABEL}"
         )
     return {label: name for name, label in table.items()}

@@ -16,8 +16,8 @@ def check_kind(name: str, kind: np.dtype) -> None:
     """Refuse values that are not one plain number each."""
     if kind.kind == "c":
         raise InputError(
-            f"{name}: the values are complex ({kind}); save their magnitude (or the part that is "
-            "wanted) as an image of its own"
+            f"{name}: the values are complex ({kind}); save their magnitude (or one of the "
+            "parts) as a separate image"
         )
     if kind.kind not in "biuf":
         raise InputError(

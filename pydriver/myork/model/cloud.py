@@ -154,8 +154,8 @@ def _prepared(body: Body, table: Mapping[str, Any], progress: ProgressCallback) 
     if "slice_thickness" in table:
         if fractions is not None:
             raise InputError(
-                f"{fractions.name}: build.slice_thickness cuts slices by the shapes of labels, and "
-                "parts of voxels have none; leave it out, or image.partial and build.fractions"
+                f"{fractions.name}: build.slice_thickness interpolates the shapes of labels, "
+                "not fractions of voxels; leave it out, or image.partial and build.fractions"
             )
         axis, parts = slice_parts(labels.spacing, table["slice_thickness"])
         finer = finer_labels(labels, axis, parts)

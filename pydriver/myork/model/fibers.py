@@ -47,13 +47,13 @@ class FiberField(NamedTuple):
         sentences = []
         if self.filled:
             sentences.append(
-                f"{self.filled} tensors of the tissue are not finite or not positive; their "
-                "neighbours were used"
+                f"{self.filled} tensors of the tissue are not finite or not positive; "
+                "the mean of their neighbours replaces them"
             )
         if self.far:
             sentences.append(
-                f"{self.far} voxels have no usable tensor around them and took the fiber of the "
-                f"nearest voxel that has, up to {self.distance:.3g} mm away"
+                f"{self.far} voxels have no usable tensor around them; they have the fiber of "
+                f"the nearest voxel with one, up to {self.distance:.3g} mm away"
             )
         return sentences
 
@@ -249,7 +249,7 @@ def _averages(values: F64, usable: Mask, place: F64, block: Sequence[int]) -> tu
 def _no_fiber(name: str, missing: int, total: int, voxel: NDArray, what: str) -> InputError:
     """Error for places without a usable neighbour."""
     return InputError(
-        f"{name}: {missing} of {total} places have no usable {what} at or around them, the first "
+        f"{name}: {missing} of {total} voxels have no usable {what} at or around them, the first "
         f"is voxel {tuple(voxel.tolist())}; repair the file, smooth more, or leave these voxels "
         "out of the label"
     )

@@ -82,7 +82,7 @@ def _flow(here: Mask, spacing: F64) -> F64:
     )  # fmt: skip
     if unsolved:
         raise ConvergenceError(
-            f"build.flow: the flow through a piece of {count} voxels is not found within "
+            f"build.flow: the flow through a component of {count} voxels did not converge in "
             f"{unsolved} iterations; cut off long winding parts by build.slices or in the labels, "
             "or give build.fibers"
         )

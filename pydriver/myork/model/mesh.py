@@ -92,7 +92,7 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
             "build.surface_unit, or the file is damaged"
         )
     if not any(np.ptp(line, axis=0).any() for line in lines):
-        raise InputError(f"{path}: no line has a length, all of its points are the same")
+        raise InputError(f"{path}: all points of each line coincide; write the lines again")
     return lines
 
 

@@ -72,7 +72,9 @@ def read_mesh(path: Path) -> Mesh:
     if mesh.triangles.size and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(
         mesh.points
     ):
-        raise InputError(f"{path}: a triangle has a corner that is not there; the file is damaged")
+        raise InputError(
+            f"{path}: a triangle refers to a point that does not exist; the file is damaged"
+        )
     return mesh
 
 

@@ -136,9 +136,9 @@ def changed_volumes(
         if abs(after - before) > 0.1 * before:
             sentences.append(
                 f"{fine.label_name(label)} has {after / 1000:.4g} cm^3 in the model and "
-                f"{before / 1000:.4g} cm^3 in the label map: parts of it lie apart from the blocks "
-                "of build.collocation_stride that make the body, or its slices do not fill whole "
-                "blocks; lower it, or move build.slices"
+                f"{before / 1000:.4g} cm^3 in the label map: blocks of build.collocation_stride "
+                "do not resolve it, or its slices do not fill whole blocks; lower the stride, or "
+                "move build.slices"
             )
     return sentences
 

@@ -56,9 +56,9 @@ def checked_parts(image: Image, labels: Labels) -> Image:
     lost = (low == high) & (own <= _SLACK)
     if lost.any():
         raise InputError(
-            f"{image.name}: {int(lost.sum())} voxels that all their neighbours share the label of "
-            f"in {labels.name} hold none of it, first {tuple(np.argwhere(lost)[0].tolist())}: "
-            "these are the parts of other labels; make them of these, or take the file away"
+            f"{image.name}: {int(lost.sum())} voxels inside a label of {labels.name} have a "
+            f"fraction of 0 of it, the first is {tuple(np.argwhere(lost)[0].tolist())}: the "
+            "fractions belong to another label map; compute them from this one, or leave them out"
         )
     return Image(np.maximum(image.data, 0.0), image.affine, image.name)
 

@@ -70,8 +70,8 @@ def _written(path: Path, make: Callable[[Any], Page], content: Any) -> Path:
         raise
     except Exception as reason:
         raise FileError(
-            f"{path.parent}: summary.json or another file is damaged, or the page has a fault "
-            f"of its own: {reason!r}; run the command again"
+            f"{path.parent}: summary.json or another file is damaged, or the report "
+            f"itself failed: {reason!r}; run the command again"
         ) from reason
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, text)

@@ -207,7 +207,9 @@ class FullModel:
         finally:
             scene.update(before)
         if len(states.load) == 0 or states.load[-1] < 1.0:
-            raise ConvergenceError("the full model did not follow a small step")
+            raise ConvergenceError(
+                "the full model did not converge after a small change of the parameters"
+            )
         return np.asarray((states.x[-1] - x) / step)
 
 

@@ -368,7 +368,7 @@ class ReducedModel:
         named = {self.key_of(name): value for name, value in given.items()}
         missing = [p.key for p in self.parameters if p.key not in named]
         if missing:
-            raise InputError(f"a value is missing of {', '.join(missing)}")
+            raise InputError(f"no value for {', '.join(missing)}: give --set KEY=VALUE for each")
         rows = np.empty((count, len(self.parameters)))
         for k, p in enumerate(self.parameters):
             try:

@@ -131,7 +131,7 @@ def _checked(values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         rules["cloud"] = raw("u", np.uint8, "bytes")
     strange = sorted(values.keys() - rules.keys() - {"head"})
     if strange:
-        raise InputError(f"it holds '{strange[0]}', which no reduced model of its head has")
+        raise InputError(f"it contains '{strange[0]}', which does not belong to this reduced model")
     arrays: dict[str, Any] = fitted(rules, values, sizes)
     _check_meaning(head, len(arrays["laws/fibers"]))
     if "cloud" in arrays:
@@ -248,7 +248,7 @@ def _check_meaning(head: Mapping[str, Any], tissues: int) -> None:
     if not (kinds and 2 <= dimension <= 3 and 1 <= r <= m and head["force_amplitudes"] >= 0):
         raise InputError(
             f"'head': {len(kinds)} parameters, {dimension} dimensions, {r} modes, {m} "
-            f"indicator_modes, {head['force_amplitudes']} force_amplitudes: no model has such"
+            f"indicator_modes, {head['force_amplitudes']} force_amplitudes: impossible numbers"
         )
     for p in kinds:
         if not (p.low < p.high and np.isfinite(p.high - p.low)):
@@ -268,7 +268,7 @@ def _check_meaning(head: Mapping[str, Any], tissues: int) -> None:
             and (quantity in forces or quantity in places or is_stress(quantity))
             and 0 <= probe["index"] < len(probes) + len(head["probes_left_out"])
         ):
-            raise InputError(f"'head': no model has the probe {repr(probe)[:120]}")
+            raise InputError(f"'head': impossible probe {repr(probe)[:120]}")
     for names in ([p.key for p in kinds], [probe["name"] for probe in probes]):
         if len(set(names)) < len(names):
             raise InputError(f"'head': one of {', '.join(names)} is named twice")

@@ -80,7 +80,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
     moved = np.linalg.norm(itk.GetArrayFromImage(field), axis=-1).T[found > 0]
     if not found.any():
         raise InputError(
-            f"{labels.name}: bent onto {image.name} none of its labels is left in the image; do "
+            f"{labels.name}: none of its labels lies in {image.name} after the registration; do "
             "both images show the same part of the body at about the same place?"
         )
     data = np.ascontiguousarray(found.reshape(image.data.shape))

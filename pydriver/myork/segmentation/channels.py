@@ -95,7 +95,9 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     values, vectors = np.linalg.eigh(full_tensors(np.where(known, tensor.data, 0.0)))
     lead, spread = vectors[..., :, 2], values[..., 2] - values[..., 0]
     if not np.ptp(spread[region]) > 0:
-        raise InputError(f"{tensor.name}: no direction of diffusion differs from another")
+        raise InputError(
+            f"{tensor.name}: the diffusion is isotropic everywhere, so that there are no fibers"
+        )
     typical = np.median(spread[region & (spread > otsu(spread[region]))])
     strength = np.clip(spread / typical, 0.0, 1.0)[..., np.newaxis]
     if kind == "absolute":

@@ -220,7 +220,7 @@ def label_by_seeds(
     if BACKGROUND not in names.values() and part > _REST:
         known[rest] = _LAST
         warnings.append(
-            f"{seeds.name}: {100.0 * part:.0f} % of the region to segment is like none of the "
+            f"{seeds.name}: {100.0 * part:.0f} % of the region to segment resembles none of the "
             f"seeds and becomes {BACKGROUND}, without a label; draw seeds in it (fat, bone) to "
             "have it labelled"
         )

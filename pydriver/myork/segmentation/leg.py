@@ -239,8 +239,9 @@ def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]
         part = own.sum() / max(all_.sum(), 1)
         if part < least:
             found.append(
-                f"only {100 * part:.0f} % of the {label} are voxels that touch nothing else: its "
-                "volume depends on where borders are drawn; take finer voxels or image.partial"
+                f"only {100 * part:.0f} % of the voxels of {label} have no other tissue beside "
+                "them: its volume depends on where borders are drawn; take finer voxels or "
+                "image.partial"
             )
     other = _phase(shown, inner, "bright")
     alike = min(dice(other, fat), dice(inner & ~other, muscle))
@@ -253,8 +254,8 @@ def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]
         scatter = float(np.linalg.norm([np.std(border.place[one]) for one in whole]))
         if scatter * _CONTRAST > 1.0:
             found.append(
-                f"fat and muscle differ by {1 / scatter:.1f} times their scatter: too little to "
-                "separate them by grey value"
+                f"the grey values of fat and muscle are {1 / scatter:.1f} standard deviations "
+                "apart: too little to separate them"
             )
         between = _whole(inner) & (np.abs(border.place - 0.5) < 0.25)
         between = np.asarray(ndimage.binary_opening(between, np.ones((3, 3, 1))))

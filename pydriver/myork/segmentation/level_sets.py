@@ -194,7 +194,7 @@ def _first_level_sets(
         first = np.zeros(region.shape, np.int32)
         first[region] = kmeans(channels[region] * np.sqrt(weights), choice.regions)[0]
     elif labels is None:
-        raise InputError("a start from labels needs them")
+        raise InputError("image.start = 'labels' needs a label map to start from")
     else:
         first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     return level_sets_of(first, choice.regions, choice.volume)

@@ -63,7 +63,7 @@ def large_pieces(mask: Mask, name: str) -> Mask:
     """
     pieces, n = ndimage.label(mask)
     if not n:
-        raise InputError(f"{name}: no body found, the image has next to no contrast")
+        raise InputError(f"{name}: no body found, the image has almost no contrast")
     size = np.bincount(pieces.ravel())[1:]
     return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
 

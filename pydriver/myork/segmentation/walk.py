@@ -46,7 +46,7 @@ def heights_of(values: F64, where: Mask, others: F64 | None = None) -> F64:
     - returns shape `(ni, nj, nk, 1 + nchannel)` [-]
     """
     if not where.any():
-        raise InputError("edges: no voxel takes part")
+        raise InputError("edges: the region is empty; check image.region and image.body")
     floor = _FLOOR * float(np.median(values[where]))
     if not floor > 0:
         raise InputError("edges: half of the voxels have no signal; check image.region")

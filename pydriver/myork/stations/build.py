@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
 from myork.files import write_csv
@@ -54,7 +56,8 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress)
     write_model(out / "model.h5", cloud)
     maps = _maps(body, files, out)
-    model = _record(cloud, [*files.grid.doubts, *warnings])
+    strangers = _strangers(body.labels, deck.get("material", []), table["bone"])
+    model = _record(cloud, [*files.grid.doubts, *strangers, *warnings])
     model["muscles"] = _muscles(body, table["bone"], maps, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
     write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
@@ -127,6 +130,25 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
     labels = replace(labels, names=names | labels.names)
     fibers = None if files.table["flow"] else files.image("fibers", labels, 3)
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))
+
+
+def _strangers(
+    labels: Labels, materials: Sequence[Mapping[str, Any]], bone: Sequence[int]
+) -> list[str]:
+    """Labels without a material and materials without a voxel, which a solve will refuse."""
+    wanted = {own["label"]: own["name"] for own in materials if "label" in own}
+    there = {int(label) for label in np.unique(labels.data)} - {0, *bone}
+    if not wanted or any("label" not in own for own in materials):
+        return []
+    return [
+        f"material {wanted[label]}: no voxel has its label {label}; the labels are "
+        f"{', '.join(map(str, sorted(there)))}"
+        for label in sorted(wanted.keys() - there)
+    ] + [
+        f"label {label} has no material: add a [[material]] with label = {label}, or set its "
+        "voxels to 0"
+        for label in sorted(there - wanted.keys())
+    ]
 
 
 def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:

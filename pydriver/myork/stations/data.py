@@ -1,7 +1,8 @@
 """Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -93,10 +94,20 @@ class DeckFiles:
         grid: OneGrid,
         made: Mapping[str, Path] | None = None,
     ) -> None:
-        self.table, self.folder = deck[name], Path(deck["folder"])
+        self.name, self.table, self.folder = name, deck[name], Path(deck["folder"])
         self.grid = grid
         self.read: list[Path] = []  #: Files behind what was returned
         self._made = made or {}
+
+    @contextmanager
+    def _naming(self, key: str) -> Iterator[None]:
+        """Put the key before what is wrong with its file."""
+        try:
+            yield
+        except (FileError, InputError) as reason:
+            known = f"{self.name}.{key}" in str(reason) or key not in self.table
+            message = str(reason) if known else f"{self.name}.{key}: {reason}"
+            raise type(reason)(message) from reason
 
     def path(self, key: str) -> Path | None:
         """Path of a key, which is then read; None where there is none."""
@@ -117,7 +128,8 @@ class DeckFiles:
         if path is None:
             return None
         way = "tensor-wise" if values in (3, 6) else "linear"
-        found = read_image(path, values)
+        with self._naming(key):
+            found = read_image(path, values)
         if key in _MEASURED:
             self.grid.note(found.name, damaged_slices(found))
         return self.grid.of(found, like, way)
@@ -126,7 +138,8 @@ class DeckFiles:
         """Images of a key that names several, on one grid: by default that of the first."""
         found: list[Image] = []
         for name in self.table[key]:
-            image = read_image(self.folder / name)
+            with self._naming(key):
+                image = read_image(self.folder / name)
             if key in _MEASURED:
                 self.grid.note(image.name, damaged_slices(image))
             found.append(self.grid.of(image, like or next(iter(found), None), way))
@@ -134,7 +147,8 @@ class DeckFiles:
 
     def tensors(self) -> Diffusion | None:
         """Diffusion tensors of the table `image`, on their own grid; None without any."""
-        found = read_tensors(self.table, self.folder)
+        with self._naming("dwi" if "dwi" in self.table else "tensor"):
+            found = read_tensors(self.table, self.folder)
         if found is not None and found.mean is not None:
             self.grid.note(found.mean.name, damaged_slices(found.mean))
         return found
@@ -151,7 +165,8 @@ class DeckFiles:
         path = self.path(key)
         if path is None:
             return None
-        found = read_reference(path, progress, like) if progress else read_labels(path, like)
+        with self._naming(key):
+            found = read_reference(path, progress, like) if progress else read_labels(path, like)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
         return self.grid.of(found, like)

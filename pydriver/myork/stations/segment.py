@@ -167,7 +167,7 @@ def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
         raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
     maps = [f"image.{key}" for key in ("seeds", "reference") if key in table]
     if muscles and maps:
-        raise InputError(f"{maps[0]} and [[muscle]] both say what is where; take one out")
+        raise InputError(f"{maps[0]} and [[muscle]] both define the muscles; leave one of them out")
     if table["split"] == "walk" and not (muscles or "seeds" in table):
         raise InputError("image.split = 'walk' needs image.seeds or [[muscle]]")
 

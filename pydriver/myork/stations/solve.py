@@ -145,7 +145,10 @@ def run_deck(
         raise
     summary = readable_summary(Path(out))
     if "steps" not in summary:
-        raise InstallationError(f"{_NAME} ended well but left no summary.json in {out}")
+        raise InstallationError(
+            f"{_NAME} reported success but left no summary.json in {out}; does another program "
+            "remove files there?"
+        )
     return _with_estimate(summary, Path(out), progress)
 
 

@@ -1,6 +1,7 @@
 """What stations before a solve share: a deck comes in, files and parts of the summary go out."""
 
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -9,6 +10,7 @@ import myork
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.core.threads import core_threads
+from myork.errors import FileError, InputError
 from myork.summary import renewing, update_summary, with_others
 
 #: Work of a station: effective deck, folder of the results, progress -> parts of the summary
@@ -67,7 +69,10 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
         ) -> dict[str, Any]:
             values, folder = load_deck(deck, overrides, command), Path(out)
             with renewing(folder, *parts), core_threads(threads):
-                found = work(values, folder, progress)
+                try:
+                    found = work(values, folder, progress)
+                except (FileError, InputError) as reason:
+                    raise type(reason)(_placed(str(reason), values)) from reason
                 grid = found.pop("grid")
                 lists = {"resampled": grid.moved, "damaged_slices": grid.damaged}
                 summary = {
@@ -88,3 +93,24 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
         return run
 
     return made
+
+
+def _placed(message: str, deck: Mapping[str, Any]) -> str:
+    """Message with the line of the deck before it that has the first key it names.
+
+    - `deck`: effective deck; keys of `--set` and of data have no line
+    """
+    key = re.search(r"\b([a-z]+)\.([a-z_]+)\b", message)
+    while key is not None and not isinstance(deck.get(key[1]), Mapping):
+        key = re.compile(r"\b([a-z]+)\.([a-z_]+)\b").search(message, key.end())
+    path = Path(deck["path"])
+    if key is None or not path.is_file():
+        return message
+    table = ""
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        head = re.match(r"\s*\[\[?\s*(\w+)", line)
+        table = head[1] if head else table
+        own = re.match(r"\s*(?:(\w+)\.)?(\w+)\s*=", line)
+        if own and (own[1] or table, own[2]) == (key[1], key[2]):
+            return f"{path}:{number}: {message}"
+    return message

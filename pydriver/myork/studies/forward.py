@@ -206,7 +206,7 @@ def ranges_of(
         if not (np.isfinite([low, high]).all() and low < high):
             raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1")
         if key in found:
-            raise InputError(f"{option} {item}: named twice")
+            raise InputError(f"{option} {item}: the key is named twice; give it once")
         found[key] = (low, high)
     return found
 

@@ -19,6 +19,10 @@ from myork.types import F64
 _STARTS, _BEST = 64, 3
 #: Step of the differences, of a range: above the tolerance of the states, below curvature
 _STEP = 1e-3
+#: Iterations of a fit, each with the states of its differences, as forecasts count them
+_ROUNDS = 6
+#: Rounds that move far
+_DISTANT = 3
 _CONFIDENCE = 0.95
 #: Parameters whose estimates go together as far as this are not distinguished by the data
 _TOGETHER = 0.98
@@ -43,6 +47,7 @@ def identify(
     fixed: Sequence[str] = (),
     seed: int = 0,
     threads: int | None = None,
+    dry_run: bool = False,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
     """Values of parameters by least squares.
@@ -66,13 +71,16 @@ def identify(
         Start of the random numbers.
     threads : int, optional
         Number of threads.
+    dry_run : bool
+        Solve each measurement once, for a forecast of the cost, and write nothing.
     progress : callable
         Called with every line of progress.
 
     Returns
     -------
     dict
-        What `identify.json` holds: values with intervals, correlations, warnings.
+        What `identify.json` holds: values with intervals, correlations, warnings; of a dry run the
+        forecast, `states` and `cpu_s`.
 
     Raises
     ------
@@ -82,11 +90,22 @@ def identify(
         A state that the fit asks for could not be found.
     """
     out = Path(out)
-    with closing(open_forward(source, fixed, threads, progress, out)) as forward:
+
+    def failures(line: str) -> None:
+        # of the solves the fit says enough
+        if not line.startswith("solve "):
+            progress(line)
+
+    with closing(open_forward(source, fixed, threads, failures, out)) as forward:
         ranges = ranges_of(forward, free, "--free")
         if not ranges:
-            raise InputError("name the parameters to be fitted: --free KEY=LOW:HIGH")
+            raise InputError("name the parameters to fit: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
+        if not forward.is_reduced or dry_run:
+            forecast = _forecast(forward, measured, ranges)
+            progress("about {states} states, {cpu_s:.2g} CPU s".format(**forecast))
+        if dry_run:
+            return forecast
         summary, fitted = _fit(forward, measured, ranges, seed, progress)
     out.mkdir(parents=True, exist_ok=True)
     rows = zip(measured.conditions.tolist(), measured.values, fitted, strict=True)
@@ -110,10 +129,15 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     except ValueError:
         raise InputError(f"{path}: a header line and one row per measurement are needed") from None
     head = [name.strip() for name in head]
+    if any(";" in name or "\t" in name for name in head):
+        raise InputError(f"{path}: fields must be separated by commas, and decimals have a point")
     table = np.full((len(rows), len(head)), np.nan)
     for i, row in enumerate(rows):
         if len(row) != len(head):
-            raise InputError(f"{path}: row {i + 1} has {len(row)} fields, the head {len(head)}")
+            raise InputError(
+                f"{path}: row {i + 1} has {len(row)} fields, the header {len(head)}; fields are "
+                "separated by commas, decimals have a point"
+            )
         for j, field in enumerate(row):
             try:
                 table[i, j] = float(field) if field.strip() else np.nan
@@ -128,7 +152,8 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     keys = [forward.key_of(name) for name in others]
     if set(keys) & set(free):
         raise InputError(
-            f"{path}: {', '.join(set(keys) & set(free))}: is fitted, so that it cannot be given"
+            f"{path}: {', '.join(set(keys) & set(free))}: is fitted (--free) and has a column; "
+            "leave one of them out"
         )
     missing = forward.unknown([*keys, *free])
     if missing:
@@ -136,7 +161,9 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     conditions = table[:, [head.index(name) for name in others]]
     values = table[:, [head.index(name) for name in names]]
     if len(rows) == 0 or not np.isfinite(conditions).all() or not np.isfinite(values).any():
-        raise InputError(f"{path}: every row needs its conditions, and something measured")
+        raise InputError(
+            f"{path}: every row needs a number for each key, and a probe must have measured values"
+        )
     errors = None
     if any(f"{name}_error" in head for name in names):
         if not all(f"{name}_error" in head for name in names):
@@ -145,6 +172,27 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
         if not (errors[np.isfinite(values)] > 0.0).all():
             raise InputError(f"{path}: standard errors must be above 0")
     return _Data(keys, conditions, names, values, errors)
+
+
+def _forecast(
+    forward: Forward, data: _Data, ranges: dict[str, tuple[float, float]]
+) -> dict[str, Any]:
+    """States that a fit asks for, and their processor time [s].
+
+    All measurements are solved at the middle of the ranges, and one beside it: the first rounds of
+    a fit move as far as the former, the others are near to states that are known.
+    """
+    middle = np.array([0.5 * (low + high) for low, high in ranges.values()])
+    rows = np.hstack([data.conditions, np.tile(middle, (len(data.values), 1))])
+    forward.ask([*data.keys, *ranges], rows)
+    far = forward.cpu_s / len(rows)
+    beside = rows[:1] * np.where(np.arange(rows.shape[1]) < len(data.keys), 1.0, 1.0 + _STEP)
+    forward.ask([*data.keys, *ranges], beside)
+    near = forward.cpu_s - far * len(rows)
+    rounds = (_BEST if forward.is_reduced else 1) * _ROUNDS * (1 + len(ranges)) + 1
+    states = len(rows) * (rounds + (_STARTS if forward.is_reduced else 0))
+    distant = min(_DISTANT * len(rows), states)
+    return {"states": states, "cpu_s": distant * far + (states - distant) * near}
 
 
 def _fit(
@@ -182,6 +230,9 @@ def _fit(
             place = low + (high - low) * (shares - 1.0)
             named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, place, strict=True))
             raise ConvergenceError(f"no state at {named}: narrow the ranges of --free")
+        if not forward.is_reduced:
+            spent = f"{forward.states} states, {forward.cpu_s:.1f} CPU s"
+            progress(f"{spent}: misfit {left @ left:.4g}")
         return left
 
     starts = np.full((1, len(keys)), 1.5)
@@ -256,7 +307,7 @@ def _warnings(
     """What the data do not say."""
     found = []
     if freedom <= 0:
-        found.append("there are no more measurements than parameters: no interval is known")
+        found.append("there are not more measurements than parameters: no interval can be given")
     if not determined:
         found.append(
             "the data do not determine all parameters: some have no effect on what was measured"

@@ -153,8 +153,7 @@ def _states(
         block = points[len(rows) + failed : samples + failed]
         if len(block) == 0:
             raise ConvergenceError(
-                f"{failed} of {len(rows) + failed} samples have a state that could not be found: "
-                "narrow the ranges"
+                f"no state was found at {failed} of {len(rows) + failed} samples: narrow the ranges"
             )
         a, b = (low + (high - low) * part for part in (block[:, :d], block[:, d:]))
         mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]

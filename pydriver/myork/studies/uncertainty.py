@@ -91,7 +91,9 @@ def uncertainty(
     values = load_deck(deck, fixed, "build")
     table = values["build"]
     if "surface" in table:
-        raise InputError("build.surface: its label map is not an image's; name build.labels")
+        raise InputError(
+            "build.surface: the study moves the surface of a label map; give build.labels instead"
+        )
     source = deck.parent / table["labels"] if "labels" in table else out / "segmentation.nii.gz"
     if not source.is_file():
         raise FileError(f"{source}: there is no label map; run `myork segment` into {out} first")

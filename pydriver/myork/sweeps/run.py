@@ -37,6 +37,11 @@ from myork.types import F64
 
 #: Threads of the libraries in a worker: one point a core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: What may have ended the process of a point
+_DIED = (
+    "the process of this point ended (out of memory, or a script that calls a sweep outside "
+    "`if __name__ == '__main__':`)"
+)
 #: How `myork explain` prints the time of a solve with its error bars
 _TIME = r"about ([\d.eE+-]+) CPU s"
 #: A reduced model's answer is doubtful above this estimated error
@@ -296,7 +301,7 @@ def _full(
                         continue
                     row = {
                         "probes": {}, "errors": {}, "verdict": "failed", "cpu_s": float("nan"),
-                        "message": f"the process of this point died: {died}",
+                        "message": f"{_DIED}: {died}",
                     }  # fmt: skip
                 store.add({"point": number, **row})
                 done += 1
