@@ -13,7 +13,7 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.segmentation.bending import bend_labels
-from myork.segmentation.bias import check_positive, clustered_bias
+from myork.segmentation.bias import check_positive, clustered_bias, variation_doubt
 from myork.segmentation.channels import (
     fiber_channels,
     noise_level,
@@ -271,6 +271,8 @@ def _shading(
             record |= {"converged": found.converged, "energy": found.energy.tolist()}
     except InputError as reason:
         raise InputError(f"{image.name}: {reason}") from None
+    doubts = (record.get("doubt", ""), variation_doubt(image.data, shade, mask))
+    record["doubt"] = "; ".join(text for text in doubts if text)
     inside = shade[mask]
     return shade, {
         "method": method,
