@@ -28,7 +28,7 @@ def test_every_path_of_images_is_known():
     schema = tomllib.loads(SCHEMA.read_text())
     keys = {
         f"{table}.{key}"
-        for table in ("image", "dixon", "build", "tissue")
+        for table in ("image", "dixon", "t2", "build", "tissue")
         for key, entry in schema[table].items()
         if isinstance(entry, dict) and entry.get("unit") == "path"
     }

@@ -86,6 +86,12 @@ def test_echoes_of_a_tree_and_what_is_refused(tmp_path):
     text = deck.read_text()
     order = [text.index(f"sub-01_echo-{echo}_part-mag") for echo in (1, 2, 10)]
     assert order == sorted(order) and "water and fat of 3 echoes" in lines[1]
+    for echo in (2, 1, 10):
+        (folder / f"sub-01_echo-{echo}_MESE.nii.gz").touch()
+    deck, lines = deck_of_folder(tmp_path, tmp_path)
+    text = deck.read_text()
+    order = [text.index(f"sub-01_echo-{echo}_MESE") for echo in (1, 2, 10)]
+    assert order == sorted(order) and "T2 of 3 echoes" in lines[2]
     (tmp_path / "sub-02").mkdir()
     (tmp_path / "sub-02" / "sub-02_T1w.nii.gz").touch()
     with pytest.raises(InputError, match="holds 2 subjects or visits; name the folder of one"):

@@ -7,6 +7,7 @@ from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation import shading as module
+from myork.segmentation.bias import joint_variation, variation_doubt
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import shading
 
@@ -98,6 +99,30 @@ def test_starts_that_end_elsewhere_are_told_where_entropies_do_not_decide(monkey
     assert "explain the image equally well" in found.doubt
     entropies = [one.entropy for one in found.candidates]
     assert entropies == sorted(entropies)
+
+
+@pytest.mark.slow
+def test_slopes_that_speak_for_another_field_are_told(monkeypatch):
+    values, mask, _, spacing = two_limbs(0.5)
+    assert not shading(values, mask, spacing=spacing).doubt
+    monkeypatch.setattr(module, "_APART", 0.0)
+    doubt = shading(values, mask, spacing=spacing).doubt
+    assert "% off the one that the slopes of the image give; look at bias.nii.gz" in doubt
+
+
+def test_a_field_that_makes_tissues_scatter_more_is_doubted():
+    i, j, _ = np.indices((60, 60, 1))
+    tissue = np.where((i // 6 + j // 6) % 2, 1.0, 3.0)
+    random = np.random.default_rng(2)
+    even = tissue * 100.0 + random.normal(0.0, 5.0, tissue.shape)
+    mask = even > 0
+    # scatter of both is 5, their difference 200; Otsu's threshold separates them
+    assert joint_variation(even, mask) == pytest.approx(0.05, rel=0.05)
+    field = 1.0 + 0.4 * np.sin(i / 9.0)
+    assert not variation_doubt(even * field, field, mask)
+    doubt = variation_doubt(even, field, mask)
+    assert "joint variation of bright and dark tissue from 0.05 to 0." in doubt
+    assert joint_variation(np.ones(mask.shape), mask) == 0.0
 
 
 @pytest.mark.slow

@@ -208,6 +208,7 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
         "Dice [-]": _of("dice", 3),
         "PCC [-]": _of("pcc", 3),
         "fraction of fat [-]": _of("fat_fraction", 3),
+        "T2 [ms]": _of("t2", 3),
         f"volume of parts [{unit}]": _of("volume_of_parts"),
     }
     caption = "Labels of the segmentation (a dash: no truth to score against)"

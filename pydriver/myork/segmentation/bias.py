@@ -20,6 +20,7 @@ from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.records import Image
 from myork.segmentation.level_sets import contour_weights
+from myork.segmentation.regions import otsu
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from myork.types import F64, Mask
 
@@ -62,6 +63,37 @@ def check_positive(image: Image, mask: Mask) -> None:
             f"{image.name}: {share:.0%} of the values in the body are negative, which no bias "
             "field makes; give the magnitude image, or set bias.method = 'none'"
         )
+
+
+def joint_variation(values: F64, mask: Mask) -> float:
+    """Coefficient of joint variation: scatter of bright and of dark tissue over their difference.
+
+    Both are those of Otsu's threshold in the mask.
+
+    - `values`: image, shape `(ni, nj, nk)` [-]
+    - `mask`: voxels of the body, same shape
+    """
+    inside = values[mask]
+    if not np.ptp(inside) > 0:
+        return 0.0
+    bright = inside > otsu(inside)
+    high, low = inside[bright], inside[~bright]
+    return float((high.std() + low.std()) / (high.mean() - low.mean()))
+
+
+def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
+    """What to say where tissues scatter more without a field than with it, else empty.
+
+    - `values`, `mask`: as of `joint_variation`
+    - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
+    """
+    before, after = (joint_variation(one, mask) for one in (values, values / field))
+    if after <= before:
+        return ""
+    return (
+        "the bias field raises the coefficient of joint variation of bright and dark tissue from "
+        f"{before:.2f} to {after:.2f}; look at bias.nii.gz, or set bias.method = 'none'"
+    )
 
 
 def clustered_bias(

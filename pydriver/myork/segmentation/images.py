@@ -13,7 +13,7 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.segmentation.bending import bend_labels
-from myork.segmentation.bias import check_positive, clustered_bias
+from myork.segmentation.bias import check_positive, clustered_bias, variation_doubt
 from myork.segmentation.channels import (
     fiber_channels,
     noise_level,
@@ -56,6 +56,7 @@ class Images:
     anatomy: Image  #: MR image; with fat it is water
     fat: Image | None = None  #: Fat of a Dixon sequence
     decay: Image | None = None  #: R2* of its water and fat [1/s]
+    relaxation: Image | None = None  #: T2, which is also one of the others [ms]
     others: tuple[Image, ...] = ()  #: Further channels
     #: Diffusion tensors, and as they were measured where that is another grid
     tensor: Image | None = None
@@ -69,7 +70,7 @@ class Images:
     body: Mask | None = None  #: What the user calls body
     region: Labels | None = None  #: What the user limits the segmentation to
     source: str = "phantom"  #: Where the anatomy comes from
-    doubt: str = ""  #: Why water and fat may be exchanged
+    doubt: str = ""  #: Why water and fat may be exchanged, or T2 wrong
 
     @property
     def channels(self) -> list[Image]:
@@ -273,6 +274,8 @@ def _shading(
             record |= {"converged": found.converged, "energy": found.energy.tolist()}
     except InputError as reason:
         raise InputError(f"{image.name}: {reason}") from None
+    doubts = (record.get("doubt", ""), variation_doubt(image.data, shade, mask))
+    record["doubt"] = "; ".join(text for text in doubts if text)
     inside = shade[mask]
     return shade, {
         "method": method,

@@ -11,8 +11,8 @@ the body. Two estimates of that function need no number of tissues:
   shift) while the window shrinks. Sharp, but it finds the nearest minimum.
 
 Slopes of several smoothnesses, and no field, are starts of the peaks; the start that ends with the
-least entropy of the corrected logarithms is taken. Where another one ends as well but elsewhere,
-a warning says so.
+least entropy of the corrected logarithms is taken. Where another one ends as well but elsewhere, or
+where slopes and peaks disagree, a warning says so.
 
 References
 ----------
@@ -50,6 +50,7 @@ _WIDE, _NARROW = 0.12, 0.05
 # Fields that are not this alike and entropies that are this close: the image does not decide.
 _ALIKE = 0.95
 _CLOSE = 0.03
+_APART = 0.1  # standard deviation of the logarithm between fields by slopes and by peaks: a doubt
 _FLAT = 0.02  # standard deviation of a field's logarithm below which likeness means nothing
 
 
@@ -69,7 +70,7 @@ class Shading:
     #: `(ni, nj, nk)` [-]
     field: F64
     candidates: tuple[Candidate, ...]  #: All fields, best first
-    doubt: str  #: Why it may be wrong; empty where the starts agree
+    doubt: str  #: Why it may be wrong; empty where starts, and slopes and peaks, agree
 
 
 def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
@@ -120,14 +121,17 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
         voxels = voxels[random.choice(len(voxels), _SAMPLE, replace=False)]
     peaks = _Peaks(smooth, mask, voxels, _Waves(mask, size, _WAVE * width), size)
     found = [Candidate("flat", *peaks.field(np.zeros(len(voxels))))]
+    slopes = []
     for wave in _SLOPES:
         waves = _Waves(mask, size, wave * width)
         slow = waves.everywhere(_fit_slopes(smooth, mask, waves, size, _STEP * width, random))
         slow = _aligned(smooth, mask, slow)
         start = f"slopes, {wave:g} of the limb"
         found.append(Candidate(start, *peaks.field(slow[tuple(voxels.T)])))
+        slopes.append(slow)
     found.sort(key=lambda one: one.entropy)
-    return Shading(of_mean_one(found[0].field, mask), tuple(found), _doubt(found, mask))
+    field = of_mean_one(found[0].field, mask)
+    return Shading(field, tuple(found), _doubt(found, slopes, mask))
 
 
 class _Waves:
@@ -293,8 +297,8 @@ class _Peaks:
         return centre, density, moment
 
 
-def _doubt(found: list[Candidate], mask: Mask) -> str:
-    """Whether two fields explain the image equally well."""
+def _doubt(found: list[Candidate], slopes: list[F64], mask: Mask) -> str:
+    """Whether two fields explain the image equally well, or its slopes speak for another one."""
     best = np.log(found[0].field[mask])
     for other in found[1:]:
         if other.entropy > found[0].entropy + _CLOSE:
@@ -308,6 +312,12 @@ def _doubt(found: list[Candidate], mask: Mask) -> str:
                 f"two bias fields explain the image equally well and are not alike (correlation "
                 f"{alike:.2f}); look at bias.nii.gz, or set bias.method"
             )
+    apart = min(float((best - one[mask]).std()) for one in slopes)
+    if apart > _APART:
+        return (
+            f"the bias field is {100 * apart:.0f} % off the one that the slopes of the image give; "
+            "look at bias.nii.gz, or set bias.method"
+        )
     return ""
 
 

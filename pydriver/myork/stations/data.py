@@ -32,6 +32,7 @@ PATHS = (
     "image.seeds",
     "dixon.magnitude",
     "dixon.phase",
+    "t2.magnitude",
     "build.labels",
     "build.fibers",
     "build.fractions",

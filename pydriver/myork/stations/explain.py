@@ -120,14 +120,16 @@ def _stations(values: Mapping[str, Any]) -> list[str]:
 def _images(values: Mapping[str, Any]) -> list[str]:
     """The images and how they are segmented."""
     image, phantom = values["image"], values["phantom"]
-    named = image.get("anatomy") or next(iter(values["dixon"].get("magnitude", [])), None)
+    echoes = [*values["dixon"].get("magnitude", []), *values["t2"].get("magnitude", [])]
+    named = image.get("anatomy") or next(iter(echoes), None)
     if named:
         path = Path(values["folder"]) / named
         anatomy = read_image(path)
         size, spacing = anatomy.data.shape[:3], [round(float(s), 4) for s in anatomy.spacing]
         lines = [f"  image         {path.name}: {_by(size)} voxels of {_by(spacing)} mm"]
-        if values["dixon"].get("magnitude"):
-            lines.append("  channels      water and fat of two echoes")
+        for key, what in (("dixon", "water and fat"), ("t2", "T2")):
+            if count := len(values[key].get("magnitude", [])):
+                lines.append(f"  channels      {what} of {count} echoes")
         beside = [*([image["fat"]] if "fat" in image else []), *image["channels"]]
         if beside:
             lines.append(f"  channels      {', '.join(beside)}")

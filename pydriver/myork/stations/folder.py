@@ -1,6 +1,6 @@
 """A folder of images, a BIDS tree or DICOM files, in place of a deck: the deck that it makes."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ class _Found(NamedTuple):
     dwi: list[str]
     magnitude: list[str]
     phase: list[str]
+    spins: list[str]  #: Spin echoes
     water: list[str]
     fat: list[str]
     labels: list[str]
@@ -38,7 +39,7 @@ def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
     files = sorted(path for path in folder.rglob("*") if path.name.endswith((".nii", ".nii.gz")))
     found = _of_bids(folder, files) if files else _of_dicom(folder)
     tables, lines = _tables(found)
-    if not tables["image"] and "dixon" not in tables and not found.labels:
+    if not tables["image"] and not {"dixon", "t2"} & tables.keys() and not found.labels:
         raise InputError(
             f"{folder}: holds no image whose name or header says what it is; names end as those "
             f"of BIDS do, in _{', _'.join(_ANATOMY)}, _dwi or _dseg; or write a deck (myork new "
@@ -76,32 +77,33 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
             and (suffix == "dseg" or "derivatives" not in path.relative_to(folder).parts)
         ]
 
-    magnitude, phase = _echoes(files)
+    magnitude, phase = _echoes(files, "MEGRE", ("mag", "phase"))
     return _Found(
         anatomy=[path for suffix in _ANATOMY for path in named(suffix)],
         dwi=named("dwi"),
         magnitude=magnitude,
         phase=phase,
+        spins=_echoes(files, "MESE", ("mag",))[0],
         water=[],
         fat=[],
         labels=named("dseg"),
     )
 
 
-def _echoes(files: list[Path]) -> tuple[list[str], list[str]]:
-    """Magnitude and phase of the first run of which several echoes have both, by their numbers."""
+def _echoes(files: list[Path], suffix: str, parts: Sequence[str]) -> list[list[str]]:
+    """The first run of which several echoes have all these parts, by their numbers: its images."""
     runs: dict[tuple[Path, str], dict[str, dict[int, str]]] = {}
     for path in files:
         entities, kind = bids_name(path)
-        if kind == "MEGRE" and "derivatives" not in path.parts:
+        if kind == suffix and "derivatives" not in path.parts:
             part, echo = entities.pop("part", "mag"), int(entities.pop("echo", "1"))
             run = runs.setdefault((path.parent, str(sorted(entities.items()))), {})
             run.setdefault(part, {})[echo] = str(path)
     for run in runs.values():
-        magnitude, phase = run.get("mag", {}), run.get("phase", {})
-        if magnitude.keys() == phase.keys() and len(phase) > 1:
-            return [magnitude[n] for n in sorted(phase)], [phase[n] for n in sorted(phase)]
-    return [], []
+        found = [run.get(part, {}) for part in parts]
+        if len(found[0]) > 1 and all(one.keys() == found[0].keys() for one in found):
+            return [[one[number] for number in sorted(one)] for one in found]
+    return [[] for _ in parts]
 
 
 def _of_dicom(folder: Path) -> _Found:
@@ -131,6 +133,7 @@ def _of_dicom(folder: Path) -> _Found:
         dwi=paths(kinds.get("dwi", ())),
         magnitude=paths(magnitude),
         phase=paths(phase),
+        spins=[],
         water=paths(kinds.get("water", ())),
         fat=paths(kinds.get("fat", ())),
         labels=[],
@@ -152,6 +155,9 @@ def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
     elif found.anatomy:
         image["anatomy"] = found.anatomy[0]
         lines.append(f"anatomy: {_one_of(found.anatomy)}")
+    if found.spins and not found.labels:
+        tables["t2"] = {"magnitude": found.spins}
+        lines.append(f"T2 of {len(found.spins)} echoes: {found.spins[0]} and so on")
     if found.dwi and (image or found.labels):
         image["dwi"] = found.dwi[0]
         lines.append(f"diffusion: {_one_of(found.dwi)}")

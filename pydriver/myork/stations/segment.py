@@ -3,8 +3,8 @@
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
 `bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
 `segmentation.nii.gz` with `segmentation.json` (names), `fat.nii.gz` and `fat_fraction.nii.gz`
-(with fat only), `r2star.nii.gz` ([1/s], of three echoes and more), `fractions.nii.gz` (parts of
-labels in each voxel, with `image.partial` only),
+(with fat only), `r2star.nii.gz` ([1/s], of three echoes and more), `t2.nii.gz` ([ms], with `[t2]`
+only), `fractions.nii.gz` (parts of labels in each voxel, with `image.partial` only),
 `fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
 `eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the phantom also its images and
 its truth (`write_phantom`).
@@ -28,9 +28,10 @@ from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import length_factor
-from myork.imaging.headers import read_header
+from myork.imaging.headers import Header, read_header
 from myork.imaging.io import read_image, read_labels, renew_images, write_image, write_labels
 from myork.imaging.phantom import make_phantom, write_phantom
+from myork.imaging.relaxation import t2_map
 from myork.model.architecture import fat_of_label
 from myork.model.fibers import fibers_of_labels
 from myork.model.orientation import check_orientation
@@ -57,7 +58,7 @@ _UNMIXED = (0, 4)
 def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dict[str, Any]:
     """Segment the image of a deck, or the phantom where the deck names no image.
 
-    The tables `image`, `bias`, `muscle`, `phantom`, `tissue` and `units` are read.
+    The tables `image`, `dixon`, `t2`, `bias`, `muscle`, `phantom`, `tissue` and `units` are read.
     """
     table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
@@ -81,7 +82,8 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     if images.source != "phantom":  # that has a fat image of its own
         maps["fat"] = found.images.fat
     maps["bias"] = None if found.field is None else Image(found.field, affine)
-    renew_images(out, fat_fraction=found.fraction, r2star=found.images.decay, **maps)
+    written = {"fat_fraction": found.fraction, "r2star": images.decay, "t2": images.relaxation}
+    renew_images(out, **written, **maps)
     write_image(out / "anatomy.nii.gz", found.images.anatomy)
     write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
@@ -107,6 +109,11 @@ def _record(deck: Mapping[str, Any], found: Segmentation) -> "LabelRecord":
     fat = {name: part for name, part in parts.items() if part is not None}
     for name, part in fat.items():
         record["labels"][name]["fat_fraction"] = part
+    if images.relaxation is not None:
+        for number, name in labels.names.items():
+            times = images.relaxation.data[labels.data == number]
+            if times.any():
+                record["labels"][name]["t2"] = float(np.median(times[times > 0]))
     warnings = list(found.warnings)
     if table["regions"] == 2 and images.reference is None and images.seeds is None:
         warnings += [] if deck.get("muscle") else _fat_doubts(fat, table["phase"])
@@ -124,8 +131,9 @@ def _record(deck: Mapping[str, Any], found: Segmentation) -> "LabelRecord":
             {"name": one.name, "weight": weight}
             for one, weight in zip(images.channels, found.weights, strict=True)
         ]
-    if found.fraction is not None:
-        names = ["fat", "fat_fraction", *(["r2star"] if images.decay is not None else [])]
+    maps = {"fat": found.fraction, "fat_fraction": found.fraction, "r2star": images.decay,
+            "t2": images.relaxation}  # fmt: skip
+    if names := [name for name, one in maps.items() if one is not None]:
         record["maps"] = {name: f"{name}.nii.gz" for name in names}
     return record
 
@@ -245,25 +253,26 @@ def find_tissues(
 
     - `deck`: effective deck; the tables `tissue`, `image` and `units` are read
     - `out`: folder of the results, in which the phantom's images lie where it is used
-    - `segmented`: images without shading; the fraction of fat stands in for `tissue.fat` where the
-      deck names none
+    - `segmented`: images without shading; the fraction of fat, or T2, which is longer in fat,
+      stands in for `tissue.fat` where the deck names none
     - `grid`: brings images onto the grid of the segmented ones
     - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
     """
     files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
-    phantom = "anatomy" not in keys and segmented.fraction is None
+    phantom = images.source == "phantom"
     fat: Image | None
     connective: Image | None
     if phantom:
         fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
     else:
-        fat = files.image("fat", images.anatomy) or segmented.fraction
+        fat = files.image("fat", images.anatomy) or segmented.fraction or images.relaxation
         connective = files.image("connective", images.anatomy)
     anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
         body = outer_boundary(anatomy) | (images.region.data > 0)
     found, memberships, doubts = leg_tissues(
-        anatomy, fat=fat, connective=connective, others=images.others, tensor=tensor, body=body,
+        anatomy, fat=fat, connective=connective, tensor=tensor, body=body,
+        others=[one for one in images.others if one is not fat],
         least_diffusivity=files.table["least_diffusivity"],
     )  # fmt: skip
     muscle = found.data == _MUSCLE
@@ -303,13 +312,16 @@ def read_images(
 ) -> Images:
     """Images of a deck; the phantom's are also written.
 
-    - `deck`: tables `image`, `dixon` and `phantom`
+    - `deck`: tables `image`, `dixon`, `t2` and `phantom`
     - `out`: folder of the results
     - `grid`: brings images onto the grid of the anatomy
     """
     table, files = deck["image"], DeckFiles(deck, "image", grid)
-    found = _echoes(deck, files, progress)
-    if found is None and "anatomy" not in table:
+    found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
+    if anatomy is not None:
+        found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
+    found = _with_t2(found, DeckFiles(deck, "t2", grid), files, progress)
+    if found is None:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
         stray += ["channels"] if table["channels"] else []
         if stray:
@@ -323,10 +335,6 @@ def read_images(
         found = Images(phantom.anatomy, tensor=phantom.tensor, truth=phantom.truth)
         like = found.anatomy
     else:
-        if found is None:
-            anatomy = files.image("anatomy")
-            assert anatomy is not None
-            found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
         like, diffusion = found.anatomy, files.tensors()
         measured = diffusion and diffusion.tensor
         progress(f"{like.name}: {' x '.join(map(str, like.data.shape))} voxels")
@@ -337,7 +345,7 @@ def read_images(
             tensor=tensor,
             measured=None if tensor is measured else measured,
             truth=truth,
-            others=tuple(files.images("channels", like)),
+            others=(*found.others, *files.images("channels", like)),
         )
     drawn_in = files.image("reference_anatomy")
     found = replace(
@@ -419,7 +427,7 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
     times, strength = table.get("echo_times", ()), table.get("field_strength", 0.0)
     if times and strength:
         return times, strength
-    headers = [read_header(files.folder / name) for name in table["magnitude"]]
+    headers = _headers(files)
     written = [one.echo_time for one in headers if one.echo_time is not None]
     fields = {one.field for one in headers if one.field is not None}
     if not times and len(written) == len(headers):
@@ -436,3 +444,42 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
     text = ", ".join(f"{time:.4g}" for time in times)
     progress(f"echo times {text} ms at {strength:.4g} T, of the headers where the deck has none")
     return times, strength
+
+
+def _headers(files: DeckFiles) -> list[Header]:
+    return [read_header(files.folder / name) for name in files.table["magnitude"]]
+
+
+def _spin_echo_times(files: DeckFiles) -> list[float]:
+    """Echo times of `[t2]`, or of the headers [ms]."""
+    times = files.table.get("echo_times") or [one.echo_time for one in _headers(files)]
+    if None in times:
+        raise InputError(
+            f"t2.magnitude: the header of {files.table['magnitude'][times.index(None)]} holds no "
+            "echo time; give t2.echo_times"
+        )
+    return list(times)
+
+
+def _with_t2(
+    found: Images | None, files: DeckFiles, beside: DeckFiles, progress: ProgressCallback
+) -> Images | None:
+    """The images with T2 of `[t2]` as a further channel, on the grid of the anatomy.
+
+    Without an anatomy it is the mean of the echoes: fat and muscle are alike in the first one.
+    """
+    if "magnitude" not in files.table:
+        return found
+    times, names = _spin_echo_times(files), files.table["magnitude"]
+    echoes = files.images("magnitude", None if found is None else found.anatomy)
+    like = echoes[0]
+    mean = Image(np.mean([m.data for m in echoes], axis=0), like.affine, f"echoes of {names[0]}")
+    mask = beside.labels("body", like)
+    body = body_mask(mean, rim=0.0) if mask is None else mask.data > 0
+    progress(f"T2 of {len(echoes)} echoes, {', '.join(f'{time:.4g}' for time in times)} ms")
+    decay = t2_map(echoes, times, body)
+    if found is None:
+        found = Images(mean, fat=beside.image("fat", mean), source=names[0])
+    relaxation = Image(decay.time, like.affine, "T2")
+    doubt = "; ".join(text for text in (found.doubt, decay.doubt) if text)
+    return replace(found, relaxation=relaxation, others=(relaxation,), doubt=doubt)
