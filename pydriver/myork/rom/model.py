@@ -12,6 +12,7 @@ from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
+from myork.rom.marks import DOUBTFUL, LOST, NAMES, Marks
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, short_names, widths_of
 from myork.rom.places import Places
@@ -29,6 +30,12 @@ class Batch(NamedTuple):
     #: Estimated relative error of the displacement; not a number where it was not asked for
     indicator: F64
     inside: Mask  #: Whether the parameters lie in the range of the training
+    #: The worst mark of the full solves nearby: 1 accepted, 2 doubtful, 3 unstable or not found, 0
+    #: where none has one
+    full: I64
+    #: Whether the tolerance of the training is met, as far as its test can say: inside, not near
+    #: lost states, and with an estimate so small; it needs the indicator
+    certified: Mask
     #: Whether the state solves the equations; a fixed number of corrections may not be enough
     converged: Mask
     iterations: I64  #: Newton's iterations
@@ -43,6 +50,20 @@ class Batch(NamedTuple):
             else:
                 found |= {f"{name}_{axis}": v for axis, v in zip("xyz", value.T, strict=False)}
         return found
+
+    def doubts(self, k: int) -> list[str]:
+        """What speaks against an answer, a sentence each; of one with its indicator."""
+        lost = self.full[k] == LOST
+        found = {
+            "the reduced model found no state": not self.converged[k],
+            "outside the range of the training": not self.inside[k],
+            "full solves nearby are unstable or found no state": lost,
+            "full solves nearby are doubtful": self.full[k] == DOUBTFUL,
+        }
+        if self.converged[k] and self.inside[k] and not lost:
+            error = f"the estimated error of {self.indicator[k]:.1e} does not assure the tolerance"
+            found[error] = not self.certified[k]
+        return [reason for reason, holds in found.items() if holds]
 
 
 class ReducedState:
@@ -64,6 +85,12 @@ class ReducedState:
         #: Whether the parameters lie in the range of the training; whether this is a solution
         self.inside = bool(batch.inside[0])
         self.converged = bool(batch.converged[0])
+        #: What full solves nearby were: unknown, accepted, doubtful, lost (unstable or not found)
+        self.full = NAMES[batch.full[0]]
+        #: Whether the tolerance of the training is met, as far as its test can say, and what speaks
+        #: against the answer
+        self.certified = bool(batch.certified[0])
+        self.doubts = batch.doubts(0)
         self.iterations = int(batch.iterations[0])  #: Newton's iterations
         self._amplitudes = batch.amplitudes[0]
         self._shapes = shapes
@@ -76,7 +103,7 @@ class ReducedState:
         """What `myork rom solve --json` prints."""
         names = (
             "parameters", "force", "probes", "probe_units", "indicator", "inside", "converged",
-            "iterations",
+            "full", "certified", "doubts", "iterations",
         )  # fmt: skip
         return {name: getattr(self, name) for name in names}
 
@@ -90,10 +117,9 @@ class ReducedState:
         return "\n".join([f"at {given}", *found, self._quality()])
 
     def _quality(self) -> str:
-        held = "converged" if self.converged else "not converged"
-        where = "inside" if self.inside else "outside"
         error = f"estimated relative error {self.indicator:.1e}"
-        return f"{error}, {held}, {where} the range of the training"
+        held = "within the tolerance of the training" if self.certified else "not certified"
+        return "; ".join([f"{error}, {held}", *self.doubts])
 
     def _repr_html_(self) -> str:
         """Probes, and how far they hold, as notebooks show them."""
@@ -162,6 +188,7 @@ class ReducedModel:
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
+        self.marks = Marks(np.asarray(arrays["marks/values"]), np.asarray(arrays["marks/mark"]))
         scale = widths_of(self.parameters)
         forces = np.asarray(arrays["training/forces"])
         self._scale = scale
@@ -227,7 +254,8 @@ class ReducedModel:
             *(f"  {p.key} from {p.low:g} to {p.high:g}" for p in self.parameters),
         ]
         if c:
-            u, force = c["u"], c["force"]
+            u, force, sure, rough = c["u"], c["force"], c["certified"], c["regression"]["force"]
+            head = self.head
             other = ", ".join(
                 f"{k} from {a:g} to {b:g}" for k, (a, b) in c.get("ranges", {}).items()
             )
@@ -235,11 +263,22 @@ class ReducedModel:
                 f"{c['points']} unseen states{other and f', {other}'}, {c['failed']} failed:",
                 f"  displacement: error {u['median']:.1e} in the median, {u['max']:.1e} at most",
                 f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
+                f"  at the {sure['points']} that it certifies: displacement {sure['u']:.1e} of the "
+                f"largest, force {sure['force']:.1e} at most",
                 f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
                 f"{c['indicator_ratio']['max']:.2f}",
                 f"  {c['cpu_us_per_state']:.0f} us per state, {c['full_cpu_s_per_state']:.2f} s a "
                 "full one (processor time)",
+                f"regression of the same {head['full_solves']} full solves:",
+                f"  force: error {rough['median']:.1e} in the median, {rough['max']:.1e} at most",
+                f"  {c['regression']['cpu_us_per_state']:.0f} us per state, made in "
+                f"{head['solves_cpu_s']:.0f} s, the reduced model in {head['offline_cpu_s']:.0f} s",
             ]
+            if c["lost"]:
+                lines.append(
+                    f"  left out: {c['lost']} states without a stable full solution, "
+                    f"{c['lost_unmarked']} of them not marked"
+                )
         if self.head["probes_left_out"]:
             lines.append(f"probes left out: {', '.join(self.head['probes_left_out'])}")
         return "\n".join(lines)
@@ -344,9 +383,15 @@ class ReducedModel:
         margin = 1e-9 * self._scale
         within = (values >= low - margin) & (values <= high + margin)
         inside = np.asarray(within.all(axis=1))
+        full = self.marks.worst(values, self._scale)
+        # of the largest state, as the tolerance is; not a number is not below
+        size = np.linalg.norm(answer.amplitudes, axis=1) / self.largest
+        worst = error * size * self.certificate.get("over_estimate", np.nan)
+        certified = inside & answer.converged & (full < LOST) & (worst <= self.head["tolerance"])
         return Batch(
-            force, probes, error, inside, answer.converged, answer.iterations, answer.amplitudes
-        )
+            force, probes, error, inside, full, certified, answer.converged, answer.iterations,
+            answer.amplitudes,
+        )  # fmt: skip
 
     def key_of(self, name: str) -> str:
         """Key of a parameter by a key of the deck, as in `--set`, or its short name."""

@@ -28,6 +28,7 @@ from myork.rom.check import (
     started,
 )
 from myork.rom.full import FullModel, cloud_arrays
+from myork.rom.marks import LOST, Marks
 from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
 from myork.rom.online import Answer, Regression, Solver
@@ -187,6 +188,8 @@ class _Training:
         self.tolerance, self.full_solves, self.seed = tolerance, full_solves, seed
         self.progress = progress
         self.snapshots: Snapshots | None = None
+        p = len(setting.parameters)
+        self.marks = Marks(np.zeros((0, p)), np.zeros(0, np.int64))
         self.lifts = np.zeros((0, scene.dofs))
         self.cpu: list[float] = []
         self.started_cpu: list[float] = []
@@ -210,7 +213,9 @@ class _Training:
         kinds = self.setting.parameters
         self.solve(_corners(kinds, self.full_solves, self.seed), RAY_STEPS)
         if self.snapshots is None:
-            raise ConvergenceError("no full solve of the corners of the range converged")
+            raise ConvergenceError(
+                "no full solve of the corners of the range converged to a stable state: narrow it"
+            )
         at = np.flatnonzero(self.snapshots.share >= 1.0)[:_LIFT_STATES]
         self.lifts = _lift_fields(
             self.full, self.setting, self.snapshots.values[at], self.snapshots.x[at], self.progress
@@ -222,6 +227,7 @@ class _Training:
             self.draft = self.make_draft(final=False)
             if len(waiting):
                 chosen, waiting = waiting[:count], waiting[count:]
+                chosen = chosen[self.marks.least(chosen, widths_of(kinds)) < LOST]
             else:
                 met = self.met(tests)
                 if met and any(p.kind == "sigma_max" for p in kinds):
@@ -234,7 +240,9 @@ class _Training:
             self.solve(chosen, None)
             self.draft = None
         if len(self.snapshots.x) < 4:
-            raise ConvergenceError("fewer than four states of the full model converged")
+            raise ConvergenceError(
+                "the full model has fewer than four stable states in the range: narrow it"
+            )
         self.draft = self.draft or self.make_draft(final=True)
         if tests and self.tests is None:
             self.solve_tests(tests)
@@ -269,9 +277,15 @@ class _Training:
                 state = self.full.solve(kinds, row, steps, start)
             except ConvergenceError as reason:
                 self.failed += 1
+                self.marks = self.marks.added(row, LOST)
                 self.progress(f"full solve at {self.named(row)}: {reason}; left out")
                 continue
             (self.started_cpu if state.started else self.cpu).append(state.cpu_s)
+            self.marks = self.marks.added(row, state.mark)
+            if state.mark == LOST:
+                # on which of several branches it lies is chance: no curve runs through such states
+                self.progress(f"full solve at {self.named(row)}: an unstable state; left out")
+                continue
             self.snapshots = joined(self.snapshots, kinds, state, row)
             self.progress(
                 f"full solve {self.full_solves - self.left}/{self.full_solves}: {self.named(row)}"
@@ -292,9 +306,12 @@ class _Training:
         self.progress(f"test on {count} states that the training does not see")
         seed = self.seed + 7919
         values = spread_points(self.setting.parameters, count, seed)
+        values = values[self.marks.least(values, widths_of(self.setting.parameters)) < LOST]
         self.tests = solve_tests(
             self.full, self.setting.parameters, values, seed, self.guess, self.progress
         )
+        for row in self.tests.lost:
+            self.marks = self.marks.added(row, LOST)
 
     def met(self, tests: int) -> bool:
         """Whether the model of the states so far, with all cells, meets the tolerance."""
@@ -303,16 +320,24 @@ class _Training:
         if self.tests is None:
             self.solve_tests(tests)
         assert self.tests is not None and self.draft is not None
-        values = self.tests.values
+        near = self.marks.worst(self.tests.values, widths_of(self.setting.parameters))
+        tried = self.tests.some(np.flatnonzero(near < LOST))
+        values = tried.values
+        if len(values) == 0:
+            return False
         answer = self.draft.solve(self.setting, values)
         force = self.draft.forces(self.setting, values, answer)
         modes = self.draft.basis.modes[:, : self.draft.basis.r]
-        u, wrong = largest_errors(self.tests, self.setting, answer, modes, force)
+        u, wrong = largest_errors(tried, self.setting, answer, modes, force)
         self.progress(
             f"after {self.full_solves - self.left} full solves, all cells: largest error of the "
             f"displacement {u:.1e}, of the force {wrong:.1e}"
         )
         return max(u, wrong) <= self.tolerance
+
+    def sound(self, values: F64) -> F64:
+        """Those of the values around which no state is lost."""
+        return values[self.marks.worst(values, widths_of(self.setting.parameters)) < LOST]
 
     def choose(self, count: int) -> F64:
         """Values at which the reduced model so far estimates its largest errors, apart."""
@@ -326,6 +351,7 @@ class _Training:
         found = answer.converged & np.isfinite(gain)
         gain[~found] = 2.0 * gain[found].max(initial=1.0)
         scale = widths_of(kinds)
+        gain[self.marks.worst(values, scale) == LOST] = 0.0
         chosen = []
         for _ in range(count):
             best = int(np.argmax(gain))
@@ -337,7 +363,9 @@ class _Training:
     def model(self, head: dict[str, Any], more: dict[str, Any], begin: float) -> ReducedModel:
         """The model with few cells and its certificate; the test has no say in the cells."""
         assert self.draft is not None
-        values = spread_points(self.setting.parameters, CANDIDATES // 2, self.seed + 7907)
+        kinds = self.setting.parameters
+        values = self.sound(spread_points(kinds, CANDIDATES // 2, self.seed + 7907))
+        virtual = self.sound(spread_points(kinds, VIRTUAL, self.seed + 1))
         answer = self.draft.solve(self.setting, values)
         good = answer.converged
         values, answer = values[good], Answer._make(a[good] for a in answer)
@@ -349,7 +377,7 @@ class _Training:
         off: list[CellErrors] = []
         for share in _FINER:
             arrays = finish(
-                self.scene, self.setting, self.draft, share * self.tolerance, self.seed,
+                self.scene, self.setting, self.draft, virtual, share * self.tolerance, self.seed,
                 self.progress,
             )  # fmt: skip
             found.append(self.rom(dict(arrays) | more, dict(head), begin))
@@ -364,7 +392,9 @@ class _Training:
         # more cells need not be better ones
         best = found[off.index(min(off))]
         if self.tests is not None:
-            best.set_certificate(measure(best, self.tests))
+            # the second time it knows what it may certify
+            for _ in range(2):
+                best.set_certificate(measure(best, self.tests))
         return best
 
     def rom(self, arrays: dict[str, Any], head: dict[str, Any], begin: float) -> ReducedModel:
@@ -381,6 +411,7 @@ class _Training:
             "started_solves": len(self.started_cpu),
             "read_states": self.read_states,
             "failed_full_solves": self.failed,
+            "solves_cpu_s": sum(self.cpu) + sum(self.started_cpu),
             "full_cpu_s": float(np.mean(self.cpu or [0.0])),
             "started_cpu_s": float(np.mean(self.started_cpu or [0.0])),
             "offline_cpu_s": time.process_time() - begin,
@@ -388,6 +419,7 @@ class _Training:
             "seed": self.seed,
         }
         arrays["tractions"] = self.setting.pushes
+        arrays |= {"marks/values": self.marks.values, "marks/mark": self.marks.mark}
         arrays["head"] = json.dumps(head)
         return ReducedModel(arrays)
 
@@ -431,15 +463,15 @@ def finish(
     scene: Scene,
     setting: Setting,
     draft: Draft,
+    values: F64,
     tolerance: float,
     seed: int,
     progress: ProgressCallback,
 ) -> dict[str, Any]:
-    """Arrays of the model: modes, volume, few cells."""
+    """Arrays of the model: modes, volume, few cells, trained at values beside the full states."""
     basis, model, finer, known, amplitudes = draft
     m, r = basis.modes.shape[1], basis.r
     progress(f"{r} modes of {len(known.x)} states; they leave {basis.lost:.1e} of them")
-    values = spread_points(setting.parameters, VIRTUAL, seed + 1)
     values = np.vstack([values, values_beyond(setting, seed)])
     answer = draft.solve(setting, values)
     good = answer.converged
