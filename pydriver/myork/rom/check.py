@@ -9,7 +9,7 @@ import numpy as np
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError, InputError
 from myork.rom.full import FullModel, FullState
-from myork.rom.marks import LOST
+from myork.rom.marks import LOST, Marks
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.online import Answer
 from myork.rom.parameters import spread_points, widths_of
@@ -80,17 +80,22 @@ def solve_tests(
     seed: int,
     guess: Callable[[F64], list[F64 | None]],
     progress: ProgressCallback,
+    marks: Marks | None = None,
 ) -> Tests:
     """Full states of a test, each from the state that a reduced model guesses.
 
     Those that are unstable are no truth to compare with: which one a solve ends in is chance.
+    Near lost `marks` they are not sought at any price.
 
     - raises ConvergenceError: none was reached
     """
+    near = np.zeros(len(values), bool)
+    if marks is not None:
+        near = marks.worst(values, widths_of(parameters)) == LOST
     states, kept = [], []
     for i, (row, start) in enumerate(zip(values, guess(values), strict=True)):
         try:
-            state = full.solve(parameters, row, start=start)
+            state = full.solve(parameters, row, start=start, doubted=bool(near[i]))
         except ConvergenceError as reason:
             progress(f"test {i + 1}/{len(values)}: the full model: {reason}; left out")
             continue
@@ -210,6 +215,9 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     # as the tolerance takes it; a hundredth of the tolerance says nothing about a ratio
     absolute = estimate * np.linalg.norm(answer.amplitudes, axis=1) / rom.largest
     over = np.maximum(of_largest, wrong) / np.maximum(absolute, 0.01 * rom.head["tolerance"])
+    # near lost states nothing is certified
+    tried = good & (answer.full < LOST)
+    tried = tried if tried.any() else good
     sure = answer.certified
     return {
         "points": len(values),
@@ -218,7 +226,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
         "lost_unmarked": int((rom.marks.worst(tests.lost, widths_of(rom.parameters)) < LOST).sum()),
         "u": {**_spread(relative[good]), "max_of_largest": float(of_largest[good].max())},
         "force": _spread(wrong[good]),
-        "over_estimate": float(over[good].max()),
+        "over_estimate": float(over[tried].max()),
         "certified": {
             "points": int(sure.sum()),
             "u": float(of_largest[sure].max(initial=0.0)),

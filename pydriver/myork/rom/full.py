@@ -27,8 +27,9 @@ _NEAR = 0.2
 #: Iterations from a guess. Good ones take up to 8; those that take all have wandered off, and cost
 #: more than the way from rest: 13 to 19 CPU s instead of 2.5 in a muscle of 2,500 unknowns
 _PATIENCE = 12
-#: Halvings of a load step from rest: where the branch is lost, more of them only cost
-_HALVINGS = 6
+#: Halvings of a load step from rest, and near states that are lost: where the branch ends, more of
+#: them only cost
+_HALVINGS, _FEW_HALVINGS = 5, 2
 #: Tables of a deck of which its states depend, and keys in them on which they do not
 _TABLES = ("scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load")
 _OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
@@ -114,11 +115,13 @@ class FullModel:
         values: F64,
         steps: int | None = None,
         start: F64 | None = None,
+        *,
+        doubted: bool = False,
     ) -> FullState:
         """Solve at values of the parameters, in as many steps as the deck says or in `steps`.
 
         A guess `start` of the unknowns saves the way from rest; where the iteration does not end
-        from it, the way is gone.
+        from it, the way is gone, with few halvings where a state is `doubted`.
 
         - raises ConvergenceError: the solve ended before its full load
         """
@@ -143,6 +146,8 @@ class FullModel:
             own = dict(self._own)
             if steps is not None:
                 own["load.steps"] = steps
+            if doubted:
+                own["load.max_halvings"] = min(own["load.max_halvings"], _FEW_HALVINGS)
             scene.update(own)
             states = scene.solve(error=False)
         cpu = time.process_time() - begin

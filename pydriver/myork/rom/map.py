@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from myork.files import write_csv, write_figure, write_json
-from myork.rom.marks import LOST, NAMES
+from myork.rom.marks import LOST, NAMES, NEAR_LOST
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.parameters import grid_in
 from myork.types import F64
@@ -122,6 +122,6 @@ def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Pat
             axis.set_ylabel(shown[1])
     fixed = ", ".join(f"{keys[j]} = {grid[0, j]:.4g}" for j in rest)
     word = "red" if len(shown) == 1 else "hatched"
-    note = f"\n{word}: full solves nearby are unstable or found no state" if lost.any() else ""
+    note = f"\n{word}: {NEAR_LOST}" if lost.any() else ""
     figure.suptitle(f"{rom.head['title']}{': ' + fixed if fixed else ''}{note}")
     write_figure(path, figure)

@@ -12,6 +12,8 @@ from myork.types import F64, I64
 ACCEPTED, DOUBTFUL, LOST = 1, 2, 3
 #: Their names; nothing is known by a model whose states were all read from folders
 NAMES = ("unknown", "accepted", "doubtful", "lost")
+#: What speaks against an answer near lost states
+NEAR_LOST = "full solves nearby are unstable or found no state"
 
 
 class Marks(NamedTuple):

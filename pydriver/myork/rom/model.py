@@ -12,7 +12,7 @@ from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
-from myork.rom.marks import DOUBTFUL, LOST, NAMES, Marks
+from myork.rom.marks import DOUBTFUL, LOST, NAMES, NEAR_LOST, Marks
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, short_names, widths_of
 from myork.rom.places import Places
@@ -57,7 +57,7 @@ class Batch(NamedTuple):
         found = {
             "the reduced model found no state": not self.converged[k],
             "outside the range of the training": not self.inside[k],
-            "full solves nearby are unstable or found no state": lost,
+            NEAR_LOST: lost,
             "full solves nearby are doubtful": self.full[k] == DOUBTFUL,
         }
         if self.converged[k] and self.inside[k] and not lost:
@@ -159,6 +159,8 @@ class ReducedModel:
     """
 
     def __init__(self, arrays: Mapping[str, Any], threads: int = 0) -> None:
+        from scipy.spatial import cKDTree
+
         self._arrays = dict(arrays)
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
@@ -196,6 +198,11 @@ class ReducedModel:
             np.asarray(arrays["lifts/parameters"]), np.asarray(arrays["lifts/values"]), scale
         )
         self._regression = Regression(self._points, np.hstack([self._amplitudes, forces]), scale)
+        # the same for all states
+        self._known = self.conditions(self._points)
+        self._tree = cKDTree(self._points / scale)
+        self._names = short_names(self.parameters)
+        self._ends = np.array([[p.low, p.high] for p in self.parameters]).T
 
     @classmethod
     def train(
@@ -365,8 +372,8 @@ class ReducedModel:
             answer = Answer(start, forces, none, none > 0, np.full(len(values), np.nan))
         else:
             answer = self._solver.solve(
-                conditions, start, self.conditions(self._points),
-                self._amplitudes[:, : self.modes], self._nearest(values), most,
+                conditions, start, self._known, self._amplitudes[:, : self.modes],
+                np.asarray(self._tree.query(values / self._scale)[1]), most,
                 self._lifts(values).reshape(len(values), self.modes, -1),
             )  # fmt: skip
         error = np.full(len(values), np.nan)
@@ -374,14 +381,11 @@ class ReducedModel:
             error = self._indicate(conditions, answer)
             # where none was found there is no state whose error could be given
             error[~answer.converged & (most == MOST_STEPS)] = np.nan
-        probes = self._probes(values, answer)
+        probes = self._probes(conditions, answer)
         names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]
         force = probes[names[0]] if names else np.full(len(values), np.nan)
-        low, high = (
-            np.array([getattr(p, end) for p in self.parameters]) for end in ("low", "high")
-        )
         margin = 1e-9 * self._scale
-        within = (values >= low - margin) & (values <= high + margin)
+        within = (values >= self._ends[0] - margin) & (values <= self._ends[1] + margin)
         inside = np.asarray(within.all(axis=1))
         full = self.marks.worst(values, self._scale)
         # of the largest state, as the tolerance is; not a number is not below
@@ -395,7 +399,7 @@ class ReducedModel:
 
     def key_of(self, name: str) -> str:
         """Key of a parameter by a key of the deck, as in `--set`, or its short name."""
-        names = short_names(self.parameters)
+        names = self._names
         if name not in names and "." in name:
             name = deck_key("deck", name, self.head["overrides"], self.head["deck"])
         if name not in names:
@@ -435,11 +439,6 @@ class ReducedModel:
         """The full model that this one was made of."""
         return full_model_of(self._arrays, self.head, self._solver.threads)
 
-    def _nearest(self, values: F64) -> I64:
-        from scipy.spatial import cKDTree
-
-        return np.asarray(cKDTree(self._points / self._scale).query(values / self._scale)[1])
-
     def _indicate(self, conditions: Conditions, answer: Answer) -> F64:
         """Size of a Newton step in more modes, relative."""
         n, m = len(answer.amplitudes), self._finer.model.r
@@ -449,15 +448,14 @@ class ReducedModel:
         size = np.linalg.norm(finer, axis=1)
         return np.linalg.norm(finer - start, axis=1) / np.maximum(size, self._least)
 
-    def _probes(self, values: F64, answer: Answer) -> dict[str, F64]:
+    def _probes(self, conditions: Conditions, answer: Answer) -> dict[str, F64]:
         """Values of the probes: forces, with tractions added, and displacements."""
-        given = self.conditions(values).given
-        push = answer.force + given @ np.asarray(self._arrays["tractions"]).T
+        push = answer.force + conditions.given @ np.asarray(self._arrays["tractions"]).T
         found = {}
         named = [probe for probe in self.head["probes"] if is_stress(probe["quantity"])]
         if self._places is not None:
             kinds = {k: probe["quantity"] for k, probe in enumerate(named)}
-            stress = self._places.values(self.conditions(values), answer.amplitudes, kinds)
+            stress = self._places.values(conditions, answer.amplitudes, kinds)
         for probe in self.head["probes"]:
             if is_stress(probe["quantity"]):
                 value = stress[named.index(probe)][:, None]

@@ -194,6 +194,7 @@ class _Training:
         self.cpu: list[float] = []
         self.started_cpu: list[float] = []
         self.failed = self.read_states = 0
+        self.failed_cpu = 0.0
         self.tests: Tests | None = None
         self.draft: Draft | None = None
 
@@ -273,10 +274,13 @@ class _Training:
         kinds = self.setting.parameters
         values = self.unknown(values)
         for row, start in zip(values, self.guess(values), strict=True):
+            begin = time.process_time()
             try:
-                state = self.full.solve(kinds, row, steps, start)
+                near = len(self.sound(row[None])) == 0
+                state = self.full.solve(kinds, row, steps, start, doubted=near)
             except ConvergenceError as reason:
                 self.failed += 1
+                self.failed_cpu += time.process_time() - begin
                 self.marks = self.marks.added(row, LOST)
                 self.progress(f"full solve at {self.named(row)}: {reason}; left out")
                 continue
@@ -308,7 +312,7 @@ class _Training:
         values = spread_points(self.setting.parameters, count, seed)
         values = values[self.marks.least(values, widths_of(self.setting.parameters)) < LOST]
         self.tests = solve_tests(
-            self.full, self.setting.parameters, values, seed, self.guess, self.progress
+            self.full, self.setting.parameters, values, seed, self.guess, self.progress, self.marks
         )
         for row in self.tests.lost:
             self.marks = self.marks.added(row, LOST)
@@ -411,7 +415,7 @@ class _Training:
             "started_solves": len(self.started_cpu),
             "read_states": self.read_states,
             "failed_full_solves": self.failed,
-            "solves_cpu_s": sum(self.cpu) + sum(self.started_cpu),
+            "solves_cpu_s": sum(self.cpu) + sum(self.started_cpu) + self.failed_cpu,
             "full_cpu_s": float(np.mean(self.cpu or [0.0])),
             "started_cpu_s": float(np.mean(self.started_cpu or [0.0])),
             "offline_cpu_s": time.process_time() - begin,
