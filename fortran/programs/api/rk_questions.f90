@@ -222,8 +222,8 @@ subroutine answer_states(slot, n, steps, error)
 end subroutine answer_states
 
 !> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; whether its equilibrium
-!> is unstable; its reasons, each with its line feed; error bars of the probes, three numbers each, not
-!> a number where there is none
+!> is unstable; its reasons, each with its line feed; error bars of the probes, three numbers each,
+!> not a number where there is none
 subroutine answer_verdict(slot, given)
    type(slot_type), intent(inout) :: slot
    !> Values of the probes, shape (3, probes, states), then the load of each state
