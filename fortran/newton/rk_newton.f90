@@ -77,6 +77,9 @@ module rk_newton
       real(wp) :: step_norm = 0.0_wp
       !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
       logical :: pinned = .false.
+      !> The last step of the last load step that converged had no Cholesky factor where one was
+      !> tried: its state is one that the body leaves
+      logical :: unstable = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
       !> Load of what was prescribed in the last linearisation [-]
@@ -225,6 +228,9 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       end if
    end do
    x = a
+   self%unstable = .false.
+   if (allocated(it%solver)) self%unstable = it%solver == 'lu' &
+      & .and. index(it%why, 'not positive definite') > 0
    call self%damping%finish()
    if (now%saddles > 0) call recorder%note(saddle_text(now, load, norm2(r)), &
       & warning=.true.)

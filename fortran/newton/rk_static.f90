@@ -17,7 +17,8 @@ module rk_static
    public :: solve_static
 
    !> Halvings up to which an iteration that gets on slowly is given up early: beyond, the load is
-   !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive
+   !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive.
+   !> From an unstable state there are no more: the branch is lost, and what they reach is chance
    integer, parameter :: early = 5
 
 contains
@@ -158,6 +159,7 @@ contains
    logical function may_halve()
       may_halve = any(error%code == [err_convergence, err_linalg]) &
          & .and. halvings < max_halvings .and. .not. newton%pinned
+      if (newton%unstable .and. halvings >= early .and. done > 0.0_wp) may_halve = .false.
    end function may_halve
 
    subroutine halve()
@@ -260,6 +262,8 @@ contains
       if (.not. any(error%code == [err_convergence, err_linalg])) return
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)
+      if (newton%unstable .and. done > 0.0_wp) error%message = error%message//', an unstable ' &
+         & //'equilibrium: the branch is lost there'
       if (allocated(problem%caveat)) error%message = error%message//'; '//problem%caveat
       error%code = err_convergence
    end subroutine give_up

@@ -301,8 +301,9 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
     out = _out(options, options.file)
     found = _load("rom.map:map_model")(_model(options), options.vary, _numbers(options), out)
     return (
-        f"{found['states']} states, {found['failed']} failed, {found['cpu_us_per_state']:.0f} us "
-        f"each: {out / 'map.csv'}, {out / 'map.png'}"
+        f"{found['states']} states, {found['failed']} failed, {found['full']['lost']} near full "
+        f"solves that are unstable or found none, {found['certified']} within the tolerance, "
+        f"{found['cpu_us_per_state']:.0f} us each: {out / 'map.csv'}, {out / 'map.png'}"
     )
 
 

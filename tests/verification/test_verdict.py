@@ -142,6 +142,18 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
         solved(ring(*body, pressure=-0.6978), ("load.steps=3",))
 
 
+def test_a_branch_that_is_lost_ends_the_halving() -> None:
+    """A soft muscle leaves its axis: of ten halvings that are allowed seven are made at most."""
+    change = ["scene.method=rkpm-gauss", "approximation.order=1", "boundary.z1.u_z=0"]
+    change += ["material.muscle.A10=4.4", "material.muscle.fiber_angle=1", "load.steps=1"]
+    lost = "an unstable equilibrium: the branch is lost"
+    with Scene.from_tables(scenes.contracting(4, 4, 6), overrides=change) as scene:
+        with pytest.raises(ConvergenceError, match=lost):
+            scene.solve(error=False)
+        done = scene.states.load[-1]
+    assert 0.0 < done < 1.0 and done * 2**7 == pytest.approx(round(done * 2**7), abs=1e-9)
+
+
 @pytest.mark.parametrize("points", [(17, 5), (33, 9)])
 def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     states, found = solved(cantilever(), (*GAUSS, *size(*points)))

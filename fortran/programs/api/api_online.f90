@@ -8,7 +8,7 @@
 
 !> States of a model, with forces by a second set of cells; a state is followed in `parts` from a
 !> known one, or for 0 parts found from the amplitudes given. `limits` has the size of amplitudes
-!> that are none, and the tolerance
+!> that are none, and the tolerance; `wanted` is one 0 where no force is
 subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s, nk, n, wish, &
    & known, start, parts, limits, most_steps, threads, r, nf, wanted, lift, z, iterations, change, &
    & min_j, force)
@@ -30,7 +30,9 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    type(work_type) :: work, room
    type(prescribed_type) :: after
    integer :: i, team
+   logical :: with_forces
 
+   with_forces = all(wanted > 0)
    call new_online(model, whole, number, limits(1))
    call new_online(every, all_whole, all_number, limits(1))
    z = start
@@ -39,7 +41,7 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    if (team == 0) team = omp_get_max_threads()
    !$omp parallel default(shared) private(i, work, room, after) num_threads(team)
    call new_work(work, model)
-   if (nf > 0) call new_work(room, every)
+   if (with_forces) call new_work(room, every)
    !$omp do schedule(dynamic, 8)
    do i = 1, n
       after = condition_of(model, wish(:, i))
@@ -51,8 +53,8 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
             & change(i))
       end if
       min_j(i) = work%min_j
-      if (nf > 0 .and. iterations(i) > 0) call find_forces(every, room, after, z(:, i), wanted, &
-         & lift(:, :, i), force(:, i))
+      if (with_forces .and. iterations(i) > 0) call find_forces(every, room, after, z(:, i), &
+         & wanted, lift(:, :, i), force(:, i))
    end do
    !$omp end do
    !$omp end parallel

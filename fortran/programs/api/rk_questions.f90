@@ -222,8 +222,9 @@ subroutine answer_states(slot, n, steps, error)
    end associate
 end subroutine answer_states
 
-!> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; its reasons, each with
-!> its line feed; error bars of the probes, three numbers each, not a number where there is none
+!> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; whether its equilibrium
+!> is unstable; its reasons, each with its line feed; error bars of the probes, three numbers each,
+!> not a number where there is none
 subroutine answer_verdict(slot, given)
    type(slot_type), intent(inout) :: slot
    !> Values of the probes, shape (3, probes, states), then the load of each state
@@ -246,6 +247,7 @@ subroutine answer_verdict(slot, given)
    end if
    call slot%answer%put_whole('verdict', [integer ::], [merge(slot%verdict%state, 0, &
       & allocated(slot%verdict%reasons))])
+   call slot%answer%put_whole('unstable', [integer ::], [merge(1, 0, slot%outcome%unstable)])
    call slot%answer%put_text('reasons', slot%verdict%reasons)
    call slot%answer%put('bars', shape(bar), bar)
 end subroutine answer_verdict

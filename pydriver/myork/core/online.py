@@ -148,7 +148,7 @@ def online_states(
     materials less their values in the model, prescribed amplitudes; `known` is what states at which
     the way begins were asked for. `limits` are the size of amplitudes of the modes
     below which they are none, and the tolerance; `lift` says how they follow the amplitudes
-    wanted, shape `(r, nf, n)`.
+    wanted, shape `(r, nf, n)`. One 0 in `wanted` asks for no force.
 
     Returns amplitudes `(s, n)`, iterations, negative where a state failed, relative size of the
     last step, smallest J, forces `(nf, n)`.

@@ -526,6 +526,7 @@ class Scene:
             **found,
             places=answer(self._handle, "points")["place"],
             verdict=VERDICTS[judged["verdict"]],
+            unstable=bool(judged["unstable"]),
             reasons=judged["reasons"].splitlines(),
             bars=bars,
         )

@@ -42,6 +42,8 @@ class States(NamedTuple):
     warnings: list[str]  #: What deserves attention, the same list as in `summary.json`
     #: "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged
     verdict: str
+    #: Whether the body would leave the equilibrium: one of several, and which is chance
+    unstable: bool
     reasons: list[str]  #: Reasons for doubt in the answer, and checks that were not made
     #: Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
     #: number where there is no estimate
@@ -108,6 +110,7 @@ def states_of(
     warnings: str,
     places: F64,
     verdict: str,
+    unstable: bool,
     reasons: list[str],
     bars: F64,
 ) -> States:
@@ -121,7 +124,8 @@ def states_of(
     - `norms`: of errors
     - `warnings`: warnings of the solve, a line each
     - `places`: collocation points, shape `(dimension, npoint)` [length]
-    - `verdict`, `reasons`, `bars`: verdict, its reasons, and error bars of the probes
+    - `verdict`, `unstable`, `reasons`: verdict, whether the state is unstable, reasons
+    - `bars`: error bars of the probes
     """
     point = info[5].astype(np.int64)
     seen = point > 0
@@ -142,6 +146,7 @@ def states_of(
         errors=error_norms(*norms.tolist()),
         warnings=warnings.splitlines(),
         verdict=verdict,
+        unstable=unstable,
         reasons=reasons,
         probe_errors=bars,
     )

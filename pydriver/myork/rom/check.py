@@ -9,11 +9,12 @@ import numpy as np
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError, InputError
 from myork.rom.full import FullModel, FullState
-from myork.rom.model import ReducedModel
+from myork.rom.marks import LOST, Marks
+from myork.rom.model import Batch, ReducedModel
 from myork.rom.online import Answer
-from myork.rom.parameters import spread_points
+from myork.rom.parameters import spread_points, widths_of
 from myork.rom.setting import Setting, force_values
-from myork.types import F64, Mask
+from myork.types import F64, I64, Mask
 
 #: Forces are compared with their own size, but not with less than this share of the largest
 LEAST_FORCE = 0.05
@@ -24,8 +25,13 @@ class Tests(NamedTuple):
 
     values: F64  #: Values of the parameters, shape `(n, p)`
     states: list[FullState]  #: The states there
-    failed: int  #: Further ones that the full model did not reach
+    #: Values at which the full model found no state, or one that is unstable, shape `(m, p)`
+    lost: F64
     seed: int  #: Start of the random numbers that chose the values
+
+    def some(self, rows: I64) -> "Tests":
+        """Those of some rows."""
+        return self._replace(values=self.values[rows], states=[self.states[k] for k in rows])
 
 
 def compare(
@@ -74,23 +80,34 @@ def solve_tests(
     seed: int,
     guess: Callable[[F64], list[F64 | None]],
     progress: ProgressCallback,
+    marks: Marks | None = None,
 ) -> Tests:
     """Full states of a test, each from the state that a reduced model guesses.
 
+    Those that are unstable are no truth to compare with: which one a solve ends in is chance.
+    Near lost `marks` they are not sought at any price.
+
     - raises ConvergenceError: none was reached
     """
+    near = np.zeros(len(values), bool)
+    if marks is not None:
+        near = marks.worst(values, widths_of(parameters)) == LOST
     states, kept = [], []
     for i, (row, start) in enumerate(zip(values, guess(values), strict=True)):
         try:
-            states.append(full.solve(parameters, row, start=start))
+            state = full.solve(parameters, row, start=start, doubted=bool(near[i]))
         except ConvergenceError as reason:
             progress(f"test {i + 1}/{len(values)}: the full model: {reason}; left out")
             continue
+        if state.mark == LOST:
+            progress(f"test {i + 1}/{len(values)}: the full model: unstable; left out")
+            continue
+        states.append(state)
         kept.append(i)
         progress(f"test {i + 1}/{len(values)}")
     if not states:
-        raise ConvergenceError("no full solve of the test converged")
-    return Tests(values[kept], states, len(values) - len(kept), seed)
+        raise ConvergenceError("no full solve of the test converged to a stable state")
+    return Tests(values[kept], states, np.delete(values, kept, axis=0), seed)
 
 
 def errors_of(
@@ -175,30 +192,54 @@ def _force_errors(force: F64, truth: F64) -> F64:
     return np.asarray(np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0))
 
 
-def measure(
-    rom: ReducedModel, tests: Tests, corrections: int | str = "converged"
-) -> dict[str, Any]:
-    """Errors and times of a model, after some corrections, at the states of a test."""
+def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
+    """Errors and times at the states of a test: of a model, of a regression of its full solves."""
     from scipy.stats import spearmanr
 
     values, states = tests.values, tests.states
-    begin = time.process_time()
-    answer = rom.batch(values, corrections)
-    seconds = (time.process_time() - begin) / len(values)
-    estimate = rom.batch(values, corrections, indicator=True).indicator
+    seconds = _seconds(lambda: rom.batch(values))
+    rough = rom.batch(values, 0)
+    answer = rom.batch(values, indicator=True)
+    estimate = answer.indicator
     truth = np.array([_force(rom, state.probes[-1]) for state in states])
-    force = np.asarray(answer.force).reshape(len(values), -1)
-    of_largest, relative, wrong = errors_of(tests, answer.amplitudes, rom.basis, force, truth)
+    (of_largest, relative, wrong), (_, rough_u, rough_force) = (
+        errors_of(
+            tests, one.amplitudes, rom.basis, np.asarray(one.force).reshape(len(values), -1), truth
+        )
+        for one in (answer, rough)
+    )
     ratio = estimate / np.maximum(relative, np.finfo(float).tiny)
+    good = answer.converged
+    if not good.any():
+        raise ConvergenceError("the reduced model finds no state of the test")
+    # as the tolerance takes it; a hundredth of the tolerance says nothing about a ratio
+    absolute = estimate * np.linalg.norm(answer.amplitudes, axis=1) / rom.largest
+    over = np.maximum(of_largest, wrong) / np.maximum(absolute, 0.01 * rom.head["tolerance"])
+    # near lost states nothing is certified
+    tried = good & (answer.full < LOST)
+    tried = tried if tried.any() else good
+    sure = answer.certified
     return {
         "points": len(values),
-        "failed": int((~answer.converged).sum()),
-        "failed_full_solves": tests.failed,
-        "u": {**_spread(relative), "max_of_largest": float(of_largest.max())},
-        "force": _spread(wrong),
+        "failed": int((~good).sum()),
+        "lost": len(tests.lost),
+        "lost_unmarked": int((rom.marks.worst(tests.lost, widths_of(rom.parameters)) < LOST).sum()),
+        "u": {**_spread(relative[good]), "max_of_largest": float(of_largest[good].max())},
+        "force": _spread(wrong[good]),
+        "over_estimate": float(over[tried].max()),
+        "certified": {
+            "points": int(sure.sum()),
+            "u": float(of_largest[sure].max(initial=0.0)),
+            "force": float(wrong[sure].max(initial=0.0)),
+        },
+        "regression": {
+            "u": _spread(rough_u),
+            "force": _spread(rough_force),
+            "cpu_us_per_state": 1e6 * _seconds(lambda: rom.batch(values, 0)),
+        },
         "cpu_us_per_state": 1e6 * seconds,
-        "indicator_ratio": {"min": float(ratio.min()), "max": float(ratio.max())},
-        "spearman": float(spearmanr(estimate, relative)[0]),
+        "indicator_ratio": {"min": float(ratio[good].min()), "max": float(ratio[good].max())},
+        "spearman": float(spearmanr(estimate[good], relative[good])[0]),
         "full_cpu_s_per_state": float(np.mean([state.cpu_s for state in states])),
         "full_started": sum(state.started for state in states),
         "cells": rom.head["cells"],
@@ -206,6 +247,16 @@ def measure(
         "parameters": values.tolist(),
         "seed": tests.seed,
     }
+
+
+def _seconds(call: Callable[[], Batch]) -> float:
+    """Processor time of a state [s], the less of two: the first call may load what it needs."""
+    found = []
+    for _ in range(2):
+        begin = time.process_time()
+        states = len(call().converged)
+        found.append((time.process_time() - begin) / states)
+    return min(found)
 
 
 def _force(rom: ReducedModel, probes: F64) -> F64:

@@ -16,6 +16,7 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from myork.model_file import model_bytes, model_of_bytes, write_model
 from myork.records import PointCloud
+from myork.rom.marks import ACCEPTED, DOUBTFUL, LOST
 from myork.rom.parameters import Parameter, value_of
 from myork.rom.snapshots import solution_of, stored_states
 from myork.tables import override_text
@@ -26,6 +27,9 @@ _NEAR = 0.2
 #: Iterations from a guess. Good ones take up to 8; those that take all have wandered off, and cost
 #: more than the way from rest: 13 to 19 CPU s instead of 2.5 in a muscle of 2,500 unknowns
 _PATIENCE = 12
+#: Halvings of a load step from rest, and near states that are lost: where the branch ends, more of
+#: them only cost
+_HALVINGS, _FEW_HALVINGS = 5, 2
 #: Tables of a deck of which its states depend, and keys in them on which they do not
 _TABLES = (
     "scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load",
@@ -45,6 +49,7 @@ class FullState(NamedTuple):
     mass: F64
     cpu_s: float  #: Processor time of the solve [s]
     started: bool = False  #: Whether the iteration began at a guess of the state and not at rest
+    mark: int = 0  #: What the full model says of the last state, see `Marks`; 0 if it was read
 
 
 class FullModel:
@@ -113,11 +118,13 @@ class FullModel:
         values: F64,
         steps: int | None = None,
         start: F64 | None = None,
+        *,
+        doubted: bool = False,
     ) -> FullState:
         """Solve at values of the parameters, in as many steps as the deck says or in `steps`.
 
         A guess `start` of the unknowns saves the way from rest; where the iteration does not end
-        from it, the way is gone.
+        from it, the way is gone, with few halvings where a state is `doubted`.
 
         - raises ConvergenceError: the solve ended before its full load
         """
@@ -142,12 +149,17 @@ class FullModel:
             own = dict(self._own)
             if steps is not None:
                 own["load.steps"] = steps
+            if doubted:
+                own["load.max_halvings"] = min(own["load.max_halvings"], _FEW_HALVINGS)
             scene.update(own)
             states = scene.solve(error=False)
         cpu = time.process_time() - begin
         if len(states.load) == 0 or states.load[-1] < 1.0:
             raise ConvergenceError("the full model ended before its full load")
-        return self._state(scene, states.x, states.load, cpu, started)
+        mark = ACCEPTED if states.verdict == "accepted" else DOUBTFUL
+        if states.unstable or states.verdict == "refused":
+            mark = LOST
+        return self._state(scene, states.x, states.load, cpu, started)._replace(mark=mark)
 
     def read(self, parameters: Sequence[Parameter], folder: Path) -> tuple[F64, FullState]:
         """States of the results in a folder, with the values of their parameters.
@@ -169,7 +181,7 @@ class FullModel:
             own = self._at_values.scene.deck
             self._own = {
                 "load.steps": own["load"]["steps"],
-                "load.max_halvings": own["load"]["max_halvings"],
+                "load.max_halvings": min(own["load"]["max_halvings"], _HALVINGS),
                 "solver.max_iterations": own["solver"]["max_iterations"],
             }
         return self._at_values.at(wanted)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from myork.files import write_csv, write_figure, write_json
+from myork.rom.marks import LOST, NAMES, NEAR_LOST
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.parameters import grid_in
 from myork.types import F64
@@ -46,6 +47,8 @@ def map_model(
         "states": len(grid),
         "failed": int((~joined.converged).sum()),
         "outside": int((~joined.inside).sum()),
+        "certified": int(joined.certified.sum()),
+        "full": {name: int((joined.full == k).sum()) for k, name in enumerate(NAMES)},
         "largest_indicator": float(np.nanmax(joined.indicator)),
         "wall_s": wall,
         "cpu_s": cpu,
@@ -60,6 +63,8 @@ def map_model(
     table |= {
         "indicator": joined.indicator,
         "inside": joined.inside.astype(int),
+        "full": np.array(NAMES)[joined.full],
+        "certified": joined.certified.astype(int),
         "converged": joined.converged.astype(int),
         "iterations": joined.iterations,
     }
@@ -70,7 +75,10 @@ def map_model(
 
 
 def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Path) -> None:
-    """Force and estimated error over the first one or two keys, the others at their first value."""
+    """Force and estimated error over the first one or two keys, the others at their first value.
+
+    What lies near lost states is hatched, or red in a curve.
+    """
     from matplotlib.figure import Figure
 
     keys = [p.key for p in rom.parameters]
@@ -85,6 +93,7 @@ def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Pat
     named = next((q for q in rom.head["probes"] if q["quantity"].startswith("force")), None)
     label = "no force probe" if named is None else f"{named['name']} [{named['unit']}]"
     x = grid[on][:, keys.index(shown[0])]
+    lost = batch.full[on] == LOST
     for axis, value, title in zip(
         figure.subplots(1, 2),
         (force[on], np.log10(np.maximum(batch.indicator[on], 1e-12))),
@@ -94,6 +103,7 @@ def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Pat
         axis.set_xlabel(shown[0])
         if len(shown) == 1:
             axis.plot(x, value)
+            axis.plot(x, np.where(lost, value, np.nan), color="C3")
             axis.set_ylabel(title)
             axis.grid(alpha=0.3)
         else:
@@ -103,7 +113,15 @@ def _draw(rom: ReducedModel, axes: list[str], grid: F64, batch: Batch, path: Pat
                 x.reshape(shape), y.reshape(shape), value.reshape(shape), levels=24
             )
             figure.colorbar(drawn, ax=axis, label=title)
+            if lost.any():
+                over = lost.reshape(shape).astype(float)
+                axis.contourf(
+                    x.reshape(shape), y.reshape(shape), over, levels=[0.5, 2.0], colors="none",
+                    hatches=["//"],
+                )  # fmt: skip
             axis.set_ylabel(shown[1])
     fixed = ", ".join(f"{keys[j]} = {grid[0, j]:.4g}" for j in rest)
-    figure.suptitle(f"{rom.head['title']}{': ' + fixed if fixed else ''}")
+    word = "red" if len(shown) == 1 else "hatched"
+    note = f"\n{word}: {NEAR_LOST}" if lost.any() else ""
+    figure.suptitle(f"{rom.head['title']}{': ' + fixed if fixed else ''}{note}")
     write_figure(path, figure)

@@ -12,6 +12,7 @@ from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
 from myork.rom.full import FullModel, full_model_of
+from myork.rom.marks import DOUBTFUL, LOST, NAMES, NEAR_LOST, Marks
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, short_names, widths_of
 from myork.rom.places import Places
@@ -29,6 +30,12 @@ class Batch(NamedTuple):
     #: Estimated relative error of the displacement; not a number where it was not asked for
     indicator: F64
     inside: Mask  #: Whether the parameters lie in the range of the training
+    #: The worst mark of the full solves nearby: 1 accepted, 2 doubtful, 3 unstable or not found, 0
+    #: where none has one
+    full: I64
+    #: Whether the tolerance of the training is met, as far as its test can say: inside, not near
+    #: lost states, and with an estimate so small; it needs the indicator
+    certified: Mask
     #: Whether the state solves the equations; a fixed number of corrections may not be enough
     converged: Mask
     iterations: I64  #: Newton's iterations
@@ -43,6 +50,20 @@ class Batch(NamedTuple):
             else:
                 found |= {f"{name}_{axis}": v for axis, v in zip("xyz", value.T, strict=False)}
         return found
+
+    def doubts(self, k: int) -> list[str]:
+        """What speaks against an answer, a sentence each; of one with its indicator."""
+        lost = self.full[k] == LOST
+        found = {
+            "the reduced model found no state": not self.converged[k],
+            "outside the range of the training": not self.inside[k],
+            NEAR_LOST: lost,
+            "full solves nearby are doubtful": self.full[k] == DOUBTFUL,
+        }
+        if self.converged[k] and self.inside[k] and not lost:
+            error = f"the estimated error of {self.indicator[k]:.1e} does not assure the tolerance"
+            found[error] = not self.certified[k]
+        return [reason for reason, holds in found.items() if holds]
 
 
 class ReducedState:
@@ -64,6 +85,12 @@ class ReducedState:
         #: Whether the parameters lie in the range of the training; whether this is a solution
         self.inside = bool(batch.inside[0])
         self.converged = bool(batch.converged[0])
+        #: What full solves nearby were: unknown, accepted, doubtful, lost (unstable or not found)
+        self.full = NAMES[batch.full[0]]
+        #: Whether the tolerance of the training is met, as far as its test can say, and what speaks
+        #: against the answer
+        self.certified = bool(batch.certified[0])
+        self.doubts = batch.doubts(0)
         self.iterations = int(batch.iterations[0])  #: Newton's iterations
         self._amplitudes = batch.amplitudes[0]
         self._shapes = shapes
@@ -76,7 +103,7 @@ class ReducedState:
         """What `myork rom solve --json` prints."""
         names = (
             "parameters", "force", "probes", "probe_units", "indicator", "inside", "converged",
-            "iterations",
+            "full", "certified", "doubts", "iterations",
         )  # fmt: skip
         return {name: getattr(self, name) for name in names}
 
@@ -90,10 +117,9 @@ class ReducedState:
         return "\n".join([f"at {given}", *found, self._quality()])
 
     def _quality(self) -> str:
-        held = "converged" if self.converged else "not converged"
-        where = "inside" if self.inside else "outside"
         error = f"estimated relative error {self.indicator:.1e}"
-        return f"{error}, {held}, {where} the range of the training"
+        held = "within the tolerance of the training" if self.certified else "not certified"
+        return "; ".join([f"{error}, {held}", *self.doubts])
 
     def _repr_html_(self) -> str:
         """Probes, and how far they hold, as notebooks show them."""
@@ -133,6 +159,8 @@ class ReducedModel:
     """
 
     def __init__(self, arrays: Mapping[str, Any], threads: int = 0) -> None:
+        from scipy.spatial import cKDTree
+
         self._arrays = dict(arrays)
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
@@ -162,6 +190,7 @@ class ReducedModel:
         self._finer = Solver(finer, finer.cells, np.zeros(0, np.int64), threads, least)
         self._points = np.asarray(arrays["training/parameters"])
         self._amplitudes = np.asarray(arrays["training/amplitudes"])
+        self.marks = Marks(np.asarray(arrays["marks/values"]), np.asarray(arrays["marks/mark"]))
         scale = widths_of(self.parameters)
         forces = np.asarray(arrays["training/forces"])
         self._scale = scale
@@ -169,6 +198,11 @@ class ReducedModel:
             np.asarray(arrays["lifts/parameters"]), np.asarray(arrays["lifts/values"]), scale
         )
         self._regression = Regression(self._points, np.hstack([self._amplitudes, forces]), scale)
+        # the same for all states
+        self._known = self.conditions(self._points)
+        self._tree = cKDTree(self._points / scale)
+        self._names = short_names(self.parameters)
+        self._ends = np.array([[p.low, p.high] for p in self.parameters]).T
 
     @classmethod
     def train(
@@ -227,7 +261,8 @@ class ReducedModel:
             *(f"  {p.key} from {p.low:g} to {p.high:g}" for p in self.parameters),
         ]
         if c:
-            u, force = c["u"], c["force"]
+            u, force, sure, rough = c["u"], c["force"], c["certified"], c["regression"]["force"]
+            head = self.head
             other = ", ".join(
                 f"{k} from {a:g} to {b:g}" for k, (a, b) in c.get("ranges", {}).items()
             )
@@ -235,11 +270,22 @@ class ReducedModel:
                 f"{c['points']} unseen states{other and f', {other}'}, {c['failed']} failed:",
                 f"  displacement: error {u['median']:.1e} in the median, {u['max']:.1e} at most",
                 f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
+                f"  at the {sure['points']} that it certifies: displacement {sure['u']:.1e} of the "
+                f"largest, force {sure['force']:.1e} at most",
                 f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
                 f"{c['indicator_ratio']['max']:.2f}",
                 f"  {c['cpu_us_per_state']:.0f} us per state, {c['full_cpu_s_per_state']:.2f} s a "
                 "full one (processor time)",
+                f"regression of the same {head['full_solves']} full solves:",
+                f"  force: error {rough['median']:.1e} in the median, {rough['max']:.1e} at most",
+                f"  {c['regression']['cpu_us_per_state']:.0f} us per state, made in "
+                f"{head['solves_cpu_s']:.0f} s, the reduced model in {head['offline_cpu_s']:.0f} s",
             ]
+            if c["lost"]:
+                lines.append(
+                    f"  left out: {c['lost']} states without a stable full solution, "
+                    f"{c['lost_unmarked']} of them not marked"
+                )
         if self.head["probes_left_out"]:
             lines.append(f"probes left out: {', '.join(self.head['probes_left_out'])}")
         return "\n".join(lines)
@@ -326,8 +372,8 @@ class ReducedModel:
             answer = Answer(start, forces, none, none > 0, np.full(len(values), np.nan))
         else:
             answer = self._solver.solve(
-                conditions, start, self.conditions(self._points),
-                self._amplitudes[:, : self.modes], self._nearest(values), most,
+                conditions, start, self._known, self._amplitudes[:, : self.modes],
+                np.asarray(self._tree.query(values / self._scale)[1]), most,
                 self._lifts(values).reshape(len(values), self.modes, -1),
             )  # fmt: skip
         error = np.full(len(values), np.nan)
@@ -335,22 +381,25 @@ class ReducedModel:
             error = self._indicate(conditions, answer)
             # where none was found there is no state whose error could be given
             error[~answer.converged & (most == MOST_STEPS)] = np.nan
-        probes = self._probes(values, answer)
+        probes = self._probes(conditions, answer)
         names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]
         force = probes[names[0]] if names else np.full(len(values), np.nan)
-        low, high = (
-            np.array([getattr(p, end) for p in self.parameters]) for end in ("low", "high")
-        )
         margin = 1e-9 * self._scale
-        within = (values >= low - margin) & (values <= high + margin)
+        within = (values >= self._ends[0] - margin) & (values <= self._ends[1] + margin)
         inside = np.asarray(within.all(axis=1))
+        full = self.marks.worst(values, self._scale)
+        # of the largest state, as the tolerance is; not a number is not below
+        size = np.linalg.norm(answer.amplitudes, axis=1) / self.largest
+        worst = error * size * self.certificate.get("over_estimate", np.nan)
+        certified = inside & answer.converged & (full < LOST) & (worst <= self.head["tolerance"])
         return Batch(
-            force, probes, error, inside, answer.converged, answer.iterations, answer.amplitudes
-        )
+            force, probes, error, inside, full, certified, answer.converged, answer.iterations,
+            answer.amplitudes,
+        )  # fmt: skip
 
     def key_of(self, name: str) -> str:
         """Key of a parameter by a key of the deck, as in `--set`, or its short name."""
-        names = short_names(self.parameters)
+        names = self._names
         if name not in names and "." in name:
             name = deck_key("deck", name, self.head["overrides"], self.head["deck"])
         if name not in names:
@@ -390,11 +439,6 @@ class ReducedModel:
         """The full model that this one was made of."""
         return full_model_of(self._arrays, self.head, self._solver.threads)
 
-    def _nearest(self, values: F64) -> I64:
-        from scipy.spatial import cKDTree
-
-        return np.asarray(cKDTree(self._points / self._scale).query(values / self._scale)[1])
-
     def _indicate(self, conditions: Conditions, answer: Answer) -> F64:
         """Size of a Newton step in more modes, relative."""
         n, m = len(answer.amplitudes), self._finer.model.r
@@ -404,15 +448,14 @@ class ReducedModel:
         size = np.linalg.norm(finer, axis=1)
         return np.linalg.norm(finer - start, axis=1) / np.maximum(size, self._least)
 
-    def _probes(self, values: F64, answer: Answer) -> dict[str, F64]:
+    def _probes(self, conditions: Conditions, answer: Answer) -> dict[str, F64]:
         """Values of the probes: forces, with tractions added, and displacements."""
-        given = self.conditions(values).given
-        push = answer.force + given @ np.asarray(self._arrays["tractions"]).T
+        push = answer.force + conditions.given @ np.asarray(self._arrays["tractions"]).T
         found = {}
         named = [probe for probe in self.head["probes"] if is_stress(probe["quantity"])]
         if self._places is not None:
             kinds = {k: probe["quantity"] for k, probe in enumerate(named)}
-            stress = self._places.values(self.conditions(values), answer.amplitudes, kinds)
+            stress = self._places.values(conditions, answer.amplitudes, kinds)
         for probe in self.head["probes"]:
             if is_stress(probe["quantity"]):
                 value = stress[named.index(probe)][:, None]

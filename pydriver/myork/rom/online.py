@@ -98,8 +98,8 @@ class Solver:
         self._whole = self._record if whole is model.cells else record(model, whole)
         self.threads = threads
         self.least = least
-        # the wrapper takes no empty arrays
-        self._wanted = np.asarray(wanted, np.int32) + 1 if len(wanted) else np.array([model.r + 1])
+        # the wrapper takes no empty arrays; one 0 is no force
+        self._wanted = np.asarray(wanted, np.int32) + 1 if len(wanted) else np.zeros(1, np.int32)
         self._count = len(wanted)
 
     def newton(

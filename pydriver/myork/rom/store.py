@@ -15,14 +15,25 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.arrays import UNREADABLE, Rule, attribute, dataset, fitted, index, offsets, raw, real
+from myork.arrays import (
+    UNREADABLE,
+    Rule,
+    attribute,
+    dataset,
+    fitted,
+    index,
+    offsets,
+    raw,
+    real,
+    whole,
+)
 from myork.errors import FileError, InputError
 from myork.files import whole_file
 from myork.model_file import model_of_bytes
 from myork.rom.parameters import KINDS, Parameter
 from myork.rom.probes import is_stress
 
-FORMAT = "myork-rom 5"
+FORMAT = "myork-rom 6"
 
 _CELLS = {"all": int, "kept": int, "force": int}
 _SPREAD = {"median": float, "max": float}
@@ -42,14 +53,23 @@ _HEAD: dict[str, Any] = {
     "overrides": [str],
     "deck_sha256": str,
     "full_cpu_s": float,
+    "tolerance": float,
+    "full_solves": int,
+    "solves_cpu_s": float,
+    "offline_cpu_s": float,
 }
 #: Types of the certificate, where there is one
 _CERTIFICATE: dict[str, Any] = {
     "points": int,
     "failed": int,
+    "lost": int,
+    "lost_unmarked": int,
     "u": _SPREAD,
     "force": _SPREAD,
+    "over_estimate": float,
     "indicator_ratio": {"min": float, "max": float},
+    "certified": {"points": int, "u": float, "force": float},
+    "regression": {"force": _SPREAD, "cpu_us_per_state": float},
     "cpu_us_per_state": float,
     "full_cpu_s_per_state": float,
 }
@@ -171,6 +191,8 @@ def _rules(head: Mapping[str, Any]) -> tuple[dict[str, Rule], dict[str, int]]:
         "training/parameters": real("states", "parameters"),
         "training/amplitudes": real("states", "indicator modes"),
         "training/forces": real("states", "forces"),
+        "marks/values": real("marks", "parameters"),
+        "marks/mark": whole("marks", least=1, most=3),
         "lifts/parameters": real("states of forces", "parameters"),
         "lifts/values": real("states of forces", "lifts"),
         "basis": real("unknowns", "online modes"),

@@ -28,6 +28,7 @@ from myork.rom.check import (
     started,
 )
 from myork.rom.full import FullModel, cloud_arrays
+from myork.rom.marks import LOST, Marks
 from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
 from myork.rom.online import Answer, Regression, Solver
@@ -227,10 +228,13 @@ class _Training:
         self.tolerance, self.full_solves, self.seed = tolerance, full_solves, seed
         self.progress = progress
         self.snapshots: Snapshots | None = None
+        p = len(setting.parameters)
+        self.marks = Marks(np.zeros((0, p)), np.zeros(0, np.int64))
         self.lifts = np.zeros((0, scene.dofs))
         self.cpu: list[float] = []
         self.started_cpu: list[float] = []
         self.failed = self.read_states = 0
+        self.failed_cpu = 0.0
         self.tests: Tests | None = None
         self.draft: Draft | None = None
 
@@ -250,7 +254,9 @@ class _Training:
         kinds = self.setting.parameters
         self.solve(_corners(kinds, self.full_solves, self.seed), RAY_STEPS)
         if self.snapshots is None:
-            raise ConvergenceError("no full solve of the corners of the range converged")
+            raise ConvergenceError(
+                "no full solve of the corners of the range converged to a stable state: narrow it"
+            )
         at = np.flatnonzero(self.snapshots.share >= 1.0)[:_LIFT_STATES]
         self.lifts = _lift_fields(
             self.full, self.setting, self.snapshots.values[at], self.snapshots.x[at], self.progress
@@ -262,6 +268,7 @@ class _Training:
             self.draft = self.make_draft(final=False)
             if len(waiting):
                 chosen, waiting = waiting[:count], waiting[count:]
+                chosen = chosen[self.marks.least(chosen, widths_of(kinds)) < LOST]
             else:
                 met = self.met(tests)
                 if met and any(p.kind == "sigma_max" for p in kinds):
@@ -274,7 +281,9 @@ class _Training:
             self.solve(chosen, None)
             self.draft = None
         if len(self.snapshots.x) < 4:
-            raise ConvergenceError("fewer than four states of the full model converged")
+            raise ConvergenceError(
+                "the full model has fewer than four stable states in the range: narrow it"
+            )
         self.draft = self.draft or self.make_draft(final=True)
         if tests and self.tests is None:
             self.solve_tests(tests)
@@ -305,13 +314,22 @@ class _Training:
         kinds = self.setting.parameters
         values = self.unknown(values)
         for row, start in zip(values, self.guess(values), strict=True):
+            begin = time.process_time()
             try:
-                state = self.full.solve(kinds, row, steps, start)
+                near = len(self.sound(row[None])) == 0
+                state = self.full.solve(kinds, row, steps, start, doubted=near)
             except ConvergenceError as reason:
                 self.failed += 1
+                self.failed_cpu += time.process_time() - begin
+                self.marks = self.marks.added(row, LOST)
                 self.progress(f"full solve at {self.named(row)}: {reason}; left out")
                 continue
             (self.started_cpu if state.started else self.cpu).append(state.cpu_s)
+            self.marks = self.marks.added(row, state.mark)
+            if state.mark == LOST:
+                # on which of several branches it lies is chance: no curve runs through such states
+                self.progress(f"full solve at {self.named(row)}: an unstable state; left out")
+                continue
             self.snapshots = joined(self.snapshots, kinds, state, row)
             self.progress(
                 f"full solve {self.full_solves - self.left}/{self.full_solves}: {self.named(row)}"
@@ -332,9 +350,12 @@ class _Training:
         self.progress(f"test on {count} states that the training does not see")
         seed = self.seed + 7919
         values = spread_points(self.setting.parameters, count, seed)
+        values = values[self.marks.least(values, widths_of(self.setting.parameters)) < LOST]
         self.tests = solve_tests(
-            self.full, self.setting.parameters, values, seed, self.guess, self.progress
+            self.full, self.setting.parameters, values, seed, self.guess, self.progress, self.marks
         )
+        for row in self.tests.lost:
+            self.marks = self.marks.added(row, LOST)
 
     def met(self, tests: int) -> bool:
         """Whether the model of the states so far, with all cells, meets the tolerance."""
@@ -343,16 +364,24 @@ class _Training:
         if self.tests is None:
             self.solve_tests(tests)
         assert self.tests is not None and self.draft is not None
-        values = self.tests.values
+        near = self.marks.worst(self.tests.values, widths_of(self.setting.parameters))
+        tried = self.tests.some(np.flatnonzero(near < LOST))
+        values = tried.values
+        if len(values) == 0:
+            return False
         answer = self.draft.solve(self.setting, values)
         force = self.draft.forces(self.setting, values, answer)
         modes = self.draft.basis.modes[:, : self.draft.basis.r]
-        u, wrong = largest_errors(self.tests, self.setting, answer, modes, force)
+        u, wrong = largest_errors(tried, self.setting, answer, modes, force)
         self.progress(
             f"after {self.full_solves - self.left} full solves, all cells: largest error of the "
             f"displacement {u:.1e}, of the force {wrong:.1e}"
         )
         return max(u, wrong) <= self.tolerance
+
+    def sound(self, values: F64) -> F64:
+        """Those of the values around which no state is lost."""
+        return values[self.marks.worst(values, widths_of(self.setting.parameters)) < LOST]
 
     def choose(self, count: int) -> F64:
         """Values at which the reduced model so far estimates its largest errors, apart."""
@@ -366,6 +395,7 @@ class _Training:
         found = answer.converged & np.isfinite(gain)
         gain[~found] = 2.0 * gain[found].max(initial=1.0)
         scale = widths_of(kinds)
+        gain[self.marks.worst(values, scale) == LOST] = 0.0
         chosen = []
         for _ in range(count):
             best = int(np.argmax(gain))
@@ -377,7 +407,9 @@ class _Training:
     def model(self, head: dict[str, Any], more: dict[str, Any], begin: float) -> ReducedModel:
         """The model with few cells and its certificate; the test has no say in the cells."""
         assert self.draft is not None
-        values = spread_points(self.setting.parameters, CANDIDATES // 2, self.seed + 7907)
+        kinds = self.setting.parameters
+        values = self.sound(spread_points(kinds, CANDIDATES // 2, self.seed + 7907))
+        virtual = self.sound(spread_points(kinds, VIRTUAL, self.seed + 1))
         answer = self.draft.solve(self.setting, values)
         good = answer.converged
         values, answer = values[good], Answer._make(a[good] for a in answer)
@@ -389,7 +421,7 @@ class _Training:
         off: list[CellErrors] = []
         for share in _FINER:
             arrays = finish(
-                self.scene, self.setting, self.draft, share * self.tolerance, self.seed,
+                self.scene, self.setting, self.draft, virtual, share * self.tolerance, self.seed,
                 self.progress,
             )  # fmt: skip
             found.append(self.rom(dict(arrays) | more, dict(head), begin))
@@ -404,7 +436,9 @@ class _Training:
         # more cells need not be better ones
         best = found[off.index(min(off))]
         if self.tests is not None:
-            best.set_certificate(measure(best, self.tests))
+            # the second time it knows what it may certify
+            for _ in range(2):
+                best.set_certificate(measure(best, self.tests))
         return best
 
     def rom(self, arrays: dict[str, Any], head: dict[str, Any], begin: float) -> ReducedModel:
@@ -421,6 +455,7 @@ class _Training:
             "started_solves": len(self.started_cpu),
             "read_states": self.read_states,
             "failed_full_solves": self.failed,
+            "solves_cpu_s": sum(self.cpu) + sum(self.started_cpu) + self.failed_cpu,
             "full_cpu_s": float(np.mean(self.cpu or [0.0])),
             "started_cpu_s": float(np.mean(self.started_cpu or [0.0])),
             "offline_cpu_s": time.process_time() - begin,
@@ -428,6 +463,7 @@ class _Training:
             "seed": self.seed,
         }
         arrays["tractions"] = self.setting.pushes
+        arrays |= {"marks/values": self.marks.values, "marks/mark": self.marks.mark}
         arrays["head"] = json.dumps(head)
         return ReducedModel(arrays)
 
@@ -471,15 +507,15 @@ def finish(
     scene: Scene,
     setting: Setting,
     draft: Draft,
+    values: F64,
     tolerance: float,
     seed: int,
     progress: ProgressCallback,
 ) -> dict[str, Any]:
-    """Arrays of the model: modes, volume, few cells."""
+    """Arrays of the model: modes, volume, few cells, trained at values beside the full states."""
     basis, model, finer, known, amplitudes = draft
     m, r = basis.modes.shape[1], basis.r
     progress(f"{r} modes of {len(known.x)} states; they leave {basis.lost:.1e} of them")
-    values = spread_points(setting.parameters, VIRTUAL, seed + 1)
     values = np.vstack([values, values_beyond(setting, seed)])
     answer = draft.solve(setting, values)
     good = answer.converged

@@ -44,8 +44,6 @@ _DIED = (
 )
 #: How `myork explain` prints the time of a solve with its error bars
 _TIME = r"about ([\d.eE+-]+) CPU s"
-#: A reduced model's answer is doubtful above this estimated error
-_INDICATOR = 0.01
 
 
 def sweep(
@@ -342,12 +340,7 @@ def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) 
     cpu = (time.process_time() - start) / len(left)
     probes = answer.scalars()
     for i, number in enumerate(left):
-        doubts = {
-            "the reduced model found no state": not answer.converged[i],
-            "outside the range of the training": not answer.inside[i],
-            f"estimated error {answer.indicator[i]:.1e}": not answer.indicator[i] <= _INDICATOR,
-        }
-        reasons = [reason for reason, holds in doubts.items() if holds]
+        reasons = answer.doubts(i)
         verdict = "doubtful" if reasons else "accepted"
         store.add(
             {

@@ -12,6 +12,7 @@ from myork.core.changing import ChangingScene
 from myork.core.states import Fields
 from myork.errors import InputError, MyorkError
 from myork.rom.check import LEAST_FORCE
+from myork.rom.marks import LOST, NEAR_LOST
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
 from myork.summary import read_summary
@@ -261,6 +262,8 @@ class Answers:
             for p, v in zip(self.rom.parameters, row, strict=True)
             if not p.low - 1e-9 * (p.high - p.low) <= v <= p.high + 1e-9 * (p.high - p.low)
         ]
+        if batch.full[0] == LOST:
+            outside.append(NEAR_LOST)
         return verdict_of(bool(batch.converged[0]), error, j, outside)
 
     def _bar_of_force(self, folder: Path) -> dict[str, Any] | None:
@@ -334,7 +337,7 @@ def verdict_of(
     - `converged`: whether the equations are solved
     - `indicator`: estimated error of the displacement, relative to it or to a share of the largest
     - `smallest_j`: smallest volume ratio
-    - `outside`: what lies outside the range of the training, a sentence each
+    - `outside`: what lies outside the range of the training or near lost states, a sentence each
     """
     if not converged:
         return "refused", ["no state was found for these values", *outside]

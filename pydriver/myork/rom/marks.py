@@ -1,0 +1,48 @@
+"""Where the full model's own answers are doubtful or lost: what its solves nearby have shown."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from myork.types import F64, I64
+
+#: Marks of full solves, the worse the larger. A reduced model can meet a doubtful state, as where
+#: ellipticity is lost at some points; where the equilibrium is unstable, or was not found, there
+#: are several states or none, and which one a solve ends in is chance.
+ACCEPTED, DOUBTFUL, LOST = 1, 2, 3
+#: Their names; nothing is known by a model whose states were all read from folders
+NAMES = ("unknown", "accepted", "doubtful", "lost")
+#: What speaks against an answer near lost states
+NEAR_LOST = "full solves nearby are unstable or found no state"
+
+
+class Marks(NamedTuple):
+    """What full solves have shown."""
+
+    values: F64  #: Values of the parameters, shape `(n, p)`
+    mark: I64  #: Marks, shape `(n,)`
+
+    def added(self, row: F64, mark: int) -> "Marks":
+        """With one more."""
+        return Marks(np.vstack([self.values, row]), np.append(self.mark, mark))
+
+    def worst(self, values: F64, scale: F64) -> I64:
+        """The worst mark of the solves around values, one more than there are parameters.
+
+        - `values`: shape `(n, p)`
+        - `scale`: widths of the ranges, shape `(p,)`
+        - returns shape `(n,)`, 0 where no solve has a mark
+        """
+        return self._around(values, scale).max(axis=1, initial=0)
+
+    def least(self, values: F64, scale: F64) -> I64:
+        """The same of the best one."""
+        near = self._around(values, scale)
+        return near.min(axis=1, initial=LOST) if near.size else np.zeros(len(values), np.int64)
+
+    def _around(self, values: F64, scale: F64) -> I64:
+        count = min(len(self.mark), values.shape[1] + 1)
+        with np.errstate(over="ignore"):
+            gap = (((values[:, None] - self.values[None]) / scale) ** 2).sum(axis=2)
+        nearest = np.argsort(gap, axis=1, kind="stable")[:, :count]
+        return np.asarray(self.mark[nearest], np.int64)
