@@ -44,7 +44,7 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
     assert counts == [3, 3, 2.0, 0.0]
     assert angle(fibers.data[inside], exact).max() < 1e-5
     data[:, :, :] = 0.0
-    with pytest.raises(InputError, match=r"dti.nii: 108 of 108 places .* voxel \(0, 0, 0\)"):
+    with pytest.raises(InputError, match=r"dti.nii: 108 of 108 voxels .* voxel \(0, 0, 0\)"):
         fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
 
 

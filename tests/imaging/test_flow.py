@@ -59,7 +59,9 @@ def test_a_flow_that_is_not_found_is_told(monkeypatch):
     inside[2, 2, 1:4] = 0
     with (
         np.errstate(invalid="ignore"),
-        pytest.raises(ConvergenceError, match=r"build.flow: .* piece of \d+ voxels is not found"),
+        pytest.raises(
+            ConvergenceError, match=r"build.flow: .* component of \d+ voxels did not converge"
+        ),
     ):
         flow_fibers(Labels(inside, np.eye(4)))
 

@@ -83,7 +83,7 @@ def test_fiber_channels_do_not_know_the_sign_and_fade_without_direction():
     np.testing.assert_allclose(((a - b) ** 2).sum(-1), 2 * sine, atol=1e-9)
     np.testing.assert_allclose(fiber_channels(tensor, there, "absolute")[1:], np.abs(v[1:]))
     assert (fiber_channels(tensor, there, "aligned")[..., 2] >= 0).all()
-    with pytest.raises(InputError, match="no direction of diffusion"):
+    with pytest.raises(InputError, match="the diffusion is isotropic everywhere"):
         fiber_channels(Image(0 * tensor.data, np.eye(4), "flat"), there, "dyad")
 
 

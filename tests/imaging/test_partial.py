@@ -154,9 +154,10 @@ def test_labels_changed_by_hand_do_not_take_the_parts_of_before(where, becomes, 
     checked_parts(Image(parts, np.eye(4)), Labels(data, np.eye(4)))
     changed = data.copy()
     changed[slice(*where)] = becomes
-    with pytest.raises(InputError, match="these are the parts of other labels") as told:
+    with pytest.raises(InputError, match="the fractions belong to another label map") as told:
         checked_parts(Image(parts, np.eye(4)), Labels(changed, np.eye(4), {}, "drawn"))
-    assert f"first ({first}, 0, 0)" in str(told.value) and "in drawn hold none" in str(told.value)
+    assert f"the first is ({first}, 0, 0)" in str(told.value)
+    assert "inside a label of drawn" in str(told.value)
 
 
 @pytest.mark.slow
