@@ -258,8 +258,12 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
 }
 
 // Whether source points on the sides can hold prescribed displacements exactly, so that no answer
-// depends on a penalty. Tendons and pressures with a free rim take the penalty.
+// depends on a penalty. Tendons, pressures with a free rim and tangents that are not factorised take
+// the penalty, and who gives one wants it.
 static bool can_hold(Deck &deck) {
+   const Section *form = deck.single("galerkin");
+   if (form && (form->find("penalty") || form->find("direct_limit")))
+      return false;
    const std::vector<Section *> entries = deck.entries("boundary");
    return std::none_of(entries.begin(), entries.end(), [](const Section *entry) {
       return entry->find("tendon") || entry->find("pressure");

@@ -70,6 +70,25 @@ def test_defaults_of_the_galerkin_forms(method: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("change", "essential"),
+    [
+        ({}, "transformation"),
+        ({"probe": []}, "penalty"),
+        ({"geometry": SHEET["geometry"]}, "penalty"),
+        ({"galerkin": {"gauss": 3}}, "transformation"),
+        ({"galerkin": {"penalty": 50.0}}, "penalty"),
+        ({"galerkin": {"direct_limit": 0}}, "penalty"),
+        ({"boundary": [held("y0", 2), {"set": "y1", "pressure": 1.0}]}, "penalty"),
+    ],
+)
+def test_a_search_holds_displacements_exactly(change: dict[str, Any], essential: str) -> None:
+    free = {**SHEET, "geometry": {"kind": "box", "size": [2, 1]}}
+    probe = {"name": "tip", "quantity": "u_y", "point": [1, 1]}
+    deck = load_deck({**free, "probe": [probe], **change})
+    assert deck["galerkin"]["essential"] == essential
+
+
+@pytest.mark.parametrize(
     ("where", "steps"),
     [({"load": [0.5, 1.0]}, 10), ({"load": [1.0]}, 1), ({"activation": [0.2]}, 10)],
 )
