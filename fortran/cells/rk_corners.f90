@@ -9,6 +9,9 @@ module rk_corners
 
    public :: corners_type, new_corners, has_corners
 
+   !> Relative difference of spacings that are equal [-]
+   real(wp), parameter :: alike = 1.0e-6_wp
+
    !> Cells of a lattice and the source points at their corners
    type :: corners_type
       !> Source points of each cell, the first direction fastest, shape (2^nd, cells)
@@ -23,13 +26,14 @@ module rk_corners
 
 contains
 
-!> Whether source points are the corners of cells: in boxes whose points keep to their lattice, and
-!> in bodies of voxels
+!> Whether source points are the corners of equal cells: in boxes whose points keep to their even
+!> lattice, and in bodies of voxels
 pure logical function has_corners(cloud)
    type(cloud_type), intent(in) :: cloud
 
    has_corners = allocated(cloud%block) .or. (allocated(cloud%lattice) &
-      & .and. .not. (cloud%polar .or. cloud%jittered))
+      & .and. .not. (cloud%polar .or. cloud%jittered .or. any(maxval(cloud%spacing, dim=2) &
+      & > (1.0_wp + alike)*minval(cloud%spacing, dim=2))))
 end function has_corners
 
 !> Find the corners of all cells

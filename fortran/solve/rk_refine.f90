@@ -129,10 +129,13 @@ subroutine refine(self, deck, model, receiver, error)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
          & self%points = joined(words_of(deck, scene%cloud, cells))
       call new_problem(problem, scene, error)
-      if (allocated(error)) return
-      unknowns = problem%n
-      call solve(problem, scene, deck, model, receiver, merge(start + cost, huge(1.0_wp), &
-         & allocated(self%start)), run, bars, error)
+      if (.not. allocated(error)) then
+         unknowns = problem%n
+         call solve(problem, scene, deck, model, receiver, merge(start + cost, huge(1.0_wp), &
+            & allocated(self%start)), run, bars, error)
+      else if (.not. allocated(self%start)) then
+         return
+      end if
       if (.not. allocated(error)) then
          if (allocated(earlier)) call bars_by_earlier(bars, earlier, growth)
          worst = maxval(relative(bars), mask=counts)
@@ -143,8 +146,10 @@ subroutine refine(self, deck, model, receiver, error)
          self%start = run
          earlier = bars
       end if
-      call free_discretisation(problem)
-      deallocate (problem)
+      if (allocated(problem)) then
+         call free_discretisation(problem)
+         deallocate (problem)
+      end if
       if (receiver%stopped()) call fatal_error(error, err_stopped, 'stopped while the points ' &
          & //'were refined')
       if (allocated(error)) then

@@ -35,7 +35,7 @@ _TABLES = (
     "scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load",
     "amplitude",
 )  # fmt: skip
-_OTHER_KEYS = {"file", "steps", "at", "max_halvings"}
+_OTHER_KEYS = {"file", "steps", "at", "max_halvings", "essential"}
 
 
 class FullState(NamedTuple):

@@ -19,7 +19,7 @@ from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.probes import force_names, named_probes
 from myork.rom.snapshots import States, full_states
 from myork.summary import read_summary, renewing, update_summary
-from myork.tables import NOT_TABLES
+from myork.tables import NOT_TABLES, override_text
 from myork.types import F64
 
 
@@ -108,8 +108,16 @@ def times_faster(ratio: float) -> str:
 def _with_steps(
     deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
 ) -> Sequence[str]:
-    """Overrides that give a state for each mode where the deck has a single load step."""
+    """Overrides that give a state for each mode where the deck has a single load step, and modes the
+    penalty where nobody chose points.
+    """
     tables = load_deck(deck, overrides, "rom")
+    source = tables.get("geometry", {}).get("source")
+    if source and tables.get("galerkin", {}).get("essential") == "transformation":
+        said = load_deck(deck, [*overrides, override_text("geometry.source", source)], "rom")
+        if said["galerkin"]["essential"] == "penalty":
+            # exact only because nobody chose the points; modes need the penalty
+            overrides = [*overrides, override_text("galerkin.essential", "penalty")]
     if "load" not in tables or step_count(tables) == tables["load"]["steps"]:
         return overrides
     steps, wanted = step_count(tables), max(tables["rom"]["modes"])

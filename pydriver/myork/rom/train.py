@@ -167,7 +167,10 @@ def train(
         for folder in snapshots:
             training.read(Path(folder))
         training.run(tests)
-        head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": values["sha256"]}
+        # a sweep gives the model the values of its points: not where an amplitude scales them
+        said = values if values.get("amplitude") else load_deck(deck, overrides, "solve")
+        sha256 = said["sha256"]
+        head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": sha256}
         rom = training.model(head, {} if cloud is None else cloud_arrays(cloud), begin)
     return rom
 
@@ -381,7 +384,8 @@ class _Training:
 
     def sound(self, values: F64) -> F64:
         """Those of the values around which no state is lost."""
-        return values[self.marks.worst(values, widths_of(self.setting.parameters)) < LOST]
+        good = self.marks.worst(values, widths_of(self.setting.parameters)) < LOST
+        return values[good] if good.any() else values
 
     def choose(self, count: int) -> F64:
         """Values at which the reduced model so far estimates its largest errors, apart."""
