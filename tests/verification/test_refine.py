@@ -13,6 +13,7 @@ from myork.core.deck import text_of_tables
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.report import make_report
+from myork.rom.study import run_rom
 from myork.stations.solve import run_deck
 from tests.scenes import BEAM_TIP, RUBBER, beam, held, scene, solved, voxels
 
@@ -141,6 +142,24 @@ def test_a_reduced_model_has_one_set_of_points(tmp_path: Path, asked: dict[str, 
     path.write_text(text_of_tables(without_points() | asked))
     with pytest.raises(InputError, match=r"accuracy, \[refine\]: reduced models"):
         ReducedModel.train(path, {"material.rubber.A10": (30.0, 40.0)})
+
+
+def test_the_path_reduction_of_a_deck_without_points(tmp_path: Path) -> None:
+    """Displacements hold exactly there by default, which modes cannot follow."""
+    found = run_rom(without_points() | {"rom": {"modes": [2]}}, tmp_path / "rom")
+    assert found["models"][0]["e1"] < 0.05
+
+
+def test_graded_points_above_the_direct_limit() -> None:
+    """Their cells differ, for which there is no preconditioner: the tangent is factorised."""
+    deck = cantilever()
+    deck["geometry"]["graded"] = ["x0"]
+    del deck["refine"]
+    tips = []
+    for limit in (60000, 10):
+        with Scene.from_tables(deck | {"galerkin": {"direct_limit": limit}}) as opened:
+            tips.append(solved(opened).last()["tip"])
+    assert tips[0] == tips[1]
 
 
 def test_other_forms_take_the_points_at_which_a_search_begins() -> None:
