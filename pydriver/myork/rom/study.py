@@ -108,9 +108,7 @@ def times_faster(ratio: float) -> str:
 def _with_steps(
     deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
 ) -> Sequence[str]:
-    """Overrides that give a state for each mode where the deck has a single load step, and modes the
-    penalty where nobody chose points.
-    """
+    """Overrides: a state for each mode of a single load step, the penalty without given points."""
     tables = load_deck(deck, overrides, "rom")
     source = tables.get("geometry", {}).get("source")
     if source and tables.get("galerkin", {}).get("essential") == "transformation":
