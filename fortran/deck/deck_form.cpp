@@ -258,8 +258,8 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
 }
 
 // Whether source points on the sides can hold prescribed displacements exactly, so that no answer
-// depends on a penalty. Tendons, pressures with a free rim and tangents that are not factorised take
-// the penalty, and who gives one wants it.
+// depends on a penalty. Tendons, pressures with a free rim and tangents that are not factorised need
+// the penalty, and a deck that sets its size asks for it.
 static bool can_hold(Deck &deck) {
    const Section *form = deck.single("galerkin");
    if (form && (form->find("penalty") || form->find("direct_limit")))

@@ -319,8 +319,8 @@ class _Training:
         for row, start in zip(values, self.guess(values), strict=True):
             begin = time.process_time()
             try:
-                near = len(self.sound(row[None])) == 0
-                state = self.full.solve(kinds, row, steps, start, doubted=near)
+                near = self.marks.worst(row[None], widths_of(kinds))[0] == LOST
+                state = self.full.solve(kinds, row, steps, start, doubted=bool(near))
             except ConvergenceError as reason:
                 self.failed += 1
                 self.failed_cpu += time.process_time() - begin
@@ -383,7 +383,7 @@ class _Training:
         return max(u, wrong) <= self.tolerance
 
     def sound(self, values: F64) -> F64:
-        """Those of the values around which no state is lost."""
+        """Those of the values around which no state is lost, or all where there are no such."""
         good = self.marks.worst(values, widths_of(self.setting.parameters)) < LOST
         return values[good] if good.any() else values
 
