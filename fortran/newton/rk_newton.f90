@@ -229,8 +229,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end do
    x = a
    self%unstable = .false.
-   if (allocated(it%solver)) self%unstable = it%solver == 'lu' &
-      & .and. index(it%why, 'not positive definite') > 0
+   if (allocated(it%solver)) self%unstable = it%solver == 'lu' .and. it%indefinite
    call self%damping%finish()
    if (now%saddles > 0) call recorder%note(saddle_text(now, load, norm2(r)), &
       & warning=.true.)

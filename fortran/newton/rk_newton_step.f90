@@ -125,6 +125,7 @@ subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
       it%solver = square%used
       it%refinements = square%iterations
       it%why = square%why
+      it%indefinite = square%indefinite
    else
       call solve_lstsq(op, b, linear, x, report, error, factor)
       if (allocated(error)) return

@@ -34,6 +34,8 @@ module rk_recorder
       !> Least squares solver used, and why
       character(len=:), allocatable :: solver
       character(len=:), allocatable :: why
+      !> The tangent of a square problem had no Cholesky factor
+      logical :: indefinite = .false.
       !> Wall time since the start of the solve [s]
       real(wp) :: seconds = 0.0_wp
    end type iteration_type
