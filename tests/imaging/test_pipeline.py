@@ -2,7 +2,6 @@
 
 import json
 
-import nibabel
 import numpy as np
 import pytest
 
@@ -267,15 +266,6 @@ def test_bad_tensors_in_the_file_are_counted(own):
     write_image(folder / "nan.nii.gz", tensor)
     warnings = run(names=("anatomy=t1", "tensor=nan"))["segmentation"]["warnings"]
     assert any("nan.nii.gz" in text and "neighbours replaces them" in text for text in warnings)
-
-
-@pytest.mark.slow
-def test_same_run_same_files(mg, tmp_path, inputs):
-    out, _ = mg
-    segment(inputs / "mg_muscle.toml", tmp_path)
-    for name in ("anatomy", "segmentation", "fibers"):
-        a, b = (nibabel.load(f / f"{name}.nii.gz").get_fdata() for f in (out, tmp_path))
-        assert np.array_equal(a, b), name
 
 
 def test_summary_keeps_other_entries_and_survives_a_broken_file(tmp_path):
