@@ -1,6 +1,7 @@
 """The page of a reduced model: what it shows is what the model says, in a real browser."""
 
 import contextlib
+import http.client
 import io
 import json
 import os
@@ -15,6 +16,7 @@ import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -464,24 +466,45 @@ def test_who_has_left_gets_nothing_computed(near: _Server, monkeypatch: pytest.M
     staying.close()
 
 
-def test_an_honest_client_beside_a_crowd(trained: Path) -> None:
-    """`python tests/view/crowd.py` prints the times, for crowds ten times as large."""
-    program = [sys.executable, str(Path(__file__).with_name("crowd.py")), str(trained), "--json"]
-    counts = ["--clients", "50", "--questions", "2", "--idle", "300", "--seconds", "0.5"]
-    record = json.loads(subprocess.run([*program, *counts], capture_output=True, check=True).stdout)
-    got = {name: one["got"] for name, one in record.items()}
-    # those that stay are of the hundred connections that may be open
-    assert got.pop("idle")["ended"] >= 200
-    assert got == {
-        "nobody": {},
-        "no token": {"403": 100},
-        "foreign Host": {"403": 100},
-        "2,000-fold questions": {"400": 100},
-        "not a number": {"400": 100},
-        "states": {"200": 100},
-        "curves, leaving": {"left": 100},
-    }
-    assert all(one["answers"] >= 50 for one in record.values())
+STATE, CURVES = "state?p=0.4,0.1,30&field=von_mises", "curves?p=0.4,0.1,30&probe=0&family=1"
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "status"),
+    [
+        ("/" + STATE, "", 403),
+        (STATE, "example.org", 403),
+        (CURVES + "&of=" + ",".join(["0"] * 2000), "", 400),
+        (STATE.replace("0.4,0.1,30", "nan,1e999,x"), "", 400),
+        (STATE, "", 200),
+        (CURVES, "", 0),
+    ],
+    ids=["no token", "foreign host", "2,000-fold", "not a number", "states", "leaving"],
+)
+def test_an_honest_client_beside_a_crowd(address: str, path: str, host: str, status: int) -> None:
+    """Fifty clients ask twice, or leave before their answer: another one has all of its own."""
+    url = urlsplit(address)
+
+    def ask(path: str, count: int, stays: bool = True, **headers: str) -> list[int]:
+        connection, got = http.client.HTTPConnection(url.netloc, timeout=60), []
+        for _ in range(count):
+            target = path if path.startswith("/") else url.path + path
+            connection.request("GET", target, headers=headers)
+            if stays:
+                with connection.getresponse() as answer:
+                    answer.read()
+                    got.append(answer.status)
+            else:
+                connection.close()
+        connection.close()
+        return got
+
+    with ThreadPoolExecutor(51) as pool:
+        honest = pool.submit(ask, STATE, 25)
+        header = {"Host": host} if host else {}
+        crowd = [pool.submit(ask, path, 2, status > 0, **header) for _ in range(50)]
+        assert honest.result() == [200] * 25
+        assert [code for one in crowd for code in one.result()] == [status] * (100 * (status > 0))
 
 
 @pytest.mark.parametrize(
