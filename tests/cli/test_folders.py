@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from myork.cli import main
@@ -333,31 +332,3 @@ def test_a_station_that_fails_marks_what_it_leaves(tmp_path: Path) -> None:
     with renewing(tmp_path, "model"):
         update_summary(tmp_path, {"model": {"volume": 2.0}})
     assert not failures(read_summary(tmp_path))
-
-
-@pytest.mark.slow
-def test_a_full_disk_loses_nothing(deck: Path, tmp_path: Path) -> None:
-    """Limits on the size of files stand for full disks, from none of the files to most of them."""
-    import resource
-
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
-    before, summary = files_of(out), read_summary(out)
-    failed = 0
-    for size in np.geomspace(1, 2e5, 12).astype(int):
-
-        def limit(size: int = int(size)) -> None:
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-        done = solve(deck, out, preexec_fn=limit)
-        if done.returncode == 0:
-            assert read_summary(out)["steps"] == summary["steps"]
-            continue
-        failed += 1
-        assert done.returncode == 2, done.stderr
-        assert "too large" in done.stderr
-        assert read_summary(out / "previous") == summary
-        assert files_of(out / "previous") == before
-        assert not (out / "summary.json").exists() or not told(out)[0]
-    assert failed >= 6

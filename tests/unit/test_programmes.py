@@ -84,28 +84,6 @@ def test_the_ramp_is_an_amplitude_like_others() -> None:
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
 
 
-def test_an_elastic_body_forgets_its_way() -> None:
-    """Stretched then activated, activated then stretched, and far beyond and back: one state."""
-    states = []
-    for pull, excite in (
-        ([1, 1, 1], [0, 0.5, 1]),
-        ([0, 0.5, 1], [1, 1, 1]),
-        ([1.6, 0.2, 1], [0.3, 1, 1]),
-    ):
-        deck = block(load={"activation": 0.4, "amplitude": "excite"})
-        deck["amplitude"] = [
-            {"name": name, "time": [0, 0.3, 0.6, 1], "value": [0, *value]}
-            for name, value in (("pull", pull), ("excite", excite))
-        ]
-        deck["solver"] = {"tolerance": 1e-9}
-        states.append(solved(deck))
-    size = np.abs(states[0][2]).max()
-    for _, probes, x in states[1:]:
-        np.testing.assert_allclose(x, states[0][2], atol=1e-7 * size)
-        np.testing.assert_allclose(probes[-1], states[0][1][-1], rtol=1e-6)
-    assert abs(states[0][1][0, 1] - states[1][1][0, 1]) > 0.1
-
-
 def test_a_body_that_is_let_go_returns_to_rest() -> None:
     deck = block()
     deck["amplitude"][0]["value"] = [0, 1, 1, 0]
