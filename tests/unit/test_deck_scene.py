@@ -15,6 +15,7 @@ from myork.errors import InputError
 from tests.scenes import annulus, box, held, scene
 
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 6.43, "K": 5000, "fiber": [0, 0, 1]}
+BARE = {key: MUSCLE[key] for key in MUSCLE if key != "fiber"}
 CLAMPED, PULLED = held("z0"), {"set": "z1", "traction": [0, 0, 2.5]}
 MID = {"name": "mid", "quantity": "cauchy_zz", "point": [0.5, 0.5, 1]}
 PULL = {"name": "pull", "quantity": "force", "set": "z0"}
@@ -61,7 +62,7 @@ def probed(*point: float) -> dict[str, Any]:
         (probed(2, 0, 0), "point = [2, 0, 0]", "probe.mid.point: (2, 0, 0) lies outside "),
         (probed(0, 0, -0.1), "point = [0, 0, -0.1]", "probe.mid.point: (0, 0, -0.1) lies out"),
         (
-            {"material": [{key: MUSCLE[key] for key in MUSCLE if key != "fiber"}]},
+            {"material": [BARE]},
             "[[material]]",
             "material.muscle.fiber: missing, collocation point 1 ",
         ),
@@ -98,8 +99,12 @@ def test_a_body_that_nothing_holds(write_deck: Write) -> None:
 
 
 def test_annulus(inputs: Path) -> None:
-    """Sides and points of an annulus."""
     for override, message in {
+        "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
+        "boundary.inner.u_x=1": "cannot be given beside u_x",
+        "scene.dimension=3": "annulus needs scene.dimension = 2, not 3",
+        "probe.radial_stress.quantity=u_z": "u_z is always zero in two dimensions",
+        "boundary.inner.u_z=1": "only for scene.dimension = 3; here scene.dimension = 2",
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",
         "probe.radial_stress.point=[-0.1,7]": "(-0.1, 7) lies outside the annulus",
         "boundary.inner.set=z0": "'z0' is not a side of this annulus; there are inner, outer, x0",
@@ -120,13 +125,9 @@ def test_radial_displacements_are_for_round_sides() -> None:
 
 def test_fiber_angle_gives_the_fiber(tmp_path: Path) -> None:
     """From the last axis towards x, in the deck's own words."""
-    turned = {key: MUSCLE[key] for key in MUSCLE if key != "fiber"} | {"fiber_angle": 30}
-    run_deck(
-        BLOCK | {"material": [turned]},
-        tmp_path / "out",
-        overrides=["load.steps=1", *RIGHT],
-        verbosity=-1,
-    )
+    turned = BARE | {"fiber_angle": 30}
+    words = ["load.steps=1", *RIGHT]
+    run_deck(BLOCK | {"material": [turned]}, tmp_path / "out", overrides=words, verbosity=-1)
     with Results(tmp_path / "out") as results:
         fiber = results.fiber
     np.testing.assert_allclose(fiber, np.broadcast_to([0.5, 0, 0.75**0.5], fiber.shape), 1e-6)
