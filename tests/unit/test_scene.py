@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from myork.core.scene import Scene
 from myork.errors import InputError
-from tests.scenes import box, held, scene, solved
+from tests.scenes import box, held, refused, scene, solved
 
 TABLES = scene(
     "rkcm", box(3, 3, 4, size=[1, 1, 2], places=(4, 4, 6)),
@@ -88,6 +88,10 @@ def test_wrong_shapes_are_refused(open_scene):
             opened.reduce(modes)
     with pytest.raises(InputError, match="no reduced model"):
         opened.solve_reduced("dgels")
+    n = np.zeros((opened.collocation_points, 3))
+    for force, stress, what in ((n, n, "stress"), (n + np.nan, n[..., None] * n[:1], "body_force")):
+        with pytest.raises(InputError, match=f"{what} must be finite and have shape"):
+            opened.set_fields(force, n, stress)
 
 
 def test_sizes(open_scene):
@@ -135,12 +139,11 @@ METHODS = ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"]
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_contradicting_conditions_are_refused(method, open_scene):
+def test_contradicting_conditions_are_refused(method):
     contradiction = {**TABLES, "boundary": [held("z0"), {"set": "x0", "u_x": 0.5}]}
-    with pytest.raises(
-        InputError, match=r"^tables: .* two displacements, .*component 1 at \(0, 0, 0\)"
-    ):
-        open_scene(contradiction, f'scene.method="{method}"')
+    said = refused(contradiction, overrides=[f'scene.method="{method}"'])
+    assert said.startswith("tables: ") and "two displacements, " in said
+    assert "component 1 at (0, 0, 0)" in said
 
 
 def test_the_same_condition_twice_is_none_too_many(open_scene):

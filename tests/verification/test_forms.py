@@ -14,8 +14,6 @@ from scipy.optimize import brentq
 from benchmarks.truths import manufactured
 from benchmarks.truths.measures import observed_order
 from myork.bench import exact
-from myork.core.scene import Scene
-from myork.errors import InputError
 from tests.scenes import (
     LINEAR,
     MUSCLE,
@@ -402,17 +400,6 @@ def test_wrong_stationary_point_is_no_answer():
     assert right["outcome"] == "converged"
     assert right["u_error"] < 3e-5
     assert right["stress_error"] < 1e-5
-
-
-def test_fields_of_a_wrong_shape_are_refused(inputs):
-    with Scene(inputs / "shear_2d.toml") as opened:
-        n = opened.collocation_points
-        good = np.zeros((n, 3))
-        with pytest.raises(InputError, match="stress must be finite and have shape"):
-            opened.set_fields(good, good, np.zeros((n, 3)))
-        good[3, 1] = np.nan
-        with pytest.raises(InputError, match="body_force must be finite"):
-            opened.set_fields(good, good, np.zeros((n, 3, 3)))
 
 
 # ---- tangents that are not formed ----------------------------------------------------------------
