@@ -16,19 +16,8 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]
 )
 #: Where what stands in backquotes is a path of the tree
-FOLDERS = (
-    "benchmarks",
-    "docs",
-    "examples",
-    "fortran",
-    "inputs",
-    "notebooks",
-    "pydriver",
-    "tests",
-    ".ci",
-    ".github",
-    "conda",
-)
+FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
+FOLDERS += [".ci", ".github", "conda"]
 
 
 def name_of(path: Path) -> str:

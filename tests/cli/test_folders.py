@@ -139,11 +139,8 @@ def test_a_killed_run_leaves_no_summary_of_another(deck: Path, tmp_path: Path) -
     assert solve(deck, out).returncode == 0
     before = files_of(out)
     run = begun(deck, out)
-    assert told(out) == (
-        False,
-        "refused",
-        f"the run of process {run.pid} has not ended, or was killed",
-    )
+    why = f"the run of process {run.pid} has not ended, or was killed"
+    assert told(out) == (False, "refused", why)
     run.kill()
     run.wait()
     assert told(out)[:2] == (False, "refused")
@@ -322,13 +319,10 @@ def test_a_station_that_fails_marks_what_it_leaves(tmp_path: Path) -> None:
     update_summary(tmp_path, {"model": {"volume": 1.0}, "units": {}})
     with pytest.raises(ValueError, match="no such slice"), renewing(tmp_path, "model", "tissue"):
         raise ValueError("no such slice")
-    assert read_summary(tmp_path) == {
-        "model": {"volume": 1.0, "failed": "no such slice"},
-        "units": {},
-    }
-    assert failures(read_summary(tmp_path)) == [
-        "The model is that of an earlier run; the last one: no such slice"
-    ]
+    found = read_summary(tmp_path)
+    assert found == {"model": {"volume": 1.0, "failed": "no such slice"}, "units": {}}
+    said = "The model is that of an earlier run; the last one: no such slice"
+    assert failures(found) == [said]
     with renewing(tmp_path, "model"):
         update_summary(tmp_path, {"model": {"volume": 2.0}})
     assert not failures(read_summary(tmp_path))

@@ -170,9 +170,8 @@ def test_interrupt_keeps_the_last_converged_state(
     assert process.returncode == 1
     summary = read_summary(tmp_path)
     assert summary["converged"] is False
-    attempted = re.search(
-        r"stopped on the way to load (\S+); last converged load (\S+) \(", message
-    )
+    line = r"stopped on the way to load (\S+); last converged load (\S+) \("
+    attempted = re.search(line, message)
     assert attempted, message
     assert float(attempted[1]) > float(attempted[2]) == pytest.approx(summary["steps"][-1]["load"])
     assert 1 <= len(summary["steps"]) < 1000

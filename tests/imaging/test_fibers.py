@@ -88,9 +88,8 @@ def test_signs_of_vectors_do_not_matter():
     data = direction * random.choice([-1.0, 1.0], (6, 6, 4, 1))
     labels = Labels(np.ones((6, 6, 4), np.int32), np.eye(4))
     place = random.random((20, 3)) * [5, 5, 3]
-    found = fibers_at_points(
-        Image(data, np.eye(4)), labels, place, np.ones(20, np.int32), (2, 2, 1)
-    )
+    own = np.ones(20, np.int32)
+    found = fibers_at_points(Image(data, np.eye(4)), labels, place, own, (2, 2, 1))
     assert angle(found, direction).max() < 1e-5
 
 

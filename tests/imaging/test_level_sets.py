@@ -15,11 +15,8 @@ from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of, threshold_regions
 
 DEFAULTS = table_defaults("image")
-STEERING = {key: DEFAULTS[key] for key in ("mu", "tolerance", "iterations")} | {
-    "nu": 0.0,
-    "epsilon": 0.5,
-    "dt": 500.0,
-}
+STEERING = {key: DEFAULTS[key] for key in ("mu", "tolerance", "iterations")}
+STEERING |= {"nu": 0.0, "epsilon": 0.5, "dt": 500.0}
 
 
 def choice(**changes):
@@ -130,9 +127,8 @@ def test_distance_term_is_the_slope_of_its_energy(shape):
     keys = dict(spacing=spacing, weight=part, mu=0.0, gamma=0.3, volume=True)
     found = evolve(np.zeros_like(phi), phi, iterations=1, dt=1e-7, **keys)
     cell = np.prod([h for h, n in zip(spacing, shape, strict=True) if n > 1])
-    assert found["energy"][0, 0] == pytest.approx(
-        0.3 * cell * distance_energy(phi[..., 0], spacing, part)
-    )
+    started = 0.3 * cell * distance_energy(phi[..., 0], spacing, part)
+    assert found["energy"][0, 0] == pytest.approx(started)
     slope = np.empty(shape)
     for place in np.ndindex(shape):
         change = np.zeros(shape)
@@ -297,7 +293,7 @@ def test_impossible_choices(change, message):
         phase_of(image, inside >= 0, **change)
 
 
-def test_not_a_number_in_the_region_is_named():
+def test_regions_without_an_image():
     u = np.zeros((4, 4, 3, 2))
     u[1, 1, 2, 1] = np.nan
     with pytest.raises(InputError, match=r"channel 1 is not finite at voxel \(1, 1, 2\)"):
@@ -305,9 +301,6 @@ def test_not_a_number_in_the_region_is_named():
                         spacing=(1, 1, 1))  # fmt: skip
     with pytest.raises(InputError, match="must be finite"):
         evolve(u[..., :1] * 0, u[..., :1] + np.inf)
-
-
-def test_empty_region_and_flat_region():
     image, _ = disc()
     with pytest.raises(InputError, match="region to segment is empty"):
         phase_of(image, image.data < 0)
@@ -316,15 +309,11 @@ def test_empty_region_and_flat_region():
         phase_of(flat, flat.data > 0)
 
 
-def test_seed_outside_and_seed_in_the_other_phase():
-    image, inside = disc()
-    with pytest.raises(InputError, match="lies outside of disc"):
-        piece_with_seed(inside, image, [900.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="does not lie in the segmented phase"):
-        piece_with_seed(inside, image, [0.0, 0.0, 0.0])
-
-
 def test_seed_picks_one_of_two_pieces():
+    image, inside = disc()
+    for x, what in ((900.0, "lies outside of disc"), (0.0, "does not lie in the segmented phase")):
+        with pytest.raises(InputError, match=what):
+            piece_with_seed(inside, image, [x, 0.0, 0.0])
     mask = np.zeros((10, 10, 2), bool)
     mask[1:3] = mask[6:9] = True
     affine = np.diag([-2.0, 2.0, 5.0, 1.0])

@@ -147,12 +147,8 @@ def test_rotated_header_gives_the_same_model_in_its_own_frame(mg, phantom):
 
 def test_fibers_at_points_are_those_of_the_phantom(mg, phantom):
     cloud, _ = mg
-    i, j, k = (
-        np.rint((cloud.voxels.centre * 10 - phantom.truth.affine[:3, 3]) / phantom.truth.spacing)
-        .astype(int)
-        .T
-    )
-    exact = phantom.fiber.data[i, j, k]
+    place = (cloud.voxels.centre * 10 - phantom.truth.affine[:3, 3]) / phantom.truth.spacing
+    exact = phantom.fiber.data[tuple(np.rint(place).astype(int).T)]
     known = exact.any(axis=1)
     # Fibers turn by 12 degrees over 18 pixels; a voxel aside is a degree.
     assert angle(exact, cloud.fiber)[known].max() < 2.0
@@ -254,14 +250,8 @@ def test_blocks_keep_place_and_size():
     [
         ({"ids": [4]}, r"no voxel has label \[4\]; the labels there are: 1"),
         ({"slices": [3, 9]}, r"build.slices = \[3, 9\] does not lie in the 6 slices"),
-        (
-            {"collocation_stride": [2, 2, 1], "source_stride": [3, 4, 1]},
-            "must be a multiple of build.collocation_stride",
-        ),
-        (
-            {"collocation_stride": [40, 40, 1], "source_stride": [40, 40, 1]},
-            "nothing is left of the labels",
-        ),
+        ({"collocation_stride": [2, 2, 1], "source_stride": [3, 4, 1]}, "must be a multiple of bu"),
+        (dict.fromkeys(("collocation_stride", "source_stride"), [40, 40, 1]), "nothing is left of"),
     ],
 )
 def test_impossible_wishes(change, message):

@@ -15,15 +15,13 @@ from myork.imaging.geometry import canonical
 from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels, PointCloud
-from tests.scenes import box, held, scene, solved, voxels
+from tests.scenes import box, held, refused, scene, solved, voxels
 
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "fiber": [0, 0, 1]}
 PULL = [{"name": "pull", "quantity": "force_z", "set": "z1"}]
 
 
-def block(
-    material: list[dict[str, Any]], method: str = "rkpm-gauss", **more: Any
-) -> dict[str, Any]:
+def block(material: list[Any], method: str = "rkpm-gauss", **more: Any) -> dict[str, Any]:
     """Held at both ends, across them free to widen."""
     geometry = box(5, 5, 5, size=[1, 1, 2], places=(5, 5, 5))
     ends = [held("z0"), held("z1")]
@@ -47,12 +45,8 @@ def test_halves_that_are_active_are_two_muscles() -> None:
     Moduli are the same, so that mixing at the border mixes activations only.
     """
     step = block([MUSCLE | {"activation": "0.4*(x < 0.5)"}])
-    parts = block(
-        [
-            MUSCLE | {"activation": 0.0},
-            MUSCLE | {"name": "active", "activation": 0.4, "where": "x < 0.5"},
-        ]
-    )
+    active = {"name": "active", "activation": 0.4, "where": "x < 0.5"}
+    parts = block([MUSCLE | {"activation": 0.0}, MUSCLE | active])
     found = []
     for tables in (step, parts):
         with Scene.from_tables(tables) as opened:
@@ -124,16 +118,12 @@ def test_images_on_turned_grids_are_turned() -> None:
         (block([MUSCLE | {"activation": "1.5*x"}]), "must be between 0 and 1"),
         (block([MUSCLE | {"activation": "1/x"}]), "is not finite"),
         (block([MUSCLE | {"activation": "x +"}]), "is not an expression"),
-        (
-            block([MUSCLE | {"activation": "x"}], "rkcm"),
-            "activation: an expression is only for scene.method = rkpm",
-        ),
+        (block([MUSCLE | {"activation": "x"}], "rkcm"), "an expression is only for scene.method ="),
     ],
 )
 def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
-    with pytest.raises(InputError, match=what.replace("(", r"\(")) as caught:
-        solved(tables)
-    assert "activation" in str(caught.value)
+    said = refused(tables)
+    assert what in said and "activation" in said
 
 
 def test_activations_of_points_that_cannot_be() -> None:

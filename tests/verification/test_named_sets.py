@@ -152,7 +152,8 @@ def test_all_of_a_curved_wall_by_its_normals() -> None:
             {"name": "steep", "side": "outer", "where": "nx > cos(pi/6)"},
             {"name": "flat", "side": "outer", "where": "ny > 0.5"},
         ],
-        boundary=[{"set": f"{a}0", f"u_{a}": 0} for a in "xy"] + [{"set": "outer", "pressure": 0.01}],
+        boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xy"),
+                  {"set": "outer", "pressure": 0.01}],
         probe=[{"name": on, "quantity": "force", "set": on} for on in ("outer", "steep", "flat")],
     )  # fmt: skip
     found = last(tables)

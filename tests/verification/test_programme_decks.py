@@ -17,11 +17,9 @@ SMALL = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]")
 def steps(deck: Path, out: Path, *overrides: str) -> dict[str, np.ndarray]:
     """Loads, smallest J and probes of all steps by name."""
     summary = run_deck(deck, out, overrides=overrides, error=False)
-    rows = [
-        {"load": step["load"], "min_J": step["min_J"], **step["probes"]}
-        for step in summary["steps"]
-    ]
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    rows = [step | step["probes"] for step in summary["steps"]]
+    names = ("load", "min_J", *summary["steps"][0]["probes"])
+    return {name: np.array([row[name] for row in rows]) for name in names}
 
 
 @pytest.mark.slow
@@ -64,11 +62,8 @@ def test_a_shortening_muscle_loses_force_and_gives_off_energy(inputs: Path, tmp_
 
 @pytest.mark.slow
 def test_two_muscles_share_the_force_of_a_joint(inputs: Path, tmp_path: Path) -> None:
-    coarse = (
-        "build.collocation_stride=[2,2,2]",
-        "build.source_stride=[4,4,4]",
-        "geometry.blocks=[8,4,6]",
-    )
+    coarse = ("build.collocation_stride=[2,2,2]", "build.source_stride=[4,4,4]",
+              "geometry.blocks=[8,4,6]")  # fmt: skip
     deck = inputs / "two_muscles.toml"
     build(deck, tmp_path, overrides=coarse)
     probe = {"name": "force_tissue", "quantity": "force_z", "set": "top", "material": "tissue"}

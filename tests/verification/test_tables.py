@@ -2,7 +2,6 @@
 
 import math
 import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,7 @@ import pytest
 from myork import Scene
 from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
-from myork.stations.solve import find_executable
-from tests.scenes import box, refused, scene, solved
+from tests.scenes import box, execute, refused, scene, solved
 
 
 def heat(**tables: Any) -> dict[str, Any]:
@@ -25,11 +23,12 @@ def heat(**tables: Any) -> dict[str, Any]:
 
 
 STEP = {"name": "k", "x": [0, 0.5, 1], "value": [1, 1, 3]}
+BY_TABLE = {"problem": "poisson", "conductivity": "k(x)"}
 
 
 def test_a_conductivity_by_table() -> None:
     """Flux 1 everywhere: u(1) is the integral of 1/k, here 1/2 + ln(3)/4 of a linear rise."""
-    tables = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
+    tables = heat(linear=BY_TABLE, table=[STEP])
     assert solved(tables).last()["u"] == pytest.approx(0.5 + math.log(3) / 4, rel=2e-3)
 
 
@@ -45,23 +44,21 @@ def test_a_table_is_the_expression_that_it_samples() -> None:
 
 
 def test_a_traction_and_a_displacement_by_table_in_a_nonlinear_scene() -> None:
+
+    def ends(lift: str, push: str) -> list[dict[str, Any]]:
+        return [{"set": "x0", "u_x": 0, "u_y": lift}, {"set": "x1", "traction": [push, 0]}]
+
     tables = scene(
         "auto", box(5, 5, places=(5, 5)),
         material=[{"name": "m", "model": "neo-hookean", "mu": 1, "K": 2}],
-        boundary=[
-            {"set": "x0", "u_x": 0, "u_y": "lift(y)"},
-            {"set": "x1", "traction": ["0.1*push(y)", 0]},
-        ],
+        boundary=ends("lift(y)", "0.1*push(y)"),
         table=[
             {"name": "push", "x": [0, 1], "value": [0, 2]},
             {"name": "lift", "x": [-1, 3], "value": [-0.02, 0.06]},
         ],
     )  # fmt: skip
     x = solved(tables).states.x
-    tables["boundary"] = [
-        {"set": "x0", "u_x": 0, "u_y": "0.02*y"},
-        {"set": "x1", "traction": ["0.2*y", 0]},
-    ]
+    tables["boundary"] = ends("0.02*y", "0.2*y")
     assert solved(tables).states.x == pytest.approx(x, rel=1e-9, abs=1e-12)
 
 
@@ -82,9 +79,8 @@ def test_a_pulse_by_table_of_the_time() -> None:
 
 def test_tables_of_two_scenes_with_one_name() -> None:
     """Each has its own, also while both are open."""
-    own = {"problem": "poisson", "conductivity": "k(x)"}
-    one = heat(linear=own, table=[STEP])
-    two = heat(linear=own, table=[STEP | {"value": [4, 4, 12]}])
+    one = heat(linear=BY_TABLE, table=[STEP])
+    two = heat(linear=BY_TABLE, table=[STEP | {"value": [4, 4, 12]}])
     with Scene.from_tables(one) as first, Scene.from_tables(two) as second:
         found = [solved(opened).last()["u"] for opened in (first, second)]
     assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
@@ -93,7 +89,7 @@ def test_tables_of_two_scenes_with_one_name() -> None:
 def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
     (folder / name).write_text(lines)
     deck = folder / "rod.toml"
-    tables = heat(linear={"problem": "poisson", "conductivity": "k(x)"})
+    tables = heat(linear=BY_TABLE)
     deck.write_text(text_of_tables(tables | {"table": [{"name": "k", "file": "k.csv"}]}))
     return deck
 
@@ -112,7 +108,7 @@ def test_tables_in_files(lines: str, tmp_path: Path) -> None:
         found = solved(opened).last()["u"]
         # what was read stands in the deck
         assert opened.deck["table"][0]["value"] == [1, 1, 3]
-    own = heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[STEP])
+    own = heat(linear=BY_TABLE, table=[STEP])
     assert found == solved(own).last()["u"]
     first = load_deck(deck)["sha256"]
     (tmp_path / "k.csv").write_text(lines.replace("3", "4"))
@@ -148,9 +144,7 @@ def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
     """It was opened, which waits for whoever writes into it."""
     deck = deck_with(tmp_path, "0,1\n", name="other.csv")
     os.mkfifo(tmp_path / "k.csv")
-    done = subprocess.run(
-        [find_executable(), deck, "--explain"], capture_output=True, text=True, timeout=60
-    )
+    done = execute(deck, tmp_path, "--explain")[1]
     assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
 
 
@@ -170,9 +164,7 @@ def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
     ],
 )
 def test_tables_that_cannot_be(table: dict[str, Any], what: str) -> None:
-    assert what in refused(
-        heat(linear={"problem": "poisson", "conductivity": "k(x)"}, table=[table])
-    )
+    assert what in refused(heat(linear=BY_TABLE, table=[table]))
 
 
 @pytest.mark.parametrize("text", ["k", "k(x, 1)", "rk_table(0, x)", "k()", "kk(x)"])

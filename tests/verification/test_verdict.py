@@ -51,11 +51,8 @@ def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, d
 def test_collocation_that_bends_is_refused(
     method: str, points: tuple[int, int], share: float, work: float
 ) -> None:
-    """Least squares of second derivatives lose the bending.
-
-    The tip is 80 to 95 % too low; a finer cloud would not have shown it. The stress does as much
-    less work than the loads as the tip is too low: both are linear in the part of the bending that
-    is there. Off equilibrium no bar is given: there may be several minima of the residual.
+    """Least squares of second derivatives lose the bending, and stresses as much of the work: both
+    are linear in the part that is there. Off equilibrium no bar is given.
     """
     states, found = solved(cantilever(method, *points), ())
     assert states.verdict == "refused" and states.work_mismatch < work
@@ -76,11 +73,7 @@ def ring(radii: tuple[float, float], source: list[int], material: list[Any], **i
 
 
 def test_another_branch_gives_no_bars() -> None:
-    """Half as many points of a ring that is squeezed from inside fold another way.
-
-    The distance of two branches says nothing about the error of either; bars that were made of it
-    changed by half with the path to the same state.
-    """
+    """Half as many points of a squeezed ring fold another way, whose distance is no error."""
     a = {"name": "a", "model": "mooney-rivlin", "C1": 5.4, "C2": 1.35, "K": 6725.0}
     b = {**a, "name": "b", "C1": 6.5, "C2": 1.63, "K": 8169.0, "where": "x > 2.18234"}
     tables = ring((2.477, 4.34), [7, 8], [a, b], radial=-0.1391)
@@ -96,10 +89,8 @@ def test_another_branch_gives_no_bars() -> None:
 def test_a_straight_sheet_that_buckles_is_unstable(
     pressed: float, unstable: bool, accuracy: float | None
 ) -> None:
-    """A sheet three times as long as high, pressed by an end that may move aside.
-
-    Nothing moves it aside, and it stays straight at any load. Below the load at which it buckles a
-    push of 1e-4 of what presses moves its end by hundredths of the height, above it by tenths.
+    """Pressed by an end that may move aside, it stays straight at any load. A push of 1e-4 of what
+    presses moves the end by hundredths of the height before it buckles, by tenths after.
     """
     tables: dict[str, Any] = {
         "scene": {"dimension": 2},
@@ -128,9 +119,7 @@ def test_a_straight_sheet_that_buckles_is_unstable(
 
 
 def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
-    """A ring that suction buckles at .68 of the load: one or two steps arrive behind it, which is
-    refused, three end before it.
-    """
+    """Suction buckles a ring at .68 of the load: one step ends behind it, three before it."""
     soft = 2.114535721824404
     a = {"name": "a", "model": "neo-hookean", "K": 4970.0, "mu": 9.94}
     b = {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
@@ -181,13 +170,10 @@ def test_a_muscle_that_locks_is_refused(inputs: Path) -> None:
         ("uniaxial_compression", ("scene.method=rkcm-mixed",), {"stress": -7309.62}),
         ("shear_2d", ("scene.method=rkcm-mixed", *size(17, 5)), {"top_force": 247.93}),
         ("shear_2d", (*GAUSS, *size(17, 5)), {"top_force": 247.93}),
-        (
-            "tube",
-            ("scene.method=rkcm-mixed", *size(5, 26), "material.K=1e3"),
-            {"radial_stress": -15.588823},
-        ),
+        ("tube", ("scene.method=rkcm-mixed", *size(5, 26), "material.K=1e3"),
+         {"radial_stress": -15.588823}),
     ],
-)
+)  # fmt: skip
 def test_right_answers_are_accepted_and_covered(
     inputs: Path, deck: str, overrides: tuple[str, ...], reference: dict[str, float]
 ) -> None:
@@ -215,10 +201,7 @@ def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> No
 def test_collapsed_corners_do_not_make_other_stresses_small(
     inputs: Path, place: tuple[float, float], wanted: float, verdict: str
 ) -> None:
-    """Two corners with J = 1e-4 have stresses of 7e12: their mean gave all bars of 1891 N/cm².
-
-    Wanted are the values on 129 x 33 points.
-    """
+    """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points."""
     where = f"probe.shear_stress.point={list(place)}"
     overrides = ("scene.method=rkpm-gauss", "load.steps=1", where)
     states, found = solved(inputs / "shear_2d.toml", overrides)

@@ -14,77 +14,50 @@ from myork.core.states import States
 from myork.errors import ConvergenceError, InputError, MyorkError, RefusedError
 from tests.scenes import execute
 
-SMALL_MUSCLE = (
-    "geometry.source=[3,3,5]", "geometry.collocation=[5,5,9]", "load.steps=2",
-    "load.activation=0.3",
-)  # fmt: skip
+
+def grid(source: list[int]) -> tuple[str, str]:
+    """Source points, and collocation points at half their distance."""
+    return f"geometry.source={source}", f"geometry.collocation={[2 * n - 1 for n in source]}"
+
+
+SMALL_MUSCLE = (*grid([3, 3, 5]), "load.steps=2", "load.activation=0.3")
 
 #: Deck, overrides, verdict, a part of each warning in its order, and the error that ends the run
-CASES: dict[
-    str, tuple[str, tuple[str, ...], str, tuple[str, ...], type[MyorkError] | None]
-] = {
+CASES: dict[str, tuple[str, Any, str, Any, Any]] = {
     "stiff, and right in the displacement form": (
-        "uniaxial_tension",
-        ("scene.method=rkcm", "geometry.source=[3,3,3]", "geometry.collocation=[5,5,5]"),
-        "accepted",
-        (),
-        None,
+        "uniaxial_tension", ("scene.method=rkcm", *grid([3, 3, 3])), "accepted", (), None,
     ),
     "too stiff for the displacement form": (
-        "shear_3d",
-        ("scene.method=rkcm", "material.K=1e4", "geometry.source=[3,3,3]",
-         "geometry.collocation=[5,5,5]", "load.steps=2"),
-        "refused",
-        ("more work than the forces", "probe top_force is"),
-        RefusedError,
+        "shear_3d", ("scene.method=rkcm", "material.K=1e4", *grid([3, 3, 3]), "load.steps=2"),
+        "refused", ("more work than the forces", "probe top_force is"), RefusedError,
     ),
     "a coarse tube": (
-        "tube",
-        ("scene.method=rkcm", "geometry.source=[3,9]", "geometry.collocation=[5,17]",
-         "load.steps=4"),
-        "refused",
-        ("do not balance", "of their norm away", "probe radial_stress is"),
-        RefusedError,
+        "tube", ("scene.method=rkcm", *grid([3, 9]), "load.steps=4"), "refused",
+        ("do not balance", "of their norm away", "probe radial_stress is"), RefusedError,
     ),
     "unbalanced forces of the mixed form": (
-        "tube",
-        ("scene.method=rkcm-mixed", "geometry.source=[3,7]", "geometry.collocation=[5,13]",
-         "load.steps=4"),
-        "refused",
-        ("do not balance", "of the volume J is", "probe radial_stress is"),
-        RefusedError,
+        "tube", ("scene.method=rkcm-mixed", *grid([3, 7]), "load.steps=4"), "refused",
+        ("do not balance", "of the volume J is", "probe radial_stress is"), RefusedError,
     ),
     "ellipticity, mixed form": (
-        "muscle_fibers",
-        (*SMALL_MUSCLE, "scene.method=rkcm-mixed", "approximation.order=2",
-         "approximation.support=3"),
-        "refused",
-        ("loses ellipticity at", "less work than the forces", "of the volume J is",
-         "of their norm away", "probe stress_zz is"),
-        RefusedError,
+        "muscle_fibers", (*SMALL_MUSCLE, "scene.method=rkcm-mixed", "approximation.order=2",
+                          "approximation.support=3"),
+        "refused", ("loses ellipticity at", "less work than the forces", "of the volume J is",
+                    "of their norm away", "probe stress_zz is"), RefusedError,
     ),
     "ellipticity, nodal integration": (
-        "muscle_fibers",
-        (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
-         "approximation.order=1", "approximation.support=2"),
-        "doubtful",
-        ("loses ellipticity at", "J at points is",
-         "of its size away from the same with [3,3,5] points"),
-        None,
+        "muscle_fibers", (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
+                          "approximation.order=1", "approximation.support=2"),
+        "doubtful", ("loses ellipticity at", "J at points is",
+                     "of its size away from the same with [3,3,5] points"), None,
     ),
     "ended early": (
-        "shear_2d",
-        ("load.steps=2", "load.max_halvings=0", "solver.max_iterations=3"),
-        "refused",
-        ("did not converge at load 0.5",),
-        ConvergenceError,
+        "shear_2d", ("load.steps=2", "load.max_halvings=0", "solver.max_iterations=3"), "refused",
+        ("did not converge at load 0.5",), ConvergenceError,
     ),
     "a linear problem with too few equations": (
-        "poisson_2d",
-        ("geometry.source=[9,9]", "geometry.collocation=[5,5]"),
-        "refused",
-        ("fewer equations (25) than unknowns (81)",),
-        InputError,
+        "poisson_2d", ("geometry.source=[9,9]", "geometry.collocation=[5,5]"), "refused",
+        ("fewer equations (25) than unknowns (81)",), InputError,
     ),
 }  # fmt: skip
 
@@ -142,7 +115,7 @@ def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) ->
 
 
 def test_errors_of_a_linear_problem(inputs: Path, tmp_path: Path) -> None:
-    overrides = ("geometry.source=[9,9]", "geometry.collocation=[17,17]")
+    overrides = grid([9, 9])
     states, _ = in_memory(inputs / "poisson_2d.toml", overrides)
     summary = by_executable(inputs / "poisson_2d.toml", overrides, tmp_path)
     assert states.warnings == summary["warnings"] == []
@@ -167,10 +140,6 @@ def test_warnings_are_those_of_the_last_solve(inputs: Path) -> None:
 
 @pytest.mark.slow
 def test_homogeneous_states_balance_their_work(inputs: Path) -> None:
-    """The rows vanish at the solution and Simpson's rule is exact.
-
-    What remains is the rounding of the state, 1e-13, times K over the shear modulus, 1.3e6, times
-    the stretch to the power of three.
-    """
+    """Rows vanish and Simpson's rule is exact: rounding, 1e-13, times K/mu, 1.3e6, times 6^3."""
     with Scene(inputs / "uniaxial_tension.toml", ("load.steps=5",), threads=1) as scene:
         assert abs(scene.solve().work_mismatch) < 1e-5
