@@ -277,10 +277,10 @@ def test_two_programmes_are_the_long_one(tmp_path, method):
         for folder in (second, alone):
             with Results(folder) as found:
                 for step in range(3):
-                    ours, theirs = found.restart(step), expected.restart(2 + step)
-                    np.testing.assert_allclose(
-                        ours.coefficients, theirs.coefficients, atol=1e-6 * size
+                    one, two = (
+                        x.coefficients for x in (found.restart(step), expected.restart(2 + step))
                     )
+                    np.testing.assert_allclose(one, two, atol=1e-6 * size)
                 np.testing.assert_allclose(found.restart(0).coefficients, last, atol=1e-6 * size)
     # one iteration confirms the state
     assert sum(line.startswith("0,") for line in history(second)) <= 2

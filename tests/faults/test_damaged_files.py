@@ -426,9 +426,7 @@ def rewritten(voxel_rom: Path, path: Path, **changes: Any) -> Path:
 
 @pytest.mark.parametrize("name", ["force/first", "force/tissue", "indicator/tissue"])
 @pytest.mark.parametrize("value", [10**6, 2**31 - 1, -(2**31)])
-def test_indices_that_ended_the_process(
-    voxel_rom: Path, tmp_path: Path, name: str, value: int
-) -> None:
+def test_indices_that_were_fatal(voxel_rom: Path, tmp_path: Path, name: str, value: int) -> None:
     path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **{name: (3, value)})
     with pytest.raises(InputError, match=rf"^{path}: '{name}' must hold .*entry 3 is {value}"):
         ReducedModel.load(path)

@@ -87,10 +87,8 @@ def test_channels_belong_to_an_anatomy(folder):
 def echoes(folder):
     """A leg of muscle under fat, in two echoes whose phases wrap, in files; truth of both."""
     i, j, _ = np.indices((64, 64, 5)) - np.array([31.5, 31.5, 2.0]).reshape(3, 1, 1, 1)
-    r = np.hypot(i, j)
-    kind = np.select(
-        [r > 29, r > 21, np.hypot(i, j - 6) > 7, np.hypot(i, j - 6) > 4], [0, 2, 1, 3], 4
-    )
+    r, bone = np.hypot(i, j), np.hypot(i, j - 6)
+    kind = np.select([r > 29, r > 21, bone > 7, bone > 4], [0, 2, 1, 3], 4)
     water, fat = (np.choose(kind, one) for one in ([0, 0.95, 0.06, 0.03, 0.06], [0, 0.04, 1, 0, 1]))
     fat = fat + np.where((kind == 1) & (i < 0), 0.15, 0.0)
     random = np.random.default_rng(1)

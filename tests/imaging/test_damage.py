@@ -78,9 +78,7 @@ def test_segment_and_build_name_the_slices(tmp_path: Path) -> None:
     assert entry == {
         "file": entry["file"], "slices": [7, 8], "why": "no signal", "station": "segment",
     }  # fmt: skip
-    assert any(
-        "slices 7, 8 (from 0) have no signal" in w for w in found["segmentation"]["warnings"]
-    )
+    assert "slices 7, 8 (from 0) have no signal" in "\n".join(found["segmentation"]["warnings"])
     labels = np.ones((6, 6, 9), "i2")
     labels[..., 4] = 0
     nibabel.save(nibabel.Nifti1Image(labels, AFFINE), tmp_path / "labels.nii")

@@ -112,10 +112,9 @@ def test_hole_in_the_fibers_is_named():
     data[:2] = [0, 0, 1.0]
     labels = Labels(np.ones((20, 3, 3), np.int32), np.eye(4), {1: "soleus"})
     place = np.argwhere(labels.data).astype(float)
+    fibers, ones = Image(data, np.eye(4), "fibers"), np.ones(180, np.int32)
     with pytest.raises(InputError, match="fibers, soleus: .* have no usable fiber vector"):
-        fibers_at_points(
-            Image(data, np.eye(4), "fibers"), labels, place, np.ones(180, np.int32), (1, 1, 1)
-        )
+        fibers_at_points(fibers, labels, place, ones, (1, 1, 1))
 
 
 def bent(snr, radius=60.0, **keys):

@@ -15,9 +15,8 @@ from tests.scenes import held, scene
 
 def cone(top=72):
     """A part of a cone with its tip at the origin and half a slope of 0.35; directions from it."""
-    x, y, z = np.meshgrid(
-        np.arange(60) - 29.5, np.arange(60) - 29.5, np.arange(40, top) + 0.5, indexing="ij"
-    )
+    side = np.arange(60) - 29.5
+    x, y, z = np.meshgrid(side, side, np.arange(40, top) + 0.5, indexing="ij")
     away = np.stack([x, y, z], axis=-1)
     return np.hypot(x, y) < 0.35 * z, away / np.linalg.norm(away, axis=-1, keepdims=True)
 
@@ -57,12 +56,8 @@ def test_a_flow_that_is_not_found_is_told(monkeypatch):
     inside = np.zeros((6, 6, 6), np.int32)
     inside[1:5, 1:5] = 1
     inside[2, 2, 1:4] = 0
-    with (
-        np.errstate(invalid="ignore"),
-        pytest.raises(
-            ConvergenceError, match=r"build.flow: .* component of \d+ voxels did not converge"
-        ),
-    ):
+    said = r"build.flow: .* component of \d+ voxels did not converge"
+    with np.errstate(invalid="ignore"), pytest.raises(ConvergenceError, match=said):
         flow_fibers(Labels(inside, np.eye(4)))
 
 

@@ -44,9 +44,8 @@ def test_six_muscles_in_every_slice_with_fibers_of_their_pennation(phantom):
     assert all(set(np.unique(truth[:, :, k])) == set(range(7)) for k in range(truth.shape[2]))
     length = np.linalg.norm(phantom.fiber.data, axis=-1)
     np.testing.assert_allclose(length, truth > 0, atol=1e-12)
-    lean, half = (
-        np.arccos(own.fiber.data[truth == 3, 2]) for own in (phantom, make_phantom(pennation=0.5))
-    )
+    both = phantom, make_phantom(pennation=0.5)
+    lean, half = (np.arccos(own.fiber.data[truth == 3, 2]) for own in both)
     np.testing.assert_allclose(half, 0.5 * lean, atol=1e-12)
 
 

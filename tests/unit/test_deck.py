@@ -187,9 +187,7 @@ def test_byte_order_mark_and_windows_lines(write: Write, text: str | bytes) -> N
         ("'''.toml", "scene"),
     ],
 )
-def test_a_deck_without_title_has_the_name_of_its_file(
-    tmp_path: Path, name: str, title: str
-) -> None:
+def test_a_deck_without_title_has_its_name(tmp_path: Path, name: str, title: str) -> None:
     path = tmp_path / name
     path.write_text(BLOCK.replace('title = "block"\n', ""))
     assert load_deck(path)["title"] == title
@@ -449,9 +447,8 @@ def test_wrong_line(
         return
     tables = tomllib.loads(text)
     address = path_in(tables, message.split(":")[0])
-    places = {
-        ".".join(map(str, error.absolute_path)) for error in editor_schema.iter_errors(tables)
-    }
+    errors = editor_schema.iter_errors(tables)
+    places = {".".join(map(str, error.absolute_path)) for error in errors}
     assert all(f"{address}.".startswith(place) or place.startswith(address) for place in places)
     assert any(place.startswith(address.rpartition(".")[0]) for place in places), places
 
@@ -659,9 +656,7 @@ TEMPLATES = sorted((ROOT / "pydriver" / "myork" / "templates").glob("*.toml"))
 
 
 @pytest.mark.parametrize("path", [*DECKS, *TEMPLATES], ids=lambda path: path.stem)
-def test_editors_find_no_fault_in_good_decks(
-    path: Path, editor_schema: jsonschema.Draft4Validator
-) -> None:
+def test_editors_find_no_fault(path: Path, editor_schema: jsonschema.Draft4Validator) -> None:
     editor_schema.validate(tomllib.loads(path.read_text(encoding="utf-8")))
 
 

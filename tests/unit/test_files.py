@@ -61,17 +61,15 @@ def lay(path: Path, how: str) -> Path:
 
 def _store(folder: Path) -> Store:
     """Store of a sweep of two points that nothing reads back."""
-    inputs: Any = SimpleNamespace(
-        head={"points": [[0], [1]], "calls": []}, columns=set(), check=lambda: None
-    )
+    head = {"points": [[0], [1]], "calls": []}
+    inputs: Any = SimpleNamespace(head=head, columns=set(), check=lambda: None)
     return Store(folder, inputs, {"units": {}})
 
 
+ZEROS = Image(np.zeros((2, 2, 2)), np.eye(4))
 WRITERS = {
     "summary.json.part": lambda out: write_json(out / "summary.json", {}),
-    "part.a.nii.gz": lambda out: write_image(
-        out / "a.nii.gz", Image(np.zeros((2, 2, 2)), np.eye(4))
-    ),
+    "part.a.nii.gz": lambda out: write_image(out / "a.nii.gz", ZEROS),
     "model.h5.part": lambda out: write_model(out / "model.h5", cloud()),
     "sweep.csv.part": lambda out: _store(out).write_table([], []),
     "sweep.parquet.part": lambda out: _store(out).write_table([], []),

@@ -198,10 +198,8 @@ def test_descent_of_eight_regions() -> None:
     h, lam = sp.symbols("h1:4"), sp.symbols("q1:9")
     # bits of the regions of (3.19): inside of the first, second, third level set
     inside = "111", "101", "011", "110", "001", "010", "100", "000"
-    member = [
-        sp.prod(s if bit == "1" else 1 - s for s, bit in zip(h, word, strict=True))
-        for word in inside
-    ]
+    pairs = [zip(h, word, strict=True) for word in inside]
+    member = [sp.prod(s if bit == "1" else 1 - s for s, bit in pair) for pair in pairs]
     energy = sum(q * m for q, m in zip(lam, member, strict=True))
     printed = {  # regions of the negative and of the positive terms, in the order of their factors
         0: ((1, 2, 4, 7), (3, 5, 6, 8)),
@@ -295,13 +293,10 @@ def test_invariants_of_appendix_c() -> None:
     c = f.T * f
     j, i1 = f.det(), c.trace()
     rest = dict.fromkeys(t, 0)
-    wanted = {
-        1: i1 * j ** sp.Rational(-2, 3),
-        2: (i1**2 - (c * c).trace()) / 2 * j ** sp.Rational(-4, 3),
-    }
-    found = _printed_appendix(
-        np.array(f0.tolist(), float), [np.array(step.tolist(), float) for step in steps]
-    )
+    third, i2 = sp.Rational(1, 3), (i1**2 - (c * c).trace()) / 2
+    wanted = {1: i1 * j ** (-2 * third), 2: i2 * j ** (-4 * third)}
+    first, *others = (np.array(matrix.tolist(), float) for matrix in (f0, *steps))
+    found = _printed_appendix(first, others)
     for k, invariant in wanted.items():
         for order in (1, 2, 3):
             exactly = float(invariant.diff(*t[:order]).subs(rest))

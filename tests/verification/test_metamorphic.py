@@ -429,9 +429,8 @@ def differences(
             value, bar, size = twin.turn @ value, abs(twin.turn) @ bar, 3
         kind = re.split("_", name)[0]
         kind = "stress" if kind in ("cauchy", "pressure", "principal") else kind
-        rows.append(
-            (probe["name"], kind, value[:size], bar[:size], two.value[i][:size], two.bar[i][:size])
-        )
+        pairs = (value, bar, two.value[i], two.bar[i])
+        rows.append((probe["name"], kind, *(entry[:size] for entry in pairs)))
         kinds[kind] = max([kinds.get(kind, 0.0), *abs(value[:size])])
     kinds["torque"] = max(kinds["torque"], kinds["force"] * twin.length * max(case.frame[1]))
     for name, kind, value, bar, other, its in rows:

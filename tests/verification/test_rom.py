@@ -165,9 +165,8 @@ def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     with Scene.from_tables(tables, threads=1) as scene:
         pull = scene.probes(scene.solve(error=False).x, [1.0])[-1, 0]
     assert errors[0] > 10 * errors[2]
-    assert_allclose(
-        study["full"]["probes"]["pull"][-1], pull, rtol=1e-6, atol=1e-6 * max(abs(pull))
-    )
+    last = study["full"]["probes"]["pull"][-1]
+    assert_allclose(last, pull, rtol=1e-6, atol=1e-6 * max(abs(pull)))
 
 
 def test_pressures_that_are_unknowns_are_not_reduced():

@@ -26,10 +26,8 @@ def pull(on: str) -> list[dict[str, Any]]:
 
 def rubbers(*mu: float, bulk: float) -> list[dict[str, Any]]:
     """Soft materials of labels 1, 2 and so on, K a multiple of the shear modulus."""
-    soft = {"model": "neo-hookean"}
-    return [
-        {"name": f"m{k}", "mu": m, "K": bulk * m, "label": k, **soft} for k, m in enumerate(mu, 1)
-    ]
+    law = {"model": "neo-hookean"}
+    return [dict(law, name=f"m{k}", mu=m, K=bulk * m, label=k) for k, m in enumerate(mu, 1)]
 
 
 def brick(share: NDArray[Any], slices: int) -> PointCloud:
@@ -176,9 +174,7 @@ def test_a_label_without_fractions_leaves_no_error_bar() -> None:
     soft = {"model": "neo-hookean", "K": 200.0}
     tables = scene(
         "auto", {}, boundary=[held("z0"), held("z1", u_z=0.1)], probe=pull("z1"),
-        material=[
-            {"name": f"m{k}", "mu": m, "label": k, **soft} for k, m in ((1, 1), (2, 4), (3, 2))
-        ],
+        material=[dict(soft, name=f"m{k}", mu=m, label=k) for k, m in ((1, 1), (2, 4), (3, 2))],
     )  # fmt: skip
     found = solved(tables, cloud=cloud, error=True)
     assert found.last()["F"] > 0.0
