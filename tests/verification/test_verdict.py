@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from myork import Scene, make_report, run_deck
+from myork.bench.runs import lattice
 from myork.core.states import States
 from myork.errors import ConvergenceError, RefusedError
 from tests import scenes
@@ -27,12 +28,6 @@ GAUSS = (
     "approximation.kernel=cubic", "galerkin.gauss=2",
 )  # fmt: skip
 TIP = 0.9145
-
-
-def size(*source: int) -> tuple[str, str]:
-    """Source points, and collocation points at half their distance."""
-    other = [2 * n - 1 for n in source]
-    return f"geometry.source={list(source)}", f"geometry.collocation={other}"
 
 
 def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, dict[str, Any]]:
@@ -145,7 +140,7 @@ def test_a_branch_that_is_lost_ends_the_halving() -> None:
 
 @pytest.mark.parametrize("points", [(17, 5), (33, 9)])
 def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
-    states, found = solved(cantilever(), (*GAUSS, *size(*points)))
+    states, found = solved(cantilever(), (*GAUSS, *lattice([*points])))
     assert states.verdict == "accepted" and not states.reasons
     assert np.isnan(states.work_mismatch) and not states.warnings
     tip, bar = found["tip"][0][0], found["tip"][1][0]
@@ -156,7 +151,7 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
 @pytest.mark.slow
 def test_a_muscle_that_locks_is_refused(inputs: Path) -> None:
     """Its stress is right and its forces balance: only the displacements tell."""
-    overrides = ("scene.method=rkcm", "load.steps=2", *size(5, 5, 9))
+    overrides = ("scene.method=rkcm", "load.steps=2", *lattice([5, 5, 9]))
     states, _ = solved(inputs / "muscle_block.toml", overrides)
     assert states.verdict == "refused" and states.force_imbalance < 1e-10
 
@@ -168,9 +163,9 @@ def test_a_muscle_that_locks_is_refused(inputs: Path) -> None:
         ("uniaxial_tension", ("scene.method=rkcm",), {"stress": 107185.0}),
         ("uniaxial_tension", GAUSS, {"stress": 107185.0}),
         ("uniaxial_compression", ("scene.method=rkcm-mixed",), {"stress": -7309.62}),
-        ("shear_2d", ("scene.method=rkcm-mixed", *size(17, 5)), {"top_force": 247.93}),
-        ("shear_2d", (*GAUSS, *size(17, 5)), {"top_force": 247.93}),
-        ("tube", ("scene.method=rkcm-mixed", *size(5, 26), "material.K=1e3"),
+        ("shear_2d", ("scene.method=rkcm-mixed", *lattice([17, 5])), {"top_force": 247.93}),
+        ("shear_2d", (*GAUSS, *lattice([17, 5])), {"top_force": 247.93}),
+        ("tube", ("scene.method=rkcm-mixed", *lattice([5, 26]), "material.K=1e3"),
          {"radial_stress": -15.588823}),
     ],
 )  # fmt: skip
@@ -188,7 +183,7 @@ def test_right_answers_are_accepted_and_covered(
 @pytest.mark.slow
 def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> None:
     """Order 1 has the pressure on the wall of the tube 10 % too low."""
-    overrides = (*GAUSS, *size(9, 51), "material.K=1e3")
+    overrides = (*GAUSS, *lattice([9, 51]), "material.K=1e3")
     states, found = solved(inputs / "tube.toml", overrides)
     (value, *_), (bar, *_) = found["radial_stress"]
     assert abs(value / -15.588823 - 1) > 0.08
@@ -270,7 +265,7 @@ def test_a_body_that_waits_is_at_rest_until_it_is_loaded() -> None:
 
 def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Path) -> None:
     """No bars, and a note in the place of the reasons, however the run was started."""
-    deck, overrides = inputs / "shear_2d.toml", (*GAUSS, *size(9, 5))
+    deck, overrides = inputs / "shear_2d.toml", (*GAUSS, *lattice([9, 5]))
     states, found = solved(deck, overrides, error=False)
     assert np.isnan(found["top_force"][1]).all()
     assert states.reasons == ["no error estimate: the second solution was switched off"]
@@ -281,7 +276,7 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
 
 
 def test_bars_of_steps_grow_with_the_load() -> None:
-    states, _ = solved(cantilever(), (*GAUSS, *size(17, 5)))
+    states, _ = solved(cantilever(), (*GAUSS, *lattice([17, 5])))
     first, last = states.probe_errors[:, 0, 0]
     assert first == pytest.approx(0.5 * last)
 
