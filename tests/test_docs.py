@@ -40,9 +40,8 @@ def cited(path: Path) -> set[str]:
     """Equations that a file cites: (5.76), (5.78a), (5.1)-(5.5) and (5.1) to (5.5)."""
     numbers: set[str] = set()
     text = re.sub(r"\n\s*(!>|!|#)?\s*", " ", path.read_text())
-    for first, last in re.findall(
-        rf"\(({NUMBER})[a-e]?\)(?:(?:-| to | and )\(({NUMBER})[a-e]?\))?", text
-    ):
+    one = rf"\(({NUMBER})[a-e]?\)"
+    for first, last in re.findall(rf"{one}(?:(?:-| to | and ){one})?", text):
         numbers |= spread(first, last or first) if first[0] == (last or first)[0] else {first}
         numbers.add(last or first)
     return numbers

@@ -116,15 +116,16 @@ def test_every_folder_has_a_place() -> None:
     assert sum(path.is_dir() for path in FORTRAN.iterdir()) <= 16
 
 
+USE = re.compile(r"\s*use\b(\s*,\s*(?P<nature>\w+)\s*::|\s*::)?\s*(?P<name>\w+)(?P<rest>.*)")
+
+
 def test_fortran_uses_lower_layers() -> None:
     home = {module.stem: fortran_room(module) for module in F90}
     wrong = []
     for path in F90:
         room = fortran_room(path)
         for line in fortran_code(path):
-            use = re.match(
-                r"\s*use\b(\s*,\s*(?P<nature>\w+)\s*::|\s*::)?\s*(?P<name>\w+)(?P<rest>.*)", line
-            )
+            use = USE.match(line)
             if use is None:
                 continue
             if not re.match(r"\s*,\s*only\s*:", use["rest"]):

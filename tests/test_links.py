@@ -12,23 +12,11 @@ import yaml
 from myork.bench import BENCHES
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted(
-    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")]
-)
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb")])
 #: Where what stands in backquotes is a path of the tree
-FOLDERS = (
-    "benchmarks",
-    "docs",
-    "examples",
-    "fortran",
-    "inputs",
-    "notebooks",
-    "pydriver",
-    "tests",
-    ".ci",
-    ".github",
-    "conda",
-)
+FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
+FOLDERS += [".ci", ".github", "conda"]
 
 
 def name_of(path: Path) -> str:
@@ -70,9 +58,8 @@ def test_paths_and_benchmarks_are_there() -> None:
     for page in PAGES:
         text = prose(page)
         named = re.findall(rf"`((?:{'|'.join(map(re.escape, FOLDERS))})/[\w./*-]+)`", text)
-        wrong += [
-            f"{name_of(page)}: {path}" for path in named if not any(ROOT.glob(path.rstrip("/")))
-        ]
+        absent = [path for path in named if not any(ROOT.glob(path.rstrip("/")))]
+        wrong += [f"{name_of(page)}: {path}" for path in absent]
         whole = page.read_text(encoding="utf-8")
         for names in re.findall(r"myork bench ((?:[a-z_]+ ?)+)[`\n]", whole):
             unknown = {*names.split()} - {*BENCHES, "all"}

@@ -49,13 +49,9 @@ _BLOCK = (
 )  # fmt: skip
 _VOXELS = ("build.collocation_stride=[4,4,1]", "build.source_stride=[8,8,2]", "load.steps=2")
 _LEG = (
-    "phantom.size=[48,48,7]",
-    "phantom.spacing=[2.5,2.5,6]",
-    "build.collocation_stride=[3,3,1]",
-    "build.source_stride=[3,3,1]",
-    "load.steps=1",
-    "load.activation=0.2",
-)
+    "phantom.size=[48,48,7]", "phantom.spacing=[2.5,2.5,6]", "build.collocation_stride=[3,3,1]",
+    "build.source_stride=[3,3,1]", "load.steps=1", "load.activation=0.2",
+)  # fmt: skip
 
 #: Runs from images: deck, overrides
 IMAGES = {

@@ -1,10 +1,12 @@
-"""The command line: help, exit status, messages, Ctrl-C.
+"""The command line: help, exit status, messages, Ctrl-C, the self test, libraries that are missing.
 
 Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
 """
 
+import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,8 +16,10 @@ from pathlib import Path
 import pytest
 
 import myork
-from myork import cli
+from myork import _core, cli, run_deck, selftest
 from myork.bench import BENCHES
+from myork.cli import main
+from myork.errors import FileError, InstallationError, cure_of
 from myork.stations import solve
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
@@ -77,16 +81,14 @@ def test_help_of_command(command: str, capsys: pytest.CaptureFixture[str]) -> No
         assert part in text
 
 
-def test_help_names_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_help_and_version_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert status_of("--help") == 0
     text = capsys.readouterr().out
     assert [command for command in COMMANDS if f"\n    {command} " not in text] == []
-
-
-def test_help_names_all_benchmarks(capsys: pytest.CaptureFixture[str]) -> None:
     assert status_of("bench", "--help") == 0
-    words = set(re.findall(r"\w+", capsys.readouterr().out))
-    assert not set(BENCHES) - words
+    assert set(BENCHES) <= set(re.findall(r"\w+", capsys.readouterr().out))
+    assert status_of("--version") == 0
+    assert capsys.readouterr().out == f"myork {myork.__version__}\n"
 
 
 def test_help_loads_no_numerics() -> None:
@@ -101,11 +103,6 @@ def test_help_loads_no_numerics() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
     )
     assert done.stdout.splitlines()[-1] == "loaded:"
-
-
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert status_of("--version") == 0
-    assert capsys.readouterr().out == f"myork {myork.__version__}\n"
 
 
 @pytest.mark.parametrize(
@@ -183,15 +180,7 @@ def test_arguments_reach_the_executable(
         ("pass", 3, "summary.json"),
     ],
 )
-def test_exit_status_of_the_executable(
-    solver: Install,
-    deck: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    script: str,
-    status: int,
-    part: str,
-) -> None:
+def test_exit_status_of_the_executable(solver, deck, tmp_path, capsys, script, status, part):
     solver(script)
     assert status_of("solve", deck, "--out", tmp_path / "out") == status
     message = capsys.readouterr().err
@@ -255,14 +244,84 @@ def test_interrupt_waits_for_the_clean_end(
         ("leg_muscles", ("6 muscles: 8 regions", "myork segment, myork build")),
     ],
 )
-def test_explain_tells_of_images_before_there_is_a_model(
-    name: str,
-    words: tuple[str, ...],
-    inputs: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_explain_tells_of_images_before_there_is_a_model(name, words, inputs, tmp_path, capsys):
     assert cli.main(["explain", str(inputs / f"{name}.toml"), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    for text in words:
-        assert text in said
+    assert all(text in said for text in words)
+
+
+@pytest.mark.slow
+def test_this_installation_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["selftest", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    kept = json.loads((tmp_path / "out" / "selftest.json").read_text())
+    assert [check["name"] for check in kept["checks"] if check["passed"] is not True] == []
+    assert said.count(" ok ") == len(kept["checks"]) >= 13
+    # both programs are named with their libraries
+    assert "openblas" in kept["facts"]["libraries of Python"]
+    assert "hdf5" in kept["facts"]["of myork-solve"]
+    assert said.splitlines()[-1].endswith("the installation works")
+
+
+@pytest.mark.slow
+def test_what_fails_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def unreadable(folder: Path) -> tuple[bool, str]:
+        raise FileError(f"{folder}: damaged")
+
+    monkeypatch.setattr(selftest, "check_deck", lambda *given, **more: [])
+    monkeypatch.setattr(selftest, "_PATCH", 0.0)
+    monkeypatch.setattr(selftest, "_files", unreadable)
+    assert main(["selftest"]) == 1
+    said = capsys.readouterr()
+    assert "FileError" in said.out and "damaged" in said.out
+    assert "patch, rkpm-gauss" in said.err and "results and report" in said.err
+    assert "known answer" not in said.err
+
+
+#: Another version, which no machine has
+ASKED, ABSENT = b"libgomp.so.1", b"libgomp.so.9"
+
+
+def broken(source: Path, copy: Path) -> Path:
+    """A compiled file that asks for a library of another version."""
+    data = source.read_bytes()
+    assert ASKED in data
+    copy.write_bytes(data.replace(ASKED, ABSENT))
+    copy.chmod(0o755)
+    return copy
+
+
+def test_executable(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = broken(solve.find_executable(), tmp_path / "myork-solve")
+    monkeypatch.setattr(solve, "find_executable", lambda: program)
+    with pytest.raises(InstallationError, match=r"libgomp\.so\.9 is not .*sh setup\.sh"):
+        run_deck(inputs / "shear_2d.toml", tmp_path / "out")
+
+
+def test_extension(inputs: Path, tmp_path: Path) -> None:
+    """`import myork.core` names the library; the command ends with status 3."""
+    package = Path(myork.__file__).parent
+    ignored = shutil.ignore_patterns("inputs", "__pycache__", "_core*.so")
+    shutil.copytree(package, tmp_path / "myork", ignore=ignored)
+    core = Path(_core.__file__)
+    broken(core, tmp_path / "myork" / core.name)
+    done = subprocess.run(
+        # an editable installation would be found before the path
+        [sys.executable, "-S", "-m", "myork", "explain", str(inputs / "shear_2d.toml")],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 3
+    assert "libgomp.so.9 is not on this machine" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_other_complaints() -> None:
+    assert "sh setup.sh" in cure_of("undefined symbol: dgemm_")
+    said = cure_of("loading shared libraries: libfoo-2.so.1: cannot open shared object file")
+    assert "libfoo-2.so.1 is not on this machine" in said

@@ -68,9 +68,7 @@ def test_short_and_long_options_of_the_executable(out: str, threads: str, tmp_pa
 
 
 @pytest.mark.parametrize("program", OUT)
-def test_numbers_that_are_not_finite_are_no_answer(
-    program: str, inputs: Path, tmp_path: Path
-) -> None:
+def test_numbers_not_finite_are_no_answer(program: str, inputs: Path, tmp_path: Path) -> None:
     """Squares of 1e300 leave the range of numbers: exit 1 and the reason, in the summary too."""
     deck, out = inputs / "cantilever.toml", tmp_path / "out"
     done = run(program, deck, OUT[program], out, "--set", "boundary.x1.traction=[0,1e300]")
@@ -139,9 +137,7 @@ def test_the_executable_keeps_earlier_stations(
      '{"model": "a\nb"}', '{"model": "\\u12g4"}', '{"model": nul}', '{"model": [1 2]}',
      '{"model": ' + "[" * 5000 + "]" * 5000 + "}", '{"model": 1.}', '{"model": NaN}'],
 )  # fmt: skip
-def test_a_damaged_summary_is_dropped_with_a_word(
-    inputs: Path, tmp_path: Path, damage: str
-) -> None:
+def test_a_damaged_summary_is_dropped(inputs: Path, tmp_path: Path, damage: str) -> None:
     (tmp_path / "summary.json").write_text(damage, encoding="utf-8")
     done = solve_into(tmp_path, inputs / "shear_3d.toml")
     assert done.returncode == 0, done.stderr
@@ -152,9 +148,7 @@ def test_a_damaged_summary_is_dropped_with_a_word(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("program", OUT)
-def test_interrupt_keeps_the_last_converged_state(
-    program: str, inputs: Path, tmp_path: Path
-) -> None:
+def test_interrupt_keeps_what_converged(program: str, inputs: Path, tmp_path: Path) -> None:
     """A thousand steps, stopped after the first: what converged is on disk and readable."""
     words = [inputs / "shear_3d.toml", OUT[program], tmp_path, "--set", "load.steps=1000"]
     process = subprocess.Popen(
@@ -170,9 +164,8 @@ def test_interrupt_keeps_the_last_converged_state(
     assert process.returncode == 1
     summary = read_summary(tmp_path)
     assert summary["converged"] is False
-    attempted = re.search(
-        r"stopped on the way to load (\S+); last converged load (\S+) \(", message
-    )
+    line = r"stopped on the way to load (\S+); last converged load (\S+) \("
+    attempted = re.search(line, message)
     assert attempted, message
     assert float(attempted[1]) > float(attempted[2]) == pytest.approx(summary["steps"][-1]["load"])
     assert 1 <= len(summary["steps"]) < 1000

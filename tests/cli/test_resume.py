@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from myork import Results, Scene
+from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.stations.solve import run_deck
@@ -107,32 +108,25 @@ def test_killed_at_random_moments_and_resumed_it_is_the_same_run(tmp_path, write
     assert resumed > 0, f"seed {seed}"
 
 
+CARRIED = {
+    # whose Newton iteration knows whether it was trusted
+    "mixed": {"scene": {"dimension": 3, "method": "rkcm-mixed"}},
+    "incompressible": {"material": [{**RUBBER["material"][0], "K": float("inf")}]},
+    "halved": {"solver": {"max_iterations": 3}},
+    "minres": {"scene": {"dimension": 3, "method": "rkpm-scni"}, "galerkin": {"direct_limit": 0}},
+    # rates that jump
+    "programme": {
+        "amplitude": [{"name": "there", "time": [0, 0.4, 1], "value": [0, 1, 1]}],
+        "boundary": [held("z0"), held("z1", u_x=0.3, u_z=0.3, amplitude="there")],
+    },
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "changes",
-    [
-        # a mixed form, whose Newton iteration knows whether it was trusted
-        {"scene": {"dimension": 3, "method": "rkcm-mixed"}},
-        # pressures are unknowns
-        {"material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": float("inf")}]},
-        # load steps that are halved, and grow again
-        {"solver": {"max_iterations": 3}},
-        # never a tangent in memory
-        {"scene": {"dimension": 3, "method": "rkpm-scni"}, "galerkin": {"direct_limit": 0}},
-        # rates that jump
-        {
-            "amplitude": [{"name": "there", "time": [0, 0.4, 1], "value": [0, 1, 1]}],
-            "boundary": [
-                {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-                {"set": "z1", "u_x": 0.3, "u_y": 0, "u_z": 0.3, "amplitude": "there"},
-            ],
-        },
-    ],
-    ids=["mixed", "incompressible", "halved", "minres", "programme"],
-)
-def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, changes):
+@pytest.mark.parametrize("name", CARRIED)
+def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, name):
     """A run is stopped behind its third load step, as soon as its journal has that one."""
-    deck = write_deck({**RUBBER, **changes})
+    deck = write_deck({**RUBBER, **CARRIED[name]})
     run(deck, tmp_path / "whole")
     for number in (signal.SIGKILL, signal.SIGTERM):
         out = tmp_path / number.name
@@ -144,10 +138,8 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, changes):
 
 @pytest.mark.slow
 def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
-    """A bit of a journal is changed: never is a state resumed that nobody has solved.
-
-    The journal ends behind its fifth step. What stands before the change is gone on with, so that
-    all end in the same numbers.
+    """A changed bit in a journal of five steps: what stands before it is gone on with, to the same
+    end; never is a state resumed that nobody has solved.
     """
     coarse = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
     deck = write_deck({**RUBBER, "geometry": coarse, "load": {"steps": 10}})
@@ -214,13 +206,9 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
     assert datasets(tmp_path / "results.vtkhdf") == before
 
 
-def test_nothing_to_resume_begins_at_rest(tmp_path):
-    summary = run_deck(RUBBER, tmp_path, threads=1, resume=True, error=False)
-    assert summary["converged"]
-
-
 def test_another_deck_is_told(tmp_path):
-    run_deck(RUBBER, tmp_path, threads=1, error=False)
+    """Where there is nothing to resume a run begins at rest."""
+    assert run_deck(RUBBER, tmp_path, threads=1, resume=True, error=False)["converged"]
     with pytest.raises(InputError, match=r"another deck: it was solved without --set"):
         run_deck(RUBBER, tmp_path, overrides=["load.steps=7"], resume=True)
     other = {**RUBBER, "load": {"steps": 7}}
@@ -270,10 +258,8 @@ def programme(pull: list[float], excite: list[float], steps: int, method: str) -
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_two_programmes_are_the_long_one(tmp_path, method):
-    """Stretched, then excited: in one run, and in two of which the second begins loaded.
-
-    The state at load time 0 of the second is that in which the first one ended. Without the
-    first, the second one finds it from rest.
+    """Stretched, then excited: in one run, and in two of which the second begins loaded, at the
+    state in which the first ended; it finds that from rest as well.
     """
 
     def solve(name: str, deck: dict, begin: Path | None = None) -> Path:
@@ -291,11 +277,10 @@ def test_two_programmes_are_the_long_one(tmp_path, method):
         for folder in (second, alone):
             with Results(folder) as found:
                 for step in range(3):
-                    np.testing.assert_allclose(
-                        found.restart(step).coefficients,
-                        expected.restart(2 + step).coefficients,
-                        atol=1e-6 * size,
+                    one, two = (
+                        x.coefficients for x in (found.restart(step), expected.restart(2 + step))
                     )
+                    np.testing.assert_allclose(one, two, atol=1e-6 * size)
                 np.testing.assert_allclose(found.restart(0).coefficients, last, atol=1e-6 * size)
     # one iteration confirms the state
     assert sum(line.startswith("0,") for line in history(second)) <= 2
@@ -351,8 +336,6 @@ def test_a_state_of_other_points_is_refused(tmp_path):
 def test_both_commands_know_the_options(tmp_path):
     deck = tmp_path / "deck.toml"
     deck.write_text(text_of_tables({**RUBBER, "load": {"steps": 2}}), encoding="utf-8")
-    from myork.cli import main
-
     options = ["solve", str(deck), "--out", str(tmp_path / "out"), "--threads", "1", "-q"]
     assert main([*options, "--no-error"]) == 0
     assert main([*options, "--no-error", "--resume"]) == 0

@@ -236,11 +236,8 @@ def sound(tmp_path_factory: pytest.TempPathFactory, voxel_rom: Path) -> Path:
     muscle = read_model(voxel_rom.with_name("model.h5"))
     n, deck = len(muscle.points), voxel_rom.with_name("muscle.toml").read_text()
     shares = {"fraction": np.tile([0.7, 0.3], (n, 1)), "label_names": {1: "muscle", 2: "fat"}}
-    for name, more in {
-        "plain": {},
-        "active": {"activation": np.full(n, 0.5)},
-        "both": shares,
-    }.items():
+    active = {"activation": np.full(n, 0.5)}
+    for name, more in {"plain": {}, "active": active, "both": shares}.items():
         write_model(top / f"voxels/{name}.h5", replace(muscle, **more))
         (top / f"voxels/{name}.toml").write_text(deck + FAT * (name == "both"))
     for name in ("nifti/sound.nii", "gzip/sound.nii.gz"):
@@ -429,23 +426,18 @@ def rewritten(voxel_rom: Path, path: Path, **changes: Any) -> Path:
 
 @pytest.mark.parametrize("name", ["force/first", "force/tissue", "indicator/tissue"])
 @pytest.mark.parametrize("value", [10**6, 2**31 - 1, -(2**31)])
-def test_indices_that_ended_the_process(
-    voxel_rom: Path, tmp_path: Path, name: str, value: int
-) -> None:
+def test_indices_that_were_fatal(voxel_rom: Path, tmp_path: Path, name: str, value: int) -> None:
     path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **{name: (3, value)})
     with pytest.raises(InputError, match=rf"^{path}: '{name}' must hold .*entry 3 is {value}"):
         ReducedModel.load(path)
 
 
-def test_states_that_determine_no_function(voxel_rom: Path, tmp_path: Path) -> None:
+def test_models_of_alike_states_and_changed_arrays(voxel_rom: Path, tmp_path: Path) -> None:
+    """States that determine no function; shapes and types are under the checksum as well."""
     alike = {"training/parameters": (slice(None), 0.1)}
     path = rewritten(voxel_rom, tmp_path / "wrong.rom.h5", **alike)
     with pytest.raises(InputError, match=rf"^{path}: states of the training are the same"):
         ReducedModel.load(path)
-
-
-def test_shapes_and_types_are_under_the_checksum(voxel_rom: Path, tmp_path: Path) -> None:
-    path = tmp_path / "wrong.rom.h5"
     for change in (lambda a: a.reshape(a.shape[::-1]), lambda a: a.view(np.int64)):
         shutil.copy(voxel_rom, path)
         with h5py.File(path, "r+") as file:
@@ -486,12 +478,10 @@ COLOURS = np.zeros(DARK.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
         ("truth", 0 * DARK, "the truth is empty"),
         ("truth", DARK * 1j, "values are complex"),
         ("region", 0 * DARK, "the region is empty"),
-        *(
-            ("tensor", np.full((32, 32, 2, 6), value), "no usable diffusion tensor")
-            for value in (np.nan, np.inf, 0.0, -1.0)
-        ),
+        *(("tensor", np.full((32, 32, 2, 6), value), "no usable diffusion tensor")
+          for value in (np.nan, np.inf, 0.0, -1.0)),
     ],
-)
+)  # fmt: skip
 def test_impossible_values(tmp_path: Path, key: str, values: np.ndarray, message: str) -> None:
     images = {"anatomy": disc(), key: values}
     for name, data in images.items():

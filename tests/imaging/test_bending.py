@@ -67,17 +67,11 @@ def test_the_earlier_grid_may_be_another_one():
     affine = then.affine @ np.diag([-0.5, 0.5, 1.0, 1.0])
     affine[:3, 3] = (then.affine @ [95.25, -0.25, 0.0, 1.0])[:3]
 
-    def finer(data, order):
-        return np.flip(
-            ndimage.zoom(data, (2, 2, 1), order=order, grid_mode=True, mode="nearest"), 0
-        )
-
-    other, _ = bend_labels(
-        Labels(finer(drawn.data, 0), affine),
-        Image(finer(then.data, 1), affine),
-        image,
-        body_mask(image),
-    )
+    drawn, then = (
+        kind(np.flip(ndimage.zoom(one.data, (2, 2, 1), order=n, grid_mode=True, mode="nearest"), 0),
+             affine) for kind, one, n in ((Labels, drawn, 0), (Image, then, 1))
+    )  # fmt: skip
+    other, _ = bend_labels(drawn, then, image, body_mask(image))
     assert means(other.data, found.data).min() > 0.95
     assert means(other.data, truth.data).mean() > 0.96
 

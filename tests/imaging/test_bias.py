@@ -31,9 +31,8 @@ def test_field_of_the_phantom(bias):
     # the shading there, without the slope that it would have over three pixels.
     rim = body_mask(image, rim=0.0) & ~mask
     shading = truth[rim] / truth[mask].mean()
-    left, before = (
-        np.percentile(np.abs(a - 1.0), 95) for a in (found.field[rim] / shading, 1 / shading)
-    )
+    ratios = found.field[rim] / shading, 1 / shading
+    left, before = (np.percentile(np.abs(ratio - 1.0), 95) for ratio in ratios)
     assert left < 0.5 * before
 
 
@@ -54,10 +53,8 @@ def test_brightness_and_values_outside_do_not_matter(monkeypatch):
     monkeypatch.setattr(bias, "_ROUNDS", 5)
     image, mask, _ = shaded(0.3, (96, 96, 3))
     again = np.where(mask, 7.0 * image.data, np.nan)
-    a, b = (
-        clustered_bias(values, mask, spacing=image.spacing, regions=2)
-        for values in (image.data, again)
-    )
+    keys = {"spacing": image.spacing, "regions": 2}
+    a, b = (clustered_bias(values, mask, **keys) for values in (image.data, again))
     np.testing.assert_allclose(a.field, b.field, rtol=1e-10)
 
 

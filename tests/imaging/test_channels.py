@@ -87,10 +87,8 @@ def test_channels_belong_to_an_anatomy(folder):
 def echoes(folder):
     """A leg of muscle under fat, in two echoes whose phases wrap, in files; truth of both."""
     i, j, _ = np.indices((64, 64, 5)) - np.array([31.5, 31.5, 2.0]).reshape(3, 1, 1, 1)
-    r = np.hypot(i, j)
-    kind = np.select(
-        [r > 29, r > 21, np.hypot(i, j - 6) > 7, np.hypot(i, j - 6) > 4], [0, 2, 1, 3], 4
-    )
+    r, bone = np.hypot(i, j), np.hypot(i, j - 6)
+    kind = np.select([r > 29, r > 21, bone > 7, bone > 4], [0, 2, 1, 3], 4)
     water, fat = (np.choose(kind, one) for one in ([0, 0.95, 0.06, 0.03, 0.06], [0, 0.04, 1, 0, 1]))
     fat = fat + np.where((kind == 1) & (i < 0), 0.15, 0.0)
     random = np.random.default_rng(1)
@@ -167,11 +165,7 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
         ({}, {"magnitude": DIXON["magnitude"]}, "dixon.phase: missing"),
         ({"anatomy": "m0.nii.gz"}, DIXON, "take image.anatomy out"),
         ({"fat": "m0.nii.gz"}, DIXON, "take image.fat out"),
-        (
-            {},
-            DIXON | {"echo_times": [2.3, 4.6]},
-            "2 echoes need 2 different echo times and a field",
-        ),
+        ({}, DIXON | {"echo_times": [2.3, 4.6]}, "2 echoes need 2 different echo times and a fiel"),
         ({}, {key: names[:1] for key, names in DIXON.items()}, "1 echoes need"),
     ],
 )

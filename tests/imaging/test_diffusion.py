@@ -11,17 +11,8 @@ from dipy.reconst.dti import TensorModel
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError
-from myork.imaging.diffusion import (
-    fit_tensors,
-    fractional_anisotropy,
-    full_tensors,
-    mean_diffusivity,
-    parse_axes,
-    read_tensors,
-    tensor_components,
-    tensor_maps,
-    turn_tensors,
-)
+from myork.imaging import diffusion
+from myork.imaging.diffusion import fit_tensors, parse_axes, read_tensors, tensor_components
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import make_phantom
@@ -55,8 +46,8 @@ def test_same_tensors_as_dipy(phantom, series, tensor):
     ours = tensor.data[some]
     # Both solve the same normal equations of condition 1e3 in double precision.
     np.testing.assert_allclose(ours, tensor_components(theirs.quadratic_form), atol=1e-10 * 2e-3)
-    np.testing.assert_allclose(fractional_anisotropy(ours), theirs.fa, atol=1e-9)
-    np.testing.assert_allclose(mean_diffusivity(ours), theirs.md, rtol=1e-9)
+    np.testing.assert_allclose(diffusion.fractional_anisotropy(ours), theirs.fa, atol=1e-9)
+    np.testing.assert_allclose(diffusion.mean_diffusivity(ours), theirs.md, rtol=1e-9)
 
 
 def test_without_noise_the_tensors_come_back(phantom):
@@ -75,14 +66,6 @@ def test_fibers_of_noisy_images_are_within_three_degrees(phantom, tensor):
     assert not fibers.data[~muscle].any()
     raw, *_ = fiber_field(tensor, muscle, smoothing=0.0)
     assert np.median(angle(raw.data[muscle], phantom.fiber.data[muscle])) > 4.0
-
-
-def test_anisotropy_of_known_tensors():
-    stick = tensor_components(np.diag([0.0, 0.0, 2.0]))
-    ball = tensor_components(np.eye(3))
-    plate = tensor_components(np.diag([1.0, 1.0, 0.0]))
-    found = fractional_anisotropy(np.stack([stick, ball, plate, np.zeros(6)]))
-    np.testing.assert_allclose(found, [1.0, 0.0, np.sqrt(0.5), 0.0], atol=1e-12)
 
 
 def test_bad_signals_give_no_tensor_and_spoil_no_other(series):
@@ -133,32 +116,27 @@ def test_axes_of_the_file_do_not_change_the_fibers(phantom, series, tmp_path):
 def test_gradient_axes_mend_a_wrong_table(phantom, series, tensor):
     dwi, table = series
     wrong = GradientTable(table.b, table.direction * [1.0, -1.0, 1.0])
-    mended = turn_tensors(fit_tensors(dwi, wrong), parse_axes("x -y z"))
+    mended = diffusion.turn_tensors(fit_tensors(dwi, wrong), parse_axes("x -y z"))
     inside = phantom.tissue.data == 1
     np.testing.assert_allclose(mended.data[inside], tensor.data[inside], atol=1e-9 * 2e-3)
 
 
 def test_turning_in_the_voxel_frame_is_that_of_the_axes():
     components = np.random.default_rng(1).random((1, 1, 1, 6))
-    image = Image(
-        components, np.array([[0, -2.0, 0, 0], [2.0, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]])
-    )
+    affine = np.array([[0, -2.0, 0, 0], [2.0, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]])
+    image = Image(components, affine)
     axes = parse_axes("y -x z")
     turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ axes
-    full = turn @ full_tensors(components) @ turn.T
-    turned = turn_tensors(image, axes, "voxel").data
+    full = turn @ diffusion.full_tensors(components) @ turn.T
+    turned = diffusion.turn_tensors(image, axes, "voxel").data
     np.testing.assert_allclose(turned, tensor_components(full))
 
 
 @pytest.mark.parametrize("text", ["x y", "x y y", "x y w", "x y z -x", ""])
 def test_bad_axes(text):
+    assert read_tensors({"tensor_frame": "world", "gradient_axes": "x y z"}, ".") is None
     with pytest.raises(InputError, match="image.gradient_axes = .* x, y and z are needed"):
         parse_axes(text)
-
-
-def test_a_deck_without_diffusion(tmp_path):
-    common = {"tensor_frame": "world", "gradient_axes": "x y z"}
-    assert read_tensors(common, tmp_path) is None
 
 
 @pytest.mark.slow
@@ -208,10 +186,13 @@ def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
 
 
 def test_maps_of_known_tensors():
+    stick, plate = (tensor_components(np.diag(d)) for d in ([0.0, 0.0, 2.0], [1.0, 1.0, 0.0]))
+    found = diffusion.fractional_anisotropy(np.stack([stick, plate, [1, 1, 1, 0, 0, 0], 6 * [0.0]]))
+    np.testing.assert_allclose(found, [1.0, np.sqrt(0.5), 0.0, 0.0], atol=1e-12)
     data = np.zeros((2, 1, 1, 6))
     data[0, 0, 0] = [1e-3, 3e-3, 2e-3, 0, 0, 0]
     data[1] = np.nan
-    maps = tensor_maps(Image(data, np.eye(4)))
+    maps = diffusion.tensor_maps(Image(data, np.eye(4)))
     np.testing.assert_allclose(maps["eigenvalues"].data[0, 0, 0], [3e-3, 2e-3, 1e-3])
     assert maps["md"].data[0, 0, 0] == pytest.approx(2e-3)
     assert maps["fa"].data[0, 0, 0] == pytest.approx(np.sqrt(1.5 * 2 / 14))

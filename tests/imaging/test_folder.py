@@ -1,20 +1,31 @@
-"""A folder of images in place of a deck: BIDS trees and DICOM files as they are."""
+"""From files to a force: folders in place of decks, files that decks name, `myork run` on bodies.
+
+The decks of inputs/images are run whole by `benchmarks/runner.py real_images`, for whoever has the
+data; here synthetic bodies take the place of their files.
+"""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista
+import tomllib
 from matplotlib.image import imread
 from pydicom.uid import generate_uid
 
 from myork.chain import run_chain
 from myork.cli import main
-from myork.errors import InputError
+from myork.core.deck import load_deck
+from myork.errors import FileError, InputError
 from myork.imaging.diffusion import read_diffusion
 from myork.imaging.gradients import GradientTable
-from myork.imaging.io import read_image, read_labels, write_image
-from myork.records import Image
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
+from myork.records import Image, Labels
+from myork.stations.data import PATHS, data_overrides
+from myork.stations.explain import stations_of
 from myork.stations.folder import deck_of_folder
+from myork.summary import read_summary
 from tests.images import angle, even_directions, save, write_gradients
 from tests.imaging.test_formats import mr_file, siemens, weighted
 
@@ -157,3 +168,209 @@ def test_a_dicom_folder(tmp_path):
     run_chain(deck, tmp_path / "out")
     tissue = read_labels(tmp_path / "out" / "tissue.nii.gz")
     assert set(np.unique(tissue.data)) >= {0, 1, 2}
+
+
+SCHEMA = Path(__file__).parents[2] / "fortran" / "deck" / "schema.toml"
+
+DECK = """title = "own"
+[units]
+force = "N"
+length = "cm"
+[scene]
+dimension = 3
+[image]
+anatomy = "t1.nii.gz"
+truth = "truth.nii.gz"
+"""
+
+
+def test_every_path_of_images_is_known():
+    schema = tomllib.loads(SCHEMA.read_text())
+    keys = {
+        f"{table}.{key}"
+        for table in ("image", "dixon", "t2", "build", "tissue")
+        for key, entry in schema[table].items()
+        if isinstance(entry, dict) and entry.get("unit") == "path"
+    }
+    assert keys == set(PATHS)
+
+
+@pytest.fixture
+def deck(tmp_path):
+    path = tmp_path / "decks" / "own.toml"
+    path.parent.mkdir()
+    path.write_text(DECK)
+    (path.parent / "truth.nii.gz").touch()
+    folder = tmp_path / "data" / "first visit"
+    folder.mkdir(parents=True)
+    (folder / "t1.nii.gz").touch()
+    (folder / "truth.nii.gz").touch()
+    return path
+
+
+def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
+    place = tmp_path / "data" / "first visit" / "t1.nii.gz"
+    assert data_overrides(deck, tmp_path / "data") == [f"image.anatomy={place}"]
+    here = [f"image.anatomy={place}"]
+    assert data_overrides(deck, tmp_path / "data", here) == []
+
+
+def test_a_path_of_the_deck_is_first_joined_to_the_folder(deck, tmp_path):
+    """As in a BIDS tree, in which each subject has files of the same names."""
+    wanted = tmp_path / "data" / "sub-02" / "anat" / "t1.nii.gz"
+    wanted.parent.mkdir(parents=True)
+    wanted.touch()
+    own = ["image.anatomy=sub-02/anat/t1.nii.gz"]
+    assert data_overrides(deck, tmp_path / "data", own) == [f"image.anatomy={wanted}"]
+
+
+def test_missing_and_double_files_are_told(deck, tmp_path):
+    data = tmp_path / "data"
+    with pytest.raises(FileError, match="there is no such folder"):
+        data_overrides(deck, data / "nowhere")
+    with pytest.raises(FileError, match=r"there is no other.nii.gz \(image.anatomy\) below"):
+        data_overrides(deck, data, ["image.anatomy=other.nii.gz"])
+    (data / "t1.nii.gz").touch()
+    with pytest.raises(InputError, match="2 files .* t1.nii.gz .* --set image.anatomy=PATH"):
+        data_overrides(deck, data)
+
+
+def test_the_command_reads_the_file_that_was_found(deck, tmp_path, capsys):
+    # The file is empty, and the message names it where it lies.
+    assert main(["segment", str(deck), "--data", str(tmp_path / "data")]) == 2
+    assert str(tmp_path / "data" / "first visit" / "t1.nii.gz") in capsys.readouterr().err
+
+
+def test_of_several_files_those_at_the_deck_stay_there(tmp_path, monkeypatch):
+    """The deck is named from elsewhere: its folder must not be put before its files twice."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("deck/t1.nii.gz", "deck/t2.nii.gz", "data/t3.nii.gz"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    deck = tmp_path / "deck" / "a.toml"
+    deck.write_text(
+        'title = "t"\nunits = {force = "N", length = "mm"}\nscene.dimension = 3\n[image]\n'
+        'anatomy = "t1.nii.gz"\nchannels = ["t2.nii.gz", "t3.nii.gz"]\n'
+    )
+    (found,) = data_overrides("deck/a.toml", "data")
+    places = [str(tmp_path / name) for name in ("deck/t2.nii.gz", "data/t3.nii.gz")]
+    assert found == f"image.channels={json.dumps(places)}"
+
+
+def test_what_is_chosen_in_a_folder_stays_behind_its_name(deck, tmp_path):
+    place = tmp_path / "data" / "visit" / "scan"
+    place.mkdir(parents=True)
+    asked = [
+        'dixon.magnitude=["scan:series=5,echo=1", "scan:series=5,echo=2"]',
+        f'dixon.phase=["{place}:echo=1", "{place}:echo=2"]',
+        f"image.anatomy={place}:kind=water",
+    ]
+    (found,) = data_overrides(deck, tmp_path / "data", asked)
+    key, value = found.split("=", 1)
+    assert key == "dixon.magnitude"
+    assert json.loads(value) == [f"{place}:series=5,echo={echo}" for echo in (1, 2)]
+
+
+DECKS = Path(__file__).parents[2] / "inputs" / "images"
+
+
+@pytest.mark.parametrize("path", sorted(DECKS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_deck_of_real_images_goes_on_to_a_force(path):
+    values = load_deck(path, command="solve")
+    surface = "surface" in values["build"]
+    assert stations_of(values) == [*([] if surface else ["segment"]), "build", "solve"]
+    assert values["load"]["activation"] == 0.3 and values["boundary"]
+    assert values["probe"][0]["name"] == "force"
+    # fibers come from tracts, or the deck says how they are made
+    assert ("tracts" in values["build"]) != values["build"]["flow"]
+
+
+def run(name, data, out, *more):
+    words = [str(DECKS / f"{name}.toml"), "--data", str(data), "--out", str(out), "-q", *more]
+    assert main(["run", *words]) == 0
+    assert (out / "report.html").stat().st_size > 10000
+    summary = read_summary(out)
+    assert summary["verdict"]["state"] != "refused"
+    last = summary["steps"][-1]
+    assert last["load"] == 1.0
+    return last["probes"], last["probe_errors"]
+
+
+def lines(starts, way, length):
+    """Tracts of the same direction."""
+    return [s + np.arange(0, length, 2.0)[:, None] * np.asarray(way) for s in starts]
+
+
+@pytest.mark.slow
+def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
+    """A slab whose fibers go from one face to the other, as mg_tracts.toml wants it."""
+    lean = np.radians(20.0)
+    way = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    pyvista.Box((-12, 12, -20, 20, 0, 120)).triangulate().save(tmp_path / "MG.stl")
+    starts = np.random.default_rng(1).uniform([-50, -20, -10], [12, 20, 60], (300, 3))
+    tracts = lines(starts, way, 90)
+    np.savez(tmp_path / "tracts_MG.npz", points=np.vstack(tracts),
+             offsets=np.arange(301) * len(tracts[0]))  # fmt: skip
+    force, bar = run("mg_tracts", tmp_path, tmp_path / "out", "--set", "build.slices=[1,28]",
+                     "--set", "build.voxel=[3,4,4]")  # fmt: skip
+    # fibers across a face carry it: stress, cosine along the leg, section across the fibers
+    estimate = 0.3 * 30 * np.cos(lean) * np.sin(lean) * 4.0 * 11.2
+    assert -force["force"] == pytest.approx(estimate, rel=0.35)
+    sum_of_all = force["force"] + force["force_proximal"] + force["force_top"]
+    assert abs(sum_of_all) < 0.02 * abs(force["force"])
+    assert 0 < bar["force"] < 0.25 * abs(force["force"])
+
+
+@pytest.mark.slow
+def test_muscles_of_a_slice_by_a_reference(tmp_path):
+    """Two dark muscles in a bright limb, one slice, as calf_reference.toml wants them."""
+    x, y = np.meshgrid(np.arange(64) - 31.5, np.arange(64) - 31.5, indexing="ij")
+    muscles = np.zeros((64, 64, 1), np.int32)
+    muscles[..., 0] = np.where((np.abs(x) < 18) & (np.abs(y) < 10), np.where(x < 0, 1, 2), 0)
+    grey = np.where(np.hypot(x, y) < 27, 200.0, 2.0)[..., None]
+    grey[muscles > 0] = 70.0
+    grey += np.random.default_rng(3).normal(0.0, 2.0, grey.shape)
+    affine = np.diag([-2.0, -2.0, 1.0, 1.0])
+    write_image(tmp_path / "t1_a.nii.gz", Image(np.abs(grey), affine))
+    write_labels(tmp_path / "t1_a_muscles.nii.gz", Labels(muscles, affine, {1: "a", 2: "b"}))
+    force, bar = run("calf_reference", tmp_path, tmp_path / "out", "--set", "build.extrude=24")
+    assert force["force"] == pytest.approx(0.3 * 30 * 36 * 20 * 0.04, rel=0.05)
+    assert 0 < bar["force"] < 0.1 * force["force"]
+
+
+@pytest.mark.slow
+def test_muscles_around_a_bone_that_grow_wider(tmp_path):
+    """Two cones with a hole, as the walks leave them to thighs.toml."""
+    x, y = np.meshgrid(np.arange(40) * 3.0, np.arange(24) * 3.0, indexing="ij")
+    data = np.zeros((40, 24, 10), np.int32)
+    for k in range(10):
+        for number, middle in ((1, 30.0), (2, 88.0)):
+            away = np.hypot(x - middle, y - 36.0)
+            data[..., k][away < 20 + k] = number
+            data[..., k][away < 6] = 3
+    labels = Labels(data, np.diag([3.0, 3.0, 6.0, 1.0]), {1: "left", 2: "right", 3: "bone"})
+    write_labels(tmp_path / "labels.nii.gz", labels)
+    write_image(tmp_path / "thighs_outphase.nii.gz", Image(data.astype(float), labels.affine))
+    force, bar = run("thighs", tmp_path, tmp_path / "out", "--set",
+                     f"build.labels={tmp_path / 'labels.nii.gz'}", "--set",
+                     "build.collocation_stride=[2,2,1]", "--set",
+                     "build.source_stride=[4,4,2]")  # fmt: skip
+    # the lowest section without the bone pulls with what its fibers can, more or less
+    section = ((data[..., 0] == 1) | (data[..., 0] == 2)).sum() * 0.09
+    assert 0.7 < -force["force"] / (0.3 * 30 * section) < 1.5
+    assert 0 < bar["force"] < 0.25 * -force["force"]
+
+
+@pytest.mark.slow
+def test_a_grid_of_fibers_is_its_own_surface(tmp_path):
+    """A spindle of lines, as biceps.toml wants it."""
+    side = np.linspace(-1.0, 1.0, 7)
+    a, b, t = np.meshgrid(side, side, np.linspace(-1.0, 1.0, 40), indexing="ij")
+    wide = 1.2 * (1.0 - 0.35 * t**2)
+    grid = pyvista.StructuredGrid(a * wide, b * wide, 3.0 * t)
+    grid.save(tmp_path / "left_biceps_brachii_7x7fibers.vts")
+    force, bar = run("biceps", tmp_path, tmp_path / "out")
+    # it pulls with more than its ends could by themselves and less than its middle
+    middle = (2 * 1.2) ** 2
+    assert 0.65**2 < force["force"] / (0.3 * 30 * middle) < 1.0
+    assert 0 < bar["force"] < 0.25 * force["force"]

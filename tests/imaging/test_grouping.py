@@ -107,11 +107,9 @@ def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
     few.append(seeds_of.format("soleus", ", ".join(f"{x}, {y}, {z}" for x, y, z in points)))
     means = {}
     for kind in ("dyad", "none"):
-        found = segment(
-            inputs / "leg_muscles.toml",
-            tmp_path / kind,
-            overrides=[*few, f"image.fiber_channels={kind}"],
-        )["segmentation"]
+        words = [*few, f"image.fiber_channels={kind}"]
+        deck = inputs / "leg_muscles.toml"
+        found = segment(deck, tmp_path / kind, overrides=words)["segmentation"]
         scores = [score["dice"] for score in found["scores"].values()]
         assert len(scores) == 6 and (np.diff(found["energy"]) <= 0).all()
         means[kind] = np.mean(scores)
@@ -150,16 +148,11 @@ def test_muscles_of_the_phantom_touch():
     assert touching.sum() > 500
 
 
-def test_dice_by_hand():
+def test_dice_by_hand_and_pearson_against_numpy():
     a = np.array([1, 1, 1, 0, 0, 0])
     m = np.array([0, 1, 1, 1, 1, 0])
     assert dice(a, m) == pytest.approx(2 * 2 / (3 + 4))
-    assert dice(a, a) == 1.0
-    assert dice(a, 1 - a) == 0.0
-    assert np.isnan(dice(a * 0, a * 0))
-
-
-def test_pearson_against_numpy_and_its_limits():
+    assert dice(a, a) == 1.0 and dice(a, 1 - a) == 0.0 and np.isnan(dice(a * 0, a * 0))
     random = np.random.default_rng(0)
     f, g = random.random((2, 5, 7))
     assert pearson(f, g) == pytest.approx(np.corrcoef(f.ravel(), g.ravel())[0, 1], abs=1e-14)

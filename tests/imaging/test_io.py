@@ -1,15 +1,22 @@
-"""NIfTI files: what comes back, and everything that can be wrong with one."""
+"""Images in files: what comes back, what can be wrong, echo times of headers, damaged slices."""
 
 import json
+from pathlib import Path
 
 import nibabel
 import numpy as np
 import pytest
 
 from myork.errors import FileError, InputError
+from myork.imaging.damage import damaged_slices, missing_slices
 from myork.imaging.geometry import check_same_grid
+from myork.imaging.headers import Header, bids_name, read_header
 from myork.imaging.io import read_image, read_labels, read_reference
-from myork.records import Image
+from myork.imaging.phantom import make_phantom
+from myork.records import Image, Labels
+from myork.stations.build import build
+from myork.stations.data import DeckFiles, OneGrid
+from myork.stations.segment import _times, segment
 
 AFFINE = np.array([[-2.0, 0, 0, 10], [0, 3.0, 0, -5], [0, 0, 8.0, 1], [0, 0, 0, 1]])
 
@@ -77,48 +84,38 @@ def sheared(path):
     return read_image(save(path, np.ones((2, 2, 2)), affine))
 
 
-@pytest.mark.parametrize(
-    ("read", "kind", "message"),
-    [
-        (lambda p: read_image(p), FileError, "there is no such file"),
-        (nan_image, InputError, r"1 voxels are not finite, the first at voxel \(1, 2, 0\)"),
-        (singular, InputError, "affine is singular"),
-        (sheared, InputError, "not perpendicular"),
-        (
-            lambda p: read_image(save(p, np.ones((2, 2, 2, 6)))),
-            InputError,
-            r"a 3-D image is needed, this one has shape \(2, 2, 2, 6\)",
-        ),
-        (
-            lambda p: read_image(save(p, np.ones((2, 2, 2))), values=6),
-            InputError,
-            "a 4-D image with 6 volumes is needed",
-        ),
-        (
-            lambda p: read_labels(save(p, -np.ones((2, 2, 2), np.int16))),
-            InputError,
-            "must not be negative",
-        ),
-        (lambda p: read_image(_text(p)), FileError, "is not a readable NIfTI file"),
-        (lambda p: read_image(_cut(p)), FileError, "cannot be read"),
-    ],
-)
-def test_bad_files_are_named(tmp_path, read, kind, message):
-    path = tmp_path / "bad.nii.gz"
-    with pytest.raises(kind, match=message) as caught:
-        read(path)
-    assert str(path) in str(caught.value)
-
-
 def _text(path):
     path.write_text("no image")
-    return path
+    return read_image(path)
 
 
 def _cut(path):
     save(path, np.random.default_rng(0).random((20, 20, 20)))
     path.write_bytes(path.read_bytes()[:20000])
-    return path
+    return read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("read", "kind", "message"),
+    [
+        (read_image, FileError, "there is no such file"),
+        (nan_image, InputError, r"1 voxels are not finite, the first at voxel \(1, 2, 0\)"),
+        (singular, InputError, "affine is singular"),
+        (sheared, InputError, "not perpendicular"),
+        (lambda p: read_image(save(p, np.ones((2, 2, 2, 6)))), InputError,
+         r"a 3-D image is needed, this one has shape \(2, 2, 2, 6\)"),
+        (lambda p: read_image(save(p, np.ones((2, 2, 2))), values=6), InputError,
+         "a 4-D image with 6 volumes is needed"),
+        (lambda p: read_labels(save(p, -np.ones((2, 2, 2), "i2"))), InputError, "must not be nega"),
+        (_text, FileError, "is not a readable NIfTI file"),
+        (_cut, FileError, "cannot be read"),
+    ],
+)  # fmt: skip
+def test_bad_files_are_named(tmp_path, read, kind, message):
+    path = tmp_path / "bad.nii.gz"
+    with pytest.raises(kind, match=message) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
 
 
 def test_names_of_a_folder_are_for_references_only(tmp_path):
@@ -147,3 +144,135 @@ def test_grids_that_differ():
     with pytest.raises(InputError, match=r"b has \(4, 4, 3\) voxels, a has \(4, 4, 4\)"):
         check_same_grid(Image(np.zeros((4, 4, 3)), AFFINE, "b"), a)
     check_same_grid(Image(np.zeros((4, 4, 4, 6)), AFFINE, "b"), a)
+
+
+def table(path: Path, **entries):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(entries))
+
+
+def test_the_nearest_and_most_special_file_wins(tmp_path):
+    image = tmp_path / "sub-01" / "anat" / "sub-01_echo-2_part-mag_MEGRE.nii.gz"
+    assert read_header(image) == Header(None, None)
+    table(tmp_path / "MEGRE.json", MagneticFieldStrength=1.5, EchoTime=0.009)
+    table(tmp_path / "echo-2_MEGRE.json", EchoTime=0.0046)
+    table(tmp_path / "echo-1_MEGRE.json", EchoTime=0.0023)
+    table(tmp_path / "sub-02_MEGRE.json", MagneticFieldStrength=7)
+    assert read_header(image) == Header(pytest.approx(4.6), 1.5)
+    table(image.parent / "sub-01_echo-2_part-mag_MEGRE.json", MagneticFieldStrength=3)
+    assert read_header(image) == Header(pytest.approx(4.6), 3.0)
+    table(image.parent / "sub-01_echo-2_part-mag_MEGRE.json", EchoTime="long")
+    with pytest.raises(InputError, match="EchoTime of its header is 'long', a number above zero"):
+        read_header(image)
+    (tmp_path / "MEGRE.json").write_text("{")
+    with pytest.raises(InputError, match=r"MEGRE.json: is not readable JSON"):
+        read_header(image)
+
+
+def test_names():
+    assert bids_name(Path("a/sub-01_echo-2_dwi.nii.gz")) == ({"sub": "01", "echo": "2"}, "dwi")
+    assert bids_name(Path("t1.nii")) == ({}, "t1")
+
+
+def files(folder, **dixon):
+    magnitude = ["s_echo-1_MEGRE.nii.gz", "s_echo-2_MEGRE.nii.gz"]
+    deck = {"folder": str(folder), "dixon": {"magnitude": magnitude, **dixon}}
+    return DeckFiles(deck, "dixon", OneGrid(print))
+
+
+def test_times_of_the_deck_stand_before_those_of_headers(tmp_path):
+    assert _times(files(tmp_path), print) == ((), 0.0)
+    for number, time in ((1, 0.0012), (2, 0.0024)):
+        table(tmp_path / f"s_echo-{number}_MEGRE.json", EchoTime=time)
+    one = files(tmp_path)
+    assert _times(one, print) == ((), 0.0)
+    assert "hold 2 echo times and no field" in one.grid.doubts[0]
+    times, strength = _times(files(tmp_path, field_strength=3.0), print)
+    np.testing.assert_allclose(times, [1.2, 2.4])
+    assert strength == 3.0
+    own = files(tmp_path, echo_times=[2.3, 4.6], field_strength=1.5)
+    assert _times(own, print) == ([2.3, 4.6], 1.5)
+
+
+THICK = np.diag([1.5, 1.5, 4.0, 1.0])
+
+
+def stack(seed: int, slices: int = 16) -> np.ndarray:
+    """A limb that gets thinner along the stack, with noise and a signal that falls to its ends."""
+    random = np.random.default_rng(seed)
+    x, y = np.meshgrid(*(np.linspace(-1, 1, 40),) * 2, indexing="ij")
+    radius = 0.8 - 0.3 * random.random() * np.linspace(0, 1, slices)
+    coil = 1.0 - 0.4 * random.random() * np.linspace(-1, 1, slices) ** 2
+    body = 300.0 * coil * (np.hypot(x, y)[..., None] < radius)
+    noise = random.normal(0.0, 15.0, (2, 40, 40, slices))
+    return np.hypot(body + noise[0], noise[1])
+
+
+def limb(data: np.ndarray) -> Image:
+    return Image(data, THICK, "t1.nii")
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_each_fault_is_found_and_no_other(seed: int) -> None:
+    random = np.random.default_rng([seed, 1])
+    assert damaged_slices(limb(stack(seed))) == []
+    at = int(random.integers(3, 13))
+    empty, repeated, jump, moved, ghost, lower = (stack(seed) for _ in range(6))
+    empty[..., at] *= 0.01
+    repeated[..., at] = repeated[..., at - 1]
+    jump[..., at] *= random.choice([0.5, 0.6, 1.6, 2.0])
+    lower[..., at:] *= 0.6
+    axis = int(random.integers(2))
+    moved[..., at] = np.roll(moved[..., at], random.choice([-6, 5]), axis)
+    ghost[..., at] += random.uniform(0.08, 0.25) * np.roll(ghost[..., at], 20, axis)
+    for data, why in (
+        (empty, "no signal"),
+        (repeated, "the values of"),
+        (jump, "a signal more"),
+        (lower, "a signal more"),
+        (moved, "a place 3 voxels"),
+        (ghost, "a copy of the body"),
+    ):
+        (fault,) = damaged_slices(limb(data))
+        assert fault.slices == [at] and fault.why.startswith(why)
+
+
+def test_what_is_no_fault() -> None:
+    padded = np.pad(stack(1), ((0, 0), (0, 0), (3, 2)))
+    assert damaged_slices(limb(padded)) == []
+    # a coarser limb stretched; volumes of a series; a single slice; nothing at all
+    assert damaged_slices(limb(np.repeat(stack(2), 2, axis=2))) == []
+    assert damaged_slices(limb(np.stack([stack(3), 0.3 * stack(4)], axis=3))) == []
+    assert damaged_slices(limb(stack(5)[..., :1])) == []
+    assert damaged_slices(limb(np.zeros((4, 4, 6)))) == []
+    phantom = make_phantom(size=(48, 48, 12), spacing=(2.5, 2.5, 6.0))
+    assert damaged_slices(phantom.anatomy) == missing_slices(phantom.truth) == []
+
+
+@pytest.mark.slow
+def test_segment_and_build_name_the_slices(tmp_path: Path) -> None:
+    data = stack(6)
+    data[..., 7:9] = 0.0
+    nibabel.save(nibabel.Nifti1Image(data, THICK), tmp_path / "t1.nii")
+    found = segment({"image": {"anatomy": tmp_path / "t1.nii", "regions": 2}}, tmp_path)
+    (entry,) = found["damaged_slices"]
+    assert entry == {
+        "file": entry["file"], "slices": [7, 8], "why": "no signal", "station": "segment",
+    }  # fmt: skip
+    assert "slices 7, 8 (from 0) have no signal" in "\n".join(found["segmentation"]["warnings"])
+    labels = np.ones((6, 6, 9), "i2")
+    labels[..., 4] = 0
+    nibabel.save(nibabel.Nifti1Image(labels, THICK), tmp_path / "labels.nii")
+    table = {"labels": tmp_path / "labels.nii", "ids": [1]}
+    build({"scene": {"dimension": 3}, "build": table}, tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert [own["slices"] for own in summary["damaged_slices"]] == [[7, 8], [4]]
+    assert any("cuts the body in two" in text for text in summary["model"]["warnings"])
+
+
+def test_gaps_of_labels() -> None:
+    data = np.zeros((4, 4, 8), int)
+    data[1:3, 1:3, 2:7] = 3
+    assert missing_slices(Labels(data, THICK)) == []
+    data[..., 4] = 0
+    assert missing_slices(Labels(data, THICK))[0].slices == [4]

@@ -115,9 +115,8 @@ def test_fibers_of_any_sign_are_the_true_ones_on_another_grid(calves):
 def test_tensors_are_interpolated_among_those_that_are_known(calves):
     fine, coarse = calves
     data = np.where(coarse.truth.data[..., np.newaxis] > 0, coarse.clean_tensor.data, np.nan)
-    found, move = on_grid(
-        Image(data, coarse.tensor.affine, "dti"), fine.clean_tensor, "tensor-wise"
-    )
+    tensor = Image(data, coarse.tensor.affine, "dti")
+    found, move = on_grid(tensor, fine.clean_tensor, "tensor-wise")
     known = known_tensors(found.data) & (fine.truth.data > 0)
     assert known.sum() > 0.9 * (fine.truth.data > 0).sum() and move.how == "tensor-wise"
     # no tensor is drawn to zero at the rim of what is known

@@ -141,25 +141,13 @@ def test_gaps_in_the_summary(folder: Path) -> None:
     assert tuple(Page(make_report(folder)).sections) == SECTIONS
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["results.vtkhdf", "segmentation.nii.gz", "summary.json", "fibers.nii.gz", "history.csv"],
-)
-def test_damaged_files_are_refused_by_name(folder: Path, name: str) -> None:
-    content = (folder / name).read_bytes()
-    for cut in (0, 1, 300):
-        (folder / name).write_bytes(content[:cut])
-        with pytest.raises(FileError, match=re.escape(f"{folder / name}:")):
-            make_report(folder)
-    assert not (folder / "report.html").exists()
-
-
 def test_a_repeated_column_is_refused(folder: Path) -> None:
     path = folder / "history.csv"
     head, _, rest = path.read_text().partition("\n")
     path.write_text(",".join([*head.split(",")[:-1], "load"]) + "\n" + rest)
     with pytest.raises(FileError, match="two columns of one name"):
         make_report(folder)
+    assert not (folder / "report.html").exists()
 
 
 @pytest.mark.parametrize(

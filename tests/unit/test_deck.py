@@ -159,14 +159,6 @@ def test_deck_in_inputs(path: Path) -> None:
 
 def test_defaults_and_absent_keys(write: Write) -> None:
     deck = load_deck(write(BLOCK))
-    assert deck["approximation"] == {
-        "order": 1,
-        "support": [2.0, 2.0, 2.0],
-        "kernel": "cubic",
-        "window": "product",
-        "interface": 2.0,
-        "interface_fibers": "nearest",
-    }
     muscle, fat = deck["material"]
     assert muscle["sigma_max"] == 30.0 and muscle["curve"] == "smooth"
     assert "sigma_max" not in fat and "fiber" not in fat, "a key of another model"
@@ -195,9 +187,7 @@ def test_byte_order_mark_and_windows_lines(write: Write, text: str | bytes) -> N
         ("'''.toml", "scene"),
     ],
 )
-def test_a_deck_without_title_has_the_name_of_its_file(
-    tmp_path: Path, name: str, title: str
-) -> None:
+def test_a_deck_without_title_has_its_name(tmp_path: Path, name: str, title: str) -> None:
     path = tmp_path / name
     path.write_text(BLOCK.replace('title = "block"\n', ""))
     assert load_deck(path)["title"] == title
@@ -207,20 +197,13 @@ def test_a_deck_without_title_has_the_name_of_its_file(
         load_deck(path)
 
 
-def test_texts_survive(write: Write) -> None:
+def test_texts_and_numbers_survive(write: Write) -> None:
     title = 'Müller "2" \\ tab\t, newline\n, 筋肉'
-    deck = load_deck(write(BLOCK.replace('"block"', json.dumps(title))))
-    assert deck["title"] == title
-
-
-@pytest.mark.parametrize(
-    "number",
-    [0.1, 1 / 3, 1e15, 9.999999999999999e15, 1e16, 123456789012345680.0, 1.2e-5, 4.5e-7, 1.7e308,
-     2.2250738585072014e-308, 0.30000000000000004],
-)  # fmt: skip
-def test_numbers_survive(write: Write, number: float) -> None:
-    deck = load_deck(write(BLOCK), [f"boundary.z0.u_x=-{number!r}"])
-    assert deck["boundary"][0]["u_x"] == -number
+    path = write(BLOCK.replace('"block"', json.dumps(title)))
+    for number in (0.1, 1 / 3, 1e15, 9.999999999999999e15, 1e16, 123456789012345680.0, 1.2e-5,
+                   4.5e-7, 1.7e308, 2.2250738585072014e-308, 0.30000000000000004):  # fmt: skip
+        deck = load_deck(path, [f"boundary.z0.u_x=-{number!r}"])
+        assert deck["title"] == title and deck["boundary"][0]["u_x"] == -number
 
 
 def test_long_answers_are_complete(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -334,21 +317,13 @@ def test_hash_of_any_length(write: Write, length: int) -> None:
         ("nothing", "nothing: write table.key=value"),
         ("=3", "key: write table.key=value"),
         ("load.steps=", "load.steps: must be an integer, not the text ''"),
-        *(
-            (
-                f"approximation.order=1; scene.method={form}",
-                f"approximation.order: must be at least 2 for scene.method = {form}: second "
-                "derivatives of functions of order 1 do not converge; take order = 2",
-            )
-            for form in ("rkcm", "rkcm-mixed")
-        ),
-        (
-            "material.fat.K=inf; scene.method=rkcm",
-            "material.fat.K: inf needs the pressure as an unknown: take scene.method = rkpm-gauss, "
-            "rkpm-scni or rkcm-mixed instead of rkcm",
-        ),
+        *((f"approximation.order=1; scene.method={form}",
+           f"approximation.order: must be at least 2 for scene.method = {form}: second derivatives")
+          for form in ("rkcm", "rkcm-mixed")),
+        ("material.fat.K=inf; scene.method=rkcm",
+         "material.fat.K: inf needs the pressure as an unknown: take scene.method = rkpm-gauss"),
     ],
-)
+)  # fmt: skip
 def test_wrong_override(write: Write, override: str, message: str) -> None:
     """One complaint, of the first one where others stand behind it."""
     first, *others = override.split("; ")
@@ -415,11 +390,7 @@ WRONG = [
     ('name = "fat"', 'name = "muscle"', "material.muscle.name: the text 'muscle' is taken al"),
     ("label = 2", "label = 1", "material.fat.label: 1 is taken already, by case.toml:14"),
     ('solution = "uniaxial"', 'solution = "shear"', "exact.solution: must be one of simple_sh"),
-    (
-        "fiber = [0, 0, 1]",
-        "fiber = [0, 0, 1]\nfiber_angle = 3",
-        "material.muscle.fiber_angle: c",
-    ),
+    ("fiber = [0, 0, 1]", "fiber = [0, 0, 1]\nfiber_angle = 3", "material.muscle.fiber_angle: "),
     ("u_x = 0", "u_x = 0\nradial = 1", "boundary.z0.radial: only for geometry.kind = annulus;"),
     ("A10 = 6.43", "mu = 6.43", "material.muscle.mu: only for model = neo-hookean or gent or fung"),
     ("u_x = 0", "u_x = 0\npull = 1", "boundary.z0.pull: needs tendon beside it"),
@@ -428,11 +399,7 @@ WRONG = [
     ('length = "cm"', "", "units.length: missing, a text is needed"),
     ("size = [1, 1, 2]", "", "geometry.size: missing, an array of numbers is "),
     ("label = 1", "", "material.muscle.label: missing, an integer is neede"),
-    (
-        'model = "polynomial"',
-        "",
-        "material.fat.model: missing, a text is needed: polynomial, m",
-    ),
+    ('model = "polynomial"', "", "material.fat.model: missing, a text is needed: polynomial"),
     ("u_x = 0", "", "boundary.z0: needs one of the keys u_x, u_y, u_z, rad"),
     ("point = [0.5, 0.5, 1]", "", "probe.mid: needs one of the keys point, set"),
     ('quantity = "force"\nset = "z0"', 'quantity = "force"', "probe.pull.set: missing, a text is "),
@@ -480,9 +447,8 @@ def test_wrong_line(
         return
     tables = tomllib.loads(text)
     address = path_in(tables, message.split(":")[0])
-    places = {
-        ".".join(map(str, error.absolute_path)) for error in editor_schema.iter_errors(tables)
-    }
+    errors = editor_schema.iter_errors(tables)
+    places = {".".join(map(str, error.absolute_path)) for error in errors}
     assert all(f"{address}.".startswith(place) or place.startswith(address) for place in places)
     assert any(place.startswith(address.rpartition(".")[0]) for place in places), places
 
@@ -490,43 +456,22 @@ def test_wrong_line(
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {'set = "z0"\n[[exact]]': "point = [0, 0, 0]\n[[exact]]"},
-            "probe.pull.set: missing, a text is needed for quantity = force",
-        ),
-        (
-            {'quantity = "force"': 'quantity = "J"'},
-            "probe.pull.set: only for quantity = force or force_x or force_y or force_z or "
-            "torque_x or torque_y or torque_z or u or u_x or u_y or u_z; here quantity = J",
-        ),
-        (
-            {"point = [0.5, 0.5, 1]": 'point = [0.5, 0.5, 1]\nset = "z0"'},
-            "probe.mid.set: only for quantity = force or force_x or force_y or force_z or "
-            "torque_x or torque_y or torque_z or u or u_x or u_y or u_z; here quantity = cauchy_zz",
-        ),
-        (
-            {'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "pull"'},
-            "exact.probe: 'pull' is of force, which a homogeneous solution does not give",
-        ),
-        (
-            {'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "mud"'},
-            "exact.probe: no [[probe]] is called 'mud'; did you mean 'mid'?",
-        ),
-        (
-            {'[[reference]]\nprobe = "mid"': '[[reference]]\nprobe = "pull"'},
-            "reference.probe: 'pull' is of force, three numbers; choose a component",
-        ),
-        (
-            {'name = "mid"': "name = 3", '[[exact]]\nprobe = "mid"': "[[exact]]\nprobe = 4"},
-            "exact.probe: must be a text, not 4",
-        ),
-        (
-            {'kind = "box"': 'kind = "model"'},
-            "geometry.size: only for kind = box; here kind = model",
-        ),
+        ({'set = "z0"\n[[exact]]': "point = [0, 0, 0]\n[[exact]]"}, "probe.pull.set: missing, a t"),
+        ({'quantity = "force"': 'quantity = "J"'}, "or u_x or u_y or u_z; here quantity = J"),
+        ({"point = [0.5, 0.5, 1]": 'point = [0.5, 0.5, 1]\nset = "z0"'},
+         "probe.mid.set: only for quantity = force or force_x or force_y or force_z or torque_x o"),
+        ({'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "pull"'},
+         "exact.probe: 'pull' is of force, which a homogeneous solution does not give"),
+        ({'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "mud"'},
+         "exact.probe: no [[probe]] is called 'mud'; did you mean 'mid'?"),
+        ({'[[reference]]\nprobe = "mid"': '[[reference]]\nprobe = "pull"'},
+         "reference.probe: 'pull' is of force, three numbers; choose a component"),
+        ({'name = "mid"': "name = 3", '[[exact]]\nprobe = "mid"': "[[exact]]\nprobe = 4"},
+         "exact.probe: must be a text, not 4"),
+        ({'kind = "box"': 'kind = "model"'}, "geometry.size: only for kind = box; here kind = mod"),
         ({'force = "N"\n': 'force = "N"\n[build]\nfile = "x"\n[dummy]\n'}, "dummy: unknown table"),
     ],
-)
+)  # fmt: skip
 def test_keys_that_do_not_fit(write: Write, changes: dict[str, str], message: str) -> None:
     text = BLOCK
     for old, new in changes.items():
@@ -542,18 +487,6 @@ def test_two_dimensions(write: Write) -> None:
             "probe.mid.point")  # fmt: skip
     found = dict(line.split(": ", 2)[1:] for line in lines)
     assert found == dict.fromkeys(keys, "must have 2 items (scene.dimension = 2), not 3")
-
-
-def test_annulus(inputs: Path) -> None:
-    tube = inputs / "tube.toml"
-    for override, message in {
-        "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
-        "boundary.inner.u_x=1": "cannot be given beside u_x",
-        "scene.dimension=3": "annulus needs scene.dimension = 2, not 3",
-        "probe.radial_stress.quantity=u_z": "u_z is always zero in two dimensions",
-        "boundary.inner.u_z=1": "only for scene.dimension = 3; here scene.dimension = 2",
-    }.items():
-        assert any(message in line for line in complaints(tube, override)), override
 
 
 def test_all_complaints_by_line(write: Write) -> None:
@@ -643,19 +576,14 @@ def test_arrays_have_limits(write: Write) -> None:
         (b"[material]\n", "case.toml:1: material: there may be several, write [[material]] inst"),
         (b"\nload = 3\n", "case.toml:2: load: must be a table [load], not an integer"),
         (b"[load.steps]\nx = 1\n", "case.toml:1: load.steps: must be an integer, not a table"),
+        # slips have a cure
+        (b"a = box\n", "case.toml:1:*a text needs quotes"),
+        (b"a = 10,5\n", "case.toml:1:*decimals have a point"),
     ],
 )
 def test_wrong_files(write: Write, text: bytes, message: str) -> None:
-    assert any(line.startswith(message) for line in complaints(write(text)))
-
-
-@pytest.mark.parametrize(
-    ("text", "cure"),
-    [(b"a = box\n", "a text needs quotes"), (b"a = 10,5\n", "decimals have a point")],
-)
-def test_slips_of_toml_have_a_cure(write: Write, text: bytes, cure: str) -> None:
-    (line,) = complaints(write(text))
-    assert line.startswith("case.toml:1:") and cure in line
+    start, _, cure = message.partition("*")
+    assert any(line.startswith(start) and cure in line for line in complaints(write(text)))
 
 
 def test_files_that_cannot_be_read(write: Write, tmp_path: Path) -> None:
@@ -728,9 +656,7 @@ TEMPLATES = sorted((ROOT / "pydriver" / "myork" / "templates").glob("*.toml"))
 
 
 @pytest.mark.parametrize("path", [*DECKS, *TEMPLATES], ids=lambda path: path.stem)
-def test_editors_find_no_fault_in_good_decks(
-    path: Path, editor_schema: jsonschema.Draft4Validator
-) -> None:
+def test_editors_find_no_fault(path: Path, editor_schema: jsonschema.Draft4Validator) -> None:
     editor_schema.validate(tomllib.loads(path.read_text(encoding="utf-8")))
 
 

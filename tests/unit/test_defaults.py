@@ -13,23 +13,10 @@ SHEET = scene("auto", box(5, 3, size=[2, 1]), material=[RUBBER], boundary=[held(
 del SHEET["scene"]["method"]
 ANNULUS = annulus(5, 9, radii=(1, 2))
 CUBE = {"scene": {"dimension": 3}, "geometry": box(3, 3, 3)}
-GALERKIN = {
-    "order": 1,
-    "support": None,
-    "kernel": "cubic",
-    "window": "product",
-    "interface": 2.0,
-    "interface_fibers": "nearest",
-}
-COLLOCATION = {
-    "order": 2,
-    "support": [3.0, 3.0],
-    "kernel": "quintic",
-    "window": "product",
-    "interface": 4.0,
-}
-
-
+GALERKIN = {"order": 1, "support": [2.0, 2.0], "kernel": "cubic", "window": "product"}
+GALERKIN |= {"interface": 2.0, "interface_fibers": "nearest"}
+COLLOCATION = {"order": 2, "support": [3.0, 3.0], "kernel": "quintic", "window": "product"}
+COLLOCATION |= {"interface": 4.0}
 #: Points of the sheet on its surface and within
 _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
 
@@ -50,23 +37,24 @@ _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
     ],
 )
 def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
+    """Of linear problems test_linear.test_patch."""
     assert load_deck({**SHEET, **tables})["scene"]["method"] == method
 
 
-def test_linear_problems_are_integrated_as_well() -> None:
-    linear = {"problem": "poisson"}
-    tables = {key: SHEET[key] for key in ("scene", "geometry")}
-    assert load_deck({**tables, "linear": linear})["scene"]["method"] == "rkpm-gauss"
-
-
-@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
-def test_defaults_of_the_galerkin_forms(method: str) -> None:
-    deck = load_deck({**SHEET, "scene": {"dimension": 2, "method": method}})
-    assert deck["approximation"] == {**GALERKIN, "support": [2.0, 2.0]}
-    assert deck["galerkin"]["gauss"] == 2
-    assert deck["load"] == {"steps": 1, "activation": 0.0, "max_halvings": 10}
-    deck = load_deck({**SHEET, "scene": {"dimension": 2, "method": method}, "load": {"steps": 5}})
-    assert deck["load"]["max_halvings"] == 6, "asked for: as many as ever"
+@pytest.mark.parametrize(
+    ("method", "form", "steps", "halvings"),
+    [
+        *((method, GALERKIN, 1, 10) for method in ("rkpm-gauss", "rkpm-scni")),
+        *((method, COLLOCATION, 10, 6) for method in ("rkcm", "rkcm-mixed")),
+    ],
+)
+def test_defaults_of_a_form(method: str, form: dict[str, Any], steps: int, halvings: int) -> None:
+    tables = {**SHEET, "scene": {"dimension": 2, "method": method}}
+    deck = load_deck(tables)
+    assert deck["approximation"] == form and deck["galerkin"]["gauss"] == 2
+    assert deck["load"] == {"steps": steps, "activation": 0.0, "max_halvings": halvings}
+    asked = load_deck({**tables, "load": {"steps": 5}})
+    assert asked["load"]["max_halvings"] == 6, "as many as ever"
 
 
 @pytest.mark.parametrize(
@@ -98,13 +86,6 @@ def test_references_on_the_way_ask_for_steps(where: dict[str, Any], steps: int) 
     reference = {"probe": "u", "value": values, "source": "nobody", **where}
     tables = {**SHEET, "probe": [probe], "reference": [reference], "load": {"activation": 0.4}}
     assert load_deck(tables)["load"]["steps"] == steps
-
-
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-def test_defaults_of_the_collocation_forms(method: str) -> None:
-    deck = load_deck({**SHEET, "scene": {"dimension": 2, "method": method}})
-    assert deck["approximation"] == COLLOCATION
-    assert deck["load"] == {"steps": 10, "activation": 0.0, "max_halvings": 6}
 
 
 def probed(quantity: str, point: list[float], **tables: Any) -> dict[str, Any]:
@@ -149,13 +130,11 @@ WALL = ("cauchy_xx", [0.0, 1.0])
         (probed(*WALL), WIDE),
         (probed(*WALL, geometry=ANNULUS), TURNED),
         (probed(*WALL, geometry=ANNULUS, approximation={"order": 2}), TURNED),
-        (
-            probed(*WALL, geometry=ANNULUS, approximation={"order": 2, "support": 2.5}),
-            NARROW | {"support": 2.5},
-        ),
+        (probed(*WALL, geometry=ANNULUS, approximation={"order": 2, "support": 2.5}),
+         NARROW | {"support": 2.5}),
         (probed(*WALL, geometry=ANNULUS, approximation={"order": 1}), NARROW | FIRST),
     ],
-)
+)  # fmt: skip
 def test_approximation_by_what_is_asked(tables: dict[str, Any], wanted: dict[str, Any]) -> None:
     deck = load_deck({**SHEET, **tables})
     (support,) = set(deck["approximation"]["support"])

@@ -1,11 +1,17 @@
-"""Conditions as expressions in coordinates: what they give, what is said of wrong ones."""
+"""Expressions in coordinates and tables as functions in them: what they give, what is refused."""
 
+import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.scenes import box, refused, scene, solved
+from myork import Scene
+from myork.core.deck import load_deck, text_of_tables
+from myork.errors import InputError
+from tests.scenes import box, execute, refused, scene, solved
 
 
 def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
@@ -93,3 +99,163 @@ def test_overrides_may_be_expressions() -> None:
     tables = plate([{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "u_x": 1}])
     found = probe_of(tables, "boundary.x1.u_x=0.01*x")
     assert found == pytest.approx(probe_of(tables, "boundary.x1.u_x=0.01"), rel=1e-12)
+
+
+def heat(**tables: Any) -> dict[str, Any]:
+    """A rod of length 1 by Gauss points, its temperature 0 at the left end."""
+    return scene(
+        "auto", box(11, places=(11,)), linear={"problem": "poisson"},
+        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "flux": 1}],
+        probe=[{"name": "u", "quantity": "u", "point": [1]}],
+    ) | tables  # fmt: skip
+
+
+STEP = {"name": "k", "x": [0, 0.5, 1], "value": [1, 1, 3]}
+BY_TABLE = {"problem": "poisson", "conductivity": "k(x)"}
+
+
+def test_a_conductivity_by_table() -> None:
+    """Flux 1 everywhere: u(1) is the integral of 1/k, here 1/2 + ln(3)/4 of a linear rise."""
+    tables = heat(linear=BY_TABLE, table=[STEP])
+    assert solved(tables).last()["u"] == pytest.approx(0.5 + math.log(3) / 4, rel=2e-3)
+
+
+def test_a_table_is_the_expression_that_it_samples() -> None:
+    """Straight parts and smooth ones against the same by arithmetic, to rounding."""
+    t = "((x - 0.5)/0.5)"
+    smooth = f"{t}^3*(10 - 15*{t} + 6*{t}^2)"
+    for curve, rise in (("linear", t), ("smooth", smooth)):
+        table = [STEP | {"curve": curve}]
+        own = heat(linear={"problem": "poisson", "source": "2*k(x) - k(x - 5) + k(9)"}, table=table)
+        other = heat(linear={"problem": "poisson", "source": f"2 + (x > 0.5 ? 4*{rise} : 0) + 2"})
+        assert solved(own).last()["u"] == pytest.approx(solved(other).last()["u"], rel=1e-12)
+
+
+def test_a_traction_and_a_displacement_by_table_in_a_nonlinear_scene() -> None:
+
+    def ends(lift: str, push: str) -> list[dict[str, Any]]:
+        return [{"set": "x0", "u_x": 0, "u_y": lift}, {"set": "x1", "traction": [push, 0]}]
+
+    tables = scene(
+        "auto", box(5, 5, places=(5, 5)),
+        material=[{"name": "m", "model": "neo-hookean", "mu": 1, "K": 2}],
+        boundary=ends("lift(y)", "0.1*push(y)"),
+        table=[
+            {"name": "push", "x": [0, 1], "value": [0, 2]},
+            {"name": "lift", "x": [-1, 3], "value": [-0.02, 0.06]},
+        ],
+    )  # fmt: skip
+    x = solved(tables).states.x
+    tables["boundary"] = ends("0.02*y", "0.2*y")
+    assert solved(tables).states.x == pytest.approx(x, rel=1e-9, abs=1e-12)
+
+
+def test_a_pulse_by_table_of_the_time() -> None:
+    """A bar that is pushed at one end: sums, products and the time go into tables as well."""
+    tables = heat(
+        geometry=box(21, places=(21,)),
+        linear={"problem": "elasticity", "E": 1},
+        dynamics={"density": 1, "time_step": 0.01, "end_time": 0.5, "every": 50},
+        boundary=[{"set": "x0", "u_x": 0}, {"set": "x1", "traction": ["pulse(2*t)"]}],
+        table=[{"name": "pulse", "x": [0, 0.5, 1], "value": [0, 1, 0]}],
+        probe=[{"name": "u", "quantity": "u_x", "point": [0.5]}],
+    )
+    own = solved(tables).last()["u"]
+    tables["boundary"][1] = {"set": "x1", "traction": ["t < 0.25 ? 4*t : 2 - 4*t"]}
+    assert own == pytest.approx(solved(tables).last()["u"], rel=1e-12)
+
+
+def test_tables_of_two_scenes_with_one_name() -> None:
+    """Each has its own, also while both are open."""
+    one = heat(linear=BY_TABLE, table=[STEP])
+    two = heat(linear=BY_TABLE, table=[STEP | {"value": [4, 4, 12]}])
+    with Scene.from_tables(one) as first, Scene.from_tables(two) as second:
+        found = [solved(opened).last()["u"] for opened in (first, second)]
+    assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
+
+
+def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
+    (folder / name).write_text(lines)
+    deck = folder / "rod.toml"
+    tables = heat(linear=BY_TABLE)
+    deck.write_text(text_of_tables(tables | {"table": [{"name": "k", "file": "k.csv"}]}))
+    return deck
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "x,k\n0,1\n0.5,1\n1,3\n",
+        "# of a paper\n0 1\n0.5 1\n\n1 3\n",
+        "x; k; temp\r\n0; 1; 7\r\n0.5; 1; 8\r\n1; 3; 9\r\n",
+    ],
+)
+def test_tables_in_files(lines: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines)
+    with Scene(deck) as opened:
+        found = solved(opened).last()["u"]
+        # what was read stands in the deck
+        assert opened.deck["table"][0]["value"] == [1, 1, 3]
+    own = heat(linear=BY_TABLE, table=[STEP])
+    assert found == solved(own).last()["u"]
+    first = load_deck(deck)["sha256"]
+    (tmp_path / "k.csv").write_text(lines.replace("3", "4"))
+    assert load_deck(deck)["sha256"] != first
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        ("0,1\n0.5,x\n", "k.csv:2: 'x' is not a finite number"),
+        ("0,1\n0.5,nan\n", "k.csv:2: 'nan' is not a finite number"),
+        ("0,1\n0.5\n", "k.csv:2: has 1 column, 2 are needed"),
+        ("0,1\n1,1\n1,2\n", "k.csv:3: places must ascend: 1 follows 1"),
+        ("0;1,5\n", "k.csv:1: '1,5' is not a finite number"),
+        ("x,k\n", "k.csv: has no numbers"),
+    ],
+)
+def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None:
+    deck = deck_with(tmp_path, lines)
+    with pytest.raises(InputError) as caught:
+        load_deck(deck)
+    assert what in str(caught.value)
+    line = deck.read_text().splitlines().index('file = "k.csv"') + 1
+    assert f"rod.toml:{line}" in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
+        load_deck(deck_with(tmp_path, "0,1\n", name="other.csv"))
+
+
+def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
+    """It was opened, which waits for whoever writes into it."""
+    deck = deck_with(tmp_path, "0,1\n", name="other.csv")
+    os.mkfifo(tmp_path / "k.csv")
+    done = execute(deck, tmp_path, "--explain")[1]
+    assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("table", "what"),
+    [
+        ({"name": "k"}, "table.k: needs one of the keys x, file"),
+        ({"name": "k", "x": [0, 1]}, "table.k.value: missing"),
+        ({"name": "k", "x": [0, 1], "value": [1]}, "must have as many items as x, 2, not 1"),
+        ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
+        ({"name": "k", "x": [0], "file": "k.csv"}, "cannot be given beside x"),
+        ({"name": "sin", "x": [0], "value": [1]}, "is already used in expressions"),
+        ({"name": "pi", "x": [0], "value": [1]}, "is already used in expressions"),
+        ({"name": "2k", "x": [0], "value": [1]}, "must consist of letters, digits and _"),
+        ({"name": "other", "x": [0], "value": [1]}, "unknown name 'k'"),
+        ({"name": "rk_table", "x": [0], "value": [1]}, "is already used in expressions"),
+    ],
+)
+def test_tables_that_cannot_be(table: dict[str, Any], what: str) -> None:
+    assert what in refused(heat(linear=BY_TABLE, table=[table]))
+
+
+@pytest.mark.parametrize("text", ["k", "k(x, 1)", "rk_table(0, x)", "k()", "kk(x)"])
+def test_calls_that_cannot_be(text: str) -> None:
+    linear = {"problem": "poisson", "conductivity": text}
+    assert "is not an expression" in refused(heat(linear=linear, table=[STEP]))

@@ -139,19 +139,18 @@ def test_dgelsy_gives_the_smallest_solution_of_a_deficient_matrix():
     assert "rank 19 of 20" in fit.why
 
 
+@pytest.mark.parametrize(
+    ("rows", "column", "value", "error", "message"),
+    [
+        (slice(None), 7, 0.0, InputError, "unknown 8 of 20 appears in no equation"),
+        (3, 7, np.nan, LinalgError, "not finite"),
+    ],
+)
 @pytest.mark.parametrize("name", SOLVERS)
-def test_an_empty_column_is_named(name):
+def test_matrices_that_no_solver_takes(name, rows, column, value, error, message):
     a, b, _ = problem(10.0, shape=(60, 20))
-    a[:, 7] = 0.0
-    with pytest.raises(InputError, match="unknown 8 of 20 appears in no equation"):
-        least_squares(a, b, name)
-
-
-@pytest.mark.parametrize("name", SOLVERS)
-def test_numbers_that_are_not_finite_are_refused(name):
-    a, b, _ = problem(10.0, shape=(60, 20))
-    a[3, 7] = np.nan
-    with pytest.raises(LinalgError, match="not finite"):
+    a[rows, column] = value
+    with pytest.raises(error, match=message):
         least_squares(a, b, name)
 
 

@@ -1,7 +1,9 @@
 """Stations: one signature, decks that are files or data, and the names that the package exports."""
 
 import inspect
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import nibabel
 import numpy as np
@@ -10,14 +12,14 @@ import pytest
 import myork
 from myork import _core
 from myork.console import silent
+from myork.core.deck import text_of_tables
 from myork.core.threads import core_threads
 from myork.errors import MyorkError
+from tests.scenes import scene
 
 
 def test_public_names() -> None:
-    wanted = (
-        "Scene Results segment build run_deck run_rom run_demo make_report load_deck MyorkError"
-    )
+    wanted = "Scene Results segment build run_deck run_rom run_demo make_report load_deck"
     assert set(wanted.split()) <= set(myork.__all__) <= set(dir(myork))
     for name in myork.__all__:
         value = getattr(myork, name)
@@ -50,59 +52,50 @@ def test_threads_of_the_core_are_given_back() -> None:
     assert _core.set_threads(0) == before
 
 
-DECK = """[scene]
-dimension = 3
-[units]
-force = "N"
-length = "cm"
-[build]
-labels = "{labels}"
-{more}
-[[material]]
-name = "muscle"
-label = 1
-model = "polynomial"
-A10 = 1
-K = 100
-[[material]]
-name = "fat"
-label = 4
-model = "polynomial"
-A10 = 1
-K = 100
-"""
+RUBBER = {"model": "polynomial", "A10": 1, "K": 100}
+MATERIALS = [{"name": "muscle", "label": 1, **RUBBER}, {"name": "fat", "label": 4, **RUBBER}]
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def build(tmp_path: Path) -> Callable[..., Any]:
+    """Build a model of two labels by a deck, whose lines are those of its path."""
     labels = np.ones((8, 8, 6), np.int16)
     labels[4:] = 2
     nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), tmp_path / "map.nii.gz")
-    return tmp_path
+
+    def run(**table: Any) -> Any:
+        tables = scene(
+            "auto", {"kind": "model"}, build={"labels": "map.nii.gz", **table}, material=MATERIALS
+        )
+        (tmp_path / "body.toml").write_text(text_of_tables(tables))
+        return myork.build(tmp_path / "body.toml", tmp_path / "out")
+
+    return run
 
 
 @pytest.mark.parametrize(
-    ("labels", "more", "line", "message"),
+    ("table", "message"),
     [
-        ("nothing.nii.gz", "", 7, r"build.labels: .*nothing.nii.gz: there is no such file"),
-        ("map.nii.gz", 'fibers = "map.nii.gz"', 8, r"build.fibers: .*a 4-D image with 3 volumes"),
-        ("map.nii.gz", "source_stride = [3, 3, 1]\ncollocation_stride = [2, 2, 1]", 8,
-         "build.source_stride = .* must be a multiple"),
+        ({"labels": "nothing.nii.gz"}, "build.labels: .*nothing.nii.gz: there is no such file"),
+        ({"fibers": "map.nii.gz"}, "build.fibers: .*a 4-D image with 3 volumes"),
+        (
+            {"source_stride": [3, 3, 1], "collocation_stride": [2, 2, 1]},
+            "build.source_stride = .* must be a multiple",
+        ),
     ],
-)  # fmt: skip
+)
 def test_errors_begin_with_file_line_and_key(
-    folder: Path, labels: str, more: str, line: int, message: str
+    build: Callable[..., Any], tmp_path: Path, table: dict[str, Any], message: str
 ) -> None:
-    deck = folder / "body.toml"
-    deck.write_text(DECK.format(labels=labels, more=more))
-    with pytest.raises(MyorkError, match=rf"body.toml:{line}: {message}"):
-        myork.build(deck, folder / "out")
+    with pytest.raises(MyorkError, match=message) as caught:
+        build(**table)
+    lines = (tmp_path / "body.toml").read_text().splitlines()
+    line = next(k for k, own in enumerate(lines, 1) if own.startswith(f"{[*table][0]} ="))
+    assert f"body.toml:{line}: build." in str(caught.value)
 
 
-def test_labels_and_materials_that_do_not_meet(folder: Path) -> None:
+def test_labels_and_materials_that_do_not_meet(build: Callable[..., Any]) -> None:
     """What a solve will refuse is a warning when the model is built."""
-    deck = folder / "body.toml"
-    deck.write_text(DECK.format(labels="map.nii.gz", more=""))
-    warnings = myork.build(deck, folder / "out")["model"]["warnings"]
+    warnings = build()["model"]["warnings"]
     assert any("material fat: no voxel has its label 4; the labels are 1, 2" in w for w in warnings)
     assert any("label 2 has no material" in w for w in warnings)

@@ -28,31 +28,15 @@ from myork.errors import InputError
 
 pytestmark = pytest.mark.nightly
 
+SPEED = {"title": "speed", "x": "time [s]", "y": "error [-]", "series": [
+    {"name": "ours", "x": [1.0, 2.0], "y": [1e-2, 1e-3]},
+    {"name": "theirs", "x": [1.0], "y": [1e-4], "rival": True},
+]}  # fmt: skip
+TOY = {"caption": "c", "head": ["a", "b"], "rows": [["x<y", None], ["z", 1.5]]}
 RECORD = {
-    "version": "1",
-    "date": "today",
-    "processor": "<chip>",
-    "cores": 2,
-    "load_average": 0.5,
-    "quick": True,
-    "benches": {
-        "toy": {
-            "title": "Toy & more",
-            "plots": [
-                {
-                    "title": "speed",
-                    "x": "time [s]",
-                    "y": "error [-]",
-                    "series": [
-                        {"name": "ours", "x": [1.0, 2.0], "y": [1e-2, 1e-3]},
-                        {"name": "theirs", "x": [1.0], "y": [1e-4], "rival": True},
-                    ],
-                }
-            ],
-            "tables": [{"caption": "c", "head": ["a", "b"], "rows": [["x<y", None], ["z", 1.5]]}],
-        }
-    },
-}
+    "version": "1", "date": "today", "processor": "<chip>", "cores": 2, "load_average": 0.5,
+    "quick": True, "benches": {"toy": {"title": "Toy & more", "plots": [SPEED], "tables": [TOY]}},
+}  # fmt: skip
 
 
 def quick(name: str, folder: Path) -> dict[str, Any]:
@@ -170,9 +154,8 @@ def test_a_path_reduced_either_way(deck: str) -> None:
     for r, bound in zip(modes, bounds, strict=True):
         assert found[str(r)]["e1"] < bound and found[f"unit {r}"]["e1"] < 2 * bound
         if full_min:
-            assert found[f"span {r}"]["e1"] == pytest.approx(
-                found[str(r)]["e1"], rel=1e-2, abs=1e-6
-            )
+            wanted = pytest.approx(found[str(r)]["e1"], rel=1e-2, abs=1e-6)
+            assert found[f"span {r}"]["e1"] == wanted
     assert 0 < found["full"]["auto_min"] <= found["full"]["cpu_min"]
 
 
@@ -247,9 +230,8 @@ def test_race(tmp_path: Path) -> None:
         assert race["outcome"] == "both" and race["peer"] not in absent
         assert race["ratio"] == pytest.approx(race["cpu_s"] / race["peer_cpu_s"])
     # what the meshes do not know is not asserted
-    assert all(
-        race["ratio"] is None or race["error"] >= 2 * race["doubt"] for race in bench["races"]
-    )
+    known = [race for race in bench["races"] if race["ratio"] is not None]
+    assert all(race["error"] >= 2 * race["doubt"] for race in known)
     assert len(bench["plots"]) == 4
 
 

@@ -97,17 +97,15 @@ def test_a_rotated_problem_has_the_rotated_answer() -> None:
     muscle = {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0}
     found = []
     for turn in (np.eye(3), Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()):
-        moved = {
-            f"u_{axis}": float(u) for axis, u in zip("xyz", turn @ [0.03, 0.01, 0.03], strict=True)
-        }
+        u = (turn @ [0.03, 0.01, 0.03]).tolist()
+        moved = {f"u_{axis}": u[k] for k, axis in enumerate("xyz")}
         tables = scenes.scene(
             "rkcm", {}, approximation={"window": "radial", "support": 3.6},
             material=[muscle | {"curve": "smooth"}], boundary=[held("z0"), held("z1", **moved)],
             load={"steps": 1, "activation": 0.1}, solver={"weight_essential": 1e4},
         )  # fmt: skip
-        turned = {
-            name: getattr(model, name) @ turn.T for name in ("source", "points", "fiber", "normal")
-        }
+        names = "source", "points", "fiber", "normal"
+        turned = {name: getattr(model, name) @ turn.T for name in names}
         found.append(scenes.solved(tables, cloud=replace(model, **turned)).fields)
     plain, other = found
     scale = abs(plain.u).max()

@@ -14,23 +14,8 @@ from scipy.optimize import brentq
 from benchmarks.truths import manufactured
 from benchmarks.truths.measures import observed_order
 from myork.bench import exact
-from myork.core.scene import Scene
-from myork.errors import InputError
-from tests.scenes import (
-    LINEAR,
-    MUSCLE,
-    RUBBER,
-    annulus,
-    box,
-    check_strong_rows,
-    check_weak_tangent,
-    held,
-    scene,
-    sheared,
-    solved,
-    staircase,
-    voxels,
-)
+from tests import scenes
+from tests.scenes import LINEAR, MUSCLE, RUBBER, annulus, box, held, scene, sheared, solved
 
 RIGID = {**RUBBER, "K": np.inf}
 STRONG = ["rkcm", "rkcm-mixed"]
@@ -101,7 +86,7 @@ def test_patch(open_scene, name, essential):
         tables["material"] = [RUBBER]
     if method not in STRONG:
         tables["galerkin"] = {"essential": essential}
-    opened = open_scene(tables, cloud=None if geometry else staircase())
+    opened = open_scene(tables, cloud=None if geometry else scenes.staircase())
     x = opened.field_points()
     u = np.zeros((len(x), 3))
     u[:, :nd] = x @ SLOPE[:nd, :nd].T
@@ -273,7 +258,7 @@ def clamped(nd, method, material, **tables):
     [("rkcm", name) for name in list(FIBERS)[:5]] + [("rkcm-mixed", name) for name in FIBERS],
 )
 def test_rows_are_the_derivative_of_the_residuals(open_scene, method, name):
-    check_strong_rows(open_scene(clamped(FIBERS[name][0], method, FIBERS[name][1])))
+    scenes.check_strong_rows(open_scene(clamped(FIBERS[name][0], method, FIBERS[name][1])))
 
 
 #: An infinite K makes the tangent a saddle; above the limit it is a product of its parts
@@ -293,7 +278,7 @@ def test_tangent_is_the_derivative_of_the_forces(open_scene, method, name, essen
     galerkin = {"gauss": 2, "essential": essential, "direct_limit": limit}
     opened = open_scene(clamped(nd, method, material, approximation=LINEAR, galerkin=galerkin))
     assert (opened.dofs > nd * 4**nd) == ("infinite" in name)
-    check_weak_tangent(opened, symmetric=essential == "penalty")
+    scenes.check_weak_tangent(opened, symmetric=essential == "penalty")
 
 
 # ---- balance -------------------------------------------------------------------------------------
@@ -404,27 +389,6 @@ def test_wrong_stationary_point_is_no_answer():
     assert right["stress_error"] < 1e-5
 
 
-def test_deformation_is_large_and_keeps_the_volume_in_the_middle():
-    x = np.random.default_rng(5).uniform(size=(200, 3))
-    x[0] = 0.5
-    f = manufactured.deformation_gradient(manufactured.chosen_deformation, x)
-    volume = np.linalg.det(f)
-    assert_allclose(volume, 1.0 + 1.2 * (x[:, 0] - 0.5) ** 2, rtol=1e-12)
-    strain = 0.5 * (np.swapaxes(f, 1, 2) @ f - np.eye(3))
-    assert np.abs(strain).max() > 0.2
-
-
-def test_fields_of_a_wrong_shape_are_refused(inputs):
-    with Scene(inputs / "shear_2d.toml") as opened:
-        n = opened.collocation_points
-        good = np.zeros((n, 3))
-        with pytest.raises(InputError, match="stress must be finite and have shape"):
-            opened.set_fields(good, good, np.zeros((n, 3)))
-        good[3, 1] = np.nan
-        with pytest.raises(InputError, match="body_force must be finite"):
-            opened.set_fields(good, good, np.zeros((n, 3, 3)))
-
-
 # ---- tangents that are not formed ----------------------------------------------------------------
 
 
@@ -437,7 +401,7 @@ def two_tissues():
     data[4:, :, 0] = 0
     data[5, 2, 0] = 1
     data[5, 2, 1] = 0
-    return voxels(data, (10.0, 8.0, 12.0), ids=[1, 2])
+    return scenes.voxels(data, (10.0, 8.0, 12.0), ids=[1, 2])
 
 
 def bodies():

@@ -122,9 +122,8 @@ def test_membrane_in_the_plane() -> None:
     tables = scene(
         "rkpm-gauss", box(25, 25, places=(25, 25)),
         linear={"problem": "poisson", "exact": "sin(pi*x)*sin(pi*y)*cos(sqrt(2)*pi*t)"},
-        dynamics={
-            "density": 1, "time_step": 0.01, "end_time": 0.5, "displacement": "sin(pi*x)*sin(pi*y)",
-        },
+        dynamics={"density": 1, "time_step": 0.01, "end_time": 0.5,
+                  "displacement": "sin(pi*x)*sin(pi*y)"},
         boundary=[{"set": side, "u": 0} for side in ("x0", "x1", "y0", "y1")],
     )  # fmt: skip
     assert error_of(tables) < 0.03
@@ -136,14 +135,8 @@ PULL = [{"name": "pull", "quantity": "force_x", "set": "x0"}]
 @pytest.mark.parametrize(
     ("tables", "what"),
     [
-        (
-            string(11, 0.01, end_time=0.033),
-            "dynamics.end_time: must be a whole number of",
-        ),
-        (
-            string(11, 0.01, velocity=["1", "2"]),
-            "dynamics.velocity: must have 1 item, one ",
-        ),
+        (string(11, 0.01, end_time=0.033), "dynamics.end_time: must be a whole number of"),
+        (string(11, 0.01, velocity=["1", "2"]), "dynamics.velocity: must have 1 item, one "),
         (string(11, 0.01, density="x - 1"), "dynamics.density: must be positive, not"),
         (string(11, 0.01, velocity="t"), "unknown name 't' at position 1"),
         # time has no meaning at rest

@@ -69,9 +69,8 @@ def test_finite_elements_turn_sets() -> None:
 
 
 def test_errors_of_an_answer() -> None:
-    truths = Truths(
-        {"u": "displacement", "f": "force"}, {"u": Truth(2.0, 0.02), "f": Truth(-1.0, 0)}
-    )
+    known = {"u": Truth(2.0, 0.02), "f": Truth(-1.0, 0)}
+    truths = Truths({"u": "displacement", "f": "force"}, known)
     found = truths.errors({"u": 2.1, "f": -1.0}, {"u": 0.06})
     assert found["error"] == {"u": pytest.approx(0.05), "f": 0.0}
     assert found["off"] == pytest.approx(0.04) and found["held"] == "0 of 1"

@@ -25,18 +25,8 @@ TOLERANCE = 1e-7
 FIBERS = ("geometry.source=[3,3,4]", "geometry.collocation=[4,4,6]", "approximation.support=2.5",
           "approximation.order=2", "material.curve=smooth")  # fmt: skip
 TUBE = ("geometry.source=[4,5]", "geometry.collocation=[6,8]", "approximation.support=3")
-ALL_TERMS = tuple(
-    f"material.{name}={value}"
-    for name, value in {
-        "A01": 3,
-        "A30": 0.3,
-        "A11": 1,
-        "A02": 0.5,
-        "A21": 0.4,
-        "A12": 0.3,
-        "A03": 0.2,
-    }.items()
-)
+ALL_TERMS = tuple(f"material.{term}" for term in (
+    "A01=3", "A30=0.3", "A11=1", "A02=0.5", "A21=0.4", "A12=0.3", "A03=0.2"))  # fmt: skip
 
 SCENES = {
     "muscle, mixed": ("muscle_fibers.toml", ("scene.method=rkcm-mixed", *FIBERS)),
@@ -69,11 +59,9 @@ def test_second_derivatives(case: str, inputs: Path) -> None:
     rng = np.random.default_rng(1)
     with Scene(inputs / deck, overrides, threads=1) as scene:
         start = np.zeros(scene.dofs)
-        x, direction = random_state(scene, rng), random_state(scene, rng)
-        expected = derivative(
-            lambda move: hessian(scene, x + move * direction, 0.7, start=start)[0], 1e-3
-        )
-        found = hessian(scene, x, 0.7, start=start)[1] @ direction
+        x, way = random_state(scene, rng), random_state(scene, rng)
+        expected = derivative(lambda h: hessian(scene, x + h * way, 0.7, start=start)[0], 1e-3)
+        found = hessian(scene, x, 0.7, start=start)[1] @ way
     np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE * abs(expected).max())
 
 
@@ -112,11 +100,8 @@ def last_steps(out: Path, tolerance: float) -> list[float]:
 
 @pytest.mark.slow
 def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
-    """Steps of the last load step: quadratic with second derivatives, linear without.
-
-    The order is the ratio of logarithms of successive contractions of the steps; 2 in the limit,
-    above 1.5 where three iterations are in the region of convergence. Gauss-Newton contracts by
-    an about constant factor: its order is 1.
+    """The ratio of logarithms of the last contractions: 2 in the limit, above 1.5 where three
+    iterations are in the region of convergence, 1 for Gauss-Newton.
     """
     order = {}
     for method in ("full", "gauss-newton"):
@@ -175,18 +160,14 @@ def least_curvature(scene: Scene, x: np.ndarray, load: float, start: np.ndarray)
 
 @pytest.mark.slow
 def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
-    """Second derivatives of a minimum are positive definite, and the way there does not matter.
+    """Second derivatives of a minimum are positive definite, whatever the way there.
 
-    Rounding alone made the solvers differ here: each Gauss-Newton iteration makes a turn that
-    rounding began 17 times as large, so one more or one less decided between |r| = 1.88 and 0.90.
-    Condition and answer are asked of every solver, and of Newton's method, which is drawn to
-    saddles as well.
+    Each Gauss-Newton iteration makes a turn that rounding began 17 times as large: one more or less
+    decided between |r| = 1.88 and 0.90. Newton's method is drawn to saddles as well.
     """
     middle = {}
-    for choice in [f"linear={name}" for name in SOLVERS if name != "auto"] + [
-        "newton=gauss-newton",
-        "newton=full",
-    ]:
+    solvers = [f"linear={name}" for name in SOLVERS if name != "auto"]
+    for choice in (*solvers, "newton=gauss-newton", "newton=full"):
         with Scene(inputs / "muscle_block.toml", [*SADDLE, f"solver.{choice}"], threads=1) as scene:
             states = scene.solve()
             start = np.zeros(scene.dofs)

@@ -14,14 +14,8 @@ from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
 from myork.results import REDUCED_FILE, read_reduced
+from myork.rom import study
 from myork.rom.basis import proper_orthogonal_modes, unit_states
-from myork.rom.study import (
-    PathStates,
-    displacement_error,
-    gradient_error,
-    largest_error,
-    reduced_path,
-)
 from tests.scenes import box, held
 from tests.scenes import scene as tables_of
 
@@ -76,7 +70,7 @@ def reduced_errors(scene, states, modes, linear):
     assert reduced.load.tolist() == states.load.tolist()
     exact = fields_of(scene, states.x, states.load)
     found = fields_of(scene, reduced.x @ modes.T, states.load)
-    return displacement_error(exact, found), gradient_error(exact, found)
+    return study.displacement_error(exact, found), study.gradient_error(exact, found)
 
 
 def test_modes_are_orthonormal_and_span_the_snapshots(full):
@@ -153,7 +147,7 @@ def test_fewer_modes_come_near_to_the_best_that_they_can(full):
         basis = modes[:, :r]
         best = fields_of(scene, states.x @ basis @ basis.T, states.load)
         e1, _ = reduced_errors(scene, states, basis, "")
-        assert e1 < 2.0 * displacement_error(exact, best), r
+        assert e1 < 2.0 * study.displacement_error(exact, best), r
 
 
 def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
@@ -171,9 +165,8 @@ def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     with Scene.from_tables(tables, threads=1) as scene:
         pull = scene.probes(scene.solve(error=False).x, [1.0])[-1, 0]
     assert errors[0] > 10 * errors[2]
-    assert_allclose(
-        study["full"]["probes"]["pull"][-1], pull, rtol=1e-6, atol=1e-6 * max(abs(pull))
-    )
+    last = study["full"]["probes"]["pull"][-1]
+    assert_allclose(last, pull, rtol=1e-6, atol=1e-6 * max(abs(pull)))
 
 
 def test_pressures_that_are_unknowns_are_not_reduced():
@@ -274,34 +267,32 @@ def change_summary(**entries):
     return change
 
 
-def damage(out):
-    (out / "results.vtkhdf").write_bytes((out / "results.vtkhdf").read_bytes()[:5000])
+def cut(name, size=None):
+    """Cut a file, or take it away."""
 
+    def change(out):
+        content = (out / name).read_bytes()[:size]
+        (out / name).unlink()
+        if size:
+            (out / name).write_bytes(content)
 
-def take_away(out):
-    (out / "results.vtkhdf").unlink()
-
-
-def take_summary_away(out):
-    (out / "summary.json").unlink()
+    return change
 
 
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        (
-            {"overrides": ["load.activation=0.25", "load.steps=4"]},
-            r"differs in load\.activation \(0\.3, not 0\.25\), load\.steps \(3, not 4\)$",
-        ),
+        ({"overrides": ["load.activation=0.25", "load.steps=4"]},
+         r"differs in load\.activation \(0\.3, not 0\.25\), load\.steps \(3, not 4\)$"),
         ({"tables": {**STUDY, "title": "other"}}, r"differs in title \(scene, not other\)$"),
         ({"threads": 2}, "has threads 1, not 2"),
         ({"change": change_summary(converged=False)}, "the solve in it did not converge"),
         ({"change": change_summary(version="0.0")}, r"has version 0\.0, not"),
-        ({"change": take_summary_away}, "there is no summary.json"),
-        ({"change": take_away}, "cannot be used: .*results.vtkhdf: no such file"),
-        ({"change": damage}, "cannot be used: .*results.vtkhdf"),
+        ({"change": cut("summary.json")}, "there is no summary.json"),
+        ({"change": cut("results.vtkhdf")}, "cannot be used: .*results.vtkhdf: no such file"),
+        ({"change": cut("results.vtkhdf", 5000)}, "cannot be used: .*results.vtkhdf"),
     ],
-)
+)  # fmt: skip
 def test_what_is_not_of_this_scene_is_solved(study_of, options, why):
     study, lines = study_of(**options)
     assert study["full"]["origin"] == ""
@@ -400,11 +391,11 @@ def test_motions_in_the_span_of_their_modes(inputs: Path, deck, method, projecti
     with Scene(inputs / f"{deck}.toml", [f"scene.method={method}"]) as scene:
         states = scene.solve(error=False)
         assert len(states.x) == 30
-        full = PathStates.of(scene, states.x, states.load)
+        full = study.PathStates.of(scene, states.x, states.load)
         modes, _ = proper_orthogonal_modes(states.x)
         for published in (False, True):
             found = [
-                reduced_path(scene, full, modes[:, :r], projection, published=published)[0]
+                study.reduced_path(scene, full, modes[:, :r], projection, published=published)[0]
                 for r in (1, 5, 25)
             ]
             e1 = [model["e1"] for model in found]
@@ -460,8 +451,8 @@ def test_linear_problems_are_not_reduced(inputs: Path, tmp_path) -> None:
 
 def test_an_error_that_is_not_a_number_is_not_zero() -> None:
     """Where the material is inverted there is no stress to compare."""
-    assert largest_error(np.zeros(2), np.ones(2)) == 0.0
-    assert np.isnan(largest_error(np.array([1.0, np.nan]), np.ones(2)))
+    assert study.largest_error(np.zeros(2), np.ones(2)) == 0.0
+    assert np.isnan(study.largest_error(np.array([1.0, np.nan]), np.ones(2)))
 
 
 # ---- which states are snapshots ------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,11 +29,8 @@ BLOCK = contracting(
         {"name": "belly", "quantity": "u", "point": [1.0, 0.5, 1.0]},
     ],
 )  # fmt: skip
-RANGES = {
-    "load.activation": (0.0, 0.8),
-    "boundary.z1.u_z": (-0.1, 0.2),
-    "material.muscle.sigma_max": (20.0, 45.0),
-}
+RANGES = {"load.activation": (0.0, 0.8), "boundary.z1.u_z": (-0.1, 0.2)}
+RANGES |= {"material.muscle.sigma_max": (20.0, 45.0)}
 STRETCHES = [(0.1, 0.0), (0.3, 0.1), (0.6, 0.05), (0.8, -0.05), (0.5, 0.15), (0.0, 0.15)]
 
 
@@ -53,9 +51,8 @@ def measured(deck: Path, path: Path, changes: Sequence[str], noise: float) -> Pa
     """What full solves of a deck with changes say, with noise of a part of the largest force."""
     rows = []
     for activation, u_z in STRETCHES:
-        with Scene(
-            deck, [*changes, f"load.activation={activation}", f"boundary.z1.u_z={u_z}"]
-        ) as scene:
+        state = [f"load.activation={activation}", f"boundary.z1.u_z={u_z}"]
+        with Scene(deck, [*changes, *state]) as scene:
             states = scene.solve(error=False)
             value = scene.probes(states.x[-1:], states.load[-1:])[0]
         rows.append([activation, u_z, value[0, 0], value[1, 0]])
@@ -90,13 +87,8 @@ VARY = ["a=0:1", "b=0:1", "c=0:1"]
 
 @pytest.fixture
 def formula(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    def use(forward: Forward) -> None:
-        import sys
-
-        module = sys.modules["myork.studies.sensitivity"]
-        monkeypatch.setattr(module, "open_forward", lambda *_: forward)
-
-    return use
+    module = sys.modules["myork.studies.sensitivity"]
+    return lambda forward: monkeypatch.setattr(module, "open_forward", lambda *_: forward)
 
 
 def test_indices_of_a_formula(formula: Callable[..., None], tmp_path: Path) -> None:
@@ -136,15 +128,14 @@ def test_sensitivity_of_a_reduced_model(trained: Path, tmp_path: Path) -> None:
     assert found["probe"] == "reaction" and found["unit"] == "N"
     assert found["cost"]["full_cpu_s"] > found["cost"]["cpu_s"]
     vary = ["load.activation=0:0.8", "material.muscle.sigma_max=20:45"]
-    full = sensitivity(
-        trained.parent / "block.toml", tmp_path, vary=vary, fixed=fixed, samples=8, threads=1
+    full, same = (
+        sensitivity(by, tmp_path, vary=vary, fixed=fixed, samples=8, threads=1)
+        for by in (trained.parent / "block.toml", trained)
     )
-    same = sensitivity(trained, tmp_path, vary=vary, fixed=fixed, samples=8, threads=1)
     assert full["mean"] == pytest.approx(same["mean"], rel=2e-3)
     for key, entry in full["indices"].items():
-        assert entry["total_order"]["value"] == pytest.approx(
-            same["indices"][key]["total_order"]["value"], abs=5e-3
-        )
+        theirs = same["indices"][key]["total_order"]["value"]
+        assert entry["total_order"]["value"] == pytest.approx(theirs, abs=5e-3)
 
 
 def test_sigma_max_by_a_reduced_model(deck: Path, trained: Path, tmp_path: Path) -> None:
@@ -259,15 +250,17 @@ def cylinder(shape: tuple[int, int, int] = (40, 40, 12)) -> Labels:
     return Labels(data, np.diag([1.0, 1.0, 3.0, 1.0]), {1: "muscle", 2: "core"})
 
 
+def filled(labels: Labels, shift: float, noise: float, length: float, seed: int) -> int:
+    moved = perturbed(labels, shift, noise, length, np.random.default_rng(seed))
+    return int((moved.data > 0).sum())
+
+
 @pytest.mark.parametrize("shift", [-0.7, -0.2, 0.0, 0.3, 0.8])
 def test_moved_by_less_than_a_voxel(shift: float) -> None:
     """Volumes follow the move also where it is below half a voxel."""
     labels = cylinder()
     whole = (labels.data > 0).sum()
-    changes = [
-        (perturbed(labels, shift, 0.0, 10.0, np.random.default_rng(k)).data > 0).sum() / whole - 1
-        for k in range(8)
-    ]
+    changes = [filled(labels, shift, 0.0, 10.0, k) / whole - 1 for k in range(8)]
     assert np.mean(changes) == pytest.approx((1 + shift / 12) ** 2 - 1, abs=0.012)
     if shift == 0.0:
         assert changes == [0.0] * 8
@@ -279,10 +272,7 @@ def test_borders_between_labels_stay() -> None:
     moved = perturbed(labels, 1.0, 0.0, 10.0, np.random.default_rng(1)).data
     assert (moved > 0).sum() > 1.1 * (labels.data > 0).sum()
     assert (moved == 2).sum() == pytest.approx((labels.data == 2).sum(), rel=0.1)
-    noisy = [
-        (perturbed(labels, 0.0, 0.8, 8.0, np.random.default_rng(k)).data > 0).sum()
-        for k in range(12)
-    ]
+    noisy = [filled(labels, 0.0, 0.8, 8.0, k) for k in range(12)]
     whole = (labels.data > 0).sum()
     assert np.std(noisy) > 0.002 * whole
     assert np.mean(noisy) == pytest.approx(whole, rel=0.03)

@@ -203,16 +203,6 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_workers", lambda *_: contextlib.nullcontext(team))
 
 
-def test_another_sweep_in_the_folder(deck: Path, tmp_path: Path, here: None) -> None:
-    out = tmp_path / "out"
-    sweep(deck, ["material.rubber.mu=5,10"], out)
-    with pytest.raises(InputError, match=r"is of another sweep, with other keys, points or --set"):
-        sweep(deck, ["material.rubber.mu=5,11"], out)
-    with pytest.raises(InputError, match=r"is of another sweep, with other keys, points or --set"):
-        sweep(deck, ["material.rubber.mu=5,10"], out, overrides=["material.rubber.K=900"])
-    assert [row["material.rubber.mu"] for row in rows_of(out)] == ["5", "10"]
-
-
 def test_a_sweep_is_extended_in_its_folder(
     deck: Path, tmp_path: Path, here: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,7 +225,7 @@ def test_a_sweep_is_extended_in_its_folder(
     for vary in (second, first):
         sweep(deck, vary, out)
         assert len(calls) == 5 and [row["call"] for row in rows_of(out)] == ["1", "1", "2", "2"]
-    with pytest.raises(InputError, match=r"add these points with --extend"):
+    with pytest.raises(InputError, match=r"other keys, points or --set: add these points"):
         sweep(deck, ["material.rubber.mu=6"], out)
     with pytest.raises(InputError, match=r"has no parts"):
         sweep(deck, ["material.rubber.mu=6"], out, extend=True, part="1/2")
@@ -379,19 +369,13 @@ def test_points_that_are_read_back_are_checked(
     assert path.read_text().splitlines() == [*before, last]
 
 
-@pytest.mark.parametrize(
-    ("name", "owner"),
-    [
-        ("verdict", "every sweep"),
-        ("cpu_s", "every sweep"),
-        ("middle_x", "the probe middle_x"),
-        ("middle_y_error", "the probe middle_y_error"),
-        ("material.rubber.mu", "the varied key material.rubber.mu"),
-    ],
-)  # fmt: skip
-def test_columns_cannot_overwrite_each_other(
-    deck: Path, tmp_path: Path, name: str, owner: str
-) -> None:
+COLUMNS = {"verdict": "every sweep", "cpu_s": "every sweep", "middle_x": "the probe middle_x",
+           "middle_y_error": "the probe middle_y_error",
+           "material.rubber.mu": "the varied key material.rubber.mu"}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "owner"), COLUMNS.items())
+def test_columns_cannot_overwrite_each_other(deck, tmp_path, name: str, owner: str) -> None:
     """Refused before anything is solved or written, in a dry run as well."""
     deck.write_text(STRIP.replace('"pull"', f'"{name}"'))
     for dry in (True, False):

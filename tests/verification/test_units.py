@@ -30,13 +30,7 @@ FORMS = ("rkcm", "rkcm-mixed", "rkpm-scni")
 SOLID = {q for q in QUANTITIES if not re.match("section|energy|fiber|pennation", q)}
 
 
-def body(
-    dimension: int,
-    quantities: set[str],
-    force: float = 1.0,
-    length: float = 1.0,
-    method: str = "rkpm-gauss",
-) -> dict:
+def body(dimension, quantities, force=1.0, length=1.0, method="rkpm-gauss") -> dict:
     """A muscle that is pulled askew, with all probes, its numbers times powers of two units."""
     stress = force / length**2
     probes = []
@@ -101,19 +95,13 @@ def factor(unit: str) -> float:
     [
         (lambda *units: body(3, QUANTITIES, *units), 3),
         (lambda *units: body(2, PLANE, *units), 2),
-        *(
-            pytest.param(
-                lambda *units, form=form: body(3, SOLID, *units, method=form),
-                3,
-                marks=pytest.mark.slow,
-            )
-            for form in FORMS
-        ),
+        *(pytest.param(lambda *units, form=form: body(3, SOLID, *units, method=form), 3,
+                       marks=pytest.mark.slow) for form in FORMS),
         (lambda *units: bar(1, *units), 1),
         (lambda *units: bar(2, *units), 2),
     ],
     ids=["space", "plane", *FORMS, "line", "linear"],
-)
+)  # fmt: skip
 def test_units_tell_how_numbers_change(make, dimension: int) -> None:
     one, units = numbers(make())
     other, _ = numbers(make(FORCE, LENGTH))
@@ -136,9 +124,8 @@ def test_units_of_all_quantities() -> None:
         q for q in PLANE if "force" in q
     } | {"torque_z", "energy"}
     assert (plane["section_force_x"], plane["torque_z"], plane["energy"]) == ("N/cm", "N", "N")
-    assert load_deck(bar(1))["probe_units"] == {
-        "pull": "N/cm^2", "half": "cm", "stress": "N/cm^2",
-    }  # fmt: skip
+    line = load_deck(bar(1))["probe_units"]
+    assert line == {"pull": "N/cm^2", "half": "cm", "stress": "N/cm^2"}
     assert load_deck(ROOT / "inputs/poisson_2d.toml")["probe_units"] == {"centre": ""}
 
 
@@ -147,13 +134,8 @@ def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
     tables = body(2, {"force_x", "energy", "J", "u", "cauchy_xx"})
     tables["material"] = [RUBBER]
     summary = run_deck(tables, tmp_path, threads=1)
-    said = dict(
-        re.findall(
-            r"^  (\w+) .*\+- (?:\([^)]*\)|\S+)(.*?)(?:  not resolved)?$",
-            (tmp_path / "run.log").read_text(),
-            re.M,
-        )
-    )
+    line = r"^  (\w+) .*\+- (?:\([^)]*\)|\S+)(.*?)(?:  not resolved)?$"
+    said = dict(re.findall(line, (tmp_path / "run.log").read_text(), re.M))
     assert summary["probe_units"] == {name: unit.strip() for name, unit in said.items()}
     assert summary["probe_units"]["force_x"] == "N/cm" and summary["probe_units"]["energy"] == "N"
     with Results(tmp_path) as results:

@@ -1,6 +1,7 @@
-"""The page of a reduced model: what it shows is what the model says, in a real browser."""
+"""The page of a reduced model, in a real browser: it shows what the model says; the demo."""
 
 import contextlib
+import http.client
 import io
 import json
 import os
@@ -15,6 +16,7 @@ import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -166,9 +168,8 @@ def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
     colours = {}
     for field in FIELDS:
         page.select_option("#field", field)
-        page.wait_for_function(
-            "(n) => shown.answers > n && !busy", arg=page.evaluate("shown.answers - 1")
-        )
+        before = page.evaluate("shown.answers - 1")
+        page.wait_for_function("(n) => shown.answers > n && !busy", arg=before)
         page.wait_for_function("() => !wanted && !busy")
         colours[field] = (picture(page).astype(int).sum(), page.inner_text("#high"))
     assert len({colour for colour in colours.values()}) == len(FIELDS)
@@ -464,24 +465,45 @@ def test_who_has_left_gets_nothing_computed(near: _Server, monkeypatch: pytest.M
     staying.close()
 
 
-def test_an_honest_client_beside_a_crowd(trained: Path) -> None:
-    """`python tests/view/crowd.py` prints the times, for crowds ten times as large."""
-    program = [sys.executable, str(Path(__file__).with_name("crowd.py")), str(trained), "--json"]
-    counts = ["--clients", "50", "--questions", "2", "--idle", "300", "--seconds", "0.5"]
-    record = json.loads(subprocess.run([*program, *counts], capture_output=True, check=True).stdout)
-    got = {name: one["got"] for name, one in record.items()}
-    # those that stay are of the hundred connections that may be open
-    assert got.pop("idle")["ended"] >= 200
-    assert got == {
-        "nobody": {},
-        "no token": {"403": 100},
-        "foreign Host": {"403": 100},
-        "2,000-fold questions": {"400": 100},
-        "not a number": {"400": 100},
-        "states": {"200": 100},
-        "curves, leaving": {"left": 100},
-    }
-    assert all(one["answers"] >= 50 for one in record.values())
+STATE, CURVES = "state?p=0.4,0.1,30&field=von_mises", "curves?p=0.4,0.1,30&probe=0&family=1"
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "status"),
+    [
+        ("/" + STATE, "", 403),
+        (STATE, "example.org", 403),
+        (CURVES + "&of=" + ",".join(["0"] * 2000), "", 400),
+        (STATE.replace("0.4,0.1,30", "nan,1e999,x"), "", 400),
+        (STATE, "", 200),
+        (CURVES, "", 0),
+    ],
+    ids=["no token", "foreign host", "2,000-fold", "not a number", "states", "leaving"],
+)
+def test_an_honest_client_beside_a_crowd(address: str, path: str, host: str, status: int) -> None:
+    """Fifty clients ask twice, or leave before their answer: another one has all of its own."""
+    url = urlsplit(address)
+
+    def ask(path: str, count: int, stays: bool = True, **headers: str) -> list[int]:
+        connection, got = http.client.HTTPConnection(url.netloc, timeout=60), []
+        for _ in range(count):
+            target = path if path.startswith("/") else url.path + path
+            connection.request("GET", target, headers=headers)
+            if stays:
+                with connection.getresponse() as answer:
+                    answer.read()
+                    got.append(answer.status)
+            else:
+                connection.close()
+        connection.close()
+        return got
+
+    with ThreadPoolExecutor(51) as pool:
+        honest = pool.submit(ask, STATE, 25)
+        header = {"Host": host} if host else {}
+        crowd = [pool.submit(ask, path, 2, status > 0, **header) for _ in range(50)]
+        assert honest.result() == [200] * 25
+        assert [code for one in crowd for code in one.result()] == [status] * (100 * (status > 0))
 
 
 @pytest.mark.parametrize(
@@ -589,9 +611,7 @@ def test_a_body_too_large_for_a_page(trained: Path, monkeypatch: pytest.MonkeyPa
     ]
     assert found["held"]["fixed"] == {"material.muscle.sigma_max": 30.0}
     monkeypatch.setattr(still, "MOST_BYTES", 1_500)
-    with pytest.raises(
-        InputError, match="has 42 corners: three states are larger than the 0.0015 MB"
-    ):
+    with pytest.raises(InputError, match="has 42 corners: three states are larger than the 0.001"):
         still.sample(trained)
 
 
@@ -652,3 +672,54 @@ def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["view", "x.rom.h5", "--port", "70000"])
     assert "at most 65535" in capsys.readouterr().err
+
+
+def test_it_ends_accepted(
+    open_page: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", "--out", str(tmp_path), "--threads", "1"]) == 0
+    said = capsys.readouterr().out
+    lines = said.splitlines()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    # nothing is lost in any place, at no load
+    assert summary["verdict"]["state"] == "accepted" and summary["warnings"] == []
+    last = summary["steps"][-1]
+    force, bar = last["probes"]["reaction_top"], last["probe_errors"]["reaction_top"]
+    assert 0.0 < bar < 0.06 * force
+    assert lines[-4:] == [
+        f"reaction_top at load 1: {force:.4g} +- {bar:.2g} N",
+        "verdict: accepted",
+        f"report: {tmp_path / 'report.html'}",
+        f"the muscle with sliders, in any browser: {tmp_path / 'mg_muscle.html'}",
+    ]
+    # every station and what takes its time says where it is
+    assert [f"station {k}/5" in said for k in range(1, 6)] == [True] * 5
+    assert "full solve 24/24" in said and "test 6/6" in said and "state 100/" in said
+    # the check stands in its file and in the model
+    check = json.loads((tmp_path / "check.json").read_text())
+    assert check["failed"] == 0 and check["points"] == 6
+    assert check["force"]["max"] < 1e-3 and check["u"]["max_of_largest"] < 2e-3
+    (model,) = tmp_path.glob("*.rom.h5")
+    rom = ReducedModel.load(model, threads=1)
+    assert rom.certificate == check
+    assert rom.solve(activation=0.3, u_z=0.0).probes["reaction_top"] == pytest.approx(
+        force, rel=1e-3
+    )
+    page = open_page((tmp_path / "mg_muscle.html").as_uri())
+    page.wait_for_function("shown.answers > 0")
+    page.evaluate(
+        "() => { const s = document.getElementById('p0'); s.value = 0.3;"
+        " s.dispatchEvent(new Event('input')); }"
+    )
+    page.wait_for_function("shown.values[0] === 0.3")
+    at = page.evaluate("about.probes.findIndex((p) => p.name === 'reaction_top')")
+    assert page.evaluate("shown.probes")[at] == pytest.approx(force, rel=1e-3)
+    assert page.inner_text("#verdict") == "✓ accepted"
+    # the error of the full model is in that of the force
+    of = page.evaluate("about.bar")
+    off = (of["full"] + of["reduced"]) * force + of["between"]
+    assert bar < off < 1.02 * bar
+    assert page.inner_text("#bar0") == f"± {off:.2g}"
+    report = open_page((tmp_path / "report.html").as_uri())
+    report.wait_for_function("shown.answers > 0")
+    assert report.inner_text("h1").endswith("✓ numerical error accepted phantom data")
