@@ -6,7 +6,6 @@ The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in
 what a restart needs in its group MyoRK.
 """
 
-import importlib
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -22,14 +21,13 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.errors import FileError, InputError, InstallationError
+from myork.arrays import UNREADABLE, dataset, fitted, index, raw, real, whole
+from myork.errors import FileError, InputError, optional
 from myork.files import whole_file
 from myork.summary import printed, read_summary
 from myork.types import F64, I32, I64
 
 _FILE = "results.vtkhdf"
-_DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
-            OverflowError, MemoryError)  # fmt: skip
 # Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 # Components of scalars, vectors, symmetric and other tensors
@@ -278,7 +276,7 @@ class Results:
         ...     results.to_pyvista(-1, deformed=True).plot(scalars="pressure")
         """
         step = self._step(step)
-        cloud = _optional("pyvista", "viz").PolyData(
+        cloud = optional("pyvista", "viz").PolyData(
             self.deformed(step) if deformed else self.points
         )
         if len(self.surface):
@@ -309,7 +307,7 @@ class Results:
         FileError
             There is no `summary.json` beside the file.
         """
-        pandas = _optional("pandas", "pandas")
+        pandas = optional("pandas", "pandas")
         rows: list[dict[str, Any]] = []
         units: dict[str, str] = {}
         known = self.summary.get("probe_units", {})
@@ -349,7 +347,7 @@ class Results:
         InstallationError
             Pandas is missing.
         """
-        pandas = _optional("pandas", "pandas")
+        pandas = optional("pandas", "pandas")
         columns = dict(zip("xyz", self.points.T, strict=True))
         units = dict.fromkeys("xyz", self.units["length"])
         for name in self.fields:
@@ -391,7 +389,7 @@ class Results:
         ...     fields = results.to_xarray("u", "cauchy")
         >>> fields.cauchy.sel(i="z", j="z").mean("point").plot(x="load")  # doctest: +SKIP
         """
-        xarray = _optional("xarray", "xarray")
+        xarray = optional("xarray", "xarray")
         length = {"units": self.units["length"]}
         coordinates: dict[str, Any] = {
             axis: ("point", x, length) for axis, x in zip("xyz", self.points.T, strict=True)
@@ -503,24 +501,10 @@ class Results:
     def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
         """Numbers of a dataset; what is broken becomes an error that names the file."""
         with _damage(self.path, name):
-            found = self._file[name]
-            # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
-            if found.nbytes > 1100 * max(found.id.get_storage_size(), 1):
-                raise ValueError("its shape declares far more numbers than the file contains")
-            values = np.asarray(found[part])
+            values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":
                 raise TypeError("it does not hold numbers")
         return values
-
-
-def _optional(name: str, extra: str) -> Any:
-    """Import a package that only some need."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as reason:
-        raise InstallationError(
-            f"this needs {name}: pip install 'myork[{extra}]' ({reason})"
-        ) from None
 
 
 def _parts(name: str) -> str:
@@ -558,7 +542,7 @@ def _damage(path: Path, what: str) -> Iterator[None]:
     """Name the file where h5py raises one of the many errors that it has for damaged ones."""
     try:
         yield
-    except _DAMAGES as reason:
+    except (*UNREADABLE, InputError) as reason:
         raise FileError(
             f"{path}: not a result file of myork, or damaged: {what} cannot be read: "
             f"{reason}; give a file that 'myork solve' has written"
@@ -592,6 +576,15 @@ class ReducedFields(NamedTuple):
     surface: I32
 
 
+_REDUCED = {
+    "points": real("points", 3, least=-_LARGEST, most=_LARGEST),
+    "modes": whole("models"),
+    "displacement": real("models + 1", "points", 3, least=-_LARGEST, most=_LARGEST),
+    "stress": raw("f", np.float64, "models + 1", "points"),
+    "surface": index("triangles", 3, of="points"),
+}
+
+
 def write_reduced(folder: Path, fields: ReducedFields) -> None:
     """Write the file of a folder."""
     with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
@@ -605,21 +598,8 @@ def read_reduced(path: Path) -> ReducedFields:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            found = ReducedFields(*(np.asarray(content[name]) for name in ReducedFields._fields))
-    except (*_DAMAGES, EOFError, zipfile.BadZipFile, zlib.error) as reason:
+            found = {name: content[name] for name in _REDUCED}
+            sizes = {"triangles": len(found["surface"])}
+        return ReducedFields(**fitted(_REDUCED, found, sizes))
+    except (*UNREADABLE, InputError, EOFError, zipfile.BadZipFile, zlib.error) as reason:
         raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None
-    n, m = len(np.atleast_1d(found.points)), np.size(found.modes)
-    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n), (len(np.atleast_1d(found.surface)), 3))
-    for (name, values), shape in zip(found._asdict().items(), shapes, strict=True):
-        whole = name in ("modes", "surface")
-        right = values.shape == shape and values.dtype.kind in ("iu" if whole else "f")
-        if right and name == "surface":
-            right = bool(((values >= 0) & (values < n)).all())
-        elif right:
-            size = np.abs(np.nan_to_num(values) if name == "stress" else values)
-            right = bool((size <= _LARGEST).all())
-        if not right:
-            raise FileError(
-                f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"
-            )
-    return found

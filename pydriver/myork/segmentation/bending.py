@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.errors import InputError
-from myork.imaging.formats import library
+from myork.errors import InputError, optional
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
@@ -45,7 +44,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
     - returns labels on the grid of the image, and how far their voxels were moved, shape `(n,)`
       [mm]
     """
-    itk = library("SimpleITK", "seg", "image.reference_anatomy")
+    itk = optional("SimpleITK", "seg", "image.reference_anatomy")
     flat = image.data.shape[2] == 1
     for one in () if flat else (image, drawn_in):
         if one.data.shape[2] < _FEWEST:

@@ -3,7 +3,6 @@
 The corners are the collocation points: neighbours in their lattice make a cell, voxels likewise.
 """
 
-import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.core.scene import Scene
-from myork.errors import InputError, InstallationError
+from myork.errors import InputError, optional
 from myork.files import write_text
 from myork.results import Results
 from myork.types import F64, I32, I64
@@ -153,12 +152,7 @@ def _lacking(body: Body) -> list[str]:
 
 
 def _write_mesh(output: Path, body: Body) -> None:
-    try:
-        meshio = importlib.import_module("meshio")
-    except ImportError as reason:
-        raise InstallationError(
-            f"{output}: this needs meshio: pip install 'myork[mesh]' ({reason}); .inp files do not"
-        ) from None
+    meshio = optional("meshio", "mesh", f"{output}: all but .inp")
     kind = _MESHIO[2 if body.cells.shape[1] == 4 else 3]
     fields = {name: np.reshape(v, (len(v), -1)).squeeze() for name, v in body.fields.items()}
     mesh = meshio.Mesh(

@@ -26,7 +26,7 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_key, load_deck
 from myork.core.scene import Scene
-from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError
+from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, optional
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import places_of
@@ -397,13 +397,7 @@ def _end_with_parent() -> None:
 @contextmanager
 def _client(address: str, workers: int) -> Iterator[Any]:
     """Client of a scheduler of Dask, or of one with workers on this machine."""
-    try:
-        import distributed
-    except ImportError as reason:
-        raise InstallationError(
-            f"--dask needs Dask distributed, which does not load ({reason}); "
-            "pip install 'myork[dask]'"
-        ) from None
+    distributed = optional("distributed", "dask", "--dask")
     own: dict[str, Any] = {
         "n_workers": workers, "threads_per_worker": 1, "dashboard_address": None,
         "host": "127.0.0.1",
