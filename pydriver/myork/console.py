@@ -57,14 +57,9 @@ class Unheard:
 class Console:
     """Progress callback of the commands and of notebooks; use it as a context manager.
 
-    Parameters
-    ----------
-    verbosity : int
-        -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the business of
-        the task.
+    - `verbosity`: -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the
+      business of the task
 
-    Examples
-    --------
     >>> with Console() as progress:  # doctest: +SKIP
     ...     states = scene.solve(progress=progress)
     """

@@ -31,22 +31,9 @@ def run_demo(
 ) -> str:
     """Solve the deck `mg_muscle`, train a reduced model of it, and put all results into one folder.
 
-    Parameters
-    ----------
-    out : str or Path
-        Folder of the results; made if it is missing.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads; default all cores.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    str
-        Closing summary: errors of the reduced model, volume ratios and balance of forces, forces
-        with their error bars, verdict, paths of the pages.
+    - `overrides`: overrides of the deck, `"table.key=value"`
+    - returns closing summary: errors of the reduced model, volume ratios and balance of forces,
+      forces with their error bars, verdict, paths of the pages
     """
     from myork.core.deck import load_deck
     from myork.report import make_report

@@ -28,12 +28,9 @@ _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 class MyorkError(Exception):
     """Base of all errors that the package raises on purpose.
 
-    Attributes
-    ----------
-    exit_code : int
-        Exit status of the command `myork` where this error ends it: 1 the run ended without
-        convergence or its answer is refused, 2 bad input, 3 a missing or broken part of the
-        installation.
+    `exit_code` is the exit status of the command `myork` where this error ends it: 1 the run ended
+    without convergence or its answer is refused, 2 bad input, 3 a missing or broken part of the
+    installation.
     """
 
     exit_code = 1

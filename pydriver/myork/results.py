@@ -60,24 +60,14 @@ class RestartState:
 class Results:
     """Result file of a solve, open for reading; a context manager.
 
-    Parameters
-    ----------
-    path : str or Path
-        Result file, or the output folder with `results.vtkhdf` in it.
+    - `path`: result file, or the output folder with `results.vtkhdf` in it
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    nstep : int
-        Number of steps, the undeformed state (step 0) included.
-    npoint : int
-        Number of collocation points.
-    fields : tuple of str
-        Names for `field`.
+    It has `path`, the file, and:
 
-    Examples
-    --------
+    - `nstep`: number of steps, the undeformed state (step 0) included
+    - `npoint`: number of collocation points
+    - `fields`: names for `field`
+
     >>> with Results("out/shear_3d") as results:  # doctest: +SKIP
     ...     sigma_xy = results.field("cauchy", step=-1)[:, 0, 1]
     """
@@ -211,19 +201,11 @@ class Results:
     def field(self, name: str, step: int = -1) -> NDArray[Any]:
         """Read a field at all points.
 
-        Parameters
-        ----------
-        name : str
-            One of `fields`: `u` [length], `F` [-], `J` [-], `cauchy`, `principal_stress` (greatest
-            first) and `pressure` [force/length^2], `fiber` [-], `label`.
-        step : int
-            Number of the step; negative numbers count from the last one.
-
-        Returns
-        -------
-        NDArray
-            Scalars `(np,)`, vectors `(np, 3)`, tensors `(np, 3, 3)`: `F[p, i, A]` is the
-            derivative of component i of the position with respect to coordinate A.
+        - `name`: one of `fields`: `u` [length], `F` [-], `J` [-], `cauchy`, `principal_stress`
+          (greatest first) and `pressure` [force/length^2], `fiber` [-], `label`
+        - `step`: number of the step; negative numbers count from the last one
+        - returns scalars `(np,)`, vectors `(np, 3)`, tensors `(np, 3, 3)`: `F[p, i, A]` is the
+          derivative of component i of the position with respect to coordinate A
         """
         if name not in self.fields:
             raise InputError(
@@ -252,26 +234,13 @@ class Results:
     def to_pyvista(self, step: int = -1, *, deformed: bool = False) -> Any:
         """Points of a step with all fields, for PyVista.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step; negative numbers count from the last one.
-        deformed : bool
-            Put the points where they have moved to; the field `u` is there either way.
+        - `step`: number of the step; negative numbers count from the last one
+        - `deformed`: put the points where they have moved to; the field `u` is there either way
+        - returns `pyvista.PolyData`: a vertex for each point, and the surface's triangles where
+          they are known; tensors have nine components, row by row. `field_data` holds `step`,
+          `load` and `activation`.
+        - raises InstallationError: PyVista is missing
 
-        Returns
-        -------
-        pyvista.PolyData
-            A vertex for each point, and the surface's triangles where they are known; tensors have
-            nine components, row by row. `field_data` holds `step`, `load` and `activation`.
-
-        Raises
-        ------
-        InstallationError
-            PyVista is missing.
-
-        Examples
-        --------
         >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
         ...     results.to_pyvista(-1, deformed=True).plot(scalars="pressure")
         """
@@ -292,20 +261,12 @@ class Results:
     def history(self) -> Any:
         """Load steps of the summary with their probes, as a table.
 
-        Returns
-        -------
-        pandas.DataFrame
-            A row a load step, by its number: `load`, `activation`, `iterations`, `min_J`, `max_J`,
-            and a column for each probe (`force_x`, `force_y`, `force_z` for a probe `force` of
-            three numbers) with its error bar, `force_x_error`, where there is one. Its
-            `attrs["units"]` holds the units of these columns by name.
-
-        Raises
-        ------
-        InstallationError
-            Pandas is missing.
-        FileError
-            There is no `summary.json` beside the file.
+        - returns `pandas.DataFrame`: a row a load step, by its number: `load`, `activation`,
+          `iterations`, `min_J`, `max_J`, and a column for each probe (`force_x`, `force_y`,
+          `force_z` for a probe `force` of three numbers) with its error bar, `force_x_error`, where
+          there is one. Its `attrs["units"]` holds the units of these columns by name.
+        - raises InstallationError: Pandas is missing
+        - raises FileError: there is no `summary.json` beside the file
         """
         pandas = optional("pandas", "pandas")
         rows: list[dict[str, Any]] = []
@@ -331,21 +292,11 @@ class Results:
     def to_frame(self, step: int = -1) -> Any:
         """Points of a step with all fields, as a table.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step; negative numbers count from the last one.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row a point: `x`, `y`, `z` at rest, and the fields, a column a component: `u_x`,
-            `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of these columns.
-
-        Raises
-        ------
-        InstallationError
-            Pandas is missing.
+        - `step`: number of the step; negative numbers count from the last one
+        - returns `pandas.DataFrame`: a row a point: `x`, `y`, `z` at rest, and the fields, a column
+          a component: `u_x`, `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of
+          these columns.
+        - raises InstallationError: Pandas is missing
         """
         pandas = optional("pandas", "pandas")
         columns = dict(zip("xyz", self.points.T, strict=True))
@@ -365,26 +316,13 @@ class Results:
     def to_xarray(self, *names: str) -> Any:
         """Fields of all steps as labelled arrays.
 
-        Parameters
-        ----------
-        *names : str
-            Some of `fields`; default all of them, with all steps in memory.
+        - `*names`: some of `fields`; default all of them, with all steps in memory
+        - returns `xarray.Dataset`: a variable a field over `step` (0 is at rest) and `point`,
+          vectors with `i`, tensors with `i` and `j` from x to z; principal stresses with `rank`.
+          Label and fiber have no step. Coordinates are `load`, `activation` and the points at rest,
+          `x`, `y`, `z`; each variable has its `attrs["units"]`.
+        - raises InstallationError: Xarray is missing
 
-        Returns
-        -------
-        xarray.Dataset
-            A variable a field over `step` (0 is at rest) and `point`, vectors with `i`, tensors
-            with `i` and `j` from x to z; principal stresses with `rank`. Label and fiber have no
-            step. Coordinates are `load`, `activation` and the points at rest, `x`, `y`, `z`; each
-            variable has its `attrs["units"]`.
-
-        Raises
-        ------
-        InstallationError
-            Xarray is missing.
-
-        Examples
-        --------
         >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
         ...     fields = results.to_xarray("u", "cauchy")
         >>> fields.cauchy.sel(i="z", j="z").mean("point").plot(x="load")  # doctest: +SKIP
@@ -424,15 +362,8 @@ class Results:
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step; negative numbers count from the last one.
-
-        Returns
-        -------
-        RestartState
-            Load, activation, coefficients and what they belong to.
+        - `step`: number of the step; negative numbers count from the last one
+        - returns load, activation, coefficients and what they belong to
         """
         step = self._step(step)
         with _damage(self.path, "the version"):
@@ -470,15 +401,8 @@ class Results:
     def probe(self, name: str) -> tuple[F64, F64]:
         """Values of a probe in all steps of the summary.
 
-        Parameters
-        ----------
-        name : str
-            Name of the probe in the deck.
-
-        Returns
-        -------
-        tuple of NDArray
-            Loads, shape `(n,)` [-], and values, shape `(n,)` or, for a vector, `(n, 3)`.
+        - `name`: name of the probe in the deck
+        - returns loads, shape `(n,)` [-], and values, shape `(n,)` or, for a vector, `(n, 3)`
         """
         steps = self.summary.get("steps", [])
         names = {key for step in steps for key in step.get("probes", {})}

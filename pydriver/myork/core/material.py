@@ -26,8 +26,6 @@ class Material:
     - `model`: `polynomial`, `muscle` or another model of decks
     - `**parameters`: those of the model, such as `A10` or `sigma_max`
 
-    Examples
-    --------
     >>> rubber = Material("rubber", K=1e3, A10=37.3)
     >>> rubber.A10, rubber.A20
     (37.3, 0.0)

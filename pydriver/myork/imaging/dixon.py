@@ -13,11 +13,10 @@ whole turns between both. All echoes choose the turns and the decay exp(-R2* t),
 around each voxel, and water and fat are those of all of them; where they fit one way around better,
 this decides in place of the skin.
 
-References
-----------
-Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two candidates at any
-echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29 (2011) 216-221 (water
-and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134 (peaks of fat and decay)
+References: Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two
+candidates at any echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29
+(2011) 216-221 (water and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134
+(peaks of fat and decay)
 """
 
 from collections.abc import Sequence
@@ -109,16 +108,10 @@ def water_and_fat(
 ) -> WaterFat:
     """Part echoes, given by magnitude and phase, into water and fat.
 
-    Parameters
-    ----------
-    magnitudes, phases : sequence of Image
-        Of all echoes, two at least, on one grid.
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    times : sequence
-        Echo times; none, of two echoes: in phase first, then in opposed phase [ms].
-    strength : float
-        Field of the scanner, with times [T].
+    - `magnitudes`, `phases`: of all echoes, two at least, on one grid
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `times`: echo times; none, of two echoes: in phase first, then in opposed phase [ms]
+    - `strength`: field of the scanner, with times [T]
     """
     factors: tuple[complex, ...] = (complex(1.0), complex(-1.0))
     count = len(magnitudes)

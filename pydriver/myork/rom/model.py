@@ -138,21 +138,14 @@ class ReducedModel:
     """A reduced model that outlives its training.
 
     `ReducedModel.train` makes one of a deck, `ReducedModel.load` reads one from a file; it needs
-    neither the deck nor an image afterwards.
+    neither the deck nor an image afterwards. It has:
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Keys that may be chosen, with the ranges of the training.
-    certificate : dict
-        What was measured on states that the training did not see.
-    units, probe_units : dict
-        Units of force, length, stress and volume; of each probe by its name, empty for ratios.
-    largest : float
-        Largest displacement of the training, in L2 over the body [length^(5/2)].
+    - `parameters`: keys that may be chosen, with the ranges of the training
+    - `certificate`: what was measured on states that the training did not see
+    - `units`, `probe_units`: units of force, length, stress and volume; of each probe by its name,
+      empty for ratios
+    - `largest`: largest displacement of the training, in L2 over the body [length^(5/2)]
 
-    Examples
-    --------
     >>> from myork import ReducedModel
     >>> rom = ReducedModel.load("muscle.rom.h5")  # doctest: +SKIP
     >>> rom.solve(activation=0.4, u_z=0.2).force  # doctest: +SKIP
@@ -210,15 +203,11 @@ class ReducedModel:
     ) -> "ReducedModel":
         """Train a reduced model of a deck; see `myork.rom.train.train` for the settings.
 
-        Parameters
-        ----------
-        deck : str or Path
-            Deck file; its method is one of the Galerkin forms.
-        parameters : mapping
-            Ranges `(low, high)` by key: `load.activation`, `material.NAME.sigma_max`,
-            `boundary.SET.u_z`; the last word will do.
-        **settings
-            `tolerance`, `full_solves`, `seed`, `out`, `overrides`, `threads`, `progress`.
+        - `deck`: deck file; its method is one of the Galerkin forms
+        - `parameters`: ranges `(low, high)` by key: `load.activation`, `material.NAME.sigma_max`,
+          `boundary.SET.u_z`; the last word will do
+        - `**settings`: `tolerance`, `full_solves`, `seed`, `out`, `overrides`, `threads`,
+          `progress`
         """
         from myork.rom.train import train
 
@@ -228,12 +217,8 @@ class ReducedModel:
     def load(cls, path: str | Path, threads: int = 0) -> "ReducedModel":
         """Read a model from its file.
 
-        Raises
-        ------
-        FileError
-            There is no such file, or it is damaged.
-        InputError
-            What it holds is no reduced model of this version.
+        - raises FileError: there is no such file, or it is damaged
+        - raises InputError: what it holds is no reduced model of this version
         """
         arrays = read_arrays(Path(path))
         try:
@@ -311,19 +296,10 @@ class ReducedModel:
     ) -> ReducedState:
         """The state of one set of parameters.
 
-        Parameters
-        ----------
-        indicator : bool
-            Estimate the error; it doubles the cost.
-        corrections : int or "converged"
-            Newton's iterations after the regression; 0 for the regression alone.
-        **values : float
-            Values by key or by the last word of a key; all parameters are needed.
-
-        Raises
-        ------
-        InputError
-            An unknown parameter, or one without a value.
+        - `indicator`: estimate the error; it doubles the cost
+        - `corrections`: Newton's iterations after the regression; 0 for the regression alone
+        - `**values`: values by key or by the last word of a key; all parameters are needed
+        - raises InputError: an unknown parameter, or one without a value
         """
         return self.state(values, indicator=indicator, corrections=corrections)
 
@@ -345,14 +321,9 @@ class ReducedModel:
     ) -> Batch:
         """States of many sets of parameters.
 
-        Parameters
-        ----------
-        values : F64
-            Values in the order of `parameters`, shape `(n, p)`.
-        corrections : int or "converged"
-            Newton's iterations after the regression; 0 for the regression alone.
-        indicator : bool
-            Estimate the errors; it doubles the cost.
+        - `values`: values in the order of `parameters`, shape `(n, p)`
+        - `corrections`: Newton's iterations after the regression; 0 for the regression alone
+        - `indicator`: estimate the errors; it doubles the cost
         """
         values = np.atleast_2d(np.asarray(values, float))
         if values.ndim != 2 or values.shape[1] != len(self.parameters):

@@ -4,10 +4,8 @@ An affine map, then B-splines whose mesh is halved twice raise the mutual inform
 images (Mattes), which may be of different sequences and shading. Every muscle follows the picture
 around it, where a similarity moves a limb as a whole.
 
-References
-----------
-Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284
-Mattes et al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
+References: Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284; Mattes et
+al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
 """
 
 from typing import Any

@@ -26,10 +26,8 @@ def kmeans(values: F64, count: int) -> tuple[I32, F64]:
     - `count`: clusters
     - returns cluster of each value, shape `(nvalue,)`; centres, shape `(count, nchannel)`
 
-    References
-    ----------
-    Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans. Inf.
-    Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
+    References: Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans.
+    Inf. Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
     """
     random = np.random.default_rng(0)
     some = values

@@ -54,22 +54,12 @@ def export(
 ) -> list[str]:
     """Write the body of a deck, or that of results with the fields of their last state.
 
-    Parameters
-    ----------
-    source : Path
-        Deck (`.toml`), result file or its folder.
-    output : Path
-        `.inp` is an input deck of Abaqus and CalculiX with sets, materials and conditions; other
-        suffixes are those of meshio: `.vtu`, `.xdmf`, `.msh` and more.
-    overrides : sequence of str
-        `"table.key=value"` each, of a deck.
-    out : Path, optional
-        Folder in which the model file of a deck is looked for first.
-
-    Returns
-    -------
-    list of str
-        What the file holds, and what of the deck it does not hold.
+    - `source`: deck (`.toml`), result file or its folder
+    - `output`: `.inp` is an input deck of Abaqus and CalculiX with sets, materials and conditions;
+      other suffixes are those of meshio: `.vtu`, `.xdmf`, `.msh` and more
+    - `overrides`: `"table.key=value"` each, of a deck
+    - `out`: folder in which the model file of a deck is looked for first
+    - returns what the file holds, and what of the deck it does not hold
     """
     plain = output.suffix == ".inp"
     if source.suffix != ".toml":
