@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.arrays import UNREADABLE, dataset, fitted, index, raw, real, whole
+from myork.console import as_html
 from myork.errors import FileError, InputError, optional
 from myork.files import whole_file
-from myork.summary import printed, read_summary
+from myork.summary import read_summary, with_bar
 from myork.types import F64, I32, I64
 
 _FILE = "results.vtkhdf"
@@ -109,22 +110,17 @@ class Results:
         """The verdict, and load steps with their probes, as notebooks show them."""
         summary = read_summary(self.path.parent)
         verdict = summary.get("verdict", {})
-        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in verdict.get("reasons", []))
-        steps = summary.get("steps", [])
+        steps, units = summary.get("steps", []), summary.get("probe_units", {})
         names = list(dict.fromkeys(name for step in steps for name in step.get("probes", {})))
-        head = "".join(f"<th>{escape(name)}</th>" for name in ["load", *names])
-        units = summary.get("probe_units", {})
-        rows = "".join(
-            f"<tr><td>{step['load']:.4g}</td>"
-            + "".join(f"<td>{_with_bar(step, name, units)}</td>" for name in names)
-            + "</tr>"
-            for step in steps
+        rows = [[f"{s['load']:.4g}", *(with_bar(s, n, units.get(n, "")) for n in names)]
+                for s in steps]  # fmt: skip
+        title, state = (
+            escape(str(text))
+            for text in (summary.get("title", self.path), verdict.get("state", "not judged"))
         )
-        return (
-            f"<p>{escape(str(summary.get('title', self.path)))}: "
-            f"<b>{escape(str(verdict.get('state', 'not judged')))}</b>, {self.nstep} steps, "
-            f"{self.npoint} points</p><ul>{reasons}</ul>"
-            f"<table><tr>{head}</tr>{rows}</table>"
+        sizes = f"{self.nstep} steps, {self.npoint} points"
+        return as_html(
+            f"{title}: <b>{state}</b>, {sizes}", rows, ["load", *names], verdict.get("reasons", [])
         )
 
     @cached_property
@@ -434,17 +430,6 @@ class Results:
 def _parts(name: str) -> str:
     """Names of the components of a field in each direction."""
     return "123" if name == "principal_stress" else "xyz"
-
-
-def _with_bar(step: dict[str, Any], name: str, units: dict[str, str]) -> str:
-    """Value of a probe in a step of the summary with its error bar and its unit."""
-    parts = []
-    for values, digits in ((printed(step), 5), (step.get("probe_errors", {}), 2)):
-        value = values.get(name)
-        if value is not None:
-            several = value if isinstance(value, list) else [value]
-            parts.append(", ".join("-" if v is None else f"{v:.{digits}g}" for v in several))
-    return f"{' &plusmn; '.join(parts)} {escape(units.get(name, ''))}".rstrip()
 
 
 def restart_of(words: str | Path) -> RestartState:

@@ -1,10 +1,10 @@
 """What a scene hands out: converged states of a solve, and fields of one of them."""
 
-from html import escape
 from typing import NamedTuple
 
 import numpy as np
 
+from myork.console import as_html
 from myork.types import F64, I64
 
 #: In the order of the core
@@ -61,16 +61,9 @@ class States(NamedTuple):
     def _repr_html_(self) -> str:
         """The verdict with its reasons, and the states, as notebooks show them."""
         rows = zip(self.load, self.iterations, self.min_j, self.max_j, strict=True)
-        cells = "".join(
-            f"<tr><td>{a:.4g}</td><td>{b}</td><td>{c:.4g}</td><td>{d:.4g}</td></tr>"
-            for a, b, c, d in rows
-        )
-        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in self.reasons)
-        return (
-            f"<p><b>{self.verdict or 'not judged'}</b></p><ul>{reasons}</ul><table><tr>"
-            "<th>load</th><th>iterations</th><th>least J</th><th>largest J</th></tr>"
-            f"{cells}</table>"
-        )
+        cells = [(f"{a:.4g}", b, f"{c:.4g}", f"{d:.4g}") for a, b, c, d in rows]
+        head = ("load", "iterations", "least J", "largest J")
+        return as_html(f"<b>{self.verdict or 'not judged'}</b>", cells, head, self.reasons)
 
 
 class Fields(NamedTuple):

@@ -21,7 +21,7 @@ candidates at any echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Re
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,8 @@ from myork.errors import InputError
 from myork.imaging.geometry import slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
+
+Values = TypeVar("Values", F64, C128)
 
 # Peaks of fat: shift from water [ppm] and part of the signal
 _SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
@@ -287,14 +289,7 @@ def _all_echoes(
                 np.complex128,
             )
             slope = _slope(slope, signal, model, time, body, size)
-        fits.append(
-            (
-                _average(np.asarray(misfit + 0j, np.complex128), body, size).real,
-                water,
-                fat,
-                -1000.0 * slope.real,
-            )
-        )
+        fits.append((_average(misfit, body, size), water, fat, -1000.0 * slope.real))
         if np.allclose(np.round(time / step), time / step, atol=1e-3):
             break  # turns make no difference
     best = np.argmin([fit[0] for fit in fits], axis=0)
@@ -321,8 +316,8 @@ def _found(
     )
 
 
-def _on_grid(values: F64, body: Mask) -> F64:
-    grid = np.zeros(body.shape)
+def _on_grid(values: Values, body: Mask) -> Values:
+    grid = np.zeros(body.shape, values.dtype)
     grid[body] = values
     return grid
 
@@ -498,17 +493,9 @@ def _times_doubt(factors: Sequence[complex]) -> str:
     return what if averages < _LEAST else ""
 
 
-def _average(values: C128, body: Mask, size: F64) -> C128:
+def _average(values: Values, body: Mask, size: F64) -> Values:
     """Sum under a Gaussian."""
-    grid = np.zeros(body.shape, complex)
-    grid[body] = values
-    width = _SMOOTH / size
-    return np.asarray(
-        (
-            ndimage.gaussian_filter(grid.real, width)
-            + 1j * ndimage.gaussian_filter(grid.imag, width)
-        )[body]
-    )
+    return np.asarray(ndimage.gaussian_filter(_on_grid(values, body), _SMOOTH / size)[body])
 
 
 def _fit(signal: C128, factors: C128, left: F64) -> tuple[F64, F64, C128, F64]:
@@ -545,6 +532,6 @@ def _slope(slope: C128, signal: C128, model: C128, time: F64, body: Mask, size: 
     away = time - (weight * time).sum(-1, keepdims=True) / whole
     top = (weight * away * logarithm).sum(-1)
     bottom = (weight * away**2).sum(-1)
-    more = _average(top, body, size) / np.maximum(_average(bottom + 0j, body, size).real, 1e-30)
+    more = _average(top, body, size) / np.maximum(_average(bottom, body, size), 1e-30)
     new = slope + more
     return np.asarray(np.minimum(new.real, 0.0) + 1j * new.imag, np.complex128)

@@ -236,10 +236,6 @@ def gathered(values: F64, weight: NDArray[Any], sigma: F64) -> tuple[F64, F64]:
     - `weight`: weights, shape `(ni, nj, nk)`
     - `sigma`: standard deviations [voxel]
     """
-    near = ndimage.gaussian_filter(weight.astype(float), sigma, mode="constant", truncate=_TRUNCATE)
-    sums = np.empty(values.shape)
-    for c in range(values.shape[-1]):
-        sums[..., c] = ndimage.gaussian_filter(
-            values[..., c], sigma, mode="constant", truncate=_TRUNCATE
-        )
-    return sums, near
+    look: Any = {"mode": "constant", "truncate": _TRUNCATE}
+    near = ndimage.gaussian_filter(weight.astype(float), sigma, **look)
+    return ndimage.gaussian_filter(values, (*sigma, 0.0), **look), near

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.console import as_html
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
@@ -123,12 +124,11 @@ class ReducedState:
 
     def _repr_html_(self) -> str:
         """Probes, and how far they hold, as notebooks show them."""
-        rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{_six_digits(value)} "
-            f"{escape(self.probe_units.get(name, ''))}</td></tr>"
+        rows = [
+            (name, f"{_six_digits(value)} {self.probe_units.get(name, '')}")
             for name, value in {**self.parameters, **self.probes}.items()
-        )
-        return f"<table>{rows}</table><p>{self._quality()}</p>"
+        ]
+        return as_html(escape(self._quality()), rows)
 
     def __repr__(self) -> str:
         return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"
@@ -281,15 +281,9 @@ class ReducedModel:
     def _repr_html_(self) -> str:
         """What it answers and what was measured of it, as notebooks show them."""
         first, *rest = self.describe().split("\n")
-        ranges = "".join(
-            f"<tr><td>{escape(p.key)}</td><td>{p.low:g}</td><td>{p.high:g}</td></tr>"
-            for p in self.parameters
-        )
-        measured = "".join(f"<br>{escape(line)}" for line in rest[len(self.parameters) :])
-        return (
-            f"<p><b>{escape(first)}</b></p><table><tr><th>parameter</th><th>from</th><th>to</th></tr>"
-            f"{ranges}</table><p>{measured.removeprefix('<br>')}</p>"
-        )
+        ranges = [(p.key, f"{p.low:g}", f"{p.high:g}") for p in self.parameters]
+        head, measured = ("parameter", "from", "to"), rest[len(self.parameters) :]
+        return as_html(f"<b>{escape(first)}</b>", ranges, head, measured)
 
     def solve(
         self, *, indicator: bool = True, corrections: int | str = "converged", **values: float

@@ -155,14 +155,11 @@ class _Means:
         whole = mine & self._whole
         if whole.sum() < _FEW:
             return np.tile(_peak(mine, self._channels), (int(there.sum()), 1))
-        weight = (ndimage.gaussian_filter(whole.astype(float), self._width) + _FAR)[there]
-        found = np.empty((len(weight), self._channels.shape[3]))
-        for c in range(found.shape[1]):
-            values = np.where(whole, self._channels[..., c], 0.0)
-            everywhere = float(values[whole].mean())
-            sums = ndimage.gaussian_filter(values, self._width)[there] + _FAR * everywhere
-            found[:, c] = sums / weight
-        return found
+        width, where = (*self._width, 0.0), whole[..., np.newaxis]
+        weight = (ndimage.gaussian_filter(where.astype(float), width) + _FAR)[there]
+        everywhere = [float(values[whole].mean()) for values in np.moveaxis(self._channels, 3, 0)]
+        sums = ndimage.gaussian_filter(np.where(where, self._channels, 0.0), width)[there]
+        return np.asarray((sums + _FAR * np.array(everywhere)) / weight)
 
 
 def _peak(here: Mask, channels: F64) -> F64:
