@@ -17,7 +17,7 @@ from myork.core.calls import Turn, answer, call_in_thread, listening
 from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
-from myork.core.states import VERDICTS, Fields, States, states_of
+from myork.core.states import Fields, States, states_of
 from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
@@ -452,14 +452,7 @@ class Scene:
         judged = answer(self._handle, "verdict", value, found["info"][0][: value.shape[2]])
         bars = np.full((steps, self._probes, 3), np.nan)
         bars[: value.shape[2]] = judged["bars"].T
-        return states_of(
-            **found,
-            places=answer(self._handle, "points")["place"],
-            verdict=VERDICTS[judged["verdict"]],
-            unstable=bool(judged["unstable"]),
-            reasons=judged["reasons"].splitlines(),
-            bars=bars,
-        )
+        return states_of(found, answer(self._handle, "points")["place"], judged, bars)
 
 
 def _close(handle: int, turn: Turn) -> None:
