@@ -20,7 +20,6 @@ __all__ = [
     "RefusedError",
     "StoppedError",
     "check",
-    "optional",
 ]
 _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 
