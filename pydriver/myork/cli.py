@@ -425,21 +425,16 @@ def _folder(text: str) -> Path:
     return Path(text)
 
 
-class _Option(NamedTuple):
-    """Arguments of `ArgumentParser.add_argument`."""
-
-    names: tuple[str, ...]
-    settings: dict[str, Any]
+#: Names and settings of an option, as `ArgumentParser.add_argument` takes them
+_Option = tuple[list[str], dict[str, Any]]
 
 
 def _option(names: str, metavar: str, what: str, kind: Any = None, **settings: Any) -> _Option:
-    return _Option(
-        tuple(names.split()), {"metavar": metavar, "help": what, "type": kind, **settings}
-    )
+    return names.split(), {"metavar": metavar, "help": what, "type": kind, **settings}
 
 
 def _flag(names: str, what: str, **settings: Any) -> _Option:
-    return _Option(tuple(names.split()), {"help": what, "action": "store_true", **settings})
+    return names.split(), {"help": what, "action": "store_true", **settings}
 
 
 def _several(names: str, metavar: str, what: str, kind: Any = None, **settings: Any) -> _Option:
@@ -900,7 +895,7 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(run=run)
         if out:
             command.add_argument("--out", type=_folder, metavar="DIR", help=out)
-        for option in options:
-            settings = {key: v for key, v in option.settings.items() if v is not None}
-            command.add_argument(*option.names, **settings)
+        for own, settings in options:
+            given = {key: v for key, v in settings.items() if v is not None}
+            command.add_argument(*own, **given)
     return parser

@@ -7,9 +7,8 @@ that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
-from types import TracebackType
 from typing import Any
 
 ProgressCallback = Callable[[str], None]
@@ -57,14 +56,9 @@ class Unheard:
 class Console:
     """Progress callback of the commands and of notebooks; use it as a context manager.
 
-    Parameters
-    ----------
-    verbosity : int
-        -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the business of
-        the task.
+    - `verbosity`: -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the
+      business of the task
 
-    Examples
-    --------
     >>> with Console() as progress:  # doctest: +SKIP
     ...     states = scene.solve(progress=progress)
     """
@@ -80,12 +74,7 @@ class Console:
             self._shown = {}
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -119,6 +108,20 @@ class Console:
         self._bar.update(
             self._tasks[name], completed=int(counted["done"]), total=total, rest=counted["rest"]
         )
+
+
+def as_html(
+    title: str, rows: Iterable[Sequence[Any]], head: Sequence[str] = (), lines: Iterable[str] = ()
+) -> str:
+    """A record as notebooks show it: a title in HTML, sentences, and a table; these are escaped."""
+
+    def row(cells: Sequence[Any], kind: str = "td") -> str:
+        inside = "".join(f"<{kind}>{escape(str(cell))}</{kind}>" for cell in cells)
+        return f"<tr>{inside}</tr>"
+
+    listed = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    table = [row(head, "th")] * bool(head) + [row(cells) for cells in rows]
+    return f"<p>{title}</p><ul>{listed}</ul><table>{''.join(table)}</table>"
 
 
 class _NotebookBar:

@@ -7,7 +7,7 @@ from typing import Any
 from myork.console import ProgressCallback, silent
 from myork.errors import RefusedError
 from myork.files import INPUTS, write_json, write_text
-from myork.summary import printed
+from myork.summary import with_bar
 
 _DECK = INPUTS / "mg_muscle.toml"
 #: Files of the reduced model, beside what stations write
@@ -31,22 +31,9 @@ def run_demo(
 ) -> str:
     """Solve the deck `mg_muscle`, train a reduced model of it, and put all results into one folder.
 
-    Parameters
-    ----------
-    out : str or Path
-        Folder of the results; made if it is missing.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads; default all cores.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    str
-        Closing summary: errors of the reduced model, volume ratios and balance of forces, forces
-        with their error bars, verdict, paths of the pages.
+    - `overrides`: overrides of the deck, `"table.key=value"`
+    - returns closing summary: errors of the reduced model, volume ratios and balance of forces,
+      forces with their error bars, verdict, paths of the pages
     """
     from myork.core.deck import load_deck
     from myork.report import make_report
@@ -119,15 +106,9 @@ def _forces(deck: dict[str, Any], summary: dict[str, Any]) -> list[str]:
     last = summary["steps"][-1]
     names = [probe["name"] for probe in deck["probe"] if probe["quantity"].startswith("force")]
     return [
-        f"{name} at load {last['load']:g}: {_numbers(printed(last)[name])}"
-        f"{_bar(last['probe_errors'].get(name))} {summary['probe_units'][name]}"
+        f"{name} at load {last['load']:g}: {with_bar(last, name, summary['probe_units'][name], 4)}"
         for name in names
     ]
-
-
-def _bar(error: float | list[float] | None) -> str:
-    """Error bar behind a value."""
-    return "" if error is None else f" +- {_numbers(error, 2)}"
 
 
 def _checks(summary: dict[str, Any]) -> str:
@@ -137,8 +118,3 @@ def _checks(summary: dict[str, Any]) -> str:
         f"J {last['min_J']:.3g} to {last['max_J']:.3g}, force imbalance "
         f"{summary['force_imbalance']:.1e} of the largest"
     )
-
-
-def _numbers(value: float | list[float], digits: int = 4) -> str:
-    values = value if isinstance(value, list) else [value]
-    return ", ".join(f"{number:.{digits}g}" for number in values)

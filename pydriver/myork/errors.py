@@ -5,7 +5,9 @@ Messages are full sentences that name the place (file, line, key, point or mater
 offending value and what to do. `cure_of` says what to do where a shared library is missing.
 """
 
+import importlib
 import re
+from typing import Any
 
 __all__ = [
     "ConvergenceError",
@@ -25,12 +27,9 @@ _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 class MyorkError(Exception):
     """Base of all errors that the package raises on purpose.
 
-    Attributes
-    ----------
-    exit_code : int
-        Exit status of the command `myork` where this error ends it: 1 the run ended without
-        convergence or its answer is refused, 2 bad input, 3 a missing or broken part of the
-        installation.
+    `exit_code` is the exit status of the command `myork` where this error ends it: 1 the run ended
+    without convergence or its answer is refused, 2 bad input, 3 a missing or broken part of the
+    installation.
     """
 
     exit_code = 1
@@ -97,6 +96,16 @@ def check(stat: int, message: str | bytes) -> None:
         return
     text = message.decode("utf-8", "replace") if isinstance(message, bytes) else message
     raise _BY_CODE.get(int(stat), MyorkError)(text.rstrip(" \0"))
+
+
+def optional(name: str, extra: str, what: object = "this") -> Any:
+    """A library that only some need, or an error that says what needs it and names the extra."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as reason:
+        raise InstallationError(
+            f"{what} needs {name}: pip install 'myork[{extra}]' ({reason})"
+        ) from None
 
 
 def cure_of(complaint: str) -> str:

@@ -6,7 +6,6 @@ The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in
 what a restart needs in its group MyoRK.
 """
 
-import importlib
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -22,14 +21,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.errors import FileError, InputError, InstallationError
+from myork.arrays import UNREADABLE, dataset, fitted, index, raw, real, whole
+from myork.console import as_html
+from myork.errors import FileError, InputError, optional
 from myork.files import whole_file
-from myork.summary import printed, read_summary
+from myork.summary import read_summary, with_bar
 from myork.types import F64, I32, I64
 
 _FILE = "results.vtkhdf"
-_DAMAGES = (KeyError, AttributeError, OSError, ValueError, TypeError, IndexError, RuntimeError,
-            OverflowError, MemoryError)  # fmt: skip
 # Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 # Components of scalars, vectors, symmetric and other tensors
@@ -62,24 +61,14 @@ class RestartState:
 class Results:
     """Result file of a solve, open for reading; a context manager.
 
-    Parameters
-    ----------
-    path : str or Path
-        Result file, or the output folder with `results.vtkhdf` in it.
+    - `path`: result file, or the output folder with `results.vtkhdf` in it
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    nstep : int
-        Number of steps, the undeformed state (step 0) included.
-    npoint : int
-        Number of collocation points.
-    fields : tuple of str
-        Names for `field`.
+    It has `path`, the file, and:
 
-    Examples
-    --------
+    - `nstep`: number of steps, the undeformed state (step 0) included
+    - `npoint`: number of collocation points
+    - `fields`: names for `field`
+
     >>> with Results("out/shear_3d") as results:  # doctest: +SKIP
     ...     sigma_xy = results.field("cauchy", step=-1)[:, 0, 1]
     """
@@ -121,22 +110,17 @@ class Results:
         """The verdict, and load steps with their probes, as notebooks show them."""
         summary = read_summary(self.path.parent)
         verdict = summary.get("verdict", {})
-        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in verdict.get("reasons", []))
-        steps = summary.get("steps", [])
+        steps, units = summary.get("steps", []), summary.get("probe_units", {})
         names = list(dict.fromkeys(name for step in steps for name in step.get("probes", {})))
-        head = "".join(f"<th>{escape(name)}</th>" for name in ["load", *names])
-        units = summary.get("probe_units", {})
-        rows = "".join(
-            f"<tr><td>{step['load']:.4g}</td>"
-            + "".join(f"<td>{_with_bar(step, name, units)}</td>" for name in names)
-            + "</tr>"
-            for step in steps
+        rows = [[f"{s['load']:.4g}", *(with_bar(s, n, units.get(n, "")) for n in names)]
+                for s in steps]  # fmt: skip
+        title, state = (
+            escape(str(text))
+            for text in (summary.get("title", self.path), verdict.get("state", "not judged"))
         )
-        return (
-            f"<p>{escape(str(summary.get('title', self.path)))}: "
-            f"<b>{escape(str(verdict.get('state', 'not judged')))}</b>, {self.nstep} steps, "
-            f"{self.npoint} points</p><ul>{reasons}</ul>"
-            f"<table><tr>{head}</tr>{rows}</table>"
+        sizes = f"{self.nstep} steps, {self.npoint} points"
+        return as_html(
+            f"{title}: <b>{state}</b>, {sizes}", rows, ["load", *names], verdict.get("reasons", [])
         )
 
     @cached_property
@@ -213,19 +197,11 @@ class Results:
     def field(self, name: str, step: int = -1) -> NDArray[Any]:
         """Read a field at all points.
 
-        Parameters
-        ----------
-        name : str
-            One of `fields`: `u` [length], `F` [-], `J` [-], `cauchy`, `principal_stress` (greatest
-            first) and `pressure` [force/length^2], `fiber` [-], `label`.
-        step : int
-            Number of the step; negative numbers count from the last one.
-
-        Returns
-        -------
-        NDArray
-            Scalars `(np,)`, vectors `(np, 3)`, tensors `(np, 3, 3)`: `F[p, i, A]` is the
-            derivative of component i of the position with respect to coordinate A.
+        - `name`: one of `fields`: `u` [length], `F` [-], `J` [-], `cauchy`, `principal_stress`
+          (greatest first) and `pressure` [force/length^2], `fiber` [-], `label`
+        - `step`: number of the step; negative numbers count from the last one
+        - returns scalars `(np,)`, vectors `(np, 3)`, tensors `(np, 3, 3)`: `F[p, i, A]` is the
+          derivative of component i of the position with respect to coordinate A
         """
         if name not in self.fields:
             raise InputError(
@@ -254,31 +230,18 @@ class Results:
     def to_pyvista(self, step: int = -1, *, deformed: bool = False) -> Any:
         """Points of a step with all fields, for PyVista.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step; negative numbers count from the last one.
-        deformed : bool
-            Put the points where they have moved to; the field `u` is there either way.
+        - `step`: number of the step; negative numbers count from the last one
+        - `deformed`: put the points where they have moved to; the field `u` is there either way
+        - returns `pyvista.PolyData`: a vertex for each point, and the surface's triangles where
+          they are known; tensors have nine components, row by row. `field_data` holds `step`,
+          `load` and `activation`.
+        - raises InstallationError: PyVista is missing
 
-        Returns
-        -------
-        pyvista.PolyData
-            A vertex for each point, and the surface's triangles where they are known; tensors have
-            nine components, row by row. `field_data` holds `step`, `load` and `activation`.
-
-        Raises
-        ------
-        InstallationError
-            PyVista is missing.
-
-        Examples
-        --------
         >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
         ...     results.to_pyvista(-1, deformed=True).plot(scalars="pressure")
         """
         step = self._step(step)
-        cloud = _optional("pyvista", "viz").PolyData(
+        cloud = optional("pyvista", "viz").PolyData(
             self.deformed(step) if deformed else self.points
         )
         if len(self.surface):
@@ -294,22 +257,14 @@ class Results:
     def history(self) -> Any:
         """Load steps of the summary with their probes, as a table.
 
-        Returns
-        -------
-        pandas.DataFrame
-            A row a load step, by its number: `load`, `activation`, `iterations`, `min_J`, `max_J`,
-            and a column for each probe (`force_x`, `force_y`, `force_z` for a probe `force` of
-            three numbers) with its error bar, `force_x_error`, where there is one. Its
-            `attrs["units"]` holds the units of these columns by name.
-
-        Raises
-        ------
-        InstallationError
-            Pandas is missing.
-        FileError
-            There is no `summary.json` beside the file.
+        - returns `pandas.DataFrame`: a row a load step, by its number: `load`, `activation`,
+          `iterations`, `min_J`, `max_J`, and a column for each probe (`force_x`, `force_y`,
+          `force_z` for a probe `force` of three numbers) with its error bar, `force_x_error`, where
+          there is one. Its `attrs["units"]` holds the units of these columns by name.
+        - raises InstallationError: Pandas is missing
+        - raises FileError: there is no `summary.json` beside the file
         """
-        pandas = _optional("pandas", "pandas")
+        pandas = optional("pandas", "pandas")
         rows: list[dict[str, Any]] = []
         units: dict[str, str] = {}
         known = self.summary.get("probe_units", {})
@@ -333,23 +288,13 @@ class Results:
     def to_frame(self, step: int = -1) -> Any:
         """Points of a step with all fields, as a table.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step; negative numbers count from the last one.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row a point: `x`, `y`, `z` at rest, and the fields, a column a component: `u_x`,
-            `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of these columns.
-
-        Raises
-        ------
-        InstallationError
-            Pandas is missing.
+        - `step`: number of the step; negative numbers count from the last one
+        - returns `pandas.DataFrame`: a row a point: `x`, `y`, `z` at rest, and the fields, a column
+          a component: `u_x`, `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of
+          these columns.
+        - raises InstallationError: Pandas is missing
         """
-        pandas = _optional("pandas", "pandas")
+        pandas = optional("pandas", "pandas")
         columns = dict(zip("xyz", self.points.T, strict=True))
         units = dict.fromkeys("xyz", self.units["length"])
         for name in self.fields:
@@ -367,31 +312,18 @@ class Results:
     def to_xarray(self, *names: str) -> Any:
         """Fields of all steps as labelled arrays.
 
-        Parameters
-        ----------
-        *names : str
-            Some of `fields`; default all of them, with all steps in memory.
+        - `*names`: some of `fields`; default all of them, with all steps in memory
+        - returns `xarray.Dataset`: a variable a field over `step` (0 is at rest) and `point`,
+          vectors with `i`, tensors with `i` and `j` from x to z; principal stresses with `rank`.
+          Label and fiber have no step. Coordinates are `load`, `activation` and the points at rest,
+          `x`, `y`, `z`; each variable has its `attrs["units"]`.
+        - raises InstallationError: Xarray is missing
 
-        Returns
-        -------
-        xarray.Dataset
-            A variable a field over `step` (0 is at rest) and `point`, vectors with `i`, tensors
-            with `i` and `j` from x to z; principal stresses with `rank`. Label and fiber have no
-            step. Coordinates are `load`, `activation` and the points at rest, `x`, `y`, `z`; each
-            variable has its `attrs["units"]`.
-
-        Raises
-        ------
-        InstallationError
-            Xarray is missing.
-
-        Examples
-        --------
         >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
         ...     fields = results.to_xarray("u", "cauchy")
         >>> fields.cauchy.sel(i="z", j="z").mean("point").plot(x="load")  # doctest: +SKIP
         """
-        xarray = _optional("xarray", "xarray")
+        xarray = optional("xarray", "xarray")
         length = {"units": self.units["length"]}
         coordinates: dict[str, Any] = {
             axis: ("point", x, length) for axis, x in zip("xyz", self.points.T, strict=True)
@@ -426,15 +358,8 @@ class Results:
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step; negative numbers count from the last one.
-
-        Returns
-        -------
-        RestartState
-            Load, activation, coefficients and what they belong to.
+        - `step`: number of the step; negative numbers count from the last one
+        - returns load, activation, coefficients and what they belong to
         """
         step = self._step(step)
         with _damage(self.path, "the version"):
@@ -472,15 +397,8 @@ class Results:
     def probe(self, name: str) -> tuple[F64, F64]:
         """Values of a probe in all steps of the summary.
 
-        Parameters
-        ----------
-        name : str
-            Name of the probe in the deck.
-
-        Returns
-        -------
-        tuple of NDArray
-            Loads, shape `(n,)` [-], and values, shape `(n,)` or, for a vector, `(n, 3)`.
+        - `name`: name of the probe in the deck
+        - returns loads, shape `(n,)` [-], and values, shape `(n,)` or, for a vector, `(n, 3)`
         """
         steps = self.summary.get("steps", [])
         names = {key for step in steps for key in step.get("probes", {})}
@@ -503,40 +421,15 @@ class Results:
     def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
         """Numbers of a dataset; what is broken becomes an error that names the file."""
         with _damage(self.path, name):
-            found = self._file[name]
-            # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
-            if found.nbytes > 1100 * max(found.id.get_storage_size(), 1):
-                raise ValueError("its shape declares far more numbers than the file contains")
-            values = np.asarray(found[part])
+            values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":
                 raise TypeError("it does not hold numbers")
         return values
 
 
-def _optional(name: str, extra: str) -> Any:
-    """Import a package that only some need."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as reason:
-        raise InstallationError(
-            f"this needs {name}: pip install 'myork[{extra}]' ({reason})"
-        ) from None
-
-
 def _parts(name: str) -> str:
     """Names of the components of a field in each direction."""
     return "123" if name == "principal_stress" else "xyz"
-
-
-def _with_bar(step: dict[str, Any], name: str, units: dict[str, str]) -> str:
-    """Value of a probe in a step of the summary with its error bar and its unit."""
-    parts = []
-    for values, digits in ((printed(step), 5), (step.get("probe_errors", {}), 2)):
-        value = values.get(name)
-        if value is not None:
-            several = value if isinstance(value, list) else [value]
-            parts.append(", ".join("-" if v is None else f"{v:.{digits}g}" for v in several))
-    return f"{' &plusmn; '.join(parts)} {escape(units.get(name, ''))}".rstrip()
 
 
 def restart_of(words: str | Path) -> RestartState:
@@ -558,7 +451,7 @@ def _damage(path: Path, what: str) -> Iterator[None]:
     """Name the file where h5py raises one of the many errors that it has for damaged ones."""
     try:
         yield
-    except _DAMAGES as reason:
+    except (*UNREADABLE, InputError) as reason:
         raise FileError(
             f"{path}: not a result file of myork, or damaged: {what} cannot be read: "
             f"{reason}; give a file that 'myork solve' has written"
@@ -592,6 +485,15 @@ class ReducedFields(NamedTuple):
     surface: I32
 
 
+_REDUCED = {
+    "points": real("points", 3, least=-_LARGEST, most=_LARGEST),
+    "modes": whole("models"),
+    "displacement": real("models + 1", "points", 3, least=-_LARGEST, most=_LARGEST),
+    "stress": raw("f", np.float64, "models + 1", "points"),
+    "surface": index("triangles", 3, of="points"),
+}
+
+
 def write_reduced(folder: Path, fields: ReducedFields) -> None:
     """Write the file of a folder."""
     with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
@@ -605,21 +507,8 @@ def read_reduced(path: Path) -> ReducedFields:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            found = ReducedFields(*(np.asarray(content[name]) for name in ReducedFields._fields))
-    except (*_DAMAGES, EOFError, zipfile.BadZipFile, zlib.error) as reason:
+            found = {name: content[name] for name in _REDUCED}
+            sizes = {"triangles": len(found["surface"])}
+        return ReducedFields(**fitted(_REDUCED, found, sizes))
+    except (*UNREADABLE, InputError, EOFError, zipfile.BadZipFile, zlib.error) as reason:
         raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None
-    n, m = len(np.atleast_1d(found.points)), np.size(found.modes)
-    shapes = ((n, 3), (m,), (m + 1, n, 3), (m + 1, n), (len(np.atleast_1d(found.surface)), 3))
-    for (name, values), shape in zip(found._asdict().items(), shapes, strict=True):
-        whole = name in ("modes", "surface")
-        right = values.shape == shape and values.dtype.kind in ("iu" if whole else "f")
-        if right and name == "surface":
-            right = bool(((values >= 0) & (values < n)).all())
-        elif right:
-            size = np.abs(np.nan_to_num(values) if name == "stress" else values)
-            right = bool((size <= _LARGEST).all())
-        if not right:
-            raise FileError(
-                f"{path}: {name}: finite numbers of shape {shape} are needed; run `myork rom` again"
-            )
-    return found

@@ -114,6 +114,17 @@ def printed(step: Mapping[str, Any]) -> dict[str, Any]:
     return {**(step.get("probes") or {}), **(step.get("printed") or {})}
 
 
+def with_bar(step: Mapping[str, Any], name: str, unit: str, digits: int = 5) -> str:
+    """Value of a probe in a step of the summary with its error bar and its unit."""
+    parts = []
+    for values, count in ((printed(step), digits), (step.get("probe_errors") or {}, 2)):
+        value = values.get(name)
+        if value is not None:
+            several = value if isinstance(value, list) else [value]
+            parts.append(", ".join("-" if v is None else f"{v:.{count}g}" for v in several))
+    return f"{' +- '.join(parts)} {unit}".rstrip()
+
+
 def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
     """Put entries into `summary.json`, in place of entries of the same names.
 

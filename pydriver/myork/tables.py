@@ -176,31 +176,22 @@ def _plain(value: Any) -> Any:
     return [_plain(entry) for entry in value] if isinstance(value, list) else value
 
 
-class _Table(dict[str, Any]):
+class _Fixed:
+    """What cannot be changed; copies can."""
+
+    __setitem__ = __delitem__ = __ior__ = __iadd__ = __imul__ = clear = pop = _refuse
+    popitem = setdefault = update = append = extend = insert = remove = reverse = sort = _refuse
+
+    def __deepcopy__(self, _: Any) -> Any:
+        return _plain(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(_plain(self)), (_plain(self),)
+
+
+class _Table(_Fixed, dict[str, Any]):
     """A table that cannot be changed."""
 
-    def __deepcopy__(self, _: Any) -> dict[str, Any]:
-        return _plain(self)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return dict, (_plain(self),)
-
-
-class _List(list[Any]):
+class _List(_Fixed, list[Any]):
     """A list that cannot be changed."""
-
-    def __deepcopy__(self, _: Any) -> list[Any]:
-        return _plain(self)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return list, (_plain(self),)
-
-
-_CHANGES = {
-    _Table: "__setitem__ __delitem__ __ior__ clear pop popitem setdefault update",
-    _List: "__setitem__ __delitem__ __iadd__ __imul__ append clear extend insert pop remove "
-    "reverse sort",
-}
-for _kind, _names in _CHANGES.items():
-    for _name in _names.split():
-        setattr(_kind, _name, _refuse)

@@ -11,22 +11,11 @@ from myork.model_file import checked_cloud, read_model
 from myork.records import PointCloud, Voxels
 
 # One unused point: the wrapper cannot infer the shape of nothing.
+_AT, _NUMBER = np.zeros((1, 3)), np.zeros(1, np.int32)
 NO_CLOUD = PointCloud(
-    source=np.zeros((1, 3)),
-    spacing=np.ones((1, 3)),
-    points=np.zeros((1, 3)),
-    label=np.zeros(1, np.int32),
-    fiber=np.zeros((1, 3)),
-    volume=np.ones(1),
-    boundary_point=np.zeros(1, np.int32),
-    boundary_set=np.zeros(1, np.int32),
-    normal=np.zeros((1, 3)),
-    area=np.zeros(1),
-    set_names=("none",),
-    label_names={},
-    length_unit="",
-    source_images="",
-)
+    _AT, np.ones((1, 3)), _AT, _NUMBER, _AT, np.ones(1), _NUMBER, _NUMBER, _AT, np.zeros(1),
+    ("none",), {}, "", "",
+)  # fmt: skip
 
 
 def model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud | None:

@@ -27,35 +27,21 @@ def load_deck(
 ) -> dict[str, Any]:
     """Read and check a deck.
 
-    Parameters
-    ----------
-    deck : str, Path or mapping
-        Deck file (TOML), or its tables as data: mappings with the keys of a deck, lists of them for
-        arrays of tables. Without `title` a deck has the name of its file, data are called "scene";
-        data without `units` are in N and cm.
-    overrides : sequence of str
-        `table.key=value` each, as in `--set`; checked like the deck.
-    command : str
-        Command that will use the deck (`solve`, `rom`); the tables it needs must be there.
-
-    Returns
-    -------
-    dict
-        Tables by name with their defaults filled in: `deck["load"]["steps"]`, arrays of tables as
-        lists: `deck["material"][0]["K"]` (an empty list where the deck has none). A key without
-        a value and without a default is absent. Beside the tables `path`, `folder` (where
-        relative paths of the deck start), `sha256` (of the text of the deck, followed by a
-        line `--set key=value` for each override), `probe_units` (unit of each probe by its name,
-        empty for ratios) and `result_units` (those of force, length, stress and volume). Of data
-        `path` is "tables", and relative paths start in the current folder.
-
-    Raises
-    ------
-    InputError
-        The deck or an override is wrong; the message has all complaints, a line each: by file and
-        line, of data by the key.
-    FileError
-        The deck cannot be read.
+    - `deck`: deck file (TOML), or its tables as data: mappings with the keys of a deck, lists of
+      them for arrays of tables. Without `title` a deck has the name of its file, data are called
+      "scene"; data without `units` are in N and cm.
+    - `overrides`: `table.key=value` each, as in `--set`; checked like the deck
+    - `command`: command that will use the deck (`solve`, `rom`); the tables it needs must be there
+    - returns tables by name with their defaults filled in: `deck["load"]["steps"]`, arrays of
+      tables as lists: `deck["material"][0]["K"]` (an empty list where the deck has none). A key
+      without a value and without a default is absent. Beside the tables `path`, `folder` (where
+      relative paths of the deck start), `sha256` (of the text of the deck, followed by a line
+      `--set key=value` for each override), `probe_units` (unit of each probe by its name, empty for
+      ratios) and `result_units` (those of force, length, stress and volume). Of data `path` is
+      "tables", and relative paths start in the current folder.
+    - raises InputError: the deck or an override is wrong; the message has all complaints, a line
+      each: by file and line, of data by the key
+    - raises FileError: the deck cannot be read
     """
     if isinstance(deck, Mapping):
         return deck_values(NAME_OF_TABLES, text_of_tables(deck), overrides, command)

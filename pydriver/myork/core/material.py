@@ -26,8 +26,6 @@ class Material:
     - `model`: `polynomial`, `muscle` or another model of decks
     - `**parameters`: those of the model, such as `A10` or `sigma_max`
 
-    Examples
-    --------
     >>> rubber = Material("rubber", K=1e3, A10=37.3)
     >>> rubber.A10, rubber.A20
     (37.3, 0.0)
@@ -65,76 +63,46 @@ class Tangents(NamedTuple):
     contracted: F64
 
 
-def energy(
-    material: Material,
-    gradient: ArrayLike,
-    *,
-    fiber: ArrayLike = (0.0, 0.0, 0.0),
-    activation: float = 0.0,
-    volumetric: bool = True,
-) -> F64:
-    """Energy per reference volume at points.
+def energy(material: Material, gradient: ArrayLike, **where: Any) -> F64:
+    """Energy per reference volume at points, shape `(n,)` [stress]; `where` as of `strong`."""
+    return _at_points(material, gradient, **where)[0]
+
+
+def stress(material: Material, gradient: ArrayLike, **where: Any) -> F64:
+    """First Piola-Kirchhoff stress `P[p, i, A]`, shape `(n, 3, 3)` [stress]; as `energy`."""
+    return _at_points(material, gradient, **where)[1]
+
+
+def strong(material: Material, gradient: ArrayLike, second: ArrayLike, **where: Any) -> Tangents:
+    """Stress, tangent and contracted third derivative at points.
 
     - `material`: material of all points
     - `gradient`: deformation gradients `F[p, i, A]` with a positive determinant, shape `(n, 3, 3)`
       [-]
-    - `fiber`: unit vectors in the reference body, shape `(n, 3)` or `(3,)`; zeros: no fibers [-]
-    - `activation`: activation of the fibers, 0 to 1 [-]
-    - `volumetric`: include `K/2 (J - 1)^2`?
-    - returns energies, shape `(n,)` [stress]
-    - raises InputError: impossible parameter of the material, or wrong shapes
-    """
-    return _at_points(material, gradient, None, 3, fiber, activation, volumetric)[0]
-
-
-def stress(
-    material: Material,
-    gradient: ArrayLike,
-    *,
-    fiber: ArrayLike = (0.0, 0.0, 0.0),
-    activation: float = 0.0,
-    volumetric: bool = True,
-) -> F64:
-    """First Piola-Kirchhoff stress at points; parameters as for `energy`.
-
-    Returns stresses `P[p, i, A]`, shape `(n, 3, 3)` [stress].
-    """
-    return _at_points(material, gradient, None, 3, fiber, activation, volumetric)[1]
-
-
-def strong(
-    material: Material,
-    gradient: ArrayLike,
-    second: ArrayLike,
-    *,
-    dimension: int = 3,
-    fiber: ArrayLike = (0.0, 0.0, 0.0),
-    activation: float = 0.0,
-    volumetric: bool = True,
-) -> Tangents:
-    """Stress, tangent and contracted third derivative at points; parameters as for `energy`.
-
     - `second`: second derivatives of the displacement `H[p, j, B, A] = u_j,BA`, shape
       `(n, 3, 3, 3)` [1/length]
-    - `dimension`: 3, or 2 for plane strain: `F[:, 2, 2] = 1`; then entries of the results with an
-      index 2 are zero, apart from those of the stress
+    - `**where`: `dimension` 3, or 2 for plane strain: `F[:, 2, 2] = 1`; then entries of the results
+      with an index 2 are zero, apart from those of the stress; `fiber`, unit vectors in the
+      reference body, shape `(n, 3)` or `(3,)`, zeros (the default) for none [-]; `activation` of
+      the fibers, 0 to 1 [-]; `volumetric`, whether to include `K/2 (J - 1)^2` (the default)
+    - raises InputError: impossible parameter of the material, or wrong shapes
     """
-    if dimension not in (2, 3):
-        raise errors.InputError(f"dimension must be 2 or 3, not {dimension}")
-    found = _at_points(material, gradient, second, dimension, fiber, activation, volumetric)
-    return Tangents(*found[1:])
+    return Tangents(*_at_points(material, gradient, second, **where)[1:])
 
 
 def _at_points(
     material: Material,
     gradient: ArrayLike,
-    second: ArrayLike | None,
-    dimension: int,
-    fiber: ArrayLike,
-    activation: float,
-    volumetric: bool,
+    second: ArrayLike | None = None,
+    *,
+    dimension: int = 3,
+    fiber: ArrayLike = (0.0, 0.0, 0.0),
+    activation: float = 0.0,
+    volumetric: bool = True,
 ) -> list[F64]:
     """Energy, stress, tangent and contraction with second derivatives, the point as first axis."""
+    if dimension not in (2, 3):
+        raise errors.InputError(f"dimension must be 2 or 3, not {dimension}")
     f, n = _points(gradient, fiber)
     count = f.shape[-1]
     h = np.zeros((count, 3, 3, 3)) if second is None else np.asarray(second, float)

@@ -17,7 +17,7 @@ from myork.core.calls import Turn, answer, call_in_thread, listening
 from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
-from myork.core.states import VERDICTS, Fields, States, states_of
+from myork.core.states import Fields, States, states_of
 from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
@@ -29,47 +29,27 @@ class Scene:
 
     `Scene(path)` opens that of a deck file, `Scene.from_tables` that of data.
 
-    Parameters
-    ----------
-    path : str or Path
-        Deck file.
-    overrides : sequence of str
-        `"table.key=value"` each.
-    out : Path, optional
-        Folder in which the model file of the deck is looked for first.
-    threads : int, optional
-        Number of threads of a solve; default all cores.
-    progress : callable, optional
-        Called with every line of a search for points, which a deck without points starts when it
-        is opened; without it lines go to the logger `myork`, those of a long search as warnings.
+    - `path`: deck file
+    - `overrides`: `"table.key=value"` each
+    - `out`: folder in which the model file of the deck is looked for first
+    - `threads`: number of threads of a solve; default all cores
+    - `progress`: called with every line of a search for points, which a deck without points starts
+      when it is opened; without it lines go to the logger `myork`, those of a long search as
+      warnings
+    - raises InputError: the deck, the model or the points are wrong; the message says where
+    - raises FileError: the model file is missing
 
-    Attributes
-    ----------
-    deck : dict
-        The effective deck, defaults and overrides included; it cannot be changed.
-    dimension : int
-        Space dimension.
-    source_points, collocation_points : int
-        Numbers of points.
-    dofs, rows : int
-        Unknowns and equations.
-    steps : int
-        Load steps.
-    stencils : int
-        Number of different stencils of the shape functions.
-    points_found : tuple of str
-        Overrides that give the deck the points that its search found; none where nothing was
-        searched.
+    It has:
 
-    Raises
-    ------
-    InputError
-        The deck, the model or the points are wrong; the message says where.
-    FileError
-        The model file is missing.
+    - `deck`: the effective deck, defaults and overrides included; it cannot be changed
+    - `dimension`: space dimension
+    - `source_points`, `collocation_points`: numbers of points
+    - `dofs`, `rows`: unknowns and equations
+    - `steps`: load steps
+    - `stencils`: number of different stencils of the shape functions
+    - `points_found`: overrides that give the deck the points that its search found; none where
+      nothing was searched
 
-    Examples
-    --------
     >>> from myork import Scene
     >>> with Scene("inputs/shear_3d.toml", ["load.steps=20"]) as scene:  # doctest: +SKIP
     ...     states = scene.solve()
@@ -100,30 +80,17 @@ class Scene:
     ) -> "Scene":
         """Open a scene of data: without a file, unless the tables name one of points.
 
-        Parameters
-        ----------
-        tables : mapping
-            Tables with the keys of a deck, arrays of tables as lists of mappings. Without `title`
-            the title is "scene"; without `units` forces are in N and lengths in cm, the units
-            of the defaults of a muscle, or in those of the cloud.
-        cloud : PointCloud, optional
-            Points of the body, in place of a model file; the table `geometry` is left out then.
-        overrides : sequence of str
-            `"table.key=value"` each.
-        out : Path, optional
-            Folder in which a model file that the tables name is looked for first.
-        threads : int, optional
-            Number of threads of a solve; default all cores.
-        progress : callable, optional
-            Called with every line of a search for points.
+        - `tables`: tables with the keys of a deck, arrays of tables as lists of mappings. Without
+          `title` the title is "scene"; without `units` forces are in N and lengths in cm, the units
+          of the defaults of a muscle, or in those of the cloud.
+        - `cloud`: points of the body, in place of a model file; the table `geometry` is left out
+          then
+        - `overrides`: `"table.key=value"` each
+        - `out`: folder in which a model file that the tables name is looked for first
+        - `threads`: number of threads of a solve; default all cores
+        - `progress`: called with every line of a search for points
+        - raises InputError: the tables, the cloud or the points are wrong; the message says where
 
-        Raises
-        ------
-        InputError
-            The tables, the cloud or the points are wrong; the message says where.
-
-        Examples
-        --------
         >>> from myork import Scene
         >>> n = [7, 7]
         >>> square = {
@@ -224,21 +191,12 @@ class Scene:
         The shape functions stay: the next `solve` is that of a scene opened with these values, at
         less cost.
 
-        Parameters
-        ----------
-        changes : mapping
-            Values by key, as in `--set`: `{"material.muscle.K": 100, "load.activation": 0.4}`. Keys
-            of `load`, `material`, `boundary`, `amplitude`, `solver` and `probe`; which components
-            of which sets are prescribed stays, and so do labels and fibers.
+        - `changes`: values by key, as in `--set`: `{"material.muscle.K": 100, "load.activation":
+          0.4}`. Keys of `load`, `material`, `boundary`, `amplitude`, `solver` and `probe`; which
+          components of which sets are prescribed stays, and so do labels and fibers.
+        - raises InputError: a wrong value, or what an open scene cannot change: points,
+          approximation, method, and materials where K = inf. The scene is as it was then.
 
-        Raises
-        ------
-        InputError
-            A wrong value, or what an open scene cannot change: points, approximation, method, and
-            materials where K = inf. The scene is as it was then.
-
-        Examples
-        --------
         >>> with Scene("inputs/muscle_block.toml") as scene:  # doctest: +SKIP
         ...     for bulk in (100, 1000):
         ...         scene.update({"material.muscle.K": bulk})
@@ -282,30 +240,21 @@ class Scene:
 
         A refused answer raises nothing: look at `verdict`.
 
-        Parameters
-        ----------
-        linear : str
-            Least squares solver; empty for the deck's.
-        progress : callable, optional
-            Called with a line after each load step.
-        error : bool
-            Compute a second solution, which gives the probes their error bars.
-        start : F64, States, RestartState, str or Path, optional
-            State at which the iteration begins instead of at rest: unknowns of shape `(dofs,)`, the
-            last of some states, or a state of a result file, also as `"FILE"` or `"FILE:STEP"`.
-            It must belong to the same points and approximation. A programme whose amplitudes begin
-            with other values than 0 begins there, in equilibrium with what it prescribes at load
-            time 0. For others a start saves the way to the first load step, and decides which
-            state is found where there are several: a body has no memory.
-
-        Raises
-        ------
-        ConvergenceError
-            A load step failed, also after halving; `states` holds those before it.
-        KeyboardInterrupt
-            Ctrl-C ended the solve after its iteration; `states` holds what had converged.
-        InputError
-            The scene is being solved in another thread, or the start belongs to another scene.
+        - `linear`: least squares solver; empty for the deck's
+        - `progress`: called with a line after each load step
+        - `error`: compute a second solution, which gives the probes their error bars
+        - `start`: state at which the iteration begins instead of at rest: unknowns of shape
+          `(dofs,)`, the last of some states, or a state of a result file, also as `"FILE"` or
+          `"FILE:STEP"`. It must belong to the same points and approximation. A programme whose
+          amplitudes begin with other values than 0 begins there, in equilibrium with what it
+          prescribes at load time 0. For others a start saves the way to the first load step, and
+          decides which state is found where there are several: a body has no memory.
+        - raises ConvergenceError: a load step failed, also after halving; `states` holds those
+          before it
+        - raises KeyboardInterrupt: Ctrl-C ended the solve after its iteration; `states` holds what
+          had converged
+        - raises InputError: the scene is being solved in another thread, or the start belongs to
+          another scene
         """
         x = np.zeros(self.dofs) if start is None else self.unknowns_of(start)
         return self._run(linear, 0, x, progress, error)
@@ -333,17 +282,12 @@ class Scene:
     def body(self) -> tuple[I32, F64, I32, F64]:
         """How the points hang together, and what fills them.
 
-        Returns
-        -------
-        place : I32
-            Place of each point in a lattice, shape `(collocation_points, dimension)`; `(0,
-            dimension)` where there is none.
-        fiber : F64
-            Unit fiber vectors, or zeros, shape `(collocation_points, 3)` [-].
-        labels : I32
-            Labels of the body, shape `(n,)`.
-        share : F64
-            Share of each label in the volume of each point, shape `(n, collocation_points)` [-].
+        - returns `place`: place of each point in a lattice, shape `(collocation_points,
+          dimension)`; `(0, dimension)` where there is none
+        - returns `fiber`: unit fiber vectors, or zeros, shape `(collocation_points, 3)` [-]
+        - returns `labels`: labels of the body, shape `(n,)`
+        - returns `share`: share of each label in the volume of each point, shape `(n,
+          collocation_points)` [-]
         """
         found = self._ask("body")
         place = np.ascontiguousarray(found["place"].T)
@@ -352,22 +296,11 @@ class Scene:
     def set_points(self, name: str) -> tuple[I32, F64]:
         """Points of a boundary set, and the area that belongs to each.
 
-        Parameters
-        ----------
-        name : str
-            A side, such as `x0`, or a set of the deck.
-
-        Returns
-        -------
-        point : I32
-            Rows of `points`, shape `(n,)`.
-        area : F64
-            Undeformed area, in plane scenes length, shape `(n,)` [length^(dimension-1)].
-
-        Raises
-        ------
-        InputError
-            There is no such set, or it has no points.
+        - `name`: a side, such as `x0`, or a set of the deck
+        - returns `point`: rows of `points`, shape `(n,)`
+        - returns `area`: undeformed area, in plane scenes length, shape `(n,)`
+          [length^(dimension-1)]
+        - raises InputError: there is no such set, or it has no points
         """
         point, area = self._ask("set", word=name).values()
         if len(point) == 0:
@@ -441,10 +374,7 @@ class Scene:
     def fields(self, x: F64, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`.
 
-        Warns
-        -----
-        RuntimeWarning
-            Of places without a finite value: where J <= 0 there is no stress.
+        - warns RuntimeWarning: of places without a finite value: where J <= 0 there is no stress
         """
         x = shaped("x", x, (self.dofs,))
         named = {name: values.T for name, values in self._ask("fields", load, x).items()}
@@ -522,14 +452,7 @@ class Scene:
         judged = answer(self._handle, "verdict", value, found["info"][0][: value.shape[2]])
         bars = np.full((steps, self._probes, 3), np.nan)
         bars[: value.shape[2]] = judged["bars"].T
-        return states_of(
-            **found,
-            places=answer(self._handle, "points")["place"],
-            verdict=VERDICTS[judged["verdict"]],
-            unstable=bool(judged["unstable"]),
-            reasons=judged["reasons"].splitlines(),
-            bars=bars,
-        )
+        return states_of(found, answer(self._handle, "points")["place"], judged, bars)
 
 
 def _close(handle: int, turn: Turn) -> None:

@@ -1,10 +1,11 @@
 """What a scene hands out: converged states of a solve, and fields of one of them."""
 
-from html import escape
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.console import as_html
 from myork.types import F64, I64
 
 #: In the order of the core
@@ -61,16 +62,9 @@ class States(NamedTuple):
     def _repr_html_(self) -> str:
         """The verdict with its reasons, and the states, as notebooks show them."""
         rows = zip(self.load, self.iterations, self.min_j, self.max_j, strict=True)
-        cells = "".join(
-            f"<tr><td>{a:.4g}</td><td>{b}</td><td>{c:.4g}</td><td>{d:.4g}</td></tr>"
-            for a, b, c, d in rows
-        )
-        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in self.reasons)
-        return (
-            f"<p><b>{self.verdict or 'not judged'}</b></p><ul>{reasons}</ul><table><tr>"
-            "<th>load</th><th>iterations</th><th>least J</th><th>largest J</th></tr>"
-            f"{cells}</table>"
-        )
+        cells = [(f"{a:.4g}", b, f"{c:.4g}", f"{d:.4g}") for a, b, c, d in rows]
+        head = ("load", "iterations", "least J", "largest J")
+        return as_html(f"<b>{self.verdict or 'not judged'}</b>", cells, head, self.reasons)
 
 
 class Fields(NamedTuple):
@@ -88,49 +82,29 @@ def _count(number: int, thing: str) -> str:
     return f"{number} {thing}" + ("s" if number != 1 else "")
 
 
-def error_norms(l2: float, h1: float, l2_solution: float, h1_solution: float) -> dict[str, float]:
-    """Norms by their names; none where the core has none."""
-    if l2 < 0:
-        return {}
-    tiny = np.finfo(float).tiny
-    return {
-        "L2": l2,
-        "H1": h1,
-        "relative_L2": l2 / max(l2_solution, tiny),
-        "relative_H1": h1 / max(h1_solution, tiny),
-    }
-
-
 def states_of(
-    x: F64,
-    info: F64,
-    seconds: F64,
-    worst: F64,
-    norms: F64,
-    warnings: str,
-    places: F64,
-    verdict: str,
-    unstable: bool,
-    reasons: list[str],
-    bars: F64,
+    found: Mapping[str, Any], places: F64, judged: Mapping[str, Any], bars: F64
 ) -> States:
     """States from the arrays of the core.
 
-    - `x`: unknowns, shape `(n, nstep)`
-    - `info`: load, iterations, extremes of J, acoustic eigenvalue and the number of its point, 0
-      for none, shape `(6, nstep)`
-    - `seconds`: wall times of assembly, least squares and checks [s]
-    - `worst`: backward error, imbalance and mismatch of work
-    - `norms`: of errors
-    - `warnings`: warnings of the solve, a line each
+    - `found`: unknowns `x`, shape `(n, nstep)`; `info`: load, iterations, extremes of J, acoustic
+      eigenvalue and the number of its point, 0 for none, shape `(6, nstep)`; `seconds` of assembly,
+      least squares and checks; `worst`: backward error, imbalance and mismatch of work; `norms` of
+      errors and of the solution, negative for none; `warnings`, a line each
     - `places`: collocation points, shape `(dimension, npoint)` [length]
-    - `verdict`, `unstable`, `reasons`: verdict, whether the state is unstable, reasons
+    - `judged`: `verdict`, `unstable` and `reasons`, a line each
     - `bars`: error bars of the probes
     """
+    info, seconds, worst, norms = (found[k] for k in ("info", "seconds", "worst", "norms"))
     point = info[5].astype(np.int64)
     seen = point > 0
+    errors = dict(zip(("L2", "H1"), norms[:2].tolist(), strict=True))
+    sizes = np.maximum(norms[2:], np.finfo(float).tiny).tolist()
+    errors |= {
+        f"relative_{k}": errors[k] / size for k, size in zip(("L2", "H1"), sizes, strict=True)
+    }
     return States(
-        x=x.T,
+        x=found["x"].T,
         load=info[0],
         iterations=info[1].astype(np.int64),
         min_j=info[2],
@@ -143,10 +117,10 @@ def states_of(
         min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
         force_imbalance=float(worst[1]),
         work_mismatch=float(worst[2]),
-        errors=error_norms(*norms.tolist()),
-        warnings=warnings.splitlines(),
-        verdict=verdict,
-        unstable=unstable,
-        reasons=reasons,
+        errors=errors if norms[0] >= 0 else {},
+        warnings=found["warnings"].splitlines(),
+        verdict=VERDICTS[judged["verdict"]],
+        unstable=bool(judged["unstable"]),
+        reasons=judged["reasons"].splitlines(),
         probe_errors=bars,
     )

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.errors import FileError, InputError
-from myork.imaging.formats import FLIP, library
+from myork.errors import FileError, InputError, optional
+from myork.imaging.formats import FLIP
 from myork.types import F64
 
 # Names that promise a DICOM file
@@ -322,7 +322,7 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
 
 def dicom_files(folder: Path) -> list[DicomFile]:
     """All DICOM images of a folder, one at least; of the folders below where it holds none."""
-    dicom = library("pydicom", "dicom", folder)
+    dicom = optional("pydicom", "dicom", folder)
     for paths in (folder.iterdir(), folder.rglob("*")):
         found = [_read(dicom, path) for path in sorted(paths) if path.is_file()]
         files = [file for file in found if file is not None]
@@ -450,7 +450,7 @@ def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:
     - `choice`: which of several series, see `chosen_files`
     """
     files = series_files(folder, choice)
-    converter = library("dcm2niix", "dicom", folder).bin
+    converter = optional("dcm2niix", "dicom", folder).bin
     with TemporaryDirectory(prefix="myork-") as place:
         there, made = Path(place, "dicom"), Path(place, "nifti")
         there.mkdir()

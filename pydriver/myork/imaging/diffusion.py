@@ -2,10 +2,9 @@
 
 Tensors (4.1) are symmetric and stored as xx, yy, zz, xy, xz, yz.
 
-References
-----------
-1. Basser, Mattiello, Le Bihan, J. Magn. Reson. B 103 (1994), doi:10.1006/jmrb.1994.1037
-2. Salvador et al., Hum. Brain Mapp. 24 (2005), doi:10.1002/hbm.20076 (weights from the fit)
+References: [1] Basser, Mattiello, Le Bihan, J. Magn. Reson. B 103 (1994),
+doi:10.1006/jmrb.1994.1037; [2] Salvador et al., Hum. Brain Mapp. 24 (2005), doi:10.1002/hbm.20076
+(weights from the fit)
 """
 
 from collections.abc import Mapping
@@ -116,18 +115,10 @@ def fit_tensors(dwi: Image, table: GradientTable) -> Image:
     A fit with equal weights gives signals whose squares are the weights of the second fit: the
     variance of the logarithm of a signal goes with one over its square [2].
 
-    Parameters
-    ----------
-    dwi : Image
-        Diffusion-weighted images, shape `(ni, nj, nk, nvolume)`.
-    table : GradientTable
-        Their gradients in the world frame.
-
-    Returns
-    -------
-    Image
-        Tensors in the world frame, shape `(ni, nj, nk, 6)` [mm^2/s]; not a number where a signal
-        is not finite or no image without gradient shows one.
+    - `dwi`: diffusion-weighted images, shape `(ni, nj, nk, nvolume)`
+    - `table`: their gradients in the world frame
+    - returns tensors in the world frame, shape `(ni, nj, nk, 6)` [mm^2/s]; not a number where a
+      signal is not finite or no image without gradient shows one
     """
     unit = max(float(table.b.max()), 1.0)
     design = np.column_stack([np.ones(len(table.b)), -table.design() / unit])

@@ -13,16 +13,15 @@ whole turns between both. All echoes choose the turns and the decay exp(-R2* t),
 around each voxel, and water and fat are those of all of them; where they fit one way around better,
 this decides in place of the skin.
 
-References
-----------
-Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two candidates at any
-echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29 (2011) 216-221 (water
-and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134 (peaks of fat and decay)
+References: Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two
+candidates at any echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29
+(2011) 216-221 (water and fat with one phase); Yu et al., Magn. Reson. Med. 60 (2008) 1122-1134
+(peaks of fat and decay)
 """
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +31,8 @@ from myork.errors import InputError
 from myork.imaging.geometry import slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
+
+Values = TypeVar("Values", F64, C128)
 
 # Peaks of fat: shift from water [ppm] and part of the signal
 _SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
@@ -109,16 +110,10 @@ def water_and_fat(
 ) -> WaterFat:
     """Part echoes, given by magnitude and phase, into water and fat.
 
-    Parameters
-    ----------
-    magnitudes, phases : sequence of Image
-        Of all echoes, two at least, on one grid.
-    body : NDArray
-        Voxels of the body, shape `(ni, nj, nk)`.
-    times : sequence
-        Echo times; none, of two echoes: in phase first, then in opposed phase [ms].
-    strength : float
-        Field of the scanner, with times [T].
+    - `magnitudes`, `phases`: of all echoes, two at least, on one grid
+    - `body`: voxels of the body, shape `(ni, nj, nk)`
+    - `times`: echo times; none, of two echoes: in phase first, then in opposed phase [ms]
+    - `strength`: field of the scanner, with times [T]
     """
     factors: tuple[complex, ...] = (complex(1.0), complex(-1.0))
     count = len(magnitudes)
@@ -294,14 +289,7 @@ def _all_echoes(
                 np.complex128,
             )
             slope = _slope(slope, signal, model, time, body, size)
-        fits.append(
-            (
-                _average(np.asarray(misfit + 0j, np.complex128), body, size).real,
-                water,
-                fat,
-                -1000.0 * slope.real,
-            )
-        )
+        fits.append((_average(misfit, body, size), water, fat, -1000.0 * slope.real))
         if np.allclose(np.round(time / step), time / step, atol=1e-3):
             break  # turns make no difference
     best = np.argmin([fit[0] for fit in fits], axis=0)
@@ -328,8 +316,8 @@ def _found(
     )
 
 
-def _on_grid(values: F64, body: Mask) -> F64:
-    grid = np.zeros(body.shape)
+def _on_grid(values: Values, body: Mask) -> Values:
+    grid = np.zeros(body.shape, values.dtype)
     grid[body] = values
     return grid
 
@@ -505,17 +493,9 @@ def _times_doubt(factors: Sequence[complex]) -> str:
     return what if averages < _LEAST else ""
 
 
-def _average(values: C128, body: Mask, size: F64) -> C128:
+def _average(values: Values, body: Mask, size: F64) -> Values:
     """Sum under a Gaussian."""
-    grid = np.zeros(body.shape, complex)
-    grid[body] = values
-    width = _SMOOTH / size
-    return np.asarray(
-        (
-            ndimage.gaussian_filter(grid.real, width)
-            + 1j * ndimage.gaussian_filter(grid.imag, width)
-        )[body]
-    )
+    return np.asarray(ndimage.gaussian_filter(_on_grid(values, body), _SMOOTH / size)[body])
 
 
 def _fit(signal: C128, factors: C128, left: F64) -> tuple[F64, F64, C128, F64]:
@@ -552,6 +532,6 @@ def _slope(slope: C128, signal: C128, model: C128, time: F64, body: Mask, size: 
     away = time - (weight * time).sum(-1, keepdims=True) / whole
     top = (weight * away * logarithm).sum(-1)
     bottom = (weight * away**2).sum(-1)
-    more = _average(top, body, size) / np.maximum(_average(bottom + 0j, body, size).real, 1e-30)
+    more = _average(top, body, size) / np.maximum(_average(bottom, body, size), 1e-30)
     new = slope + more
     return np.asarray(np.minimum(new.real, 0.0) + 1j * new.imag, np.complex128)

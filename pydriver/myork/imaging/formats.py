@@ -4,16 +4,14 @@ Its world has x to the left and y backwards; here it is right, anterior, superio
 readers do not refuse themselves is refused here.
 """
 
-import importlib
 import os
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from myork.errors import FileError, InputError, InstallationError
+from myork.errors import FileError, InputError, optional
 
 _META_SUFFIXES = (".mha", ".mhd")
 ITK_SUFFIXES = (".nrrd", ".nhdr", *_META_SUFFIXES)
@@ -32,7 +30,7 @@ _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "microns": 0.001}
 
 def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Values as they are stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm]."""
-    itk = library("SimpleITK", "formats", path)
+    itk = optional("SimpleITK", "formats", path)
     header, length = _header(path)
     # SimpleITK does not survive other numbers of axes, and drops the sign of a size.
     if path.suffix in _META_SUFFIXES:
@@ -77,7 +75,7 @@ def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def save_itk(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
     """Write values of shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)` and their affine [mm]."""
-    itk = library("SimpleITK", "formats", path)
+    itk = optional("SimpleITK", "formats", path)
     order = (2, 1, 0, 3)[: data.ndim]
     image = itk.GetImageFromArray(np.ascontiguousarray(data.transpose(order)), data.ndim == 4)
     turned = FLIP @ affine
@@ -165,13 +163,3 @@ def _nrrd_unit(path: Path, header: Mapping[str, str]) -> float:
             f"{', '.join(_UNITS)} for all axes is needed"
         )
     return known.pop() if known else 1.0
-
-
-def library(name: str, extra: str, what: object) -> Any:
-    """An optional library, or an error that says what needs it and names the extra."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise InstallationError(
-            f"{what} needs {name}, which is not installed: pip install 'myork[{extra}]'"
-        ) from None

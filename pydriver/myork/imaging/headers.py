@@ -1,9 +1,7 @@
 """What headers say of a measurement: echo time and field, of DICOM or of JSON files (BIDS).
 
-References
-----------
-The Brain Imaging Data Structure, version 1.10: file names, the inheritance principle, metadata of
-magnetic resonance images
+Reference: The Brain Imaging Data Structure, version 1.10: file names, the inheritance principle,
+metadata of magnetic resonance images
 """
 
 import json

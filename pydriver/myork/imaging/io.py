@@ -20,17 +20,18 @@ from myork.errors import FileError, InputError
 from myork.files import whole_file, write_text
 from myork.imaging.dicom import load_dicom, split_choice
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
-from myork.imaging.geometry import check_affine
+from myork.imaging.geometry import check_affine, reordered
 from myork.imaging.headers import bids_name
 from myork.imaging.plain import check_kind, read_text
 from myork.records import Image, Labels
-from myork.types import F64
 
 # Larger values are no measurement; squares of smaller ones can be added up.
 _LARGEST = 1e30
 _LAST_LABEL = int(np.iinfo(np.int32).max)
 # Scales (scl_slope) below are of values that were spread; larger ones of images
 _SPREAD = 0.25
+# Axes of an axial image on a screen: to the left, backwards, upwards
+_SCREEN = np.diag([-1.0, -1.0, 1.0, 1.0])
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
@@ -257,8 +258,8 @@ def read_rois(path: Path, like: Image | Labels | None) -> Labels:
             masks = {name: np.atleast_3d(archive[name]) for name in sorted(archive.files)}
     except Exception as reason:  # for each kind of damage NumPy raises another
         raise FileError(f"{path}: is not a readable NumPy archive: {reason}") from None
-    order, flipped = _screen(like.affine)
-    shape = tuple(like.data.shape[axis] for axis in order)
+    screen = reordered(Labels(np.zeros(like.data.shape[:3], np.int32), like.affine), _SCREEN)
+    shape = screen.data.shape
     wrong = [name for name, mask in masks.items() if mask.shape != (shape[1], shape[0], shape[2])]
     if wrong or not masks:
         what = f"mask {wrong[0]} has shape {masks[wrong[0]].shape}" if wrong else "holds no mask"
@@ -266,22 +267,10 @@ def read_rois(path: Path, like: Image | Labels | None) -> Labels:
             f"{path}: {what}; rows, columns and slices of {like.name} are "
             f"{(shape[1], shape[0], shape[2])}: give the image that they were drawn in"
         )
-    data = np.zeros(shape, np.int32)
     for number, mask in enumerate(masks.values(), start=1):
-        data[np.swapaxes(mask, 0, 1) > 0] = number
-    stored = np.flip(np.transpose(data, np.argsort(order)), tuple(flipped))
+        screen.data[np.swapaxes(mask, 0, 1) > 0] = number
+    stored = reordered(screen, like.affine).data
     return Labels(stored, like.affine, dict(enumerate(masks, start=1)), str(path))
-
-
-def _screen(affine: F64) -> tuple[list[int], list[int]]:
-    """Voxel axes that run to the left, backwards and upwards, and which of them do it reversed."""
-    directions = affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0)
-    order: list[int] = []
-    for axis in range(3):
-        free = [column for column in range(3) if column not in order]
-        order.append(max(free, key=lambda column: abs(float(directions[axis, column]))))
-    ways = zip(range(3), order, (-1.0, -1.0, 1.0), strict=True)
-    return order, [column for axis, column, sign in ways if directions[axis, column] * sign < 0]
 
 
 def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:

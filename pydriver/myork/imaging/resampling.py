@@ -37,25 +37,13 @@ class Move(NamedTuple):
 def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Move | None]:
     """Bring an image onto the grid of another one.
 
-    Parameters
-    ----------
-    image : Image or Labels
-        Values, shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)`.
-    like : Image or Labels
-        Gives the grid.
-    way : str
-        One of `WAYS`; by default `nearest` for labels and `linear` for images. With `tensor-wise`
-        six values are a tensor and three a fiber, both in the world frame.
-
-    Returns
-    -------
-    tuple
-        The image, 0 where it does not reach, and how it came there; None where both grids are one.
-
-    Raises
-    ------
-    InputError
-        The images do not overlap.
+    - `image`: values, shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)`
+    - `like`: gives the grid
+    - `way`: one of `WAYS`; by default `nearest` for labels and `linear` for images. With
+      `tensor-wise` six values are a tensor and three a fiber, both in the world frame.
+    - returns the image, 0 where it does not reach, and how it came there; None where both grids are
+      one
+    - raises InputError: the images do not overlap
     """
     if same_grid(image, like):
         return image, None

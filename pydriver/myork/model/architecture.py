@@ -5,9 +5,7 @@ as the second one. Fibers are followed through the voxels of a muscle, from a th
 ways until they leave it; the median counts. PCSA is volume times the cosine of the pennation over
 the length of the fibers [1].
 
-References
-----------
-1. Lieber, Fridén, Muscle Nerve 23 (2000) 1647-1666
+Reference: [1] Lieber, Fridén, Muscle Nerve 23 (2000) 1647-1666
 """
 
 from collections.abc import Collection, Mapping
@@ -77,14 +75,9 @@ COLUMNS: Mapping[str, tuple[str, str, int]] = {
 def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -> list[Numbers]:
     """Numbers of all muscles of a label map.
 
-    Parameters
-    ----------
-    labels : Labels
-        Label map.
-    maps : Maps
-        What is known of its voxels.
-    left_out : collection of int
-        Labels that are no muscles.
+    - `labels`: label map
+    - `maps`: what is known of its voxels
+    - `left_out`: labels that are no muscles
     """
     if maps.fibers is not None:
         maps = maps._replace(fibers=replace(maps.fibers, data=unit_vectors(maps.fibers.data)[0]))

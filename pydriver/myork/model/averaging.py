@@ -16,11 +16,9 @@ A label may hold muscles that lean against each other, as gastrocnemius and sole
 average would blur into each other. Families of fibers are parted in the same way, by what predicts
 tensors best: in a single muscle, straight or bent, parting it makes predictions worse.
 
-References
-----------
-Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965; Stone, J. R.
-Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation); Burman, Chow,
-Nolan, Biometrika 81 (1994), doi:10.1093/biomet/81.2.351 (neighbours left out)
+References: Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965;
+Stone, J. R. Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation);
+Burman, Chow, Nolan, Biometrika 81 (1994), doi:10.1093/biomet/81.2.351 (neighbours left out)
 """
 
 from collections.abc import Sequence
@@ -238,10 +236,6 @@ def gathered(values: F64, weight: NDArray[Any], sigma: F64) -> tuple[F64, F64]:
     - `weight`: weights, shape `(ni, nj, nk)`
     - `sigma`: standard deviations [voxel]
     """
-    near = ndimage.gaussian_filter(weight.astype(float), sigma, mode="constant", truncate=_TRUNCATE)
-    sums = np.empty(values.shape)
-    for c in range(values.shape[-1]):
-        sums[..., c] = ndimage.gaussian_filter(
-            values[..., c], sigma, mode="constant", truncate=_TRUNCATE
-        )
-    return sums, near
+    look: Any = {"mode": "constant", "truncate": _TRUNCATE}
+    near = ndimage.gaussian_filter(weight.astype(float), sigma, **look)
+    return ndimage.gaussian_filter(values, (*sigma, 0.0), **look), near

@@ -50,23 +50,11 @@ def build_cloud(
     A single slice becomes a prism, slices are cut and fibers laid along a flow before, as the table
     wants it.
 
-    Parameters
-    ----------
-    labels, fibers, activation, fractions
-        As of `Body`.
-    table : mapping
-        Table `build` of the deck.
-    unit : str
-        Unit of length of the model.
-    source_images : str
-        Names and check sums of the files behind the arguments.
-    progress : callable
-        Called with a line of text at a time.
-
-    Returns
-    -------
-    tuple
-        The points and warnings.
+    - `labels`, `fibers`, `activation`, `fractions`: as of `Body`
+    - `table`: table `build` of the deck
+    - `unit`: unit of length of the model
+    - `source_images`: names and check sums of the files behind the arguments
+    - returns the points and warnings
     """
     block, stride = table["collocation_stride"], table["source_stride"]
     if any(s % b for s, b in zip(stride, block, strict=True)):

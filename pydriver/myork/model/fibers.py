@@ -61,16 +61,12 @@ class FiberField(NamedTuple):
 def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) -> FiberField:
     """Fiber vector of every voxel of a tissue, zero elsewhere.
 
-    Parameters
-    ----------
-    tensor : Image
-        Components xx, yy, zz, xy, xz, yz in the world frame, shape `(ni, nj, nk, 6)` [any unit].
-    tissue : NDArray
-        Voxels of the tissue (true, or the label of a muscle); only those of one label are
-        averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`.
-    smoothing : float, optional
-        Standard deviation of the Gaussian weights of the log-Euclidean average [mm]; None takes the
-        one that predicts tensors best, within families of fibers, see `best_average`.
+    - `tensor`: components xx, yy, zz, xy, xz, yz in the world frame, shape `(ni, nj, nk, 6)` [any
+      unit]
+    - `tissue`: voxels of the tissue (true, or the label of a muscle); only those of one label are
+      averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`
+    - `smoothing`: standard deviation of the Gaussian weights of the log-Euclidean average [mm];
+      None takes the one that predicts tensors best, within families of fibers, see `best_average`
     """
     label = np.asarray(tissue).astype(np.int32)
     inside = label != 0
@@ -107,12 +103,8 @@ def fibers_of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> 
     Tensors are averaged where they were measured: interpolated ones share their noise, and the
     width of the average would follow from that.
 
-    Parameters
-    ----------
-    tensor, smoothing
-        As of `fiber_field`.
-    labels : Labels
-        Muscles.
+    - `tensor`, `smoothing`: as of `fiber_field`
+    - `labels`: muscles
     """
     there, move = on_grid(labels, tensor)
     found = fiber_field(tensor, there.data, smoothing)

@@ -4,9 +4,7 @@ The flow is that of a potential, 0 in the lowest slice of a muscle and 1 in the 
 nothing through its sides: fibers run along the walls and close up where the muscle grows thin. It
 is a guess for muscles whose fibers go from end to end. It knows nothing of pennate ones.
 
-References
-----------
-Choi, Blemker, PLoS ONE 8 (2013), doi:10.1371/journal.pone.0077576
+Reference: Choi, Blemker, PLoS ONE 8 (2013), doi:10.1371/journal.pone.0077576
 """
 
 import numpy as np

@@ -5,7 +5,6 @@ memory; here that is one more error with the name of the file.
 """
 
 import importlib
-import importlib.util
 import os
 import resource
 import subprocess
@@ -16,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from myork.errors import FileError, InputError, InstallationError
+from myork.errors import FileError, InputError, optional
 from myork.types import F64, I64
 
 # What the reader may take beside the file's size [bytes]: most is its libraries' address space.
@@ -41,8 +40,7 @@ class Mesh(NamedTuple):
 
 def read_mesh(path: Path) -> Mesh:
     """Read a mesh of any kind that VTK reads: STL, PLY, OBJ, VTK, VTP, VTS."""
-    if importlib.util.find_spec("pyvista") is None:
-        raise InstallationError(f"{path}: surfaces need pyvista: pip install 'myork[viz]'")
+    optional("pyvista", "viz", f"{path}: a surface")
     if not path.is_file():
         raise FileError(f"{path}: there is no such file")
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VTK_SMP_MAX_THREADS"), "1")

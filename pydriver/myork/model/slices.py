@@ -6,9 +6,7 @@ level at which they are cut gives the label the area of a spline through those o
 a label is missing from the next slice it ends in a tip half of the way. Labels that touch in their
 slices leave no gap between them.
 
-References
-----------
-Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
+Reference: Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
 """
 
 from dataclasses import replace
@@ -63,14 +61,9 @@ def slice_parts(spacing: F64, thickness: float) -> tuple[int, int]:
 def finer_labels(labels: Labels, axis: int, parts: int) -> Labels:
     """Labels on slices cut into parts.
 
-    Parameters
-    ----------
-    labels : Labels
-        Shape `(ni, nj, nk)`.
-    axis : int
-        Along which slices follow each other.
-    parts : int
-        Into which each slice is cut.
+    - `labels`: shape `(ni, nj, nk)`
+    - `axis`: along which slices follow each other
+    - `parts`: into which each slice is cut
     """
     data = np.moveaxis(labels.data, axis, 2)
     size = np.delete(labels.spacing, axis)

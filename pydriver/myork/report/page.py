@@ -33,15 +33,8 @@ _STROKES = (
 def make_report(folder: str | Path) -> Path:
     """Write `report.html` from whatever is in an output folder.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Output folder of `solve`, `rom`, `segment`, `demo` or `sweep`.
-
-    Returns
-    -------
-    Path
-        The page; figures are inside it, nothing is loaded from elsewhere.
+    - `folder`: output folder of `solve`, `rom`, `segment`, `demo` or `sweep`
+    - returns the page; figures are inside it, nothing is loaded from elsewhere
     """
     path = Path(folder)
     swept = (path / SWEEP_FILE).is_file()

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from myork.console import as_html
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
@@ -123,12 +124,11 @@ class ReducedState:
 
     def _repr_html_(self) -> str:
         """Probes, and how far they hold, as notebooks show them."""
-        rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{_six_digits(value)} "
-            f"{escape(self.probe_units.get(name, ''))}</td></tr>"
+        rows = [
+            (name, f"{_six_digits(value)} {self.probe_units.get(name, '')}")
             for name, value in {**self.parameters, **self.probes}.items()
-        )
-        return f"<table>{rows}</table><p>{self._quality()}</p>"
+        ]
+        return as_html(escape(self._quality()), rows)
 
     def __repr__(self) -> str:
         return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"
@@ -138,21 +138,14 @@ class ReducedModel:
     """A reduced model that outlives its training.
 
     `ReducedModel.train` makes one of a deck, `ReducedModel.load` reads one from a file; it needs
-    neither the deck nor an image afterwards.
+    neither the deck nor an image afterwards. It has:
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Keys that may be chosen, with the ranges of the training.
-    certificate : dict
-        What was measured on states that the training did not see.
-    units, probe_units : dict
-        Units of force, length, stress and volume; of each probe by its name, empty for ratios.
-    largest : float
-        Largest displacement of the training, in L2 over the body [length^(5/2)].
+    - `parameters`: keys that may be chosen, with the ranges of the training
+    - `certificate`: what was measured on states that the training did not see
+    - `units`, `probe_units`: units of force, length, stress and volume; of each probe by its name,
+      empty for ratios
+    - `largest`: largest displacement of the training, in L2 over the body [length^(5/2)]
 
-    Examples
-    --------
     >>> from myork import ReducedModel
     >>> rom = ReducedModel.load("muscle.rom.h5")  # doctest: +SKIP
     >>> rom.solve(activation=0.4, u_z=0.2).force  # doctest: +SKIP
@@ -210,15 +203,11 @@ class ReducedModel:
     ) -> "ReducedModel":
         """Train a reduced model of a deck; see `myork.rom.train.train` for the settings.
 
-        Parameters
-        ----------
-        deck : str or Path
-            Deck file; its method is one of the Galerkin forms.
-        parameters : mapping
-            Ranges `(low, high)` by key: `load.activation`, `material.NAME.sigma_max`,
-            `boundary.SET.u_z`; the last word will do.
-        **settings
-            `tolerance`, `full_solves`, `seed`, `out`, `overrides`, `threads`, `progress`.
+        - `deck`: deck file; its method is one of the Galerkin forms
+        - `parameters`: ranges `(low, high)` by key: `load.activation`, `material.NAME.sigma_max`,
+          `boundary.SET.u_z`; the last word will do
+        - `**settings`: `tolerance`, `full_solves`, `seed`, `out`, `overrides`, `threads`,
+          `progress`
         """
         from myork.rom.train import train
 
@@ -228,12 +217,8 @@ class ReducedModel:
     def load(cls, path: str | Path, threads: int = 0) -> "ReducedModel":
         """Read a model from its file.
 
-        Raises
-        ------
-        FileError
-            There is no such file, or it is damaged.
-        InputError
-            What it holds is no reduced model of this version.
+        - raises FileError: there is no such file, or it is damaged
+        - raises InputError: what it holds is no reduced model of this version
         """
         arrays = read_arrays(Path(path))
         try:
@@ -296,34 +281,19 @@ class ReducedModel:
     def _repr_html_(self) -> str:
         """What it answers and what was measured of it, as notebooks show them."""
         first, *rest = self.describe().split("\n")
-        ranges = "".join(
-            f"<tr><td>{escape(p.key)}</td><td>{p.low:g}</td><td>{p.high:g}</td></tr>"
-            for p in self.parameters
-        )
-        measured = "".join(f"<br>{escape(line)}" for line in rest[len(self.parameters) :])
-        return (
-            f"<p><b>{escape(first)}</b></p><table><tr><th>parameter</th><th>from</th><th>to</th></tr>"
-            f"{ranges}</table><p>{measured.removeprefix('<br>')}</p>"
-        )
+        ranges = [(p.key, f"{p.low:g}", f"{p.high:g}") for p in self.parameters]
+        head, measured = ("parameter", "from", "to"), rest[len(self.parameters) :]
+        return as_html(f"<b>{escape(first)}</b>", ranges, head, measured)
 
     def solve(
         self, *, indicator: bool = True, corrections: int | str = "converged", **values: float
     ) -> ReducedState:
         """The state of one set of parameters.
 
-        Parameters
-        ----------
-        indicator : bool
-            Estimate the error; it doubles the cost.
-        corrections : int or "converged"
-            Newton's iterations after the regression; 0 for the regression alone.
-        **values : float
-            Values by key or by the last word of a key; all parameters are needed.
-
-        Raises
-        ------
-        InputError
-            An unknown parameter, or one without a value.
+        - `indicator`: estimate the error; it doubles the cost
+        - `corrections`: Newton's iterations after the regression; 0 for the regression alone
+        - `**values`: values by key or by the last word of a key; all parameters are needed
+        - raises InputError: an unknown parameter, or one without a value
         """
         return self.state(values, indicator=indicator, corrections=corrections)
 
@@ -345,14 +315,9 @@ class ReducedModel:
     ) -> Batch:
         """States of many sets of parameters.
 
-        Parameters
-        ----------
-        values : F64
-            Values in the order of `parameters`, shape `(n, p)`.
-        corrections : int or "converged"
-            Newton's iterations after the regression; 0 for the regression alone.
-        indicator : bool
-            Estimate the errors; it doubles the cost.
+        - `values`: values in the order of `parameters`, shape `(n, p)`
+        - `corrections`: Newton's iterations after the regression; 0 for the regression alone
+        - `indicator`: estimate the errors; it doubles the cost
         """
         values = np.atleast_2d(np.asarray(values, float))
         if values.ndim != 2 or values.shape[1] != len(self.parameters):

@@ -40,31 +40,13 @@ def run_rom(
     takes its load in one step, as those of the Galerkin form do where they name no steps, is solved
     in ten of them if more than one mode is wanted.
 
-    Parameters
-    ----------
-    deck : str, Path or mapping
-        Deck file, or its tables as data; the table `rom` says how many modes.
-    out : str or Path
-        Folder of `summary.json`, to which the entry `rom` is added; a solve may have left its
-        results there.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads; default all cores.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    dict
-        The entry `rom` of the summary: `snapshots`, `pov`, `full`, `models`.
-
-    Raises
-    ------
-    InputError
-        The deck is wrong, or more modes than snapshots are asked for.
-    ConvergenceError
-        The full or a reduced model did not converge.
+    - `deck`: deck file, or its tables as data; the table `rom` says how many modes
+    - `out`: folder of `summary.json`, to which the entry `rom` is added; a solve may have left its
+      results there
+    - `overrides`: overrides of the deck, `"table.key=value"`
+    - returns the entry `rom` of the summary: `snapshots`, `pov`, `full`, `models`
+    - raises InputError: the deck is wrong, or more modes than snapshots are asked for
+    - raises ConvergenceError: the full or a reduced model did not converge
     """
     out = Path(out)
     overrides = _with_steps(deck, overrides, progress)

@@ -4,10 +4,8 @@ An affine map, then B-splines whose mesh is halved twice raise the mutual inform
 images (Mattes), which may be of different sequences and shading. Every muscle follows the picture
 around it, where a similarity moves a limb as a whole.
 
-References
-----------
-Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284
-Mattes et al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
+References: Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284; Mattes et
+al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
 """
 
 from typing import Any
@@ -16,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.errors import InputError
-from myork.imaging.formats import library
+from myork.errors import InputError, optional
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
@@ -45,7 +42,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
     - returns labels on the grid of the image, and how far their voxels were moved, shape `(n,)`
       [mm]
     """
-    itk = library("SimpleITK", "seg", "image.reference_anatomy")
+    itk = optional("SimpleITK", "seg", "image.reference_anatomy")
     flat = image.data.shape[2] == 1
     for one in () if flat else (image, drawn_in):
         if one.data.shape[2] < _FEWEST:

@@ -2,9 +2,7 @@
 
 Regions and field together by local clustering with level sets, equations (3.30) to (3.45).
 
-References
-----------
-Li, Huang, Ding, Gatenby, Metaxas, Gore, IEEE Trans. Image Process. 20 (2011),
+Reference: Li, Huang, Ding, Gatenby, Metaxas, Gore, IEEE Trans. Image Process. 20 (2011),
 doi:10.1109/TIP.2011.2146190
 """
 

@@ -68,13 +68,10 @@ def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
     - `sigma`: standard deviation [mm]
     """
     usable = region & np.isfinite(tensor.data).all(axis=-1)
-    blur = sigma / tensor.spacing
-    weight = ndimage.gaussian_filter(usable.astype(float), blur)
-    parts = [
-        ndimage.gaussian_filter(np.where(usable, values, 0.0), blur) / np.maximum(weight, 1e-8)
-        for values in np.moveaxis(tensor.data, -1, 0)
-    ]
-    return replace(tensor, data=np.stack(parts, axis=-1))
+    blur, where = (*(sigma / tensor.spacing), 0.0), usable[..., np.newaxis]
+    weight = ndimage.gaussian_filter(where.astype(float), blur)
+    sums = ndimage.gaussian_filter(np.where(where, tensor.data, 0.0), blur)
+    return replace(tensor, data=sums / np.maximum(weight, 1e-8))
 
 
 def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:

@@ -1,9 +1,7 @@
 """Fuzzy C-means clustering of voxels.
 
-References
-----------
-1. Bezdek, Ehrlich, Full, Comput. Geosci. 10 (1984), doi:10.1016/0098-3004(84)90020-7
-2. Arthur, Vassilvitskii, SODA (2007): the start (k-means++)
+References: [1] Bezdek, Ehrlich, Full, Comput. Geosci. 10 (1984), doi:10.1016/0098-3004(84)90020-7;
+[2] Arthur, Vassilvitskii, SODA (2007): the start (k-means++)
 """
 
 from dataclasses import dataclass

@@ -151,21 +151,12 @@ def segment_images(
 ) -> Segmentation:
     """Segment the images of a limb.
 
-    Parameters
-    ----------
-    images : Images
-        What there is.
-    table : mapping
-        Table `image` of decks.
-    bias : str
-        Method of the shading: `auto`, `level-sets` or `none`.
-    mu, gamma : float
-        Of `level-sets`: weights of the contours' length, one for all or one a level set, and of P
-        (3.39), which keeps them near distance functions [-].
-    muscles : sequence
-        Rules by which regions are grouped.
-    progress : callable
-        Called with a line of text at a time.
+    - `images`: what there is
+    - `table`: table `image` of decks
+    - `bias`: method of the shading: `auto`, `level-sets` or `none`
+    - `mu`, `gamma`: of `level-sets`: weights of the contours' length, one for all or one a level
+      set, and of P (3.39), which keeps them near distance functions [-]
+    - `muscles`: rules by which regions are grouped
     """
     body = images.body
     if body is None:

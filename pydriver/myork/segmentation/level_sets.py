@@ -4,10 +4,8 @@ n level sets make up to 2**n regions; bit k of a region's number is set where it
 level set k. Regions from clusters or a threshold are in ascending order of the first channel at
 the start. The evolution itself is the compiled core's.
 
-References
-----------
-Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291; Vese, Chan, Int. J.
-Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
+References: Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291; Vese, Chan,
+Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,6 @@
 """Shapes between the slices in which they are drawn: outlines by their signed distances.
 
-References
-----------
-Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
+Reference: Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
 """
 
 import numpy as np

@@ -6,10 +6,9 @@ does no harm. How far a voxel is on the line is known up to noise: half of the v
 are whole, of the others all parts are as likely, and the expected part is taken. Where two labels
 are as grey as each other (muscle beside muscle) nothing can be said, and voxels keep their label.
 
-References
-----------
-Laidlaw, Fleischer, Barr, IEEE Trans. Med. Imaging 17 (1998) 74-86, doi:10.1109/42.668696; Tohka,
-Zijdenbos, Evans, NeuroImage 23 (2004) 84-97, doi:10.1016/j.neuroimage.2004.05.007
+References: Laidlaw, Fleischer, Barr, IEEE Trans. Med. Imaging 17 (1998) 74-86,
+doi:10.1109/42.668696; Tohka, Zijdenbos, Evans, NeuroImage 23 (2004) 84-97,
+doi:10.1016/j.neuroimage.2004.05.007
 """
 
 from collections.abc import Sequence
@@ -40,23 +39,14 @@ _UNLIKE = (
 def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequence[int] = ()) -> F64:
     """Part of each voxel that each label fills.
 
-    Parameters
-    ----------
-    labels : NDArray
-        Label map, shape `(ni, nj, nk)`. What has no label is below one; its different kinds have
-        numbers of their own.
-    channels : NDArray
-        Grey values, shape `(ni, nj, nk, nchannel)`.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [mm].
-    unmixed : sequence
-        Numbers that share no voxel with others: what is not even, as bone, or beyond a mask.
-
-    Returns
-    -------
-    NDArray
-        Of the labels above zero in ascending order, 0 to 1, shape `(ni, nj, nk, nlabel)` [-]; their
-        sum is below 1 in voxels along what has no label.
+    - `labels`: label map, shape `(ni, nj, nk)`. What has no label is below one; its different kinds
+      have numbers of their own.
+    - `channels`: grey values, shape `(ni, nj, nk, nchannel)`
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
+    - `unmixed`: numbers that share no voxel with others: what is not even, as bone, or beyond a
+      mask
+    - returns parts of the labels above zero in ascending order, 0 to 1, shape `(ni, nj, nk,
+      nlabel)` [-]; their sum is below 1 in voxels along what has no label
     """
     numbers = np.unique(labels)
     kind = np.searchsorted(numbers, labels)
@@ -165,14 +155,11 @@ class _Means:
         whole = mine & self._whole
         if whole.sum() < _FEW:
             return np.tile(_peak(mine, self._channels), (int(there.sum()), 1))
-        weight = (ndimage.gaussian_filter(whole.astype(float), self._width) + _FAR)[there]
-        found = np.empty((len(weight), self._channels.shape[3]))
-        for c in range(found.shape[1]):
-            values = np.where(whole, self._channels[..., c], 0.0)
-            everywhere = float(values[whole].mean())
-            sums = ndimage.gaussian_filter(values, self._width)[there] + _FAR * everywhere
-            found[:, c] = sums / weight
-        return found
+        width, where = (*self._width, 0.0), whole[..., np.newaxis]
+        weight = (ndimage.gaussian_filter(where.astype(float), width) + _FAR)[there]
+        everywhere = [float(values[whole].mean()) for values in np.moveaxis(self._channels, 3, 0)]
+        sums = ndimage.gaussian_filter(np.where(where, self._channels, 0.0), width)[there]
+        return np.asarray((sums + _FAR * np.array(everywhere)) / weight)
 
 
 def _peak(here: Mask, channels: F64) -> F64:

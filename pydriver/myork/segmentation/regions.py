@@ -20,9 +20,7 @@ _OUTLIER = 1e6
 def otsu(values: ArrayLike) -> float:
     """Threshold that parts values into two classes with the largest variance between them.
 
-    References
-    ----------
-    Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979), doi:10.1109/TSMC.1979.4310076
+    Reference: Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979), doi:10.1109/TSMC.1979.4310076
     """
     count, edges = np.histogram(np.asarray(values), 256)
     middle = 0.5 * (edges[1:] + edges[:-1])

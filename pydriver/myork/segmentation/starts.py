@@ -15,6 +15,8 @@ from myork.types import F64, I32, Mask
 _BLUR = 1.0  # standard deviation [voxels]
 _HEIGHT = 3.0  # far from contours; several times the width of the step function [-]
 
+_PITCH = 16.0  # distance of the circles of the first grid [pixel]
+
 _SAMPLE = 20_000  # values that place the centres of k-means
 _RESTARTS, _ROUNDS = 8, 50
 
@@ -26,10 +28,8 @@ def kmeans(values: F64, count: int) -> tuple[I32, F64]:
     - `count`: clusters
     - returns cluster of each value, shape `(nvalue,)`; centres, shape `(count, nchannel)`
 
-    References
-    ----------
-    Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans. Inf.
-    Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
+    References: Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans.
+    Inf. Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
     """
     random = np.random.default_rng(0)
     some = values
@@ -113,7 +113,7 @@ def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
     return phi
 
 
-def circle_regions(shape: tuple[int, ...], regions: int, pitch: float = 16.0) -> I32:
+def circle_regions(shape: tuple[int, ...], regions: int) -> I32:
     """Regions from square grids of circles, one grid a level set.
 
     The grids are shifted against each other, so that all regions occur, and their pitches
@@ -121,12 +121,11 @@ def circle_regions(shape: tuple[int, ...], regions: int, pitch: float = 16.0) ->
 
     - `shape`: of the result, `(ni, nj, nk)`
     - `regions`: number of regions
-    - `pitch`: distance of the circles of the first grid [pixel]
     """
     count = level_sets_for(regions)
     combination = np.zeros(shape, np.int32)
     for level in range(count):
-        step = pitch * (1.0 + 0.25 * level)
+        step = _PITCH * (1.0 + 0.25 * level)
         i, j = (
             np.abs((np.arange(n) + step * level / count) % step - 0.5 * step) for n in shape[:2]
         )

@@ -129,20 +129,21 @@ class DeckFiles:
         if path is None:
             return None
         way = "tensor-wise" if values in (3, 6) else "linear"
+        return self.grid.of(self._image(key, path, values), like, way)
+
+    def _image(self, key: str, path: Path, values: int | None = 1) -> Image:
+        """Image of a file, whose damaged slices are noted."""
         with self._naming(key):
             found = read_image(path, values)
         if key in _MEASURED:
             self.grid.note(found.name, damaged_slices(found))
-        return self.grid.of(found, like, way)
+        return found
 
     def images(self, key: str, like: Image | None = None, way: str = "linear") -> list[Image]:
         """Images of a key that names several, on one grid: by default that of the first."""
         found: list[Image] = []
         for name in self.table[key]:
-            with self._naming(key):
-                image = read_image(self.folder / name)
-            if key in _MEASURED:
-                self.grid.note(image.name, damaged_slices(image))
+            image = self._image(key, self.folder / name)
             found.append(self.grid.of(image, like or next(iter(found), None), way))
         return found
 
@@ -173,16 +174,13 @@ class DeckFiles:
         return self.grid.of(found, like)
 
 
-def data_overrides(
-    deck: str | Path, data: str | Path, overrides: Sequence[str] = (), command: str = ""
-) -> list[str]:
+def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] = ()) -> list[str]:
     """Overrides that say where the files of a deck lie.
 
     A file that lies where the deck says is left there; a path with folders is taken from below
     `data`, all others are looked for by their names in all folders below it.
 
     - `data`: folder
-    - `command`: command that will use the deck
     - returns `"table.key=value"` each
     """
     folder = Path(data)
@@ -190,7 +188,7 @@ def data_overrides(
         raise FileError(
             f"{folder}: there is no such folder; --data wants the one your images are in"
         )
-    values = load_deck(deck, overrides, command)
+    values = load_deck(deck, overrides)
     found = []
     for key in PATHS:
         table, name = key.split(".")

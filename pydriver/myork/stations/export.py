@@ -3,7 +3,6 @@
 The corners are the collocation points: neighbours in their lattice make a cell, voxels likewise.
 """
 
-import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.core.scene import Scene
-from myork.errors import InputError, InstallationError
+from myork.errors import InputError, optional
 from myork.files import write_text
 from myork.results import Results
 from myork.types import F64, I32, I64
@@ -55,22 +54,12 @@ def export(
 ) -> list[str]:
     """Write the body of a deck, or that of results with the fields of their last state.
 
-    Parameters
-    ----------
-    source : Path
-        Deck (`.toml`), result file or its folder.
-    output : Path
-        `.inp` is an input deck of Abaqus and CalculiX with sets, materials and conditions; other
-        suffixes are those of meshio: `.vtu`, `.xdmf`, `.msh` and more.
-    overrides : sequence of str
-        `"table.key=value"` each, of a deck.
-    out : Path, optional
-        Folder in which the model file of a deck is looked for first.
-
-    Returns
-    -------
-    list of str
-        What the file holds, and what of the deck it does not hold.
+    - `source`: deck (`.toml`), result file or its folder
+    - `output`: `.inp` is an input deck of Abaqus and CalculiX with sets, materials and conditions;
+      other suffixes are those of meshio: `.vtu`, `.xdmf`, `.msh` and more
+    - `overrides`: `"table.key=value"` each, of a deck
+    - `out`: folder in which the model file of a deck is looked for first
+    - returns what the file holds, and what of the deck it does not hold
     """
     plain = output.suffix == ".inp"
     if source.suffix != ".toml":
@@ -153,12 +142,7 @@ def _lacking(body: Body) -> list[str]:
 
 
 def _write_mesh(output: Path, body: Body) -> None:
-    try:
-        meshio = importlib.import_module("meshio")
-    except ImportError as reason:
-        raise InstallationError(
-            f"{output}: this needs meshio: pip install 'myork[mesh]' ({reason}); .inp files do not"
-        ) from None
+    meshio = optional("meshio", "mesh", f"{output}: all but .inp")
     kind = _MESHIO[2 if body.cells.shape[1] == 4 else 3]
     fields = {name: np.reshape(v, (len(v), -1)).squeeze() for name, v in body.fields.items()}
     mesh = meshio.Mesh(

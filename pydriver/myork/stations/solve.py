@@ -79,47 +79,23 @@ def run_deck(
     Ctrl-C (and SIGTERM) is handed to the executable, which ends after the current iteration with
     the last converged state written; a second one ends it at once.
 
-    Parameters
-    ----------
-    deck : str, Path or mapping
-        Deck file, or its tables as data: these are written to `deck.toml` in the folder.
-    out : str or Path
-        Folder of the results; made if it is missing.
-    overrides : sequence of str
-        Overrides of the deck, `"table.key=value"`.
-    threads : int, optional
-        Number of threads; default all cores.
-    progress : callable
-        Called with every line of progress.
-    verbosity : int
-        -1 no progress, 0 a line a load step, 1 a line an iteration.
-    error : bool
-        Compute a second solution, which gives the probes their error bars.
-    resume : bool
-        Continue from the last complete load step of an earlier run of this deck in the folder; on
-        one thread the result has the same bits as that of a run that was never ended. Without such
-        a run it begins at rest.
-    start : str or Path, optional
-        State at which the iteration begins instead of at rest: a result file, `"FILE"` for its
-        last step or `"FILE:STEP"`, of the same points and approximation.
-
-    Returns
-    -------
-    dict
-        Content of `summary.json` in the folder.
-
-    Raises
-    ------
-    ConvergenceError
-        If the run ended without convergence; the last converged state is in the folder.
-    RefusedError
-        If its own checks refuse the answer, which is in the folder with the reasons.
-    StoppedError
-        If it was stopped.
-    InputError
-        If deck or model are wrong.
-    InstallationError
-        If the executable is missing or broken.
+    - `deck`: deck file, or its tables as data: these are written to `deck.toml` in the folder
+    - `overrides`: overrides of the deck, `"table.key=value"`
+    - `verbosity`: -1 no progress, 0 a line a load step, 1 a line an iteration
+    - `error`: compute a second solution, which gives the probes their error bars
+    - `resume`: continue from the last complete load step of an earlier run of this deck in the
+      folder; on one thread the result has the same bits as that of a run that was never ended.
+      Without such a run it begins at rest.
+    - `start`: state at which the iteration begins instead of at rest: a result file, `"FILE"` for
+      its last step or `"FILE:STEP"`, of the same points and approximation
+    - returns content of `summary.json` in the folder
+    - raises ConvergenceError: the run ended without convergence; the last converged state is in
+      the folder
+    - raises RefusedError: its own checks refuse the answer, which is in the folder with the
+      reasons
+    - raises StoppedError: it was stopped
+    - raises InputError: deck or model are wrong
+    - raises InstallationError: the executable is missing or broken
     """
     if isinstance(deck, Mapping):
         text, deck = text_of_tables(deck), Path(out, "deck.toml")

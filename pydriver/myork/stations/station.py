@@ -31,23 +31,10 @@ class Station(Protocol):
     ) -> dict[str, Any]:
         """Do the work of the station.
 
-        Parameters
-        ----------
-        deck : str, Path or mapping
-            Deck file, or its tables as data.
-        out : str or Path
-            Folder of the results; made if it is missing.
-        overrides : sequence of str
-            Overrides of the deck, `"table.key=value"`.
-        threads : int, optional
-            Number of threads of the compiled core; default all cores.
-        progress : callable
-            Called with a line of text at a time.
-
-        Returns
-        -------
-        dict
-            What was added to `summary.json`.
+        - `deck`: deck file, or its tables as data
+        - `overrides`: overrides of the deck, `"table.key=value"`
+        - `threads`: number of threads of the compiled core; default all cores
+        - returns what was added to `summary.json`
         """
 
 

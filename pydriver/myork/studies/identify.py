@@ -52,42 +52,19 @@ def identify(
 ) -> dict[str, Any]:
     """Values of parameters by least squares.
 
-    Parameters
-    ----------
-    source : str or Path
-        Reduced model, or a deck whose scene is solved in full.
-    data : str or Path
-        CSV with a row a measurement: a column for each key that was set, and one for each probe
-        that was measured, by its name (`_x` behind that of a vector); `NAME_error` are standard
-        errors. Without them all measurements of a probe are equally good, and the scatter about
-        the fit says how good. Empty fields were not measured.
-    free : sequence of str
-        Keys that are wanted, `KEY=LOW:HIGH` each; `KEY` takes the range of the training.
-    out : str or Path
-        Folder of `identify.json`, `.csv` (measured and fitted) and `.png`.
-    fixed : sequence of str
-        `KEY=VALUE` each: other parameters, or overrides of the deck.
-    seed : int
-        Start of the random numbers.
-    threads : int, optional
-        Number of threads.
-    dry_run : bool
-        Solve each measurement once, for a forecast of the cost, and write nothing.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    dict
-        What `identify.json` holds: values with intervals, correlations, warnings; of a dry run the
-        forecast, `states` and `cpu_s`.
-
-    Raises
-    ------
-    InputError
-        A key or the data are wrong.
-    ConvergenceError
-        A state that the fit asks for could not be found.
+    - `source`: reduced model, or a deck whose scene is solved in full
+    - `data`: CSV with a row a measurement: a column for each key that was set, and one for each
+      probe that was measured, by its name (`_x` behind that of a vector); `NAME_error` are standard
+      errors. Without them all measurements of a probe are equally good, and the scatter about the
+      fit says how good. Empty fields were not measured.
+    - `free`: keys that are wanted, `KEY=LOW:HIGH` each; `KEY` takes the range of the training
+    - `out`: folder of `identify.json`, `.csv` (measured and fitted) and `.png`
+    - `fixed`: `KEY=VALUE` each: other parameters, or overrides of the deck
+    - `dry_run`: solve each measurement once, for a forecast of the cost, and write nothing
+    - returns what `identify.json` holds: values with intervals, correlations, warnings; of a dry
+      run the forecast, `states` and `cpu_s`
+    - raises InputError: a key or the data are wrong
+    - raises ConvergenceError: a state that the fit asks for could not be found
     """
     out = Path(out)
 

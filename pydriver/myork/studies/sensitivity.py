@@ -37,38 +37,15 @@ def sensitivity(
     The first-order index is the part of the variance that a parameter explains alone, the total one
     that of all in which it has a share (Saltelli 2010, by scipy).
 
-    Parameters
-    ----------
-    source : str or Path
-        Reduced model, or a deck whose scene is solved in full.
-    out : str or Path
-        Folder of `sensitivity.json`, `.csv` and `.png`.
-    vary : sequence of str
-        `KEY=LOW:HIGH` each; of a reduced model the keys that are not fixed, by default.
-    fixed : sequence of str
-        `KEY=VALUE` each: other parameters, or overrides of the deck.
-    probe : str, optional
-        Name of the probe, with `_x` behind that of a vector; the first force by default.
-    samples : int
-        Samples, a power of two; `samples * (parameters + 2)` states are asked for.
-    seed : int
-        Start of the random numbers.
-    threads : int, optional
-        Number of threads.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    dict
-        What `sensitivity.json` holds.
-
-    Raises
-    ------
-    InputError
-        A key, the probe or the number of samples is wrong.
-    ConvergenceError
-        A tenth of the states or more could not be found.
+    - `source`: reduced model, or a deck whose scene is solved in full
+    - `out`: folder of `sensitivity.json`, `.csv` and `.png`
+    - `vary`: `KEY=LOW:HIGH` each; of a reduced model the keys that are not fixed, by default
+    - `fixed`: `KEY=VALUE` each: other parameters, or overrides of the deck
+    - `probe`: name of the probe, with `_x` behind that of a vector; the first force by default
+    - `samples`: samples, a power of two; `samples * (parameters + 2)` states are asked for
+    - returns what `sensitivity.json` holds
+    - raises InputError: a key, the probe or the number of samples is wrong
+    - raises ConvergenceError: a tenth of the states or more could not be found
     """
     from scipy.stats import sobol_indices
 

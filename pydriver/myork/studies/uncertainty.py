@@ -51,36 +51,14 @@ def uncertainty(
     The boundary of each label is moved outwards by a bias, by a random shift of the whole map and
     by a random field along it; the model is rebuilt and solved for each map.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck of a model from labels: `build.labels`, or what `myork segment` left in `out`.
-    out : str or Path
-        Folder of `uncertainty.json`, `.csv` and `.png`.
-    doubt : Doubt, optional
-        How the boundaries may be wrong.
-    samples : int
-        Perturbed maps; the map as it is comes first.
-    seed : int
-        Start of the random numbers.
-    probe : str, optional
-        Probe; the first one of a force by default.
-    fixed : sequence of str
-        Overrides of the deck, `KEY=VALUE`.
-    threads : int, optional
-        Number of threads.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    dict
-        What `uncertainty.json` holds.
-
-    Raises
-    ------
-    InputError
-        The deck has no label map, or the amounts are wrong.
+    - `deck`: deck of a model from labels: `build.labels`, or what `myork segment` left in `out`
+    - `out`: folder of `uncertainty.json`, `.csv` and `.png`
+    - `doubt`: how the boundaries may be wrong
+    - `samples`: perturbed maps; the map as it is comes first
+    - `probe`: its name; the first one of a force by default
+    - `fixed`: overrides of the deck, `KEY=VALUE`
+    - returns what `uncertainty.json` holds
+    - raises InputError: the deck has no label map, or the amounts are wrong
     """
     doubt = doubt or Doubt()
     if not np.isfinite(doubt).all() or min(doubt[1:]) < 0.0 or doubt.length == 0.0:

@@ -26,7 +26,7 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_key, load_deck
 from myork.core.scene import Scene
-from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError
+from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, optional
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import places_of
@@ -67,47 +67,22 @@ def sweep(
     Every point is on the disk when it is done; a second call with the same sweep in the same folder
     goes on where the first ended. A point that fails keeps its message and ends nothing.
 
-    Parameters
-    ----------
-    deck : str or Path
-        Deck file.
-    vary : sequence of str
-        `KEY=LOW:HIGH:N`, `KEY=a,b,c`, `KEY=lhs(LOW,HIGH)` or `KEY=sobol(LOW,HIGH)` each; KEY is
-        any key of the deck.
-    out : str or Path
-        Folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`.
-    samples : int
-        Number of samples of sampled keys.
-    seed : int
-        Start of the random numbers.
-    workers : int, optional
-        Processes; default all cores.
-    dask : str, optional
-        Address of a scheduler of Dask, or "local" for one of its clusters on this machine.
-    model : str or Path, optional
-        Reduced model (`.rom.h5`) that answers in place of the full one.
-    overrides : sequence of str
-        Overrides of the deck for all points.
-    dry_run : bool
-        Only say what would be solved, and what it costs.
-    part : str, optional
-        "K/N": only every N-th point from the K-th, in a folder of its own within `out`; a call
-        without `part` gathers what parts have found.
-    extend : bool
-        Add these points to those of the sweep in the folder; the column `call` of the table is the
-        number of the call that added a point.
-    progress : callable
-        Called with every line of progress.
-
-    Returns
-    -------
-    Path
-        The table `sweep.csv`.
-
-    Raises
-    ------
-    InputError
-        The deck, a key or the plan is wrong, or the folder holds another sweep.
+    - `deck`: deck file
+    - `vary`: `KEY=LOW:HIGH:N`, `KEY=a,b,c`, `KEY=lhs(LOW,HIGH)` or `KEY=sobol(LOW,HIGH)` each; KEY
+      is any key of the deck
+    - `out`: folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`
+    - `samples`: number of samples of sampled keys
+    - `workers`: processes; default all cores
+    - `dask`: address of a scheduler of Dask, or "local" for one of its clusters on this machine
+    - `model`: reduced model (`.rom.h5`) that answers in place of the full one
+    - `overrides`: overrides of the deck for all points
+    - `dry_run`: only say what would be solved, and what it costs
+    - `part`: "K/N": only every N-th point from the K-th, in a folder of its own within `out`; a
+      call without `part` gathers what parts have found
+    - `extend`: add these points to those of the sweep in the folder; the column `call` of the table
+      is the number of the call that added a point
+    - returns the table `sweep.csv`
+    - raises InputError: the deck, a key or the plan is wrong, or the folder holds another sweep
     """
     plan = make_plan(vary, samples, seed)._replace(deck=Path(deck), overrides=tuple(overrides))
     out = Path(out)
@@ -397,13 +372,7 @@ def _end_with_parent() -> None:
 @contextmanager
 def _client(address: str, workers: int) -> Iterator[Any]:
     """Client of a scheduler of Dask, or of one with workers on this machine."""
-    try:
-        import distributed
-    except ImportError as reason:
-        raise InstallationError(
-            f"--dask needs Dask distributed, which does not load ({reason}); "
-            "pip install 'myork[dask]'"
-        ) from None
+    distributed = optional("distributed", "dask", "--dask")
     own: dict[str, Any] = {
         "n_workers": workers, "threads_per_worker": 1, "dashboard_address": None,
         "host": "127.0.0.1",
