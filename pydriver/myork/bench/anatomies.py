@@ -1,7 +1,7 @@
 """Real anatomy with diffusion tensors, for figures 4.5 and 4.6, from the files of two decks.
 
-No public images hold both diffusion tensors and outlines of a medial gastrocnemius, so that a part
-is simulated, each with a half that is measured:
+No images with diffusion tensors and an outline of a medial gastrocnemius are at hand, so that a
+part is simulated:
 
 - `surface`: shape and fiber directions of a medial gastrocnemius are measured (a surface and the
   tracts of diffusion tensors); simulated are the tensors along these directions, the T1 image, and

@@ -105,10 +105,11 @@ def _dice_by_slice(
         ylim=(least, 1.005),
     )  # fmt: skip
     axes.grid(color="#E5E5E5")
-    place, size = ("upper left", "medium") if beside else ("lower left", "small")
-    (beside or axes).legend(
-        *axes.get_legend_handles_labels(), frameon=False, loc=place, fontsize=size
-    )
+    handles, names = axes.get_legend_handles_labels()
+    if beside is None:
+        axes.legend(handles, names, frameon=False, fontsize="small", loc="lower left")
+    else:
+        beside.legend(handles, names, frameon=False, loc="upper left")
 
 
 def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:
