@@ -94,8 +94,9 @@ def measured() -> Any:
 
 
 def bound(case: Case, what: str) -> float:
-    """Twice the `error`, `stray` or `way` that was measured; not below rounding. A case that was
-    not measured is new, and judged by its own bounds only.
+    """Twice the `error`, `stray` or `way` that was measured, which is what twice the spacing costs
+    at first order; not below what iterations leave. It finds what gets worse within the bounds of
+    the case, which hold besides. A case that was not measured is new, and judged by these only.
     """
     known = measured().get(case.name, {})
     return max(2.0 * known.get(what, 0.0), ITERATED) if known else math.inf

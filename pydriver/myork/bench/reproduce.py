@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from myork.bench.anatomies import seeds_inside, slice_of_calves, surface
 from myork.bench.chapter_6 import MODES, LoadPath
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Row, Run, Table
 from myork.bench.linear import Study, study_rates
@@ -41,6 +42,7 @@ from myork.bench.phantoms import (
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, entry_of, table
 from myork.console import ProgressCallback, silent
+from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
@@ -49,8 +51,10 @@ from myork.records import Labels
 from myork.results import Results
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import PathStates, reduced_path
-from myork.segmentation.scores import dice
+from myork.segmentation.images import segment_images
+from myork.segmentation.scores import dice, label_scores
 from myork.stations.build import build
+from myork.stations.data import data_overrides
 from myork.stations.segment import segment
 from myork.types import F64
 
@@ -116,23 +120,71 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
         found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
         record: dict[str, Any] = {
             "anatomy": read_image(out / "anatomy.nii.gz"),
-            "found": _only(read_labels(out / "segmentation.nii.gz")),
-            "truth": _only(read_labels(out / "truth.nii.gz")),
+            "found": _gastrocnemius(read_labels(out / "segmentation.nii.gz")),
+            "truth": _gastrocnemius(read_labels(out / "truth.nii.gz")),
         }
-    score = found["segmentation"]["scores"]["medial_gastrocnemius"]
+    return record | _by_slice(found["segmentation"]["scores"]["medial_gastrocnemius"])
+
+
+def _by_slice(score: Record) -> dict[str, Any]:
+    """Means over slices, and those at the places of the dissertation's slices 15 and 30 of 33."""
     count = len(score["dice_by_slice"])
     places = {number: round((number - 0.5) / 33 * count - 0.5) for number in (15, 30)}
+    record: dict[str, Any] = {"dice_by_slice": score["dice_by_slice"], "slices": places}
     for key in ("dice", "pcc"):
         slices = np.array(score[f"{key}_by_slice"], float)
-        record[key] = float(np.nanmean(slices))
+        # one of empty slices alone is not a number
+        record[key] = float(np.nanmean(slices)) if np.isfinite(slices).any() else np.nan
         record |= {f"{key}_{number}": float(slices[k]) for number, k in places.items()}
-    return record | {"dice_by_slice": score["dice_by_slice"], "slices": places}
+    return record
 
 
-def _only(labels: Labels) -> Labels:
+def _anatomy(run: Run, progress: ProgressCallback, data: Path | None = None) -> Record:
+    """Scores of the medial gastrocnemius in real anatomy, by `image` of a deck with its files.
+
+    Without `image.start = "seeds"` each piece of a region goes to the muscle that most of it is,
+    which is the best that grouping by hand can do.
+    """
+    path = INPUTS / f"{run.deck}.toml"
+    if data is None:
+        return {"absent": f"no number without --data DIR, a folder with the files of {path.name}"}
+    deck = load_deck(path, [*run.overrides, *data_overrides(path, data, run.overrides)])
+    make = surface if "surface" in deck["build"] else slice_of_calves
+    real = make(deck, float(str(run.more).removeprefix("SNR ")))
+    by_seeds = deck["image"]["start"] == "seeds"
+    found = segment_images(
+        real.images if by_seeds else replace(real.images, reference=real.truth),
+        {**deck["image"], "split": "pieces"},
+        bias=deck["bias"]["method"],
+        muscles=seeds_inside(real.truth) if by_seeds else (),
+        progress=progress,
+    )
+    # labels are numbered as those of the truth, by either way
+    own = [*real.wanted.values()]
+    scores = label_scores(
+        found.labels.data, real.truth.data, {side: (n, [n]) for side, n in real.wanted.items()}
+    )
+    sides = {
+        side: _by_slice(scores[side]) | {"here": real.truth.data == n}
+        for side, n in real.wanted.items()
+    }
+    return {
+        **sides,
+        "anatomy": found.images.anatomy,
+        "found": _only(found.labels, own),
+        "truth": _only(real.truth, own),
+    }
+
+
+def _only(labels: Labels, numbers: Sequence[int]) -> Labels:
+    """Some labels as label 1."""
+    return replace(labels, data=np.isin(labels.data, numbers).astype(np.int32))
+
+
+def _gastrocnemius(labels: Labels) -> Labels:
     """The gastrocnemius as label 1, of which the truth of all muscles has the first number."""
-    number = next((n for n, name in labels.names.items() if name == "medial_gastrocnemius"), 1)
-    return replace(labels, data=(labels.data == number).astype(np.int32))
+    found = (n for n, name in labels.names.items() if name == "medial_gastrocnemius")
+    return _only(labels, [next(found, 1)])
 
 
 def _tissue(run: Run, progress: ProgressCallback) -> Record:
@@ -252,7 +304,7 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
 
 def _images(run: Run) -> tuple[str, ...]:
     """Overrides of what is made of images."""
-    return tuple(word for word in run.overrides if word.startswith(("phantom", "build")))
+    return tuple(word for word in run.overrides if word.startswith(("phantom", "image", "build")))
 
 
 def _dense_iteration(scene: Scene, start: F64) -> float:
@@ -266,12 +318,13 @@ def _dense_iteration(scene: Scene, start: F64) -> float:
     return time.process_time() - before
 
 
-#: What a kind of run computes: a record with the quantities of its rows
-RUNS: dict[str, Callable[[Run, ProgressCallback], Record]] = {
+#: What a kind of run computes: a record with the quantities of its rows, or why they are `absent`
+RUNS: dict[str, Callable[..., Record]] = {
     "deck": _deck,
     "solve": _solve,
     "rates": _rates,
     "segment": _segment,
+    "anatomy": _anatomy,
     "tissue": _tissue,
     "aged": _aged,
     "fibers": _fibers,
@@ -353,6 +406,7 @@ def reproduce(
     names: Sequence[str],
     out: Path,
     *,
+    data: Path | None = None,
     progress: ProgressCallback = silent,
     show: Callable[[str], None] = silent,
 ) -> dict[str, Any]:
@@ -361,6 +415,7 @@ def reproduce(
     - `names`: as of `find_tables`
     - `out`: folder of `reproduce.json`, `reproduce.md` and `reproduce.html`; other tables that are
       there already, from this version, stay
+    - `data`: folder with the files that decks of real images name, in any folders of it
     - `show`: called with the text of each table that is finished
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
       `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note`,
@@ -378,7 +433,7 @@ def reproduce(
                 f"table {number}/{len(wanted)}  {entry.name} {entry.title}, "
                 f"about {entry.cost_s:g} s{long}"
             )
-            compute(entry, records, progress)
+            compute(entry, records, progress, data)
             rows = [row | {"call": content["date"]} for row in rows_of(entry, records)]
             _draw(entry, records, out)
             show(_text(entry, rows))
@@ -389,18 +444,23 @@ def reproduce(
     return content
 
 
-def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback) -> None:
+def compute(
+    entry: Table,
+    records: dict[Run, Record],
+    progress: ProgressCallback,
+    data: Path | None = None,
+) -> None:
     """Run what a table reads and `records` lacks; each with its processor time and memory."""
     for run in entry.runs.values():
         if run not in records:
-            records[run] = _record(run, progress)
+            records[run] = _record(run, progress, data)
 
 
 def _draw(entry: Table, records: Mapping[Run, Record], out: Path) -> None:
     """Draw a table's picture; one of an earlier call goes where there is none now."""
     file = out / _picture(entry.name)
     found = {name: records[run] for name, run in entry.runs.items()}
-    if entry.picture is None or any("ended" in record for record in found.values()):
+    if entry.picture is None or any({"ended", "absent"} & set(one) for one in found.values()):
         file.unlink(missing_ok=True)
         return
     file.parent.mkdir(exist_ok=True)
@@ -435,14 +495,15 @@ def _earlier(file: Path) -> list[dict[str, Any]]:
     ]
 
 
-def _record(run: Run, progress: ProgressCallback) -> Record:
+def _record(run: Run, progress: ProgressCallback, data: Path | None) -> Record:
     """What a run computes, its processor time and its memory, that of the command included."""
     before = _spent()
     with contextlib.suppress(OSError):
         # the peak of this process begins anew, and with it that of a child, which inherits it
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     try:
-        record = dict(RUNS[run.kind](run, progress))
+        more = {"data": data} if run.kind == "anatomy" else {}
+        record = dict(RUNS[run.kind](run, progress, **more))
     except MyorkError as reason:
         record = {"ended": f"{type(reason).__name__}: {reason}"}
     memory = max(record.get("memory_peak_bytes", 0), _peak_bytes())
@@ -469,8 +530,9 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
     read = [records[entry.runs[name]] for name in names]
     values = [entry_of(record, key) for record, key in zip(read, keys, strict=True)]
     ended = next((record["ended"] for record in read if "ended" in record), None)
+    absent = next((record["absent"] for record in read if "absent" in record), None)
     ours = None
-    if ended is None:
+    if ended is None and absent is None:
         ours = float(values[0] if len(values) == 1 else values[0] / values[1])
     published = row.published() if callable(row.published) else row.published
     ratio = None if ours is None or published is None else ours / published
@@ -483,8 +545,10 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
         "ratio": ratio,
         "cpu_s": sum(record["cpu_s"] for record in unique),
         "memory_bytes": max(record["memory_bytes"] for record in unique),
-        "far": published is not None and (ratio is None or abs(ratio - 1.0) > FAR),
-        "note": row.note or entry.note,
+        "far": published is not None
+        and absent is None
+        and (ratio is None or abs(ratio - 1.0) > FAR),
+        "note": absent or row.note or entry.note,
         **({} if ended is None else {"ended": ended}),
     }
 

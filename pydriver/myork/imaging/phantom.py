@@ -57,7 +57,8 @@ _FREE = 0.2e-3  # of everything else inside the skin [mm^2/s]
 
 # Substances behind the muscles 1 to 6, from 7
 _SKIN_ID, _FAT_ID, _SEPTUM_ID, _CORTEX_ID, _MARROW_ID, _IMAT_ID, _IMCT_ID = range(7, 14)
-_MUSCLE_SIGNAL = 400.0
+#: T1-like signal of muscle and of fat
+MUSCLE_SIGNAL, FAT_SIGNAL = 400.0, 1000.0
 
 
 class _Substance(NamedTuple):
@@ -72,9 +73,9 @@ class _Substance(NamedTuple):
 
 _SUBSTANCES = (
     _Substance(0.0, 0.0, 0.0, 0.0, 0),
-    *(_Substance(_MUSCLE_SIGNAL * (0.97 + 0.012 * i), 40, 250, 400, 1) for i in range(1, 7)),
+    *(_Substance(MUSCLE_SIGNAL * (0.97 + 0.012 * i), 40, 250, 400, 1) for i in range(1, 7)),
     _Substance(400.0, 100.0, 300.0, 120.0, 2),  # skin
-    _Substance(1000.0, 1000.0, 120.0, 48.0, 2),  # fat
+    _Substance(FAT_SIGNAL, 1000.0, 120.0, 48.0, 2),  # fat
     _Substance(850.0, 850.0, 200.0, 48.0, 2),  # septum
     _Substance(60.0, 20.0, 700.0, 8.0, 4),  # cortex
     _Substance(930.0, 930.0, 120.0, 48.0, 4),  # marrow
@@ -161,14 +162,13 @@ def make_phantom(
     shading = _shading(x / scale, y / scale, t)
     factor = 1.0 + bias * shading / np.abs(shading).max()
     random = np.random.default_rng(seed)
-    sigma = _MUSCLE_SIGNAL / snr
-    anatomy = _rician(signals[0] * factor, sigma, random)
+    sigma = MUSCLE_SIGNAL / snr
+    anatomy = rician(signals[0] * factor, sigma, random)
     fiber = _fibers(label, x / scale, y / scale, t, pennation)
     body = signals[0] > 0
-    clean = _tensors(table[substance, -1] == 1, fiber, body)
-    noise = np.mean(_DIFFUSIVITY) / snr
-    tensor = clean + random.normal(0.0, noise, clean.shape) * body[..., np.newaxis]
-    fat, connective = (_rician(signals[kind] * factor, sigma, random) for kind in (1, 2))
+    clean = muscle_tensors(table[substance, -1] == 1, fiber, body)
+    tensor = noisy_tensors(clean, body, snr, random)
+    fat, connective = (rician(signals[kind] * factor, sigma, random) for kind in (1, 2))
 
     names = {i: muscle.name for i, muscle in enumerate(_MUSCLES, start=1)}
     tissue = table[substance, -1].astype(np.int32)
@@ -210,7 +210,7 @@ def _coordinates(size: Sequence[int], affine: F64) -> tuple[F64, F64, F64]:
     return i * affine[0, 0] + affine[0, 3], j * affine[1, 1] + affine[1, 3], k / (size[2] - 1)
 
 
-def _rician(signal: F64, sigma: float, random: np.random.Generator) -> F64:
+def rician(signal: F64, sigma: float, random: np.random.Generator) -> F64:
     """Magnitude of a signal with normal noise in both of its parts."""
     real, imaginary = random.normal(0.0, sigma, (2, *signal.shape))
     return np.hypot(signal + real, imaginary)
@@ -342,8 +342,29 @@ def _fibers(label: I32, x: F64, y: F64, t: F64, pennation: float) -> F64:
     return fiber
 
 
-def _tensors(muscle: Mask, fiber: F64, body: Mask) -> F64:
-    """Diffusion tensors without noise, xx, yy, zz, xy, xz, yz [mm^2/s]."""
+def fiber_of(name: str) -> F64:
+    """Mean direction of a muscle's fibers in a left calf, shape `(3,)` [-].
+
+    - `name`: one of the phantom's muscles
+    """
+    muscle = next(muscle for muscle in _MUSCLES if muscle.name == name)
+    slope, azimuth = np.radians([muscle.pennation, muscle.azimuth])
+    across = np.sin(slope)
+    return np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.cos(slope)])
+
+
+def noisy_tensors(clean: F64, body: Mask, snr: float, random: np.random.Generator) -> F64:
+    """Tensors of a body with normal noise, the mean diffusivity of muscle over `snr` [mm^2/s]."""
+    noise = np.mean(_DIFFUSIVITY) / snr
+    return clean + random.normal(0.0, noise, clean.shape) * body[..., np.newaxis]
+
+
+def muscle_tensors(muscle: Mask, fiber: F64, body: Mask) -> F64:
+    """Diffusion tensors without noise, xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [mm^2/s].
+
+    - `muscle`, `body`: voxels of muscle, and of all inside the skin, shape `(ni, nj, nk)`
+    - `fiber`: unit vectors in muscle, shape `(ni, nj, nk, 3)` [-]
+    """
     # Second direction: perpendicular to the fiber, in the section.
     second = np.stack([-fiber[..., 1], fiber[..., 0], np.zeros(muscle.shape)], -1)
     second /= np.maximum(np.linalg.norm(second, axis=-1, keepdims=True), 1e-12)
