@@ -228,21 +228,58 @@ subroutine product_with(self, value, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
-   integer(i8) :: k, i
-   integer :: j
-   real(wp) :: sum
+   integer(i8) :: at, k, l, last
+   integer :: b, c, i, j
 
    y = 0.0_wp
-   do j = 1, self%n
-      sum = value(self%start(j + 1))*x(j)
-      do k = self%start(j) + 1, self%start(j + 1) - 1
-         i = self%row(k) + 1
-         sum = sum + value(k)*x(i)
-         y(i) = y(i) + value(k)*x(j)
+   b = self%block
+   do j = 1, self%n/b
+      k = self%above%offset(j) + 1
+      last = self%above%offset(j + 1)
+      at = 0
+      ! blocks k to l stand side by side; reading their rows would take as long as their entries
+      do while (k < last)
+         l = k
+         do while (l + 1 < last)
+            if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
+            l = l + 1
+         end do
+         i = b*(self%above%index(k) - 1)
+         do c = b*(j - 1) + 1, b*j
+            call add_column(b*int(l - k + 1), value(self%start(c) + at + 1:), x(i + 1:), x(c), &
+               & y(i + 1:), y(c))
+         end do
+         at = at + b*(l - k + 1)
+         k = l + 1
       end do
-      y(j) = y(j) + sum
+      do c = b*(j - 1) + 1, b*j
+         i = b*(j - 1)
+         call add_column(c - i - 1, value(self%start(c) + at + 1:), x(i + 1:), x(c), y(i + 1:), &
+            & y(c))
+         y(c) = y(c) + value(self%start(c + 1))*x(c)
+      end do
    end do
 end subroutine product_with
+
+!> Some entries of a column above the diagonal, and of its row
+pure subroutine add_column(n, a, x, x_own, y, y_own)
+   !> Entries
+   integer, intent(in) :: n
+   !> Entries, vector in their rows and in that of the column
+   real(wp), intent(in) :: a(n), x(n), x_own
+   !> Products there
+   real(wp), intent(inout) :: y(n), y_own
+   real(wp) :: sum
+   integer :: k
+
+   sum = 0.0_wp
+   !$omp simd reduction(+: sum)
+   do k = 1, n
+      sum = sum + a(k)*x(k)
+      y(k) = y(k) + a(k)*x_own
+   end do
+   y_own = y_own + sum
+end subroutine add_column
 
 !> Both triangles in compressed rows
 subroutine compressed(self, start, column, value)

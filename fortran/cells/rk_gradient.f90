@@ -9,8 +9,8 @@
 !>
 !> Reference: Bassi, Rebay, J. Comput. Phys. 131 (1997), doi:10.1006/jcph.1996.5572 (the lifting)
 module rk_gradient
+   use, intrinsic :: iso_c_binding, only : c_double, c_int, c_int64_t
    use rk_alike, only : find_alike
-   use rk_blas, only : dgemm
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
@@ -57,6 +57,27 @@ module rk_gradient
       !> Keep equal gradients once
       procedure :: share
    end type gradient_type
+
+   interface
+      !> Add the stiffness of some points of a cell (cell_stiffness.c)
+      subroutine add_points(fields, nd, points, start, local, first, value, c4, members, room, &
+         & part) bind(c, name='rk_add_stiffness')
+         import :: c_double, c_int, c_int64_t
+         integer(c_int), value :: fields, nd, points, members
+         integer(c_int64_t), intent(in) :: start(*), first(*)
+         integer(c_int), intent(in) :: local(*)
+         real(c_double), intent(in) :: value(*), c4(*)
+         real(c_double), intent(inout) :: room(*), part(*)
+      end subroutine add_points
+
+      !> Numbers of room that it needs
+      pure function stiffness_room(fields, nd, points, members) result(room) &
+         & bind(c, name='rk_stiffness_room')
+         import :: c_int, c_int64_t
+         integer(c_int), value :: fields, nd, points, members
+         integer(c_int64_t) :: room
+      end function stiffness_room
+   end interface
 
 contains
 
@@ -452,38 +473,28 @@ pure subroutine add_force(self, q, p, force)
    end do
 end subroutine add_force
 
-!> Add the work of a stress at a point as rows by the displacements, with several factors
-pure subroutine add_work(self, q, p, factor, rows)
+!> Add the work of a stress at a point by the displacements, with several factors
+pure subroutine add_work(self, q, p, factor, work)
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
    !> First Piola-Kirchhoff stress times weight, shape (3, 3), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(:, :)
-   !> Factor of each row, shape (b)
-   real(wp), intent(in) :: factor(:)
-   !> Rows by the displacements of the group's source points, shape (fields*members, b)
-   real(wp), contiguous, intent(inout) :: rows(:, :)
-   real(wp) :: work(self%fields, size(rows, 1)/self%fields)
-   integer :: b
+   !> Factors, as many as a group in space has polynomials
+   real(wp), intent(in) :: factor(4)
+   !> Work by the displacements of the group's source points, shape (4, fields, members)
+   real(wp), contiguous, intent(inout) :: work(:, :, :)
+   real(wp) :: force
+   integer(i8) :: e
+   integer :: i, k
 
-   ! one column after the other: rows are far apart
-   work = 0.0_wp
-   call self%add_force(q, p, work)
-   do b = 1, size(factor)
-      call add_row(size(rows, 1), factor(b), work, rows(:, b))
+   do e = self%start(q) + 1, self%start(q + 1)
+      k = int(e - self%start(q))
+      do i = 1, self%fields
+         force = dot_product(p(i, :self%nd), self%value(:, self%first(i, q) + k))
+         work(:4, i, self%local(e)) = work(:4, i, self%local(e)) + force*factor
+      end do
    end do
-
-contains
-
-   !> row = row + factor work
-   pure subroutine add_row(n, weight, given, row)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: weight, given(n)
-      real(wp), intent(inout) :: row(n)
-
-      row = row + weight*given
-   end subroutine add_row
-
 end subroutine add_work
 
 !> Add the stiffness of tangent moduli at the points of a group, cell by cell
@@ -492,95 +503,22 @@ subroutine add_stiffness(self, o, c4, part)
    !> Points before the group
    integer, intent(in) :: o
    !> Moduli times weight at its points, shape (3, 3, 3, 3, n) [stress length^nd]
-   real(wp), intent(in) :: c4(:, :, :, :, :)
+   real(wp), contiguous, intent(in) :: c4(:, :, :, :, :)
    !> Stiffness of its source points, of which the upper triangle is added, shape
    !> (fields*members, fields*members) [force/length]
-   real(wp), intent(inout) :: part(:, :)
-   integer :: n, first
+   real(wp), contiguous, intent(inout) :: part(:, :)
+   real(wp), allocatable :: room(:)
+   integer :: n, q
 
-   ! a single point makes products too thin; points of a cell see about the same source points,
-   ! those of a group twice as many
+   ! points of a cell see about the same source points, those of a group twice as many
    n = merge(size(c4, 5), self%per_cell, self%per_cell == 1)
-   do first = 1, size(c4, 5), n
-      call add_points(self, o + first - 1, c4(:, :, :, :, first:first + n - 1), part)
-   end do
+   associate (members => size(part, 1)/self%fields)
+      allocate (room(stiffness_room(self%fields, self%nd, n, members)))
+      do q = 1, size(c4, 5), n
+         call add_points(self%fields, self%nd, n, self%start(o + q:), self%local, &
+            & self%first(:, o + q:), self%value, c4(:, :, :, :, q:), members, room, part)
+      end do
+   end associate
 end subroutine add_stiffness
-
-!> Add the stiffness of some points: their gradients are stacked, so that the work is in a few large
-!> products
-subroutine add_points(self, o, c4, part)
-   class(gradient_type), intent(in) :: self
-   !> Points before these
-   integer, intent(in) :: o
-   !> Moduli times weight, shape (3, 3, 3, 3, n) [stress length^nd]
-   real(wp), intent(in) :: c4(:, :, :, :, :)
-   !> Stiffness of the group's source points, shape (fields*members, fields*members) [force/length]
-   real(wp), intent(inout) :: part(:, :)
-   real(wp), allocatable :: stack(:, :, :), right(:, :), block(:, :)
-   !> Where each source point of the group stands in the stack, and the other way
-   integer :: place(size(part, 1)/self%fields), member(size(part, 1)/self%fields)
-   integer :: fields, nd, a, c, i, j, k, l, m, n, q, kinds
-   integer(i8) :: e
-
-   nd = self%nd
-   fields = self%fields
-   n = size(c4, 5)
-   place = 0
-   place(self%local(self%start(o + 1) + 1:self%start(o + n + 1))) = 1
-   m = 0
-   do k = 1, size(place)
-      if (place(k) == 0) cycle
-      m = m + 1
-      place(k) = m
-      member(m) = fields*(k - 1)
-   end do
-   ! where nothing is lifted, all components have the same gradients
-   kinds = merge(1, fields, all(self%first(1, o + 1:o + n) == self%first(fields, o + 1:o + n)))
-   allocate (stack(m, nd*n, kinds), source=0.0_wp)
-   allocate (right(fields*m, nd*n), block(m, fields*m))
-   do i = 1, kinds
-      do q = 1, n
-         do e = self%start(o + q) + 1, self%start(o + q + 1)
-            k = int(e - self%start(o + q))
-            stack(place(self%local(e)), nd*(q - 1) + 1:nd*q, i) = &
-               & self%value(:, self%first(i, o + q) + k)
-         end do
-      end do
-   end do
-   do i = 1, fields
-      do q = 1, n
-         c = nd*(q - 1)
-         do a = 1, nd
-            do j = i, fields
-               associate (to => right((j - i)*m + 1:(j - i + 1)*m, c + a), k => min(j, kinds))
-                  if (nd == 3) then
-                     to = c4(i, a, j, 1, q)*stack(:, c + 1, k) + c4(i, a, j, 2, q) &
-                        & *stack(:, c + 2, k) + c4(i, a, j, 3, q)*stack(:, c + 3, k)
-                  else
-                     to = c4(i, a, j, 1, q)*stack(:, c + 1, k)
-                     if (nd == 2) to = to + c4(i, a, j, 2, q)*stack(:, c + 2, k)
-                  end if
-               end associate
-            end do
-         end do
-      end do
-      call dgemm('n', 't', m, (fields - i + 1)*m, nd*n, 1.0_wp, stack(:, :, min(i, kinds)), m, &
-         & right, fields*m, 0.0_wp, block, m)
-      do j = i, fields
-         do l = 1, m
-            c = (j - i)*m + l
-            do k = 1, l
-               part(member(k) + i, member(l) + j) = part(member(k) + i, member(l) + j) &
-                  & + block(k, c)
-            end do
-            if (i == j) cycle
-            do k = 1, l - 1
-               part(member(k) + j, member(l) + i) = part(member(k) + j, member(l) + i) &
-                  & + block(l, c - l + k)
-            end do
-         end do
-      end do
-   end do
-end subroutine add_points
 
 end module rk_gradient

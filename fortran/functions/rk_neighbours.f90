@@ -42,6 +42,8 @@ subroutine find_neighbours(self, source, support, place, window, error)
    integer, intent(in) :: window
    type(error_type), allocatable, intent(out) :: error
    type(boxes_type) :: cells
+   integer, allocatable :: own(:)
+   integer(i8) :: used
    integer :: ip, n
 
    if (.not. all(support > 0.0_wp .and. support < huge(1.0_wp))) then
@@ -56,26 +58,48 @@ subroutine find_neighbours(self, source, support, place, window, error)
 
    allocate (self%offset(size(place, 2) + 1))
    self%offset(1) = 0
-   !$omp parallel do default(none) schedule(static) private(ip, n) &
+   ! threads keep what they find until all is counted; the second loop gives them the same places
+   !$omp parallel default(none) private(ip, n, used, own) &
    !$omp shared(self, cells, source, support, place, window)
+   used = 0
+   allocate (own(2*size(source, 2)))
+   !$omp do schedule(static)
    do ip = 1, size(place, 2)
-      call search(cells, source, support, place(:, ip), window, n)
+      if (size(own) - used < size(source, 2)) call lengthen(own, used)
+      call search(cells, source, support, place(:, ip), window, n, own(used + 1:))
+      call sort(own(used + 1:used + n))
       self%offset(ip + 1) = n
+      used = used + n
    end do
-   !$omp end parallel do
+   !$omp end do
+   !$omp single
    do ip = 1, size(place, 2)
       self%offset(ip + 1) = self%offset(ip) + self%offset(ip + 1)
    end do
    allocate (self%index(self%offset(size(place, 2) + 1)))
-   !$omp parallel do default(none) schedule(static) private(ip, n) &
-   !$omp shared(self, cells, source, support, place, window)
+   !$omp end single
+   used = 0
+   !$omp do schedule(static)
    do ip = 1, size(place, 2)
-      call search(cells, source, support, place(:, ip), window, n, &
-         & self%index(self%offset(ip) + 1:self%offset(ip + 1)))
-      call sort(self%index(self%offset(ip) + 1:self%offset(ip + 1)))
+      n = int(self%offset(ip + 1) - self%offset(ip))
+      self%index(self%offset(ip) + 1:self%offset(ip + 1)) = own(used + 1:used + n)
+      used = used + n
    end do
-   !$omp end parallel do
+   !$omp end do
+   !$omp end parallel
 end subroutine find_neighbours
+
+!> Make room for twice as many numbers
+pure subroutine lengthen(list, used)
+   integer, allocatable, intent(inout) :: list(:)
+   !> Numbers that are kept
+   integer(i8), intent(in) :: used
+   integer, allocatable :: longer(:)
+
+   allocate (longer(2*size(list, kind=i8)))
+   longer(:used) = list(:used)
+   call move_alloc(longer, list)
+end subroutine lengthen
 
 !> Number of the point nearest to each place, of equally near ones the most central, shape (places)
 function nearest_points(point, place) result(nearest)
@@ -268,7 +292,7 @@ pure integer function cell_of(cells, c)
    cell_of = c(1) + cells%n(1)*(c(2) - 1 + cells%n(2)*(c(3) - 1))
 end function cell_of
 
-!> Count, and where wanted list, the source points that cover a place
+!> Source points that cover a place
 pure subroutine search(cells, source, support, x, window, n, found)
    type(boxes_type), intent(in) :: cells
    !> Source points, shape (nd, ns) [length]
@@ -281,8 +305,8 @@ pure subroutine search(cells, source, support, x, window, n, found)
    integer, intent(in) :: window
    !> Number of neighbours
    integer, intent(out) :: n
-   !> Neighbours, shape (n)
-   integer, intent(inout), optional :: found(:)
+   !> Neighbours, first n
+   integer, intent(inout) :: found(:)
    real(wp) :: square
    integer :: lo(3), hi(3), i, j, k, d, cell, nd
    integer(i8) :: m
@@ -311,7 +335,7 @@ pure subroutine search(cells, source, support, x, window, n, found)
                      if (.not. square < inside) cycle
                   end if
                   n = n + 1
-                  if (present(found)) found(n) = is
+                  found(n) = is
                end associate
             end do
          end do

@@ -348,22 +348,22 @@ contains
    !> Hash of the relative positions of a place's neighbours
    pure integer(i8) function stencil_key(ip)
       integer, intent(in) :: ip
-      integer(i8) :: q(2), k
-      integer :: d, i
+      integer(i8) :: q, k
+      integer :: d
 
       stencil_key = 1469598103934665603_i8
       do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
          associate (is => self%neighbour%index(k))
+            q = 0
             do d = 1, self%nd
-               q = [offset(ip, is, d), transfer(support(d, is), 0_i8)]
-               do i = 1, 2
-                  stencil_key = ieor(ishftc(stencil_key, 5), q(i) + ishft(q(i), -31))
-                  stencil_key = ieor(stencil_key, ishft(stencil_key, 13))
-                  stencil_key = ieor(stencil_key, ishft(stencil_key, -7))
-                  stencil_key = ieor(stencil_key, ishft(stencil_key, 17))
-               end do
+               q = ieor(ieor(ishftc(q, 21), offset(ip, is, d)), &
+                  & ishftc(transfer(support(d, is), 0_i8), 11))
             end do
          end associate
+         stencil_key = ieor(ishftc(stencil_key, 5), ieor(q, ishft(q, -31)))
+         stencil_key = ieor(stencil_key, ishft(stencil_key, 13))
+         stencil_key = ieor(stencil_key, ishft(stencil_key, -7))
+         stencil_key = ieor(stencil_key, ishft(stencil_key, 17))
       end do
    end function stencil_key
 

@@ -341,6 +341,15 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
       if (present(c4)) c4 = part4
       return
    end if
+   e = self%first(ip) + 1
+   if (e == self%first(ip + 1) .and. .not. present(tissue)) then
+      ! nearly all places have one tissue
+      call self%scene%tissue(self%tissue(e))%material%stress(point_of(self, e, f, load, &
+         & volumetric), p, c4)
+      p = self%fraction(e)*p
+      if (present(c4)) c4 = self%fraction(e)*c4
+      return
+   end if
    if (present(c4)) c4 = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (present(tissue)) then

@@ -387,7 +387,7 @@ subroutine look(self, problem, keeper, first, answer, error)
       ! changes which
       stressed = first%scene%method == 'rkpm-gauss' .and. any(self%seen%of_field(2, :) > 0.0_wp)
       if (stressed) nearest = nearest_points(first%scene%cloud%points, cloud%points)
-      call first%scene%shape_at(cloud%points, shape, error)
+      call first%scene%shape_at(cloud%points, shape, error, first=.true.)
       if (allocated(error)) return
       most = 0.0_wp
       if (allocated(self%difference)) deallocate (self%difference)

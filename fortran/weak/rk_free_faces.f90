@@ -65,13 +65,18 @@ subroutine new_free_faces(self, scene, error)
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: entry
    real(wp), allocatable :: place(:, :), window(:, :)
-   real(wp) :: normal(scene%cloud%nd), ends(2)
+   real(wp) :: line(0:maxval(scene%cloud%lattice) - 1, scene%cloud%nd)
+   real(wp) :: normal(scene%cloud%nd), ends(2), near
    integer, allocatable :: nearest(:), pair(:, :)
    integer :: d, i, k, n, nc, pairs
    logical :: free
 
    associate (cloud => scene%cloud, nd => scene%cloud%nd)
       nc = size(cloud%points, 2)
+      near = on_face*cloud%mean_spacing()
+      do d = 1, nd
+         line(:cloud%lattice(d) - 1, d) = line_of(cloud, d)
+      end do
       call group_by(nc, cloud%boundary_point, entry)
       allocate (self%number(nc + size(scene%probe)), nearest(nc + size(scene%probe)), source=0)
       allocate (place(nd, size(nearest)))
@@ -90,7 +95,7 @@ subroutine new_free_faces(self, scene, error)
       pairs = 0
       do i = 1, size(nearest)
          if (nearest(i) == 0) cycle
-         call find_face(scene, entry, nearest(i), place(:, i), normal, free)
+         call find_face(scene, entry, nearest(i), place(:, i), near, normal, free)
          if (.not. free) cycle
          n = n + 1
          self%number(i) = n
@@ -98,9 +103,10 @@ subroutine new_free_faces(self, scene, error)
          self%normal(:nd, n) = normal
          do d = 1, nd
             if (abs(normal(d)) > 0.0_wp) cycle
-            ends = [(moved(cloud, place(d, i), d, k), k=-1, 1, 2)]
-            if (ends(1) < minval(cloud%source(d, :)) &
-               & .or. ends(2) > maxval(cloud%source(d, :))) cycle
+            associate (own => line(:cloud%lattice(d) - 1, d))
+               ends = [(moved(own, place(d, i), k), k=-1, 1, 2)]
+               if (ends(1) < own(0) .or. ends(2) > own(cloud%lattice(d) - 1)) cycle
+            end associate
             pairs = pairs + 1
             self%pair(d, n) = pairs
             window(:, 2*pairs - 1:2*pairs) = spread(place(:, i), 2, 2)
@@ -117,7 +123,7 @@ subroutine new_free_faces(self, scene, error)
 end subroutine new_free_faces
 
 !> Outward normal of a place that lies on one face alone, without any condition
-subroutine find_face(scene, entry, ip, x, normal, free)
+subroutine find_face(scene, entry, ip, x, near, normal, free)
    !> Scene
    type(scene_type), intent(in) :: scene
    !> Boundary entries of each collocation point
@@ -126,6 +132,8 @@ subroutine find_face(scene, entry, ip, x, normal, free)
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
+   !> Distance within which it lies on a face [length]
+   real(wp), intent(in) :: near
    !> Normal, shape (nd)
    real(wp), intent(out) :: normal(:)
    !> Whether it does
@@ -140,7 +148,7 @@ subroutine find_face(scene, entry, ip, x, normal, free)
       do k = entry%offset(ip) + 1, entry%offset(ip + 1)
          e = entry%index(k)
          away = dot_product(x - cloud%points(:, ip), cloud%normal(:, e))
-         if (abs(away) > on_face*cloud%mean_spacing()) cycle
+         if (abs(away) > near) cycle
          free = .not. any(cloud%in_set(e, scene%condition%set))
          if (norm2(normal) > 0.0_wp) free = free &
             & .and. dot_product(normal, cloud%normal(:, e)) >= same
@@ -150,29 +158,43 @@ subroutine find_face(scene, entry, ip, x, normal, free)
    end associate
 end subroutine find_face
 
-!> Place that is some spacings of the source points away along a direction
-pure real(wp) function moved(cloud, x, d, spacings)
+!> Places of the source points along a direction, shape (0:n) [length]
+pure function line_of(cloud, d) result(line)
    !> Points
    type(cloud_type), intent(in) :: cloud
-   !> Coordinate of the place [length]
-   real(wp), intent(in) :: x
    !> Direction
    integer, intent(in) :: d
-   !> Spacings; beyond the ends of the body the result is beyond them as well
-   integer, intent(in) :: spacings
    real(wp) :: line(0:cloud%lattice(d) - 1), low, step
    integer :: k, n
 
    n = cloud%lattice(d) - 1
+   if (allocated(cloud%line)) then
+      line = cloud%line(:n, d)
+      return
+   end if
    low = minval(cloud%source(d, :))
    step = (maxval(cloud%source(d, :)) - low)/n
    line = [(low + k*step, k=0, n)]
-   if (allocated(cloud%line)) line = cloud%line(:n, d)
+end function line_of
+
+!> Place that is some spacings of the source points away along a direction
+pure real(wp) function moved(line, x, spacings)
+   !> Places of the source points along it [length]
+   real(wp), intent(in) :: line(0:)
+   !> Coordinate of the place [length]
+   real(wp), intent(in) :: x
+   !> Spacings; beyond the ends of the body the result is beyond them as well
+   integer, intent(in) :: spacings
+   real(wp) :: step
+   integer :: k, n
+
+   n = size(line) - 1
+   step = (line(n) - line(0))/n
    k = max(0, min(n - 1, count(line <= x) - 1))
    moved = x + spacings*step
    if (k + spacings < 0 .or. k + 1 + spacings > n) then
       ! between the last point and a half one beyond it
-      if (k + spacings < 0) moved = low - step
+      if (k + spacings < 0) moved = line(0) - step
       if (k + spacings >= 0) moved = line(n) + step
       if (abs(x - line(k)) <= on_face*step .and. k + spacings == n) moved = line(n)
       return

@@ -421,8 +421,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: force(:, :)
    !> Upper triangle of the stiffness, shape (fields*members, fields*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
-   real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :)
-   real(wp) :: h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
+   real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :), work(:, :, :)
+   real(wp) :: basis(4), h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
    integer :: fields, nc, nd, n, q, o, i, k, members, b
    logical :: formed, jumps, stacked
@@ -462,7 +462,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
          end if
       end if
       allocate (c4(3, 3, 3, 3, n))
-      if (stacked) allocate (volume(fields*members, b), source=0.0_wp)
+      if (stacked) allocate (work(4, fields, members), source=0.0_wp)
    end if
    do q = 1, n
       associate (f => at%f(:, :, o + q), j => at%j(o + q))
@@ -497,9 +497,12 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
       cofactor = self%cells%weight(o + q)*cofactor
       if (tangent .and. .not. formed) self%matrix%groups%cofactor(:, :, o + q) = cofactor
       call self%gradient%add_force(o + q, p, force)
-      if (stacked) call self%gradient%add_work(o + q, cofactor, self%pressure%basis(:b, o + q), &
-         & volume)
+      if (.not. stacked) cycle
+      basis = 0.0_wp
+      basis(:b) = self%pressure%basis(:b, o + q)
+      call self%gradient%add_work(o + q, cofactor, basis, work)
    end do
+   if (stacked) volume = transpose(reshape(work(:b, :, :), [b, fields*members]))
    if (self%multiplier%free(g)) then
       call self%multiplier%set_rows(g, excess(:b) + jump(:b), force)
    else if (stacked) then
