@@ -12,6 +12,7 @@ from myork import _core
 from myork.console import silent
 from myork.core.threads import core_threads
 from myork.errors import MyorkError
+from myork.stations.station import _placed
 
 
 def test_public_names() -> None:
@@ -97,6 +98,27 @@ def test_errors_begin_with_file_line_and_key(
     deck.write_text(DECK.format(labels=labels, more=more))
     with pytest.raises(MyorkError, match=rf"body.toml:{line}: {message}"):
         myork.build(deck, folder / "out")
+
+
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ("build.labels: there is no such file", 7),
+        ("/data/build.fibers.nii.gz: damaged; build.labels names it", 7),
+        ("build.fibers.nii: there is no such file", None),
+        ("build.fibers: there is no such file", None),
+        ("scene.dimension must be 3", 2),
+    ],
+)
+def test_a_file_called_like_a_key_is_not_that_key(
+    tmp_path: Path, message: str, line: int | None
+) -> None:
+    """`build.fibers` is the name of the file of labels here."""
+    deck = tmp_path / "body.toml"
+    deck.write_text(DECK.format(labels="build.fibers", more='fibers = "f.nii"'))
+    values = {"path": str(deck), "build": {}, "scene": {}}
+    place = "" if line is None else f"{deck}:{line}: "
+    assert _placed(message, values) == f"{place}{message}"
 
 
 def test_labels_and_materials_that_do_not_meet(folder: Path) -> None:
