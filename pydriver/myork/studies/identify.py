@@ -179,14 +179,16 @@ def _forecast(
 ) -> dict[str, Any]:
     """States that a fit asks for, and their processor time [s].
 
-    All measurements are solved at the middle of the ranges, and one beside it: the first rounds of
+    All measurements are solved at half the largest values, and one beside it: the first rounds of
     a fit move as far as the former, the others are near to states that are known.
     """
-    middle = np.array([0.5 * (low + high) for low, high in ranges.values()])
+    low, high = np.array(list(ranges.values())).T
+    # zero, where a range about it has its middle, may be the body at rest, which costs nothing
+    middle = 0.5 * np.where(low * high < 0.0, np.where(-low > high, low, high), low + high)
     rows = np.hstack([data.conditions, np.tile(middle, (len(data.values), 1))])
     forward.ask([*data.keys, *ranges], rows)
     far = forward.cpu_s / len(rows)
-    beside = rows[:1] * np.where(np.arange(rows.shape[1]) < len(data.keys), 1.0, 1.0 + _STEP)
+    beside = rows[:1] + np.concatenate([np.zeros(len(data.keys)), _STEP * (high - low)])
     forward.ask([*data.keys, *ranges], beside)
     near = forward.cpu_s - far * len(rows)
     rounds = (_BEST if forward.is_reduced else 1) * _ROUNDS * (1 + len(ranges)) + 1
