@@ -189,7 +189,7 @@ def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> Non
     assert not high - low < 25
     data.write_text("u_z,reaction\n0.0,5.0\n0.01,5.1\n0.02,5.2\n")
     found = identify(trained, data, ["sigma_max", "activation"], tmp_path, threads=1)
-    assert any("are not distinguished" in line for line in found["warnings"])
+    assert any("do not distinguish" in line for line in found["warnings"])
 
 
 @pytest.mark.slow
@@ -376,7 +376,7 @@ def test_the_cost_of_a_fit_is_forecast(deck: Path, tmp_path: Path, capsys: Any) 
 
 
 class _Counted(Forward):
-    """A state costs 1 s, beside a known one a tenth; the body at rest and known ones cost nothing."""
+    """A state costs 1 s, one beside a known one 0.1 s, a known one or the body at rest nothing."""
 
     def __init__(self) -> None:
         super().__init__([], 3, {}, str)

@@ -187,9 +187,7 @@ def data_overrides(
     """
     folder = Path(data)
     if not folder.is_dir():
-        raise FileError(
-            f"{folder}: there is no such folder; --data wants the one your images are in"
-        )
+        raise FileError(f"{folder}: there is no such folder; give --data the folder of your images")
     values = load_deck(deck, overrides, command)
     found = []
     for key in PATHS:
@@ -221,6 +219,6 @@ def _place(deck: str | Path, key: str, wanted: Path, folder: Path) -> Path:
     if len(places) > 1:
         raise InputError(
             f"{deck}: {len(places)} files below {folder} are called {wanted.name} "
-            f"({key}): {places[0]}, {places[1]}; say which by --set {key}=PATH"
+            f"({key}): {places[0]}, {places[1]}; choose one by --set {key}=PATH"
         )
     return places[0]

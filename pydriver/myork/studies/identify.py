@@ -320,7 +320,7 @@ def _warnings(
         for j in range(k):
             if abs(together[k, j]) > _TOGETHER:
                 found.append(
-                    f"{keys[j]} and {key} are not distinguished by these data "
+                    f"these data do not distinguish {keys[j]} from {key} "
                     f"(correlation {together[k, j]:.3f})"
                 )
     near = [f for f in fits if f.cost < 1.5 * best.cost and np.abs(f.x - best.x).max() > 0.02]
