@@ -169,7 +169,8 @@ class ReducedModel:
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
         self.parameters = tuple(
-            Parameter(*entry, tuple(tissues), end) for *entry, tissues, end in head["parameters"]
+            Parameter._make((*entry, tuple(tissues), end))
+            for *entry, tissues, end in head["parameters"]
         )
         self.units: dict[str, str] = head["units"]
         self.probe_units: dict[str, str] = {p["name"]: p["unit"] for p in head["probes"]}
