@@ -445,8 +445,11 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    if (self%companion%finer) limits = [of_bar, of_finer]
    if (self%companion%other_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
-   call found%compare(self%companion%distance, limits, 'the displacements differ ' &
-      & //'by # of their norm'//from, curable=.true.)
+   reference = from
+   if (self%companion%tissue > 0) reference = from//', most of it in ' &
+      & //problem%scene%tissue(self%companion%tissue)%name
+   call found%compare(self%companion%distance, limits, 'the displacements differ by # of their ' &
+      & //'norm'//reference, curable=.true.)
    if (self%companion%distance > of_distance(2) .and. .not. (self%companion%coarse &
       & .or. self%companion%other_form)) then
       ! the difference from another branch is no measure of an error

@@ -217,7 +217,7 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "free", "message"),
     [
-        ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column is a probe"),
+        ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column has the name of a probe"),
         ("load.activation,reaction\n0.1,1\n", ["sigma_max"], "needed for boundary.z1.u_z"),
         ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is not a number"),
         ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),

@@ -388,3 +388,14 @@ def test_a_cure_is_named_once() -> None:
     text = "; ".join(states.reasons)
     assert "the stress does" in text and "do not balance" in text and "differs by" in text
     assert text.count("what helps") == 1 and "take method" not in text
+
+
+def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
+    """The summary's does not grow with the stiffness, as a difference of stresses does."""
+    tables = pad(quantity="cauchy_zz", point=[16, 16, 3])
+    found = []
+    for unit in (1, 1000):
+        stiff = {**tables["material"][0], "mu": 0.3 * unit, "K": 300 * unit}
+        summary = run_deck(tables | {"material": [stiff]}, tmp_path / str(unit))
+        found.append(summary["companion"]["difference"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)

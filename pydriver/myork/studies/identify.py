@@ -148,7 +148,9 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     names = [name for name in head if name in forward.units]
     others = [n for n in head if n not in names and n.removesuffix("_error") not in names]
     if not names:
-        raise InputError(f"{path}: no column is a probe; there are {', '.join(forward.units)}")
+        raise InputError(
+            f"{path}: no column has the name of a probe; there are {', '.join(forward.units)}"
+        )
     keys = [forward.key_of(name) for name in others]
     if set(keys) & set(free):
         raise InputError(
@@ -316,7 +318,7 @@ def _warnings(
         )
     for k, key in enumerate(keys):
         if best.active_mask[k]:
-            found.append(f"{key} is at the end of its range")
+            found.append(f"{key} is at the end of its range: widen it")
         for j in range(k):
             if abs(together[k, j]) > _TOGETHER:
                 found.append(
