@@ -591,9 +591,9 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
       & .and. (now%rejected == max_rejected .or. self%damping%stalled())
    if (self%pinned .and. .not. self%gradient <= huge(1.0_wp)) then
       call fatal_error(error, err_convergence, 'the gradient is not a finite number: constants ' &
-         & //'of the materials are too large, as K of the order of 1E100 is'//reached)
+         & //'of the materials are too large, such as a K of 1E100'//reached)
    else if (self%pinned) then
-      call fatal_error(error, err_convergence, 'steps vanish, the gradient does not: ' &
+      call fatal_error(error, err_convergence, 'the steps vanish, but the gradient does not: ' &
          & //problem%advice()//reached)
    else if (now%rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &

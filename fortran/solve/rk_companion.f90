@@ -79,6 +79,8 @@ module rk_companion
       !> Largest norm of the difference of the displacements, of the largest of the displacements
       !> [-]
       real(wp) :: distance = 0.0_wp
+      !> Tissue that has most of that difference, of several; 0 where none has more than half of it
+      integer :: tissue = 0
       !> Root mean square of that difference over the volume at each load [length], and the mean
       !> norm of the difference of the stresses around each probe [stress], 0 where it has none
       !> or the form has nodal cells,
@@ -373,7 +375,8 @@ subroutine look(self, problem, keeper, first, answer, error)
    type(field_state) :: own, state
    type(point_state) :: local, here
    type(shape_type) :: shape
-   real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2)
+   real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2), off
+   real(wp) :: of_tissue(size(problem%scene%tissue))
    real(wp) :: apart(size(problem%scene%cloud%points, 2))
    integer :: nearest(size(apart))
    logical :: around(size(apart)), stressed
@@ -390,6 +393,7 @@ subroutine look(self, problem, keeper, first, answer, error)
       call first%scene%shape_at(cloud%points, shape, error, first=.true.)
       if (allocated(error)) return
       most = 0.0_wp
+      of_tissue = 0.0_wp
       if (allocated(self%difference)) deallocate (self%difference)
       allocate (self%difference(2, size(self%seen%change), size(keeper%load)), source=0.0_wp)
       do k = 1, size(keeper%load)
@@ -404,7 +408,10 @@ subroutine look(self, problem, keeper, first, answer, error)
                call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
                apart(ip) = norm2(here%cauchy - local%cauchy)
             end if
-            difference = difference + cloud%volume(ip)*sum((u(:n, 1) - local%u(:n))**2)
+            off = cloud%volume(ip)*sum((u(:n, 1) - local%u(:n))**2)
+            difference = difference + off
+            if (size(of_tissue) > 1) of_tissue(problem%scene%tissue_of(ip)) &
+               & = of_tissue(problem%scene%tissue_of(ip)) + off
             total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
          most = max(most, [difference, total])
@@ -420,6 +427,7 @@ subroutine look(self, problem, keeper, first, answer, error)
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
+   self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
 end subroutine look
 
 !> Keep a state that is compared

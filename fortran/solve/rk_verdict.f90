@@ -14,7 +14,7 @@ module rk_verdict
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type
    use rk_precision, only : wp
-   use rk_probes, only : pressed_volume
+   use rk_probes, only : kind_of_probe, pressed_volume
    use rk_recorder, only : recorder_type
    use rk_run, only : outcome_type
    use rk_states, only : field_state, point_state
@@ -55,6 +55,11 @@ module rk_verdict
    !> Share of the volume that may be not elliptic, and how many spacings of source points from a
    !> probe: a spindle that is 1.2 % off has a point of its fixed rim
    real(wp), parameter :: of_places = 0.01_wp, near_spacings = 2.0_wp
+   !> Distance from the rim of a prescribed set within which a stress is singular, and from which on
+   !> it is regular, in spacings of source points
+   real(wp), parameter :: rim_spacings(2) = [1.0_wp, 2.0_wp]
+   !> Bar of a probe below which it is zero among its kind [-]
+   real(wp), parameter :: of_small = 0.01_wp
    !> Share of the volume in which J leaves the J of the pressure, and by how much
    real(wp), parameter :: of_volume(2) = [0.05_wp, 0.25_wp], off_pressure = 0.1_wp
    !> Root mean square of the same in a weak form, whose stress has the pressure of its cells and
@@ -74,6 +79,8 @@ module rk_verdict
       type(bars_type) :: bars
       !> Second solution
       type(companion_type) :: companion
+      !> A reason is one that finer points or another form removes
+      logical, private :: curable = .false.
    contains
       procedure :: sentence
       procedure, private :: object, compare
@@ -81,9 +88,31 @@ module rk_verdict
 
 contains
 
-!> Judge the answer of a run. What speaks against it joins the warnings of the run.
+!> Judge the answer of a run. The reasons join the warnings of the run; what helps is named once, at
+!> their end.
 subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(verdict_type), intent(out) :: self
+   !> Full problem
+   class(discretisation_type), intent(in) :: problem
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file, where the deck wants one
+   type(cloud_type), intent(in) :: model
+   !> Whether a second solution may be computed
+   logical, intent(in) :: with_companion
+   !> Receiver of the caller, asked whether to stop
+   class(recorder_type), target, intent(inout) :: receiver
+   !> What the run found out
+   type(outcome_type), intent(inout) :: outcome
+
+   call weigh(self, problem, deck, model, with_companion, receiver, outcome)
+   if (self%curable .and. .not. deck%has('refine')) self%reasons = self%reasons//'what helps: ' &
+      & //cure_of(problem)//new_line('a')
+end subroutine judge
+
+!> Make the checks one after the other, as far as those before leave something to check
+subroutine weigh(self, problem, deck, model, with_companion, receiver, outcome)
+   type(verdict_type), intent(inout) :: self
    !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Its deck
@@ -100,7 +129,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(companion_type) :: nearer
    character(len=:), allocatable :: from
    real(wp) :: bound
-   integer :: i, kind, known
+   integer :: i, kind
    logical :: adrift
 
    self%state = accepted
@@ -120,8 +149,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       ! roundings would be compared with roundings
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
-         & //'sets do not balance: # of the largest is left; take more points, or compare with ' &
-         & //'method "rkpm-gauss"')
+         & //'sets do not balance: # of the largest is left', curable=.true.)
       if (outcome%unstable) then
          call self%object(doubtful, 'the equilibrium is unstable, its tangent is not positive ' &
             & //'definite: a small disturbance takes the body to another state; reduce the load ' &
@@ -175,26 +203,23 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
          call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
       end if
    end if
-   known = len(self%reasons)
    if (self%companion%other_form) then
       from = 'on the same points'
       if (self%companion%finer) from = 'with '//self%companion%lattice
       call judge_probes(self, problem, spread(of_forms(1), 1, size(self%bars%change)), &
-         & of_forms(2), ' from method "'//self%companion%method//'" '//from, outcome)
+         & of_forms(2), ' from a solution by method "'//self%companion%method//'" '//from, outcome)
    else
       bound = of_bar
       if (allocated(problem%scene%cloud%block)) bound = of_block_bar
       if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
          & bound = of_wide_bar
       call judge_probes(self, problem, max(0.0_wp, bound - self%bars%open)/self%bars%factor, &
-         & merge(of_finer, of_change, self%companion%finer), ' from the same with ' &
+         & merge(of_finer, of_change, self%companion%finer), ' from a solution with ' &
          & //self%companion%lattice, outcome)
    end if
-   if (len(self%reasons) > known .and. .not. deck%has('refine')) self%reasons = self%reasons &
-      & //'what helps: '//cure_of(problem, self%companion%other_form)//new_line('a')
    ! off equilibrium collocation has several minima, and the iteration ends in any of them
    if (adrift) call withhold(self%bars)
-end subroutine judge
+end subroutine weigh
 
 !> Leave the bars of an answer away where they would measure nothing
 subroutine withhold(bars)
@@ -235,8 +260,8 @@ subroutine judge_works(self, problem, outcome)
    end associate
    call self%compare(abs(outcome%work_mismatch), bounds, 'the ' &
       & //'stress does # '//merge('less', 'more', outcome%work_mismatch < 0.0_wp)//' work than ' &
-      & //'the forces: the state is off equilibrium, and displacements may be as far off; take ' &
-      & //'method "rkpm-gauss"')
+      & //'the forces: the state is off equilibrium, and displacements may be as far off', &
+      & curable=.true.)
 end subroutine judge_works
 
 !> Volume in which J is not that of the pressure, where the pressure is a field of its own
@@ -261,8 +286,8 @@ subroutine judge_volume(self, problem, state)
       end do
    end associate
    call self%compare(off/max(total, tiny(1.0_wp)), of_volume, 'in # of the volume J is ' &
-      & //'more than '//to_text(off_pressure)//' away from what the pressure allows; take more ' &
-      & //'points')
+      & //'more than '//to_text(off_pressure)//' away from what the pressure allows', &
+      & curable=.true.)
 end subroutine judge_volume
 
 !> Warn where J at points is not that of the pressure, which weak forms keep over cells only
@@ -408,19 +433,23 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
-   character(len=:), allocatable :: reference
+   character(len=:), allocatable :: reference, rim, small
    real(wp), allocatable :: upper(:)
-   real(wp) :: limits(2)
+   real(wp) :: bar, limits(2)
    integer :: i, worst
 
    found%state = accepted
    found%reasons = ''
+   small = ''
    limits = of_distance
    if (self%companion%finer) limits = [of_bar, of_finer]
    if (self%companion%other_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
-   call found%compare(self%companion%distance, limits, 'the displacements are # of ' &
-      & //'their norm away'//from)
+   reference = from
+   if (self%companion%tissue > 0) reference = from//', most of it in ' &
+      & //problem%scene%tissue(self%companion%tissue)%name
+   call found%compare(self%companion%distance, limits, 'the displacements differ by # of their ' &
+      & //'norm'//reference, curable=.true.)
    if (self%companion%distance > of_distance(2) .and. .not. (self%companion%coarse &
       & .or. self%companion%other_form)) then
       ! the difference from another branch is no measure of an error
@@ -440,38 +469,82 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
             reference = from
             if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure ' &
                & //'allows'
-            if (bars%source(worst) == 'own derivatives') reference = ' by other derivatives ' &
+            if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
                & //'of the same displacements'
+            rim = rim_of(problem, worst)
             call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
-               & //problem%scene%probe(worst)%name//' is # of its size away'//reference)
+               & //problem%scene%probe(worst)%name//' differs by # of its size'//reference//rim, &
+               & curable=len(rim) == 0)
          end if
          do i = 1, size(bars%change)
             if (ieee_is_nan(bars%change(i))) then
                call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
                   & //'bar: its value'//from//' is not a finite number')
-            else if (found%state == accepted .and. maxval(bars%bar(:, i), mask=.not. &
-               & ieee_is_nan(bars%bar(:, i))) > bars%size(i)) then
+               cycle
+            end if
+            bar = maxval(bars%bar(:, i), mask=.not. ieee_is_nan(bars%bar(:, i)))
+            if (found%state == accepted .and. bar > bars%size(i)) then
                call found%object(doubtful, 'the error bar of probe '//problem%scene%probe(i)%name &
-                  & //' is wider than its size')
+                  & //' is wider than its size'//rim_of(problem, i))
+               found%curable = found%curable .or. len(rim_of(problem, i)) == 0
+            else if (bar > max(of_small*bars%kind(i), norm2(bars%value(:, i)))) then
+               small = small//', '//problem%scene%probe(i)%name
             end if
          end do
       end associate
    end if
    outcome%warnings = outcome%warnings//found%reasons
    self%reasons = self%reasons//found%reasons
+   if (len(small) > 0) self%reasons = self%reasons//'smaller than the error bar, and so possibly ' &
+      & //'zero: '//small(3:)//new_line('a')
    self%state = max(self%state, found%state)
+   self%curable = self%curable .or. found%curable
 end subroutine judge_probes
 
-!> What brings an answer and its second solution together
-function cure_of(problem, other_form) result(text)
+!> What to do about a stress at the rim of a prescribed set, where stresses have no limit as points
+!> become finer; blank for all other probes
+function rim_of(problem, i) result(text)
    class(discretisation_type), intent(in) :: problem
-   !> The second solution is another form on the same points
-   logical, intent(in) :: other_form
+   !> Probe
+   integer, intent(in) :: i
+   character(len=:), allocatable :: text
+   real(wp) :: away(problem%scene%cloud%nd), h
+   integer :: e, k, of
+   logical :: free
+
+   text = ''
+   associate (scene => problem%scene, cloud => problem%scene%cloud)
+      if (.not. scene%probe(i)%at_a_place() .or. kind_of_probe(scene%probe(i)) /= 'stress') return
+      h = cloud%mean_spacing()
+      of = 0
+      free = .false.
+      do e = 1, size(cloud%boundary_point)
+         away = scene%probe(i)%point(:cloud%nd) - cloud%points(:, cloud%boundary_point(e))
+         if (norm2(away) > rim_spacings(1)*h) cycle
+         do k = 1, size(scene%condition)
+            if (cloud%in_set(e, scene%condition(k)%set) .and. all(scene%condition(k) &
+               & %fixed(:cloud%nd))) exit
+         end do
+         if (k <= size(scene%condition)) then
+            of = scene%condition(k)%set
+         else
+            free = .true.
+         end if
+      end do
+      if (of > 0 .and. free) text = ': it lies at the rim of '//trim(cloud%set_names(of)) &
+         & //', where the stress is singular; move it inside the body, at least ' &
+         & //to_text(rim_spacings(2)*h, 2)//' '//scene%length_unit//' away from the rim'
+   end associate
+end function rim_of
+
+!> What brings an answer and its second solution together
+function cure_of(problem) result(text)
+   class(discretisation_type), intent(in) :: problem
    character(len=:), allocatable :: text
 
    if (problem%linear) then
       text = 'more points (geometry.source)'
-   else if (other_form) then
+   else if (index(problem%scene%method, 'rkpm') /= 1) then
       text = 'method "rkpm-gauss", whose bars come from fewer points, or more points'
    else if (allocated(problem%scene%cloud%block)) then
       text = 'finer blocks (half of build.source_stride or of geometry.blocks), or ' &
@@ -532,7 +605,7 @@ subroutine judge_path(self, problem, deck, model, receiver, outcome)
 end subroutine judge_path
 
 !> Compare a measure with its bounds
-subroutine compare(self, measure, bounds, what)
+subroutine compare(self, measure, bounds, what, curable)
    class(verdict_type), intent(inout) :: self
    !> Measure [-]
    real(wp), intent(in) :: measure
@@ -540,12 +613,15 @@ subroutine compare(self, measure, bounds, what)
    real(wp), intent(in) :: bounds(2)
    !> The sentence, with # for the measure
    character(len=*), intent(in) :: what
+   !> Whether finer points or another form remove the reason
+   logical, intent(in), optional :: curable
    integer :: at
 
    if (measure <= bounds(1)) return
    at = index(what, '#')
    call self%object(merge(refused, doubtful, measure > bounds(2) .or. ieee_is_nan(measure)), &
       & what(:at - 1)//to_text(100.0_wp*measure, 2)//' %'//what(at + 1:))
+   if (present(curable)) self%curable = self%curable .or. curable
 end subroutine compare
 
 !> Add a reason

@@ -213,14 +213,14 @@ def _bench(options: argparse.Namespace, console: Console) -> None:
     print(f"benchmarks: {out / 'bench.html'}")
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
     if ended:
-        raise MyorkError(f"without a result: {', '.join(ended)}")
+        raise MyorkError(f"no result for {', '.join(ended)}")
 
 
 def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
     if options.list:
         return str(_load("bench.reproduce:list_tables")())
     if not options.names:
-        raise InputError("name tables or figures, as 6.8, or all; --list names them")
+        raise InputError("name tables or figures, such as 6.8, or all; --list names them")
     out = options.out or Path("out", "reproduce")
     names = {table.name for table in _load("bench.reproduce:find_tables")(options.names)}
     content = _load("bench.reproduce:reproduce")(
@@ -229,7 +229,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
     )  # fmt: skip
     ended = {row["table"] for row in content["rows"] if "ended" in row} & names
     if ended:
-        raise ConvergenceError(f"without a number: {', '.join(sorted(ended))}")
+        raise ConvergenceError(f"no number for {', '.join(sorted(ended))}")
     return f"published and ours: {out / 'reproduce.html'}"
 
 

@@ -71,7 +71,7 @@ def alone_in(folder: Path) -> Iterator[None]:
             owner = os.read(file, 20).decode("ascii", "replace").strip()
             raise FileError(
                 f"folder {folder} is in use by another run (process {owner or 'unknown'}): wait "
-                "for its end or name another folder"
+                "until it ends or name another folder"
             ) from None
         except OSError:
             pass

@@ -237,7 +237,7 @@ def test_segment_walks_from_a_map_of_seeds(tmp_path):
     # muscle alone parts nothing
     strokes[strokes != 10] = 0
     write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE))
-    with pytest.raises(InputError, match="seeds of two labels at least .* there are \\[10\\]"):
+    with pytest.raises(InputError, match="seeds of at least two labels .* there are \\[10\\]"):
         parted(tmp_path, **keys)
 
 

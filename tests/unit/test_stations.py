@@ -15,6 +15,7 @@ from myork.console import silent
 from myork.core.deck import text_of_tables
 from myork.core.threads import core_threads
 from myork.errors import MyorkError
+from myork.stations.station import _placed
 from tests.scenes import scene
 
 
@@ -92,6 +93,30 @@ def test_errors_begin_with_file_line_and_key(
     lines = (tmp_path / "body.toml").read_text().splitlines()
     line = next(k for k, own in enumerate(lines, 1) if own.startswith(f"{[*table][0]} ="))
     assert f"body.toml:{line}: build." in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ("build.labels: there is no such file", 7),
+        ("/data/build.fibers.nii.gz: damaged; build.labels names it", 7),
+        ("build.fibers.nii: there is no such file", None),
+        ("build.fibers: there is no such file", None),
+        ("scene.dimension must be 3", 2),
+    ],
+)
+def test_a_file_called_like_a_key_is_not_that_key(
+    tmp_path: Path, message: str, line: int | None
+) -> None:
+    """`build.fibers` is the name of the file of labels here."""
+    deck = tmp_path / "body.toml"
+    deck.write_text(
+        "[scene]\ndimension = 3\n\n[build]\n\n\n"
+        'labels = "build.fibers"\nfibers = "f.nii"\n'
+    )
+    values = {"path": str(deck), "build": {}, "scene": {}}
+    place = "" if line is None else f"{deck}:{line}: "
+    assert _placed(message, values) == f"{place}{message}"
 
 
 def test_labels_and_materials_that_do_not_meet(build: Callable[..., Any]) -> None:

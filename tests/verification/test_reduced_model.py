@@ -423,21 +423,52 @@ def programme(path: Path, end: float) -> Path:
 def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path: Path) -> None:
     """The full solves are those of a deck without amplitudes, an activation of zero among them; the
     state at the end of the programme is that of its values, to the error of either model.
+
+    A value means what it means in the deck: the amplitude multiplies it.
     """
     deck = programme(tmp_path / "programme.toml", 0.5)
-    found = ReducedModel.train(deck, RANGES, full_solves=12, tests=4, threads=1)
-    state = found.solve(activation=0.6, u_z=0.075)
+    ranges = {**RANGES, "boundary.z1.u_z": (-0.4, 0.6)}
+    found = ReducedModel.train(deck, ranges, full_solves=12, tests=4, threads=1)
+    state = found.solve(activation=0.6, u_z=0.15)
     assert state.force == pytest.approx(rom.solve(activation=0.6, u_z=0.075).force, rel=1e-9)
     with Scene(deck, threads=1) as scene:
         states = scene.solve(error=False)
         truth = scene.probes(states.x, states.load)[-1, 0, 0]
     assert state.force == pytest.approx(truth, rel=max(rom.certificate["force"]["max"], 1e-6))
+    path, vary = found.save(tmp_path / "programme.rom.h5"), ["boundary.z1.u_z=0.15"]
+    given = ["load.activation=0.6"]
+    table = sweep(deck, vary, tmp_path / "sweep", model=path, overrides=given)
+    head, row = (line.split(",") for line in table.read_text().splitlines())
+    assert float(row[head.index("reaction")]) == pytest.approx(state.force, rel=1e-9)
 
 
-def test_what_an_amplitude_ends_elsewhere_with_is_varied(tmp_path: Path) -> None:
-    deck, ranges = programme(tmp_path / "half.toml", 0.5), {"load.activation": (0.0, 1.0)}
-    with pytest.raises(InputError, match=r"plate ends at 0\.5, and boundary\.z1\.u_z follows it"):
-        ReducedModel.train(deck, ranges)
+def test_what_is_not_varied_has_the_end_of_its_amplitude(tmp_path: Path) -> None:
+    """Of an activation that falls to half, and of sides that the amplitude of the plate holds."""
+    deck = programme(tmp_path / "half.toml", 0.5)
+    ranges, half = {"boundary.z1.u_z": (-0.4, 0.6)}, ["amplitude.muscle.value=[0, 0.5]"]
+    rom = ReducedModel.train(deck, ranges, full_solves=8, tests=4, threads=1, overrides=half)
+    # the step by which the sides follow the force is half as long, and so is what it moves
+    assert max(rom.certificate["u"]["max"], rom.certificate["force"]["max"]) < 1e-3
+    with Scene(deck, ["load.activation=0.3", "amplitude.plate.value=[0, 0, 0.5]"]) as scene:
+        states = scene.solve(error=False)
+        truth = scene.probes(states.x, states.load)[-1, 0, 0]
+    assert rom.solve(u_z=0.15).force == pytest.approx(truth, rel=1e-3)
+
+
+def test_what_has_no_effect_at_the_end_is_not_varied(tmp_path: Path) -> None:
+    deck = programme(tmp_path / "back.toml", 0.0)
+    with pytest.raises(InputError, match=r"z1\.u_z: its amplitude ends at 0.*; leave it out"):
+        ReducedModel.train(deck, RANGES)
+
+
+def test_without_a_test_that_is_the_reason(deck: Path, tmp_path: Path) -> None:
+    ranges = {"load.activation": (0.0, 0.5)}
+    rom = ReducedModel.train(
+        deck, ranges, full_solves=6, tests=0, threads=1, overrides=["boundary.z1.u_z=0.1"]
+    )
+    assert rom.solve(activation=0.2).doubts == ["not tested: the model was trained with --tests 0"]
+    assert rom.describe().count("not tested") == 1
+    assert "does not assure the tolerance" not in rom.solve(activation=0.2).describe()
 
 
 def test_marks_of_full_solves_nearby() -> None:
@@ -481,7 +512,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     damaged = Path(shutil.copy(trained, tmp_path))
     with h5py.File(damaged, "r+") as file:
         file.attrs["format"] = np.bytes_("myork-rom 2")
-    with pytest.raises(InputError, match="'myork-rom 2', not 'myork-rom 6'; train it again"):
+    with pytest.raises(InputError, match="'myork-rom 2', not 'myork-rom 7'; train it again"):
         ReducedModel.load(damaged)
 
 

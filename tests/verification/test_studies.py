@@ -19,6 +19,7 @@ from myork.errors import ConvergenceError, FileError, InputError
 from myork.records import Labels
 from myork.studies import identify, sensitivity, uncertainty
 from myork.studies.forward import Forward, Values, open_forward, ranges_of
+from myork.studies.identify import _Data, _forecast
 from myork.studies.uncertainty import Doubt, perturbed
 from tests.scenes import contracting, held
 
@@ -179,7 +180,7 @@ def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> Non
     assert not high - low < 25
     data.write_text("u_z,reaction\n0.0,5.0\n0.01,5.1\n0.02,5.2\n")
     found = identify(trained, data, ["sigma_max", "activation"], tmp_path, threads=1)
-    assert any("are not distinguished" in line for line in found["warnings"])
+    assert any("do not distinguish" in line for line in found["warnings"])
 
 
 @pytest.mark.slow
@@ -207,7 +208,7 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "free", "message"),
     [
-        ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column is a probe"),
+        ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column has the name of a probe"),
         ("load.activation,reaction\n0.1,1\n", ["sigma_max"], "needed for boundary.z1.u_z"),
         ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is not a number"),
         ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),
@@ -362,3 +363,26 @@ def test_the_cost_of_a_fit_is_forecast(deck: Path, tmp_path: Path, capsys: Any) 
     assert main([*call, "--out", str(tmp_path / "fit")]) == 0
     states = json.loads((tmp_path / "fit" / "identify.json").read_text())["cost"]["states"]
     assert states / 2 <= int(forecast[1]) <= 2 * states
+
+
+class _Counted(Forward):
+    """A state costs 1 s, one beside a known one 0.1 s, a known one or the body at rest nothing."""
+
+    def __init__(self) -> None:
+        super().__init__([], 3, {}, str)
+        self._known: list[np.ndarray] = []
+
+    def ask(self, keys: Sequence[str], values: np.ndarray) -> Values:
+        for row in values:
+            far = min((float(np.abs(row - known).max()) for known in self._known), default=1.0)
+            self.cpu_s += 0.0 if not row.any() or far == 0.0 else 0.1 if far < 0.01 else 1.0
+            self._known.append(row)
+        return Values({}, np.ones(len(values), bool))
+
+
+@pytest.mark.parametrize("ends", [(-1.0, 1.0), (-1.0, 0.5), (-0.2, 1.0)])
+def test_a_range_about_zero_costs_as_one_beside_it(ends: tuple[float, float]) -> None:
+    """At its middle the body may be at rest, and a step in proportion to zero is none."""
+    data = _Data([], np.zeros((1, 0)), ["pull"], np.ones((1, 1)), None)
+    beside = _forecast(_Counted(), data, {"boundary.z1.u_z": (0.0, 1.0)})
+    assert _forecast(_Counted(), data, {"boundary.z1.u_z": ends}) == beside

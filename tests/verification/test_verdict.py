@@ -288,3 +288,54 @@ def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
     (stress, *_), (bar, *_) = found["shear_stress"]
     assert abs(stress - 75) == pytest.approx(bar)
     assert states.verdict != "accepted" and abs(stress / 75 - 1) > 0.05
+
+
+def pad(**probe: Any) -> dict[str, Any]:
+    """A flat block between glued plates, pressed by a tenth, with one probe of a stress."""
+    return scene(
+        "rkpm-gauss", {"kind": "box", "size": [20, 20, 10], "source": [9, 9, 5]},
+        material=[{"name": "silicone", "model": "neo-hookean", "mu": 0.3, "K": 300}],
+        boundary=[held("z0"), held("z1", u_z=-1)], probe=[{"name": "stress", **probe}],
+    )  # fmt: skip
+
+
+def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
+    """By two spacings of 2.5; more points would not help. There the answer is accepted."""
+    states, _ = solved(pad(quantity="cauchy_zz", point=[20, 20, 0]), ())
+    assert states.verdict == "doubtful"
+    (reason,) = (text for text in states.reasons if "stress differs" in text)
+    assert reason.endswith(
+        "it lies at the rim of z0, where the stress is singular; move it inside the body, at least "
+        "5 cm away from the rim"
+    )
+    assert not any("what helps" in text for text in states.reasons)
+    moved, _ = solved(pad(quantity="cauchy_zz", point=[16, 16, 3]), ())
+    assert moved.verdict == "accepted"
+
+
+def test_an_error_bar_beyond_the_value_is_said() -> None:
+    """Of an accepted answer as well: shear that is zero by symmetry, to a bar of 0.02 N/cm^2."""
+    states, found = solved(pad(quantity="cauchy_xz", point=[10, 10, 5]), ())
+    value, bar = (part[0] for part in found["stress"])
+    assert states.verdict == "accepted" and abs(value) < bar
+    assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
+    assert not any("zero" in text for text in states.warnings)
+
+
+def test_a_cure_is_named_once() -> None:
+    """Off equilibrium, unbalanced and away from the weak form: one sentence says what helps."""
+    states, _ = solved(cantilever("rkcm", 17, 5), ())
+    text = "; ".join(states.reasons)
+    assert "the stress does" in text and "do not balance" in text and "differs by" in text
+    assert text.count("what helps") == 1 and "take method" not in text
+
+
+def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
+    """The summary's does not grow with the stiffness, as a difference of stresses does."""
+    tables = pad(quantity="cauchy_zz", point=[16, 16, 3])
+    found = []
+    for unit in (1, 1000):
+        stiff = {**tables["material"][0], "mu": 0.3 * unit, "K": 300 * unit}
+        summary = run_deck(tables | {"material": [stiff]}, tmp_path / str(unit))
+        found.append(summary["companion"]["difference"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)

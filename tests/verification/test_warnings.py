@@ -29,23 +29,23 @@ CASES: dict[str, tuple[str, Any, str, Any, Any]] = {
     ),
     "a coarse tube": (
         "tube", ("scene.method=rkcm", *lattice([3, 9]), "load.steps=4"), "refused",
-        ("do not balance", "of their norm away", "probe radial_stress is"), RefusedError,
+        ("do not balance", "of their norm from", "probe radial_stress differs"), RefusedError,
     ),
     "unbalanced forces of the mixed form": (
         "tube", ("scene.method=rkcm-mixed", *lattice([3, 7]), "load.steps=4"), "refused",
-        ("do not balance", "of the volume J is", "probe radial_stress is"), RefusedError,
+        ("do not balance", "of the volume J is", "probe radial_stress differs"), RefusedError,
     ),
     "ellipticity, mixed form": (
         "muscle_fibers", (*SMALL_MUSCLE, "scene.method=rkcm-mixed", "approximation.order=2",
                           "approximation.support=3"),
         "refused", ("loses ellipticity at", "less work than the forces", "of the volume J is",
-                    "of their norm away", "probe stress_zz is"), RefusedError,
+                    "of their norm from", "probe stress_zz differs"), RefusedError,
     ),
     "ellipticity, nodal integration": (
         "muscle_fibers", (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
                           "approximation.order=1", "approximation.support=2"),
         "doubtful", ("loses ellipticity at", "J at points is",
-                     "of its size away from the same with [3,3,5] points"), None,
+                     "of its size from a solution with [3,3,5] points"), None,
     ),
     "ended early": (
         "shear_2d", ("load.steps=2", "load.max_halvings=0", "solver.max_iterations=3"), "refused",

@@ -131,7 +131,7 @@ subroutine answer_laws(full, answer, error)
          class is (muscle_type)
             fibers(:4, t) = [law%lambda_o, law%gamma1, law%gamma2, &
                & merge(0.0_wp, 1.0_wp, law%kinked)]
-            state(:, t) = [1.0_wp, law%sigma_max, tissue%activation]
+            state(:, t) = [1.0_wp, law%sigma_max, full%scene%activation_at(t, 1.0_wp)]
          end select
       end associate
    end do

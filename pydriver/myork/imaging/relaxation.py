@@ -56,7 +56,7 @@ def t2_map(echoes: Sequence[Image], times: Sequence[float], body: Mask) -> Decay
     count = len(echoes)
     if count < 2 or len(set(times)) != count:
         raise InputError(
-            f"t2: {count} echoes need as many different echo times, two at least, not "
+            f"t2: {count} echoes need as many different echo times, at least two, not "
             f"{list(times)} ms; name one image for each echo, and give t2.echo_times"
         )
     if not body.any():

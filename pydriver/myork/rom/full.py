@@ -105,11 +105,13 @@ class FullModel:
         units = []
         for unit in own:
             if unit.kind == "rotation":
-                right, left = (_less(at({unit.key: angle}), base) for angle in (90.0, -90.0))
+                right, left = (
+                    _less(at({unit.key: angle / unit.end}), base) for angle in (90.0, -90.0)
+                )
                 units.append(LoadParts(*(0.5 * (r - m) for r, m in zip(right, left, strict=True))))
                 units.append(LoadParts(*(0.5 * (r + m) for r, m in zip(right, left, strict=True))))
             else:
-                units.append(_less(at({unit.key: 1.0}), base))
+                units.append(_less(at({unit.key: 1.0 / unit.end}), base))
         return base, units
 
     def solve(

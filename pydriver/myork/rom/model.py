@@ -22,6 +22,9 @@ from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
 from myork.types import F64, I64, Mask
 
+#: Why answers are doubtful of a model that was trained without a test
+NOT_TESTED = "not tested: the model was trained with --tests 0"
+
 
 class Batch(NamedTuple):
     """Answers for many parameters."""
@@ -41,6 +44,7 @@ class Batch(NamedTuple):
     converged: Mask
     iterations: I64  #: Newton's iterations
     amplitudes: F64  #: Amplitudes of the modes, shape `(n, r)`
+    tested: Mask  #: Whether the model was tested on unseen states, the same for all
 
     def scalars(self) -> dict[str, F64]:
         """Probes as scalars by name, those of vectors with their axis behind, shape `(n,)` each."""
@@ -63,7 +67,7 @@ class Batch(NamedTuple):
         }
         if self.converged[k] and self.inside[k] and not lost:
             error = f"the estimated error of {self.indicator[k]:.1e} does not assure the tolerance"
-            found[error] = not self.certified[k]
+            found[error if self.tested[k] else NOT_TESTED] = not self.certified[k]
         return [reason for reason, holds in found.items() if holds]
 
 
@@ -158,7 +162,8 @@ class ReducedModel:
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
         self.parameters = tuple(
-            Parameter._make((*entry, tuple(tissues))) for *entry, tissues in head["parameters"]
+            Parameter._make((*entry, tuple(tissues), end))
+            for *entry, tissues, end in head["parameters"]
         )
         self.units: dict[str, str] = head["units"]
         self.probe_units: dict[str, str] = {p["name"]: p["unit"] for p in head["probes"]}
@@ -256,7 +261,9 @@ class ReducedModel:
                 f"  displacement: error {u['median']:.1e} in the median, {u['max']:.1e} at most",
                 f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
                 f"  at the {sure['points']} that it certifies: displacement {sure['u']:.1e} of the "
-                f"largest, force {sure['force']:.1e} at most",
+                f"largest, force {sure['force']:.1e} at most"
+                if sure["points"]
+                else f"  none certified: no error estimate is below {head['tolerance']:g}",
                 f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
                 f"{c['indicator_ratio']['max']:.2f}",
                 f"  {c['cpu_us_per_state']:.0f} us per state, {c['full_cpu_s_per_state']:.2f} s a "
@@ -271,6 +278,8 @@ class ReducedModel:
                     f"  left out: {c['lost']} states without a stable full solution, "
                     f"{c['lost_unmarked']} of them not marked"
                 )
+        else:
+            lines.append(f"  {NOT_TESTED}; all its answers are doubtful")
         if self.head["probes_left_out"]:
             lines.append(f"probes left out: {', '.join(self.head['probes_left_out'])}")
         return "\n".join(lines)
@@ -359,7 +368,7 @@ class ReducedModel:
         certified = inside & answer.converged & (full < LOST) & (worst <= self.head["tolerance"])
         return Batch(
             force, probes, error, inside, full, certified, answer.converged, answer.iterations,
-            answer.amplitudes,
+            answer.amplitudes, np.full(len(values), bool(self.certificate)),
         )  # fmt: skip
 
     def key_of(self, name: str) -> str:

@@ -198,11 +198,11 @@ def conditions_of(
     load = number = 0
     for j, parameter in enumerate(kinds):
         tissues = list(parameter.tissues)
-        column = values[:, j, None]
+        column = parameter.end * values[:, j, None]
         if parameter.kind == "load":
-            given[:, load + 1] = values[:, j]
+            given[:, load + 1] = column[:, 0]
         elif parameter.kind == "rotation":
-            angle = np.radians(values[:, j])
+            angle = np.radians(column[:, 0])
             given[:, load + 1], given[:, load + 2] = np.sin(angle), 1.0 - np.cos(angle)
         elif parameter.kind == "activation":
             activation[:, tissues] = column
@@ -211,7 +211,7 @@ def conditions_of(
         elif parameter.kind == "fiber_angle":
             turn[:, tissues] = np.radians(column - laws.angle[tissues])
         else:
-            modulus[:, number] = values[:, j] - laws.modulus[number]
+            modulus[:, number] = column[:, 0] - laws.modulus[number]
             number += 1
         load += parameter.columns
     return Conditions(activation, sigma, turn, modulus, given)

@@ -32,6 +32,7 @@ class Parameter(NamedTuple):
     high: float
     kind: str  #: One of `KINDS`
     tissues: tuple[int, ...]  #: Materials that it changes, from 0; none for a load or a rotation
+    end: float = 1.0  #: Last value of its amplitude, by which the value of the key is multiplied
 
     @property
     def grows(self) -> bool:
@@ -109,7 +110,19 @@ def as_parameters(
         if not (np.isfinite([low, high]).all() and low < high):
             raise InputError(f"{name}: a range needs LOW < HIGH, not {low} and {high}")
         key = key_of(name) if "." in name else name
-        found.append(_resolved(key, float(low), float(high), deck))
+        parameter = _resolved(key, float(low), float(high), deck)
+        end, *others = ends_of(deck).get(parameter.key, {1.0})
+        if others:
+            raise InputError(
+                f"{parameter.key}: its muscles follow amplitudes that end at different values; "
+                "give each of them an activation of its own"
+            )
+        if end == 0.0:
+            raise InputError(
+                f"{parameter.key}: its amplitude ends at 0, and a reduced model answers for the "
+                "end of a programme: there it changes nothing; leave it out"
+            )
+        found.append(parameter._replace(end=end))
     keys = [parameter.key for parameter in found]
     if len(set(keys)) < len(keys):
         raise InputError(f"a parameter is named twice: {', '.join(keys)}")
@@ -152,6 +165,26 @@ def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:
     if entry:
         found = next(e for e in found if entry[0] in (e.get("name"), e.get("set")))
     return float(found.get(key, deck["load"].get(key)))
+
+
+def ends_of(deck: Mapping[str, Any]) -> dict[str, set[float]]:
+    """Last values of the amplitudes that keys of a deck follow, 1 where a key follows none.
+
+    The common activation has several where its muscles follow different amplitudes.
+    """
+    last = {entry["name"]: float(entry["value"][-1]) for entry in deck.get("amplitude", [])}
+    found: dict[str, set[float]] = {}
+    for entry in deck.get("boundary", []):
+        for key in PRESCRIBED:
+            if key in entry:
+                own = f"boundary.{entry['set']}.{key}"
+                found.setdefault(own, set()).add(last.get(entry.get("amplitude"), 1.0))
+    for entry in deck.get("material", []):
+        if entry["model"] == "muscle":
+            own = f"material.{entry['name']}." if "activation" in entry else "load."
+            name = entry.get("amplitude", deck["load"].get("amplitude"))
+            found.setdefault(f"{own}activation", set()).add(last.get(name, 1.0))
+    return found
 
 
 def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:

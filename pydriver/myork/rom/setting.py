@@ -12,7 +12,7 @@ from myork.errors import InputError
 from myork.rom import projection
 from myork.rom.full import FullModel
 from myork.rom.online import Conditions, conditions_of
-from myork.rom.parameters import Parameter, value_of
+from myork.rom.parameters import Parameter, ends_of, value_of
 from myork.rom.probes import is_stress
 from myork.rom.projection import Columns, Laws, Variant, laws_of
 from myork.tables import override_text
@@ -40,7 +40,8 @@ class Setting(NamedTuple):
     extra: int  #: Number of the last ones
     wanted: I64  #: Columns whose forces are wanted
     threads: int
-    still: tuple[tuple[str, float], ...]  #: Keys of the values of those sets, with the values
+    #: Keys of the values of those sets, with the values and the ends of their amplitudes
+    still: tuple[tuple[str, float, float], ...]
     #: Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`
     pushes: F64
     places: tuple[tuple[int, int], ...]  #: Probe and component of each wanted force
@@ -73,7 +74,7 @@ def make_setting(
     sets = probe_sets(scene)
     loads = [base, *units]
     wanted: list[int] = []
-    still: list[tuple[str, float]] = []
+    still: list[tuple[str, float, float]] = []
     pushes: list[F64] = []
     extra: list[F64] = []
     places: list[tuple[int, int]] = []
@@ -172,13 +173,17 @@ def force_values(setting: Setting, probes: F64) -> F64:
     return np.stack(columns, axis=1) if columns else np.zeros((len(probes), 0))
 
 
-def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float]]:
-    """Key and value of a displacement of a set; none where it is not a number."""
+def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float, float]]:
+    """Key, value and end of the amplitude of a displacement of a set.
+
+    None where it is not a number, or where nothing of it is left at the end.
+    """
     name = f"u_{'xyz'[axis]}"
     entries = [b for b in deck["boundary"] if b["set"] == of_set and name in b]
     if len(entries) != 1 or isinstance(entries[0][name], str):
         return []
-    return [(f"boundary.{of_set}.{name}", float(entries[0][name]))]
+    key = f"boundary.{of_set}.{name}"
+    return [(key, float(entries[0][name]), end) for end in ends_of(deck)[key] if end != 0.0]
 
 
 def _unit_load(scene: Scene, points: int, value: F64) -> LoadParts:

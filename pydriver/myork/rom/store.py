@@ -33,7 +33,7 @@ from myork.model_file import model_of_bytes
 from myork.rom.parameters import KINDS, Parameter
 from myork.rom.probes import is_stress
 
-FORMAT = "myork-rom 6"
+FORMAT = "myork-rom 7"
 
 _CELLS = {"all": int, "kept": int, "force": int}
 _SPREAD = {"median": float, "max": float}
@@ -41,7 +41,7 @@ _SPREAD = {"median": float, "max": float}
 _HEAD: dict[str, Any] = {
     "title": str,
     "units": {"force": str, "length": str, "stress": str, "volume": str},
-    "parameters": [(str, float, float, str, [int])],
+    "parameters": [(str, float, float, str, [int], float)],
     "dimension": int,
     "force_amplitudes": int,
     "modes": int,

@@ -33,7 +33,6 @@ from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
 from myork.rom.online import Answer, Regression, Solver
 from myork.rom.parameters import (
-    PRESCRIBED,
     Parameter,
     as_parameters,
     parse_vary,
@@ -127,7 +126,7 @@ def train(
                 f"{deck}: probe.{probe['name']}.set: reduced models have forces of sides, not of "
                 f"the [[set]] {probe['set']}: leave the probe out"
             )
-    overrides = [*overrides, *_ramps(deck, values, varied)]
+    overrides = [*overrides, *_ramps(values)]
     if values.get("galerkin", {}).get("essential") == "transformation" or "refine" in values:
         first = values["geometry"].get("source")
         given = [] if first is None else [override_text("geometry.source", first)]
@@ -167,45 +166,24 @@ def train(
         for folder in snapshots:
             training.read(Path(folder))
         training.run(tests)
-        # a sweep gives the model the values of its points: not where an amplitude scales them
-        said = values if values.get("amplitude") else load_deck(deck, overrides, "solve")
-        sha256 = said["sha256"]
+        sha256 = load_deck(deck, overrides, "solve")["sha256"]
         head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": sha256}
         rom = training.model(head, {} if cloud is None else cloud_arrays(cloud), begin)
     return rom
 
 
-def _ramps(deck: Path, values: Mapping[str, Any], varied: set[str]) -> list[str]:
-    """Overrides that make every amplitude of a deck the ramp of a deck without any.
+def _ramps(values: Mapping[str, Any]) -> list[str]:
+    """Overrides that replace every amplitude of a deck by a straight line to its last value.
 
-    States depend on the values at their end only, and the training goes to them in proportion.
-
-    - `varied`: keys of the parameters, which are values at the end whatever the amplitude is there
-    - raises InputError: an amplitude ends elsewhere than at 1, and what it drives is no parameter
+    A state depends on the values at the end only, and the training goes to them in proportion.
     """
-    ends = {entry["name"]: entry["value"][-1] for entry in values.get("amplitude", [])}
-    driven = [
-        (f"boundary.{entry['set']}.{key}", entry.get("amplitude"))
-        for entry in values.get("boundary", [])
-        for key in (*PRESCRIBED, "traction")
-        if np.any(entry.get(key, 0.0))
-    ]
-    for entry in values.get("material", []):
-        own = f"material.{entry['name']}.activation" if "activation" in entry else "load.activation"
-        driven.append((own, entry.get("amplitude", values["load"].get("amplitude"))))
-    for key, name in driven:
-        if ends.get(name, 1) != 1 and key not in varied:
-            raise InputError(
-                f"{deck}: amplitude.{name} ends at {ends[name]:g}, and {key} follows it: a reduced "
-                f"model answers for values at the end of a programme: vary {key}, or let the "
-                "amplitude end at 1"
-            )
-    ramp = {"time": [0, 1], "value": [0, 1], "curve": "linear"}
     return [
-        override_text(f"amplitude.{name}.{key}", value)
-        for name in ends
-        for key, value in ramp.items()
-    ]
+        override_text(f"amplitude.{entry['name']}.{key}", value)
+        for entry in values.get("amplitude", [])
+        for key, value in (
+            ("time", [0, 1]), ("value", [0, entry["value"][-1]]), ("curve", "linear")
+        )
+    ]  # fmt: skip
 
 
 class _Training:
@@ -487,10 +465,11 @@ def _lift_fields(
     """
     size = max(float(np.abs(setting.columns.value).max()), 1.0)
     found = []
-    for key, value in setting.still:
+    for key, value, end in setting.still:
+        step = _LIFT_STEP * size / end
         for row, x in zip(rows, states, strict=True):
             try:
-                found.append(full.lift(setting.parameters, row, x, key, value, _LIFT_STEP * size))
+                found.append(full.lift(setting.parameters, row, x, key, value, step) / end)
             except ConvergenceError as reason:
                 progress(f"{key} at {row.tolist()}: {reason}; left out")
         progress(f"forces by {key}: {len(found)} fields")

@@ -226,7 +226,7 @@ def label_by_seeds(
         )
     elif len(numbers) < 2:
         raise InputError(
-            f"{seeds.name}: seeds of two labels at least are needed in the region to segment, "
+            f"{seeds.name}: seeds of at least two labels are needed in the region to segment, "
             f"there are {numbers}; everything that is not muscle needs a label too"
         )
     # What hardly any walk leaves goes to the last label: lone voxels and thin walls are no muscle.

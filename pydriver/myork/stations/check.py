@@ -104,7 +104,12 @@ def _tangent(scene: Scene) -> tuple[bool | None, str]:
     spacing = size / max(scene.source_points ** (1.0 / scene.dimension) - 1.0, 1.0)
     x = 1e-3 * spacing * random.standard_normal(scene.dofs)
     direction = 1e-3 * spacing * random.standard_normal(scene.dofs)
-    step = 1e-3
+    step, left = 1e-3, ""
+    displacements = scene.dimension * scene.source_points
+    if scene.deck["scene"]["method"].startswith("rkpm") and scene.dofs > displacements:
+        # among the pressures are places without an unknown, whose rows are only filled
+        direction[displacements:] = 0.0
+        left = "; along pressures of infinite K not checked, because their rows are padded"
     try:
         product = scene.linearise(x, 0.0, direction)[1]
         ahead, behind = (
@@ -114,7 +119,8 @@ def _tangent(scene: Scene) -> tuple[bool | None, str]:
     except InputError as reason:
         return False, str(reason)
     error = np.linalg.norm((ahead - behind) / (2.0 * step) - product) / np.linalg.norm(product)
-    return bool(error < _TANGENT), f"differences agree to {error:.1e} (at most {_TANGENT:.0e})"
+    detail = f"differences agree to {error:.1e} (at most {_TANGENT:.0e}){left}"
+    return bool(error < _TANGENT), detail
 
 
 def _curves(table: dict[str, Any]) -> tuple[bool | None, str]:

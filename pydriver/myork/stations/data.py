@@ -188,7 +188,7 @@ def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] 
         raise FileError(
             f"{folder}: there is no such folder; --data wants the one your images are in"
         )
-    values = load_deck(deck, overrides)
+    values = load_deck(deck, overrides, command)
     found = []
     for key in PATHS:
         table, name = key.split(".")
@@ -219,6 +219,6 @@ def _place(deck: str | Path, key: str, wanted: Path, folder: Path) -> Path:
     if len(places) > 1:
         raise InputError(
             f"{deck}: {len(places)} files below {folder} are called {wanted.name} "
-            f"({key}): {places[0]}, {places[1]}; say which by --set {key}=PATH"
+            f"({key}): {places[0]}, {places[1]}; choose one by --set {key}=PATH"
         )
     return places[0]

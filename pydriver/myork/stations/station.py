@@ -87,17 +87,22 @@ def _placed(message: str, deck: Mapping[str, Any]) -> str:
 
     - `deck`: effective deck; keys of `--set` and of data have no line
     """
-    key = re.search(r"\b([a-z]+)\.([a-z_]+)\b", message)
-    while key is not None and not isinstance(deck.get(key[1]), Mapping):
-        key = re.compile(r"\b([a-z]+)\.([a-z_]+)\b").search(message, key.end())
     path = Path(deck["path"])
-    if key is None or not path.is_file():
+    if not path.is_file():
         return message
-    table = ""
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        head = re.match(r"\s*\[\[?\s*(\w+)", line)
-        table = head[1] if head else table
-        own = re.match(r"\s*(?:(\w+)\.)?(\w+)\s*=", line)
-        if own and (own[1] or table, own[2]) == (key[1], key[2]):
-            return f"{path}:{number}: {message}"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    # a file may be called like a key: then its folder or its ending stands beside it, or the deck
+    # has its name as a value
+    for key in re.finditer(r"(?<![\w/\\.-])([a-z]+)\.([a-z_]+)\b(?![/\\.-]\w)", message):
+        quoted = re.compile(rf"""["'/\\]{re.escape(key[0])}["']""")
+        if not isinstance(deck.get(key[1]), Mapping) or any(map(quoted.search, lines)):
+            continue
+        table = ""
+        for number, line in enumerate(lines, start=1):
+            head = re.match(r"\s*\[\[?\s*(\w+)", line)
+            table = head[1] if head else table
+            own = re.match(r"\s*(?:(\w+)\.)?(\w+)\s*=", line)
+            if own and (own[1] or table, own[2]) == (key[1], key[2]):
+                return f"{path}:{number}: {message}"
+        break
     return message

@@ -125,7 +125,9 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     names = [name for name in head if name in forward.units]
     others = [n for n in head if n not in names and n.removesuffix("_error") not in names]
     if not names:
-        raise InputError(f"{path}: no column is a probe; there are {', '.join(forward.units)}")
+        raise InputError(
+            f"{path}: no column has the name of a probe; there are {', '.join(forward.units)}"
+        )
     keys = [forward.key_of(name) for name in others]
     if set(keys) & set(free):
         raise InputError(
@@ -156,14 +158,16 @@ def _forecast(
 ) -> dict[str, Any]:
     """States that a fit asks for, and their processor time [s].
 
-    All measurements are solved at the middle of the ranges, and one beside it: the first rounds of
+    All measurements are solved at half the largest values, and one beside it: the first rounds of
     a fit move as far as the former, the others are near to states that are known.
     """
-    middle = np.array([0.5 * (low + high) for low, high in ranges.values()])
+    low, high = np.array(list(ranges.values())).T
+    # zero, where a range about it has its middle, may be the body at rest, which costs nothing
+    middle = 0.5 * np.where(low * high < 0.0, np.where(-low > high, low, high), low + high)
     rows = np.hstack([data.conditions, np.tile(middle, (len(data.values), 1))])
     forward.ask([*data.keys, *ranges], rows)
     far = forward.cpu_s / len(rows)
-    beside = rows[:1] * np.where(np.arange(rows.shape[1]) < len(data.keys), 1.0, 1.0 + _STEP)
+    beside = rows[:1] + np.concatenate([np.zeros(len(data.keys)), _STEP * (high - low)])
     forward.ask([*data.keys, *ranges], beside)
     near = forward.cpu_s - far * len(rows)
     rounds = (_BEST if forward.is_reduced else 1) * _ROUNDS * (1 + len(ranges)) + 1
@@ -291,11 +295,11 @@ def _warnings(
         )
     for k, key in enumerate(keys):
         if best.active_mask[k]:
-            found.append(f"{key} is at the end of its range")
+            found.append(f"{key} is at the end of its range: widen it")
         for j in range(k):
             if abs(together[k, j]) > _TOGETHER:
                 found.append(
-                    f"{keys[j]} and {key} are not distinguished by these data "
+                    f"these data do not distinguish {keys[j]} from {key} "
                     f"(correlation {together[k, j]:.3f})"
                 )
     near = [f for f in fits if f.cost < 1.5 * best.cost and np.abs(f.x - best.x).max() > 0.02]

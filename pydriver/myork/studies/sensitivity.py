@@ -50,7 +50,7 @@ def sensitivity(
     from scipy.stats import sobol_indices
 
     if samples < 8 or samples & (samples - 1):
-        raise InputError(f"--samples {samples}: a power of two is needed, 8 at least")
+        raise InputError(f"--samples {samples}: a power of two from 8 on is needed")
     out = Path(out)
     with closing(open_forward(source, fixed, threads, progress, out)) as forward:
         ranges = ranges_of(forward, vary or forward.unknown([]), "--vary")

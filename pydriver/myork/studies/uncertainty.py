@@ -64,7 +64,7 @@ def uncertainty(
     if not np.isfinite(doubt).all() or min(doubt[1:]) < 0.0 or doubt.length == 0.0:
         raise InputError("shift and noise must not be negative, and the length above 0")
     if samples < 2:
-        raise InputError(f"--samples {samples}: 2 at least are needed")
+        raise InputError(f"--samples {samples}: at least 2 are needed")
     deck, out = Path(deck).resolve(), Path(out)
     values = load_deck(deck, fixed, "build")
     table = values["build"]

@@ -152,6 +152,11 @@ def sweep(
     for row in store.rows.values():
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
     progress(", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items())))
+    for verdict in sorted(counts.keys() - {"accepted"}):
+        number, row = next((n, r) for n, r in sorted(store.rows.items()) if r["verdict"] == verdict)
+        place = ", ".join(plan.settings(plan.points[number]))
+        more = "; of the others see the column message" if counts[verdict] > 1 else ""
+        progress(f"{verdict} at {place}: {row['message']}{more}")
     if not has_parquet():
         progress("no sweep.parquet without pyarrow: pip install 'myork[parquet]'")
     return table
