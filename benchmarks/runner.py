@@ -79,7 +79,7 @@ TABLES = {
     "forms": ("walls", "mixed"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),
-    "real_images": ("real_images",),
+    "real_images": ("real_images", "real_muscles"),
     "relaxation": ("t2_maps",),
     "shading_fields": ("shading_fields", "shading_doubts"),
     "tissues": ("tissues",),
@@ -507,7 +507,9 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         print("\n".join(new), flush=True)
         lines += new
     if write:
-        call = f"`python benchmarks/runner.py {' '.join((name, *arguments))} --write`"
+        # users' folders are nobody's business
+        files = ["DATA"] * (len(arguments) - ("half" in wanted.parameters))
+        call = f"`python benchmarks/runner.py {' '.join((head[3:], *files))} --write`"
         lines += ["", f"{call}: {about['processor']}, {about['date'][:10]}.", ""]
         module = table.__module__.rsplit(".", 1)[-1]
         page = _RESULTS / f"{module if module in PAGES else 'images'}.md"

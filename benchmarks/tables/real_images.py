@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +26,8 @@ Places = NDArray[np.float64]  # where each pixel comes from, shape (2, ni, nj) [
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
 
+#: Decks of single muscles whose surfaces and fibers are public
+MUSCLES = ("biceps", "mg_tracts")
 # Of each leg: shift [pixel] and turn [degrees]; then random bends of so many pixels
 RIGID = [(0, 0, 0), (3, 0, 0), (0, 4, 0), (-3, 3, 0), (0, -5, 0), (2, 2, 4), (-4, 0, -3)]
 RIGID += [(4, -3, 5), (-5, 0, 5), (5, 5, 8)]
@@ -104,3 +112,35 @@ def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
             scores = [score["dice"] for score in found["scores"].values()]
             row.append(f"{np.mean(scores):.3f} ({np.min(scores):.3f})")
         yield tuple(row)
+
+
+def real_muscles(data: str) -> Iterator[tuple[str, ...]]:
+    """Public muscles by one deck each, from the files in a folder to a force and a report.
+
+    `myork run inputs/images/DECK.toml --data data` in an empty folder, one thread; `data` holds the
+    files that the decks name, in any folders of it. The estimate is activation x PCSA x sigma_max;
+    times and memory are of the whole command, with error bar and report.
+    """
+    yield ("deck", "points, sources", "volume [cm³]", "fiber [cm], angle", "PCSA [cm²]", "force",
+           "estimate", "verdict", "wall [s]", "CPU [s]", "memory [MB]")  # fmt: skip
+    for name in MUSCLES:
+        with TemporaryDirectory() as folder:
+            call = [sys.executable, "-m", "myork", "run", str(DECKS / f"{name}.toml")]
+            start = time.perf_counter()
+            run = subprocess.Popen(
+                [*call, "--data", str(Path(data).resolve()), "--threads", "1"], cwd=folder
+            )
+            _, status, used = os.wait4(run.pid, 0)
+            wall = time.perf_counter() - start
+            run.returncode = os.waitstatus_to_exitcode(status)
+            found = json.loads(Path(folder, "out", name, "summary.json").read_text())
+        muscle = {key.split(" ")[0]: one for key, one in found["model"]["muscles"][0].items()}
+        last, estimate = found["steps"][-1], found["pcsa_force"]
+        force, bar = (last[key][estimate["probe"]] for key in ("probes", "probe_errors"))
+        yield (
+            name, f"{found['collocation_points']}, {found['source_points']}",
+            f"{muscle['volume']:.1f}", f"{muscle['fiber_length']:.1f}, {muscle['pennation']:.0f}°",
+            f"{muscle['PCSA']:.1f}", f"{abs(force):.3g} ± {bar:.2g} N",
+            f"{estimate['value']:.3g} N", found["verdict"]["state"], f"{wall:.0f}",
+            f"{used.ru_utime + used.ru_stime:.0f}", f"{used.ru_maxrss / 1024:.0f}",
+        )  # fmt: skip

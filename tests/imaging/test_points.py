@@ -222,6 +222,9 @@ def test_a_tip_is_named_with_the_slices_to_take():
     cut = {**TABLE, "slices": [int(full[0]), int(full[-1])]}
     for other, table in ((labels, cut), (spindle(0.2), TABLE), (box(), TABLE)):
         assert not [w for w in build_cloud(other, None, table, "cm")[1] if "in a tip" in w]
+    # a tip that is free, as where the muscle rests on springs along its surface, carries nothing
+    held = build_cloud(labels, None, TABLE, "cm", held={"top", "surface"})[1]
+    assert [w for w in held if "tip: its upper end has" in w and "lower" not in w]
 
 
 def test_one_slice_makes_a_plane_model():

@@ -4,7 +4,8 @@ The signal of a voxel decays as exp(-t / T2). Magnitudes end on a floor of noise
 shows: the mean square of air is taken off the squared signal, and echoes whose fit lies near the
 floor are left out. The rest is a line through logarithms, each weighted by its squared signal.
 Refocusing pulses short of 180 degrees make stimulated echoes, in all but the first echo: it lies
-below the decay of the others, and is then left out.
+below the decay of the others, and is then left out. Of three echoes the second one is: it has the
+largest stimulated part, and in the ratio of the others most of theirs cancels.
 
 References
 ----------
@@ -72,15 +73,19 @@ def t2_map(echoes: Sequence[Image], times: Sequence[float], body: Mask) -> Decay
     clean = np.sqrt(np.maximum(signal**2 - power, 0.0))
     rate, first, off = _fit(clean, time, _FLOOR * floor)
     doubt = ""
-    if count > 3:
+    if count > 2:
         rest = _fit(clean[:, 1:], time[1:], _FLOOR * floor)
         beyond = np.median(clean[:, 0] / np.maximum(rest[1] * np.exp(-rest[0] * time[0]), 1e-30))
         if beyond < 1.0 - _BELOW:
+            if count == 3:
+                rest = _fit(clean[:, ::2], time[::2], _FLOOR * floor)
             rate, first, off = rest
+            out = "the second one" if count == 3 else "it"
+            error = " (a third where it is long)" if count == 3 else ""
             doubt = (
                 f"t2: the first echo, at {time[0]:.4g} ms, has {100 * beyond:.0f} % of the signal "
-                "that the others lead to and was left out: refocusing pulses are short of 180 "
-                "degrees, and T2 may be some per cent off"
+                f"that the others lead to; {out} was left out: refocusing pulses are short of 180 "
+                f"degrees, and T2 may be some per cent off{error}"
             )
     if not doubt and off > _OFF:
         doubt = (

@@ -1,6 +1,6 @@
 """Points of a model from labels and fibers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ def build_cloud(
     activation: Image | None = None,
     fractions: Image | None = None,
     progress: ProgressCallback = silent,
+    held: Collection[str | None] = (None,),
 ) -> tuple[PointCloud, list[str]]:
     """Make the points of a model from labels and fibers.
 
@@ -54,6 +55,8 @@ def build_cloud(
     - `table`: table `build` of the deck
     - `unit`: unit of length of the model
     - `source_images`: names and check sums of the files behind the arguments
+    - `progress`: called with a line of text at a time
+    - `held`: sides that conditions act on, None for any: tips that are free need no warning
     - returns the points and warnings
     """
     block, stride = table["collocation_stride"], table["source_stride"]
@@ -102,7 +105,7 @@ def build_cloud(
     if fibers is not None:
         fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
 
-    warnings += [*_tips(chosen), *_doubts(coarse, boundary, step)]
+    warnings += [*_tips(chosen, held), *_doubts(coarse, boundary, step)]
     shares, numbers = shares[:, shares.any(axis=0)], numbers[shares.any(axis=0)]
     fraction = shares / filled[:, np.newaxis]
     factor = length_factor(unit)
@@ -164,8 +167,8 @@ def _prepared(body: Body, table: Mapping[str, Any], progress: ProgressCallback) 
     return Body(labels, fibers, activation, fractions)
 
 
-def _tips(chosen: Labels) -> list[str]:
-    """Sentences about ends that are a small part of the largest section, with slices to take."""
+def _tips(chosen: Labels, held: Collection[str | None]) -> list[str]:
+    """Sentences about held ends that are a small part of the largest section, and what to do."""
     body = chosen.data > 0
     area = body.sum(axis=(0, 1))
     filled = np.flatnonzero(area)
@@ -173,8 +176,8 @@ def _tips(chosen: Labels) -> list[str]:
     low, high = points.blunt_ends(body, _BLUNT)
     ends = [
         f"{name} end has {area[k]} voxels in slice {k}"
-        for name, k in (("lower", first), ("upper", last))
-        if len(filled) > 2 and area[k] < _TIP * area.max()
+        for name, side, k in (("lower", "bottom", first), ("upper", "top", last))
+        if {None, side} & set(held) and len(filled) > 2 and area[k] < _TIP * area.max()
     ]
     if not ends:
         return []

@@ -43,6 +43,7 @@ _SAMPLE = 40_000  # voxels that a field is fitted to
 _FEWEST = 64  # voxels, of which less would be fitted than measured
 _STIFF = 1e-3  # weight of the field's bending against the data
 _DARKEST = 1e-3  # of the bright values: what logarithms are taken of at least
+_EDGE = 0.1  # relative change from pixel to pixel at which a voxel counts a quarter
 # Rounds of the fits; windows of the histogram from first to last [logarithm]
 _ROUNDS_SLOPES, _ROUNDS_CONVEX = 30, 12
 _ROUNDS_PEAKS = 60
@@ -254,6 +255,8 @@ class _Peaks:
         here = smooth[tuple(voxels.T)]
         self.logarithm = np.log(np.maximum(here, _DARKEST))
         self.trust = np.clip(here / _typical(smooth, mask), 0.0, 1.0)
+        # Values at borders are mixtures, which a peak on one side would draw the field to.
+        self.trust /= (1.0 + (_slope(smooth)[tuple(voxels.T)] / _EDGE) ** 2) ** 2
         rows = waves.at(voxels)
         self.rows = np.column_stack([rows, np.ones(len(rows))])
         stiff = _STIFF * len(rows) * waves.bending * np.mean((rows - rows.mean(axis=0)) ** 2)
@@ -326,6 +329,13 @@ def _smoothed(values: F64, mask: Mask) -> F64:
     share = ndimage.gaussian_filter(mask.astype(float), (0.8, 0.8, 0.0))
     total = ndimage.gaussian_filter(np.where(mask, values, 0.0), (0.8, 0.8, 0.0))
     return np.divide(total, share, out=np.zeros_like(total), where=mask)
+
+
+def _slope(smooth: F64) -> F64:
+    """Slope of the logarithm in each slice [1/pixel]."""
+    logarithm = np.log(np.maximum(smooth, _DARKEST))
+    slopes = (ndimage.correlate1d(logarithm, [-0.5, 0.0, 0.5], axis) for axis in (0, 1))
+    return np.asarray(np.hypot(*slopes))
 
 
 def _typical(smooth: F64, mask: Mask) -> float:

@@ -53,7 +53,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     progress(f"points from {', '.join(path.name for path in files.read)}")
     sums = "\n".join(f"{path.name} {_check_sum(path)}" for path in files.read)
     unit = deck["units"]["length"]
-    cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress)
+    cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress, _held(deck))
     write_model(out / "model.h5", cloud)
     maps = _maps(body, files, out)
     strangers = _strangers(body.labels, deck.get("material", []), table["bone"])
@@ -68,6 +68,12 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     for text in model["warnings"]:
         progress(f"warning: {text}")
     return {"model": model, "grid": files.grid}
+
+
+def _held(deck: Mapping[str, Any]) -> set[str | None]:
+    """Sides that conditions act on, None for any side."""
+    sides = {own["name"]: own.get("side") for own in deck.get("set", [])}
+    return {sides.get(own["set"], own["set"]) for own in deck.get("boundary", [])} or {None}
 
 
 def _check_sum(path: Path) -> str:
