@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import unseen
+from benchmarks import unseen, unseen_maps
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
 from benchmarks.truths.deck_parts import deck, force, held, probe
@@ -373,7 +373,28 @@ def _certify(rows: Rows) -> dict[str, Any]:
 
 
 def _unseen(rows: Rows) -> dict[str, Any]:
-    """Answers to a target error on decks that name no points, by halves."""
+    """Answers to a target error on decks that name no points."""
+    return _halves(
+        rows,
+        "Decks without points",
+        "Random boxes and rings that name neither form nor points, a target error and "
+        "15 s of CPU time; finite elements of three meshes are the truth.",
+    )
+
+
+def _maps(rows: Rows) -> dict[str, Any]:
+    """Answers of label maps as a user has them."""
+    return _halves(
+        rows,
+        "Random label maps",
+        "Random ellipsoids, cylinders and spindles, whole or half, of one tissue or two, with 10 "
+        "to 20 voxels across; their decks name neither form nor points nor blocks. Finite elements "
+        "of the true shape, of two meshes, are the truth.",
+    )
+
+
+def _halves(rows: Rows, title: str, about: str) -> dict[str, Any]:
+    """Right and wrong, accepted and doubted, by halves."""
     shown = []
     for half in ("tuned", "other"):
         for accuracy in dict.fromkeys(row["form"] for row in rows):
@@ -397,9 +418,8 @@ def _unseen(rows: Rows) -> dict[str, Any]:
                 }
             )
     return {
-        "title": "Decks without points",
-        "about": "Random boxes and rings that name neither form nor points, a target error and "
-        "15 s of CPU time; finite elements of three meshes are the truth. A probe that is "
+        "title": title,
+        "about": f"{about} A probe that is "
         f"{WRONG:.0%} of its kind off, beyond the truth's doubt, is wrong. The other half was "
         "solved by finite elements before anything was chosen, and looked at once. Bars over "
         "errors, unknowns and CPU times are medians.",
@@ -603,6 +623,7 @@ PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] 
     "newcomer": (_twenty_decks, _newcomer),
     "certify": (_boxes, _certify),
     "unseen": (unseen.rows, _unseen),
+    "maps": (unseen_maps.rows, _maps),
     "race": (_race, None),
 }
 

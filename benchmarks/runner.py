@@ -2,7 +2,7 @@
 
     python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
 
-solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen` or `race`
+solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `maps` or `race`
 (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`, a view of them,
 figures of its curves, and `results.json`, the rows, to `docs/results` or DIR. `myork bench NAME`
 writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, which the package has, it
@@ -66,7 +66,7 @@ _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
-VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "race")
+VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "maps", "race")
 #: Benchmarks of the package
 PACKAGED = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems
@@ -76,7 +76,7 @@ TABLES = {
     "damage": ("damage",),
     "echoes": ("echoes",),
     "families": ("families",),
-    "forms": ("walls", "mixed"),
+    "forms": ("walls", "mixed", "across"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),
     "real_images": ("real_images", "real_muscles"),

@@ -13,7 +13,7 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -51,7 +51,7 @@ def problem_of(number: int) -> Problem:
     """Random deck of a number, which any machine draws alike."""
     rng = np.random.default_rng([_SEED, number])
     kind = str(rng.choice(["plane", "ring", "solid"], p=[0.5, 0.2, 0.3]))
-    material = _material(rng)
+    material = random_solid(rng)
     boundary, name = _LOADS[kind](rng, 2.0 * float(material.get("A10", 0)) or 10.0)
     geometry, elements, probes = _BODIES[kind](rng, boundary)
     activation = 0.0
@@ -65,7 +65,7 @@ def problem_of(number: int) -> Problem:
     return Problem(title, tables, ((),), elements)
 
 
-def _material(rng: Rng) -> dict[str, Any]:
+def random_solid(rng: Rng) -> dict[str, Any]:
     """A solid with a shear modulus near 10, from compressible to nearly incompressible."""
     model = str(rng.choice(["neo-hookean", "mooney-rivlin", "yeoh", "polynomial", "muscle"]))
     models: dict[str, dict[str, Any]] = {
@@ -209,9 +209,9 @@ _BODIES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
 }
 
 
-def known(problem: Problem) -> Truths | None:
-    """Limits of finite elements, where three meshes have one."""
-    entry = _stored().get(problem.name)
+def known(name: str, file: Path = _FILE) -> Truths | None:
+    """Limits of finite elements, where all meshes have one."""
+    entry = _stored(file).get(name)
     if not entry:
         return None
     values = {name: Truth(*pair) for name, pair in entry.items()}
@@ -219,10 +219,10 @@ def known(problem: Problem) -> Truths | None:
     return Truths({name: kinds[name[0]] for name in values}, values)
 
 
-def _stored() -> dict[str, Any]:
-    if not _FILE.is_file():
+def _stored(file: Path) -> dict[str, Any]:
+    if not file.is_file():
         return {}
-    found: dict[str, Any] = json.loads(_FILE.read_text(encoding="utf-8"))
+    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return found
 
 
@@ -234,7 +234,7 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     found = []
     for number in NUMBERS[:6] if quick else NUMBERS:
         problem = problem_of(number)
-        truths = known(problem)
+        truths = known(problem.name)
         if truths is None:
             continue
         for accuracy in ACCURACIES:
@@ -248,13 +248,13 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
                     "size": "chosen",
                     "half": "other" if number % 2 else "tuned",
                     **case,
-                    **_judged(truths, case.pop("probes"), case.pop("bars")),
+                    **judged(truths, case.pop("probes"), case.pop("bars")),
                 }
             )
     return found
 
 
-def _judged(
+def judged(
     truths: Truths, probes: Mapping[str, float], bars: Mapping[str, float]
 ) -> dict[str, Any]:
     """Error, bar and doubt of each probe over the largest of its kind."""
@@ -283,7 +283,7 @@ def _limits(problem: Problem) -> dict[str, Any]:
     else:
         found = []
         for share, meshes in ((0.8, problem.elements), (0.6, problem.elements[-1:])):
-            warp = partial(_finer_ends, np.array(problem.tables["geometry"]["size"]), share)
+            warp = partial(finer_ends, np.array(problem.tables["geometry"]["size"]), share)
             truths, rivals = solve_rivals(
                 problem._replace(elements=meshes), lambda line: None, warp
             )
@@ -314,7 +314,7 @@ def _even_stresses(problem: Problem) -> dict[str, list[float]]:
     }
 
 
-def _finer_ends(size: F64, share: float, nodes: F64) -> F64:
+def finer_ends(size: F64, share: float, nodes: F64) -> F64:
     """Nodes of a box moved towards its faces; those half way stay."""
     place = nodes / size
     return size * (place - share * np.sin(2 * np.pi * place) / (2 * np.pi))
@@ -324,26 +324,35 @@ def _give_up(*_: Any) -> NoReturn:
     raise TimeoutError
 
 
-def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
-    """Solve decks by finite elements."""
+def fill(file: Path, wanted: Sequence[tuple[str, Callable[[], dict[str, Any]]]]) -> None:
+    """Add the limits of problems that a file lacks.
+
+    - `wanted`: name of each, and what finds its limits, given up after `_PATIENCE`
+    """
     signal.signal(signal.SIGPROF, _give_up)
-    problems = [problem_of(number) for number in range(first, last)]
-    # those in space take longest
-    for problem in sorted(problems, key=lambda problem: "solid" in problem.name):
-        if problem.name in _stored():
+    for name, find in wanted:
+        if name in _stored(file):
             continue
         begin = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, _PATIENCE)
         try:
-            limits = _limits(problem)
+            limits = find()
         except TimeoutError:
             limits = {}
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
-        stored = _stored() | {problem.name: limits}
+        stored = _stored(file) | {name: limits}
         lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(stored[key])}" for key in stored)
-        write_text(_FILE, f"{{\n{lines}\n}}\n")
-        print(f"{problem.name}: {time.process_time() - begin:.1f} CPU s", flush=True)
+        write_text(file, f"{{\n{lines}\n}}\n")
+        print(f"{name}: {time.process_time() - begin:.1f} CPU s", flush=True)
+
+
+def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
+    """Solve decks by finite elements."""
+    problems = [problem_of(number) for number in range(first, last)]
+    # those in space take longest
+    problems = sorted(problems, key=lambda problem: "solid" in problem.name)
+    fill(_FILE, [(problem.name, partial(_limits, problem)) for problem in problems])
 
 
 if __name__ == "__main__":

@@ -72,7 +72,9 @@ def box_tables(body: Body) -> dict[str, Any]:
     }
     for table in ("boundary", "probe"):
         deck[table] = [
-            {**entry, "set": faces[entry["set"]]} if "set" in entry else dict(entry)
+            {**entry, "set": faces.get(entry["set"], entry["set"])}
+            if "set" in entry
+            else dict(entry)
             for entry in body.tables[table]
         ]
     return deck

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
 from benchmarks.runner import sized_tables
-from benchmarks.truths.deck_parts import force
-from benchmarks.truths.finite_elements import solve_half_block
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from benchmarks.truths.finite_elements import solve_deck, solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
+from benchmarks.unseen import finer_ends
 from myork import Scene
-from myork.bench.runs import lattice
+from myork.bench.runs import lattice, read_deck
 from myork.core.deck import load_deck
 from myork.errors import MyorkError
 from myork.files import INPUTS
@@ -143,3 +145,77 @@ def mixed() -> Rows:
                 none = abs(truth) < 1e-9 * abs(truth).max()
                 shown = ["" if zero else f"{one:+.2g}" for one, zero in zip(off, none, strict=True)]
                 yield name, f"{level:g}", program, *shown, f"{abs(off[~none]).max():.2g}", *ranges
+
+
+#: Points across the thinnest direction, and the bodies: size, far end, probes by name
+ACROSS = range(4, 13)
+_BODIES: dict[str, tuple[tuple[float, ...], dict[str, Any], dict[str, Any]]] = {
+    "cube between plates": (
+        (1.0, 1.0, 1.0),
+        held("z1", u_z=-0.2),
+        {"bulge": ("u_x", (1.0, 0.5, 0.5)), "force": ("z", "z1")},
+    ),
+    "block pulled": (
+        (2.0, 1.0),
+        held("x1", 2, u_x=0.4),
+        {"neck": ("u_y", (1.0, 1.0)), "force": ("x", "x1")},
+    ),
+    "plate bent": (
+        (6.0, 1.0),
+        {"set": "x1", "traction": [0.0, 0.05]},
+        {"tip": ("u_y", (6.0, 0.5)), "way in": ("u_x", (6.0, 0.5))},
+    ),
+    "column leaning": (
+        (3.0, 1.0),
+        {"set": "x1", "traction": [-0.4, 0.15]},
+        {"lean": ("u_y", (3.0, 0.5)), "shortening": ("u_x", (3.0, 0.5))},
+    ),
+}
+
+
+def across() -> Rows:
+    """Errors by the number of points across a body, and how often they rise.
+
+    Default form on even points, shear modulus 10. Errors against the limit of finite elements [%];
+    rises: numbers of points whose error is above 1.2 times that of one point less, and above twice
+    the truth's doubt.
+    """
+    yield "body", "K/mu", "probe", "truth", *map(str, ACROSS), "rises"
+    for name, (size, far, wanted) in _BODIES.items():
+        plane = len(size) == 2
+        probes = [
+            probe(key, quantity, at) if quantity.startswith("u") else force(key, quantity, at)
+            for key, (quantity, at) in wanted.items()
+        ]
+        near = held("x0", 2) if plane else held("z0")
+        for ratio in (30, 1000):
+            law = {"name": "m", "model": "neo-hookean", "mu": 10.0, "K": 10.0 * ratio}
+            tables = deck(name, {"kind": "box", "size": size}, (law,), (near, far), probes)
+            whole = read_deck(sized_tables(tables, [2] * len(size)))
+            warp = None if plane else partial(finer_ends, np.array(size), 0.8)
+            found = [
+                solve_deck(whole, [round(n * edge) for edge in size], warp=warp, symmetric=True)
+                for n in ((16, 32) if plane else (4, 8))
+            ]
+            errors: dict[str, list[float]] = {key: [] for key in wanted}
+            truths = {}
+            for key in wanted:
+                # errors fall with the spacing at rims and faster elsewhere
+                coarse, fine = (mesh["probes"][key][-1] for mesh in found)
+                truths[key] = 1.5 * fine - 0.5 * coarse, 0.5 * abs(fine - coarse)
+            for n in ACROSS:
+                source = [1 + round(edge * (n - 1)) for edge in size]
+                with Scene.from_tables(sized_tables(tables, source), threads=1) as scene:
+                    states = scene.solve(error=False)
+                    values = scene.probes(states.x[-1:], states.load[-1:])[-1, :, 0]
+                for key, value in zip(wanted, values, strict=True):
+                    errors[key].append(100 * (value / truths[key][0] - 1))
+            for key, own in errors.items():
+                doubt = 100 * abs(truths[key][1] / truths[key][0])
+                rises = [
+                    str(n)
+                    for n, before, now in zip(ACROSS[1:], own, own[1:], strict=False)
+                    if abs(now) > max(1.2 * abs(before), 2 * doubt)
+                ]
+                yield (name, str(ratio), key, f"{truths[key][0]:.4g} ({doubt:.1g} %)",
+                       *(f"{one:+.2g}" for one in own), ", ".join(rises))  # fmt: skip

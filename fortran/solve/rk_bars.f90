@@ -219,6 +219,8 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
             kind = norm2(slope*[displacement, 1.0_wp, stress])
          end if
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
+         ! stairs turn what they err by
+         if (allocated(scene%cloud%block)) own = max(own, whole(i))
          self%kind(i) = max(kind, own)
          self%size(i) = max(share*kind, own)
       end do
@@ -370,7 +372,7 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
    real(wp), intent(in) :: other(:, :)
    !> Least difference that counts, shape (loads)
    real(wp), intent(in) :: least_change(:)
-   !> Share of its value that the voxels leave open [-]
+   !> Share of the value, of a component the vector or tensor, that the voxels leave open [-]
    real(wp), intent(in) :: left
    !> Where the other values are from
    character(len=*), intent(in) :: from
@@ -384,14 +386,14 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
    difference = max(abs(self%values(:n, i, :) - other(:n, :)), spread(least_change, 1, n))
    do k = 1, size(self%load)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
-         & + left*norm2(self%values(:n, i, k)), self%apart(i, k), least(self, i, self%whole(i, k)))
+         & + left*self%whole(i, k), self%apart(i, k), least(self, i, self%whole(i, k)))
    end do
    last = size(self%load)
    self%bar(:n, i) = self%bars(:n, i, last)
    self%source(i) = from
    if (all(abs(self%values(:n, i, last) - other(:n, last)) < least_change(last))) &
       & self%source(i) = 'whole field'
-   if (left*norm2(self%values(:n, i, last)) > self%factor(i)*maxval(difference(:, last))) &
+   if (left*self%whole(i, last) > self%factor(i)*maxval(difference(:, last))) &
       & self%source(i) = 'voxels'
    if (maxval(self%bar(:n, i)) <= self%apart(i, last)) self%source(i) = &
       & merge('own derivatives  ', 'J of the pressure', self%at_surface(i))
@@ -401,7 +403,7 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
       & /max(self%size(i), tiny(1.0_wp))
    if (self%taken_off) self%change(i) = max(self%change(i), &
       & maxval(difference)/max(self%size(i), self%peak(i), tiny(1.0_wp)))
-   self%open(i) = left*norm2(self%value(:n, i))/max(self%size(i), tiny(1.0_wp))
+   self%open(i) = left*self%whole(i, last)/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
 !> Bars of a search, widened by what its answer on fewer points proved: two solutions may agree by

@@ -22,6 +22,7 @@ module rk_deck_scene
    use rk_shape, only : new_approximation
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
+   use rk_voxel_sides, only : add_side
    implicit none
    private
 
@@ -128,9 +129,36 @@ subroutine read_geometry(cloud, deck, model, error)
       call check_unit(deck, model, error)
       if (allocated(error)) return
       cloud = model
+      call add_sides(cloud, deck)
    end select
    if (allocated(error)) error%message = deck%where('geometry')//': geometry: '//error%message
 end subroutine read_geometry
+
+!> Sides of a model that the deck names
+subroutine add_sides(cloud, deck)
+   !> Points of the model
+   type(cloud_type), intent(inout) :: cloud
+   type(deck_type), intent(in) :: deck
+   character(len=*), parameter :: table(3) = ['set     ', 'boundary', 'probe   '], &
+      & key(3) = ['.side', '.set ', '.set ']
+   character(len=:), allocatable :: at, name
+   logical :: other
+   integer :: i, k, t
+
+   do t = 1, size(table)
+      do k = 1, deck%count(trim(table(t)))
+         at = trim(table(t))//'.'//to_text(k)//trim(key(t))
+         if (.not. deck%has(at)) cycle
+         call deck%get(at, name)
+         other = .false.
+         do i = 1, deck%count('set')
+            call deck%get('set.'//to_text(i)//'.name', at)
+            other = other .or. at == name
+         end do
+         if (.not. other) call add_side(cloud, name)
+      end do
+   end do
+end subroutine add_sides
 
 !> Refuse points in another unit than the deck's
 subroutine check_unit(deck, model, error)

@@ -203,6 +203,31 @@ def test_sets_of_a_model() -> None:
     assert found[3] == pytest.approx(found[4], rel=0.02, abs=1e-4)
 
 
+def test_a_half_body_has_half_the_force() -> None:
+    """The plane of symmetry of a cut label map has all faces of it, those at its rim as well."""
+    n = 8
+    middle = np.arange(n) + 0.5 - n / 2
+    disc = middle[:, None] ** 2 + middle**2 < (n / 2) ** 2
+    whole = np.repeat(disc[:, :, None], n, axis=2)
+
+    def stretched(data: NDArray[Any], *cut: dict[str, Any]) -> NDArray[np.float64]:
+        wanted = {"bottom": "force_z", **{str(entry["set"]): "force" for entry in cut}}
+        tables = scene(
+            "auto", {}, material=[CORK], boundary=[held("bottom"), held("top", u_z=1.0), *cut],
+            probe=[{"name": on, "quantity": what, "set": on} for on, what in wanted.items()],
+        )  # fmt: skip
+        return last(tables, voxels(data))
+
+    cut = {"set": "x0", "u_x": 0.0}
+    half = stretched(whole[n // 2 :], cut)
+    # the blocks at the plane have it in their middle or at their side: 1.2 %
+    assert 2 * half[0, 0] == pytest.approx(stretched(whole)[0, 0], rel=0.02)
+    assert half[1, 0] < 0.0 and half[1, 1:] == pytest.approx([0.0, 0.0], abs=1e-9)
+    # the mirror image has the other side
+    mirrored = stretched(whole[: n // 2], {**cut, "set": "x1"})
+    assert mirrored[:, 0] == pytest.approx(half[:, 0] * [1, -1], rel=1e-6)
+
+
 def test_a_plane_map_has_as_many_sets_as_asked() -> None:
     """A single slice, which has one side: its ends differ in their normals."""
     cloud = voxels(np.ones((24, 8, 1)), 1.0, source_stride=[2] * 3)
