@@ -75,7 +75,7 @@ module rk_mixture
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
-      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
+      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
       procedure :: fiber_of, energy
@@ -180,6 +180,17 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
       end associate
    end do
 end subroutine new_mixture
+
+!> Normal of the layers of two tissues at a place, zeros where they are none [-]
+pure function layer_normal(self, ip) result(normal)
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   real(wp) :: normal(3)
+
+   normal = 0.0_wp
+   if (allocated(self%normal)) normal = self%normal(:, ip)
+end function layer_normal
 
 !> Whether two tissues at a place are layers
 pure logical function is_layered(self, ip)
