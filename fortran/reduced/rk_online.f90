@@ -18,6 +18,7 @@ module rk_online
    use, intrinsic :: iso_c_binding, only : c_double, c_int
    use rk_cell_law, only : cell_law, law_type
    use rk_fiber, only : active_curve, passive_curve
+   use rk_laminate, only : layers_type
    use rk_precision, only : wp
    implicit none
    private
@@ -58,6 +59,13 @@ module rk_online
       real(wp), pointer, contiguous :: a_slope(:, :, :) => null(), bulk_slope(:, :) => null()
       real(wp), pointer, contiguous :: constant_slope(:, :, :) => null()
       real(wp), pointer, contiguous :: volume_slope(:, :) => null()
+      !> Cells with layers of two tissues: normal, fraction of the first, space dimension, zeros
+      !> elsewhere, shape (5, nc); the tissues, shape (2, nc)
+      real(wp), pointer, contiguous :: layer(:, :) => null()
+      integer, pointer, contiguous :: pair(:, :) => null()
+      !> Coefficients, bulk and shear modulus of both, shape (11, 2, nc), and their derivatives by
+      !> parameters of the materials, shape (11, 2, nc, nm) [stress]
+      real(wp), pointer, contiguous :: own(:, :, :) => null(), own_slope(:, :, :, :) => null()
    end type online_model
 
    !> What a state is asked for
@@ -142,7 +150,7 @@ subroutine new_online(self, whole, number, least)
    !> Model, whose arrays are those of the record
    type(online_model), intent(out) :: self
    !> Sizes: modes, amplitudes, the same padded, cells, fibers, pieces and entries of the volume,
-   !> tissues, parameters; then `first` and `tissue`
+   !> tissues, parameters; then `first`, `tissue` and `pair`
    integer, target, contiguous, intent(in) :: whole(:)
    !> The other arrays in the order of the model, and for each tissue lambda_o, gamma1, gamma2,
    !> whether the curves are smooth (1) and the axis about which fibers turn
@@ -159,6 +167,7 @@ subroutine new_online(self, whole, number, least)
       & triples => whole(7), nt => whole(8), nm => whole(9))
       self%first(1:nc + 1) => whole(10:10 + nc)
       self%tissue(1:ne) => whole(11 + nc:10 + nc + ne)
+      self%pair(1:2, 1:nc) => whole(11 + nc + ne:10 + 3*nc + ne)
       o = 0
       self%h(1:wide, 1:9, 1:nc) => next(wide*9*nc)
       self%weight(1:nc) => next(nc)
@@ -168,6 +177,9 @@ subroutine new_online(self, whole, number, least)
       self%fiber(1:3, 1:ne) => next(3*ne)
       self%a_slope(1:9, 1:nc, 1:nm) => next(9*nc*nm)
       self%bulk_slope(1:nc, 1:nm) => next(nc*nm)
+      self%layer(1:5, 1:nc) => next(5*nc)
+      self%own(1:11, 1:2, 1:nc) => next(22*nc)
+      self%own_slope(1:11, 1:2, 1:nc, 1:nm) => next(22*nc*nm)
       self%constant(1:s, 1:s) => next(s**2)
       self%constant_slope(1:s, 1:s, 1:nm) => next(s**2*nm)
       self%volume(1:8, 1:triples, 1:pieces) => next(8*triples*pieces)
@@ -313,7 +325,11 @@ subroutine assemble_cells(model, work, z, condition, tangent)
                   & - 1 + e))
                active(e) = passive(e)*condition%activation(model%tissue(first - 1 + e))
             end do
-            if (tangent) then
+            if (model%layer(4, q) > 0.0_wp) then
+               call layered_law(model, q, work%f(:, q), condition, fiber(:, :l), passive(:l), &
+                  & active(:l), p, j, work%moduli(:, :, q - o))
+               work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
+            else if (tangent) then
                call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
                   & fiber(:, :l), passive(:l), active(:l), p, j, work%moduli(:, :, q - o))
                work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
@@ -336,6 +352,55 @@ subroutine assemble_cells(model, work, z, condition, tangent)
    if (.not. tangent) return
    work%tangent = work%stiffness(:model%s, :model%s)
 end subroutine assemble_cells
+
+!> Stress and tangent of a cell with layers of two tissues
+pure subroutine layered_law(model, q, f, condition, fiber, passive, active, p, j, c)
+   type(online_model), intent(in) :: model
+   !> Cell
+   integer, intent(in) :: q
+   !> F [-]
+   real(wp), intent(in) :: f(9)
+   type(prescribed_type), intent(in) :: condition
+   !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, and that times
+   !> activation, shape (k) [stress]
+   real(wp), intent(in) :: fiber(:, :), passive(:), active(:)
+   !> Stress and tangent [stress]
+   real(wp), intent(out) :: p(9), c(9, 9)
+   !> Volume ratio [-]
+   real(wp), intent(out) :: j
+   type(layers_type) :: layers
+   real(wp) :: own(11, 2), fraction(2), ratio
+   integer :: k, l
+
+   own = model%own(:, :, q)
+   do k = 1, size(condition%modulus)
+      own = own + condition%modulus(k)*model%own_slope(:, :, q, k)
+   end do
+   fraction = [model%layer(4, q), 1.0_wp - model%layer(4, q)]
+   call layers%start(transpose(reshape(f, [3, 3])), fraction, model%layer(:3, q), &
+      & nint(model%layer(5, q)), own(10, :), own(11, :))
+   j = layers%whole
+   p = 0.0_wp
+   c = 0.0_wp
+   if (.not. j > 0.0_wp) return
+   associate (tissue => model%tissue(model%first(q) + 1:model%first(q + 1)))
+      do while (.not. layers%done)
+         do k = 1, 2
+            if (.not. all(layers%j > 0.0_wp)) cycle
+            associate (own_fibers => pack([(l, l=1, size(tissue))], tissue == model%pair(k, q)))
+               call cell_law(reshape(transpose(layers%f(:, :, k)), [9]), own(:9, k), 0.0_wp, &
+                  & model%laws, tissue(own_fibers), fiber(:, own_fibers), &
+                  & passive(own_fibers)/fraction(k), active(own_fibers)/fraction(k), p, ratio, c)
+            end associate
+            layers%p(:, :, k) = transpose(reshape(p, [3, 3]))
+            layers%c4(:, :, :, :, k) = reshape(c, [3, 3, 3, 3], order=[2, 1, 4, 3])
+         end do
+         call layers%next()
+      end do
+   end associate
+   p = reshape(transpose(layers%stress(0)), [9])
+   c = reshape(reshape(layers%tangent(), [3, 3, 3, 3], order=[2, 1, 4, 3]), [9, 9])
+end subroutine layered_law
 
 !> Rotation about a unit axis
 pure function rotation(axis, angle) result(q)

@@ -28,12 +28,14 @@ module rk_mixture
    use rk_error, only : error_type
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
+   use rk_laminate, only : layers_type
    use rk_levels, only : find_level, has_levels
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
+   use rk_tensor, only : add_cross_form, cofactor
    implicit none
    private
 
@@ -41,6 +43,8 @@ module rk_mixture
 
    !> Share of the largest lambda of a body that counts for none [-]
    real(wp), parameter :: least = 1.0e-6_wp
+   !> Two tissues are layers where each has at least this fraction [-]
+   real(wp), parameter :: least_layer = 0.01_wp
 
    !> Tissues at places in compressed rows
    type :: mixture_type
@@ -55,6 +59,9 @@ module rk_mixture
       real(wp), allocatable :: fraction(:)
       !> Its gradient, shape (3, entries) [1/length]
       real(wp), allocatable :: slope(:, :)
+      !> Normal of the layers of two tissues at each place, zeros where they are none, shape
+      !> (3, np); not allocated where all tissues have the same gradient [-]
+      real(wp), allocatable :: normal(:, :)
       !> Fiber of the tissue, shape (3, entries) [-]
       real(wp), allocatable :: fiber(:, :)
       !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where the fibers of
@@ -68,7 +75,7 @@ module rk_mixture
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
-      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
+      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
       procedure :: fiber_of, energy
@@ -85,7 +92,7 @@ module rk_mixture
 contains
 
 !> Find the tissues of places
-subroutine new_mixture(self, scene, position, nearest, error)
+subroutine new_mixture(self, scene, position, nearest, layered, error)
    type(mixture_type), intent(out) :: self
    !> Scene, which must outlive the mixture
    type(scene_type), target, intent(in) :: scene
@@ -93,6 +100,8 @@ subroutine new_mixture(self, scene, position, nearest, error)
    real(wp), intent(in) :: position(:, :)
    !> Collocation point nearest to each place, shape (np)
    integer, intent(in) :: nearest(:)
+   !> Whether two tissues at a place are layers, whose gradients differ, where the normal is known
+   logical, intent(in) :: layered
    type(error_type), allocatable, intent(out) :: error
    type(coefficients_type) :: coefficient
    type(shape_type) :: shape
@@ -159,7 +168,68 @@ subroutine new_mixture(self, scene, position, nearest, error)
       if (round == 1 .and. allocated(fiber_gradient)) &
          & allocate (self%fiber_gradient(3, size(fiber_gradient, 2), n))
    end do
+   if (.not. layered .or. .not. allocated(share)) return
+   allocate (self%normal(3, np), source=0.0_wp)
+   do ip = 1, np
+      associate (first => self%first(ip) + 1, last => self%first(ip + 1))
+         if (last /= first + 1) cycle
+         if (minval(self%fraction(first:last)) < least_layer) cycle
+         gradient(:, 1) = self%slope(:, first)
+         if (norm2(gradient(:, 1)) > 0.0_wp) &
+            & self%normal(:, ip) = gradient(:, 1)/norm2(gradient(:, 1))
+      end associate
+   end do
 end subroutine new_mixture
+
+!> Normal of the layers of two tissues at a place, zeros where they are none [-]
+pure function layer_normal(self, ip) result(normal)
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   real(wp) :: normal(3)
+
+   normal = 0.0_wp
+   if (allocated(self%normal)) normal = self%normal(:, ip)
+end function layer_normal
+
+!> Whether two tissues at a place are layers
+pure logical function is_layered(self, ip)
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+
+   is_layered = allocated(self%normal)
+   if (is_layered) is_layered = any(abs(self%normal(:, ip)) > 0.0_wp)
+end function is_layered
+
+!> Both tissues of a place in layers
+pure subroutine find_layers(self, ip, f, load, layers)
+   class(mixture_type), intent(in) :: self
+   !> Place with two tissues
+   integer, intent(in) :: ip
+   !> Mean deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   type(layers_type), intent(inout) :: layers
+   integer :: k
+
+   associate (e => self%first(ip), tissue => self%scene%tissue)
+      associate (first => tissue(self%tissue(e + 1))%material, &
+         & second => tissue(self%tissue(e + 2))%material)
+         call layers%start(f, self%fraction(e + 1:e + 2), self%normal(:, ip), &
+            & self%scene%cloud%nd, [first%bulk, second%bulk], [first%shear, second%shear])
+      end associate
+      do while (.not. layers%done)
+         do k = 1, 2
+            if (.not. all(layers%j > 0.0_wp)) cycle
+            call tissue(self%tissue(e + k))%material%stress(point_of(self, e + k, &
+               & layers%f(:, :, k), load, .false.), layers%p(:, :, k), layers%c4(:, :, :, :, k))
+         end do
+         call layers%next()
+      end do
+   end associate
+end subroutine find_layers
 
 !> Tissues of a place with their fractions and fibers
 pure subroutine parts(self, ip, tissue, fraction, fiber)
@@ -300,13 +370,31 @@ pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    integer, intent(in) :: tissue
    !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
-   integer :: e
+   type(layers_type) :: layers
+   real(wp) :: bulk
+   integer :: e, k
 
    energy = 0.0_wp
+   bulk = 0.0_wp
+   if (is_layered(self, ip)) then
+      call find_layers(self, ip, f, load, layers)
+      bulk = layers%mean
+      if (volumetric) bulk = bulk - self%bulk_at_one_pressure(ip)
+   end if
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (tissue > 0 .and. self%tissue(e) /= tissue) cycle
-      energy = energy + self%fraction(e)*self%scene%tissue(self%tissue(e))%material%energy( &
-         & point_of(self, e, f, load, volumetric))
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         if (is_layered(self, ip)) then
+            k = e - self%first(ip)
+            energy = energy + self%fraction(e)*(material%energy(point_of(self, e, &
+               & layers%f(:, :, k), load, .false.)) &
+               & + 0.5_wp*layers%bulk(k)*(layers%j(k) - 1.0_wp)**2 &
+               & - 0.5_wp*bulk*(layers%whole - 1.0_wp)**2)
+         else
+            energy = energy + self%fraction(e)*material%energy(point_of(self, e, f, load, &
+               & volumetric))
+         end if
+      end associate
    end do
 end function energy
 
@@ -350,6 +438,10 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
       if (present(c4)) c4 = self%fraction(e)*c4
       return
    end if
+   if (is_layered(self, ip)) then
+      call layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
+      return
+   end if
    if (present(c4)) c4 = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (present(tissue)) then
@@ -367,6 +459,49 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
       p = p + self%fraction(e)*part
    end do
 end subroutine stress
+
+!> Stress of two tissues in layers, as `stress`; the tangent is that of both
+pure subroutine layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
+   class(mixture_type), intent(in) :: self
+   !> Place
+   integer, intent(in) :: ip
+   !> Mean deformation gradient F(i,A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Load [-]
+   real(wp), intent(in) :: load
+   !> Stress P(i,A) [stress]
+   real(wp), intent(out) :: p(3, 3)
+   !> Tangent C4(i,A,j,B) [stress]
+   real(wp), intent(out), optional :: c4(3, 3, 3, 3)
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
+   !> The part of this tissue alone
+   integer, intent(in), optional :: tissue
+   type(layers_type) :: layers
+   real(wp) :: cof(3, 3), bulk
+   integer :: b, i, k
+
+   call find_layers(self, ip, f, load, layers)
+   if (present(c4)) c4 = layers%tangent()
+   k = 0
+   if (present(tissue)) k = findloc(self%tissue(self%first(ip) + 1:self%first(ip + 1)), tissue, &
+      & dim=1)
+   p = 0.0_wp
+   if (present(tissue) .and. k == 0) return
+   p = layers%stress(k)
+   if (.not. volumetric) return
+   bulk = self%bulk_at_one_pressure(ip)
+   cof = cofactor(f)
+   p = p + merge(1.0_wp, self%part_of(ip, self%tissue(self%first(ip) + max(k, 1))), k == 0) &
+      & *bulk*(layers%whole - 1.0_wp)*cof
+   if (.not. present(c4)) return
+   call add_cross_form(bulk*(layers%whole - 1.0_wp), f, c4)
+   do b = 1, 3
+      do i = 1, 3
+         c4(:, :, i, b) = c4(:, :, i, b) + bulk*cof(i, b)*cof
+      end do
+   end do
+end subroutine layered_stress
 
 !> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
 pure function linear_moduli(self, ip) result(c4)

@@ -17,6 +17,8 @@ module rk_deck_regions
 
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
    integer, parameter :: samples = 6
+   !> Halvings of the way between two of them in the search for a border
+   integer, parameter :: bisections = 8
 
 contains
 
@@ -93,12 +95,13 @@ contains
       own = material_at(cloud%points(:, ip))
       cloud%label(ip) = tissue(own)%label
       call cell(cloud%points(:, ip), from, to)
-      part = 0.0_wp
-      call look(from, to, 2)
-      if (count(part > 0.0_wp) > 1 .or. part(own) <= 0.0_wp) then
+      if (is_whole(from, to, own)) then
          part = 0.0_wp
-         call look(from, to, samples)
+         part(own) = 1.0_wp
+      else
+         call look(from, to)
       end if
+      if (allocated(error)) return
       cloud%fraction(:, ip) = part/sum(part)
    end subroutine fill
 
@@ -117,30 +120,104 @@ contains
       to(:cloud%nd) = min(q(:cloud%nd) + 0.5_wp*step(:cloud%nd), high(:cloud%nd))
    end subroutine cell
 
-   !> Add the parts that are seen at so many places in each direction
-   subroutine look(from, to, n)
+   !> Whether the corners of a volume have the material of its point
+   logical function is_whole(from, to, own)
       real(wp), intent(in) :: from(3), to(3)
-      integer, intent(in) :: n
-      real(wp) :: q(3), weight
-      integer :: digit(3), e, i, rest
+      integer, intent(in) :: own
+      integer :: i
 
-      do i = 0, n**cloud%nd - 1
-         rest = i
-         do e = 1, 3
-            digit(e) = mod(rest, n)
-            rest = rest/n
-         end do
-         q = from + (digit + 0.5_wp)/n*(to - from)
-         weight = 1.0_wp
-         if (cloud%polar) then
-            weight = q(1)
-            q(:2) = q(1)*[cos(q(2)), sin(q(2))]
-         end if
-         associate (k => material_at(q(:cloud%nd)))
-            if (k > 0) part(k) = part(k) + weight
-         end associate
+      is_whole = .true.
+      do i = 0, 2**cloud%nd - 1
+         is_whole = is_whole .and. material_in(merge(to, from, btest(i, [0, 1, 2]))) == own
+      end do
+   end function is_whole
+
+   !> Parts of a volume that are seen at some places in each direction. Between places that differ
+   !> along the direction with most such pairs the border is searched for: places alone would leave
+   !> an interface unknown by a twelfth of the spacing
+   subroutine look(from, to)
+      real(wp), intent(in) :: from(3), to(3)
+      integer :: seen(samples**cloud%nd), pairs(cloud%nd), d, i, next
+      real(wp) :: moved
+
+      part = 0.0_wp
+      do i = 1, size(seen)
+         seen(i) = material_in(place(from, to, i))
+         if (allocated(error)) return
+         part(seen(i)) = part(seen(i)) + weight(place(from, to, i))
+      end do
+      do d = 1, cloud%nd
+         pairs(d) = count([(differ(seen, i, d), i=1, size(seen))])
+      end do
+      d = maxloc(pairs, dim=1)
+      do i = 1, size(seen)
+         if (.not. differ(seen, i, d)) cycle
+         next = i + samples**(d - 1)
+         moved = weight(place(from, to, i))*(border(place(from, to, i), place(from, to, next), &
+            & seen(i)) - 0.5_wp)
+         if (allocated(error)) return
+         part(seen(i)) = part(seen(i)) + moved
+         part(seen(next)) = part(seen(next)) - moved
       end do
    end subroutine look
+
+   !> Whether a place and the next one in a direction differ
+   pure logical function differ(seen, i, d)
+      integer, intent(in) :: seen(:), i, d
+
+      differ = mod((i - 1)/samples**(d - 1), samples) < samples - 1
+      if (differ) differ = seen(i) /= seen(i + samples**(d - 1))
+   end function differ
+
+   !> Place of a number in a volume, in the coordinates of the lattice
+   pure function place(from, to, i) result(q)
+      real(wp), intent(in) :: from(3), to(3)
+      integer, intent(in) :: i
+      real(wp) :: q(3)
+      integer :: d
+
+      q = from
+      do d = 1, cloud%nd
+         q(d) = from(d) + (mod((i - 1)/samples**(d - 1), samples) + 0.5_wp)/samples &
+            & *(to(d) - from(d))
+      end do
+   end function place
+
+   !> Volume of a place beside that of others
+   pure real(wp) function weight(q)
+      real(wp), intent(in) :: q(3)
+
+      weight = 1.0_wp
+      if (cloud%polar) weight = q(1)
+   end function weight
+
+   !> Share of the way from one place to another at which the material of the former ends
+   real(wp) function border(a, b, own)
+      real(wp), intent(in) :: a(3), b(3)
+      integer, intent(in) :: own
+      real(wp) :: step
+      integer :: k
+
+      border = 0.0_wp
+      step = 1.0_wp
+      do k = 1, bisections
+         step = 0.5_wp*step
+         if (material_in(a + (border + step)*(b - a)) == own) border = border + step
+         if (allocated(error)) return
+      end do
+      border = border + 0.5_wp*step
+   end function border
+
+   !> Material at a place in the coordinates of the lattice
+   integer function material_in(q)
+      real(wp), intent(in) :: q(3)
+
+      if (cloud%polar) then
+         material_in = material_at([q(1)*cos(q(2)), q(1)*sin(q(2)), q(3:cloud%nd)])
+      else
+         material_in = material_at(q(:cloud%nd))
+      end if
+   end function material_in
 
    !> Last material whose part of the body holds a place
    integer function material_at(x) result(found)

@@ -116,7 +116,7 @@ subroutine new_equilibrium(self, scene, mixed, error)
    call scene%shape_at(position, self%shape, error)
    if (allocated(error)) return
    call new_mixture(self%mixture, scene, position, &
-      & [[(b, b=1, nc)], nearest_points(scene%cloud%points, further)], error)
+      & [[(b, b=1, nc)], nearest_points(scene%cloud%points, further)], .false., error)
    if (allocated(error)) return
 
    place = [[(b, b=1, nc)], self%boundary%point, [(nc + b, b=1, nv)]]

@@ -54,7 +54,7 @@ subroutine new_linear(self, scene, error)
    self%fields = scene%equation%fields(nd)
    call new_boundary(self%boundary, scene, error)
    if (.not. allocated(error)) call new_mixture(self%mixture, scene, scene%cloud%points, &
-      & [integer ::], error)
+      & [integer ::], .false., error)
    if (.not. allocated(error)) call new_coefficients(self%coefficient, scene, scene%cloud%points, &
       & .true., error)
    if (allocated(error)) return

@@ -26,6 +26,14 @@ class Cells(NamedTuple):
     #: `(nc, nm)`
     a_slope: F64
     bulk_slope: F64
+    #: Where two tissues are layers their normal, fraction of the first and space dimension, zeros
+    #: elsewhere, shape `(5, nc)`
+    layer: F64
+    #: Coefficients, bulk and shear modulus of both, and their derivatives by parameters, shapes
+    #: `(11, 2, nc)`, `(11, 2, nc, nm)`
+    own: F64
+    own_slope: F64
+    pair: I32  #: Both tissues, from 1, shape `(2, nc)`
 
     def sample(self, kept: I64, factor: F64) -> "Cells":
         """Some of the cells, their weights times factors."""
@@ -46,6 +54,9 @@ class Cells(NamedTuple):
             np.asfortranarray(self.fiber[:, entries]),
             np.asfortranarray(self.a_slope[:, kept]),
             np.asfortranarray(self.bulk_slope[kept]),
+            *(np.asfortranarray(a[..., kept]) for a in (self.layer, self.own)),
+            np.asfortranarray(self.own_slope[:, :, kept]),
+            np.asfortranarray(self.pair[:, kept]),
         )
 
     def modes(self, kept: I64) -> "Cells":
@@ -90,9 +101,11 @@ def record(model: Model, cells: Cells) -> Record:
     pieces = slope[::8] if len(slope) else np.zeros((1, slope.shape[1]))
     sizes = [model.r, s, len(wide), nc, len(cells.tissue), volume.shape[2], volume.shape[1]]
     sizes += [model.fibers.shape[1], slope.shape[1]]
-    arrays = (wide, *cells[1:4], *cells[6:], model.constant, model.constant_slope, volume, pieces)
+    arrays = (wide, *cells[1:4], *cells[6:13], model.constant, model.constant_slope, volume, pieces)
     return Record(
-        np.concatenate([sizes, cells.first, cells.tissue]).astype(np.int32),
+        np.concatenate(
+            [sizes, cells.first, cells.tissue, np.ravel(cells.pair, order="F")]
+        ).astype(np.int32),
         np.concatenate([np.ravel(a, order="F") for a in (*arrays, model.fibers)]),
     )
 

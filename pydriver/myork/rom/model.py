@@ -456,7 +456,7 @@ def _iterations(corrections: int | str) -> int:
 
 
 def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
-    kinds = {"first": np.int32, "tissue": np.int32}
+    kinds = dict.fromkeys(("first", "tissue", "pair"), np.int32)
     return Cells(
         *(
             np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], kinds.get(key, float)))

@@ -186,6 +186,7 @@ def _rules(head: Mapping[str, Any]) -> tuple[dict[str, Rule], dict[str, int]]:
         "laws/fibered": raw("b", np.bool_, "tissues"),
         **{f"laws/{name}": real("tissues") for name in ("sigma_max", "activation", "angle")},
         "laws/modulus": real("moduli"),
+        "laws/moduli": real("tissues", 2),
         "wanted": index("forces", of="columns"),
         "tractions": real("forces", "columns"),
         "training/parameters": real("states", "parameters"),
@@ -234,6 +235,10 @@ def _cells(group: str, cells: str, amplitudes: str) -> dict[str, Rule]:
         "fiber": real(3, fibers),
         "a_slope": real(9, cells, "moduli"),
         "bulk_slope": real(cells, "moduli"),
+        "layer": real(5, cells),
+        "own": real(11, 2, cells),
+        "own_slope": real(11, 2, cells, "moduli"),
+        "pair": index(2, cells, of="tissues", first=1),
     }
     return {f"{group}/{key}": rule for key, rule in rules.items()}
 
