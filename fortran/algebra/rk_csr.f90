@@ -79,9 +79,7 @@ end subroutine group_by
 
 !> Where the entries of each number begin when they are put in order
 pure subroutine count_numbers(n, number, offset)
-   !> Numbers run from 1 to n; others are left out
    integer, intent(in) :: n
-   !> List
    integer, intent(in) :: number(:)
    !> Entries of smaller numbers, and at the end of all, shape (n + 1)
    integer(i8), allocatable, intent(out) :: offset(:)

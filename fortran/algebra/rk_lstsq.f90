@@ -73,7 +73,6 @@ contains
 
 !> Solve min |A x - b|
 subroutine solve_lstsq(op, b, method, x, report, error, factor)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
@@ -81,7 +80,6 @@ subroutine solve_lstsq(op, b, method, x, report, error, factor)
    character(len=*), intent(in) :: method
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
@@ -135,13 +133,9 @@ end subroutine solve_lstsq
 
 !> QR where a method did not reach its level; the better of the two answers is kept
 subroutine fall_back(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(inout) :: report
    !> Error handling: of the first method, and what is left of it after the second
    type(error_type), allocatable, intent(inout) :: error
@@ -192,13 +186,9 @@ end function quality
 
 !> Householder QR of the dense, column-scaled matrix
 subroutine solve_dense(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: failure
@@ -237,11 +227,9 @@ end subroutine solve_dense
 
 !> Dense matrix with columns of length one and heavy rows first, b in the same order
 subroutine write_dense(op, factor, b, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Its entries and column norms
    type(dense_factor), intent(inout) :: factor
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(inout) :: b(:)
    !> Error handling: no memory, an empty column
    type(error_type), allocatable, intent(out) :: error
@@ -289,11 +277,8 @@ end subroutine heavy_first
 
 !> Rank revealing QR: the smallest solution, and the names of what is undetermined
 subroutine solve_pivoted(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done; where the rank is not full `why` names what is undetermined and `rcond` is 0
    type(lstsq_report), intent(inout) :: report
@@ -330,7 +315,6 @@ end subroutine solve_pivoted
 
 !> Names of the unknowns with the largest part in the null space
 function names_of(op, part) result(text)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Part of each unknown in the null space, shape (n)
    real(wp), intent(in) :: part(:)
@@ -353,13 +337,9 @@ end function names_of
 
 !> Sparse QR
 subroutine solve_spqr(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: factor
@@ -375,11 +355,8 @@ end subroutine solve_spqr
 !> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
 !> wanted or needed
 subroutine solve_normal(op, b, x, dense, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Factor, empty where the sparse one takes its place
    type(envelope_factor), intent(inout) :: dense
@@ -430,11 +407,8 @@ end subroutine solve_normal
 
 !> Backward error of a solution in column-scaled variables, Frobenius norm of the matrix
 subroutine judge(op, b, x, factor, report)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    class(factor_type), intent(in) :: factor
    type(lstsq_report), intent(inout) :: report
@@ -469,7 +443,6 @@ end subroutine judge
 
 !> Whether something is undetermined, seen through a factor
 subroutine check_rank(op, factor, rcond, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
    class(factor_type), intent(in) :: factor
    !> Smallest singular value of the column-scaled matrix over its Frobenius norm [-]
@@ -488,7 +461,6 @@ end subroutine check_rank
 
 !> An unknown that no equation sees
 subroutine check_columns(op, scale, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Column norms, shape (n)
    real(wp), intent(in) :: scale(:)

@@ -115,7 +115,6 @@ contains
 
 !> Solve (A + shift |D|) x = b with a matrix that is known to be square
 subroutine solve_as_it_is(op, shift, b, x, report, error)
-   !> Matrix
    class(row_operator), target, intent(inout) :: op
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
@@ -198,7 +197,6 @@ end function unknown
 !> its length. The length is taken with A itself: where the factor is singular to rounding it still
 !> shows whether A is.
 subroutine shortest(op, factor, v, length)
-   !> Matrix
    class(row_operator), intent(in) :: op
    class(factor_type), intent(in) :: factor
    !> Direction in column-scaled variables, length one, shape (n)

@@ -139,13 +139,11 @@ end subroutine sparse_cholesky
 subroutine sparse_qr(self, op, b, x, rank, error)
    !> Factor, R^T R
    type(sparse_factor), intent(inout) :: self
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Rank found
    integer, intent(out) :: rank
    !> Error handling: rank deficient, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error

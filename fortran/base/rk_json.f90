@@ -113,7 +113,6 @@ end subroutine close_list
 !> Value of an object
 subroutine put_value(self, key, value)
    class(json_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Number, logical or text
    class(*), intent(in) :: value
@@ -125,7 +124,6 @@ end subroutine put_value
 !> List of an object
 subroutine put_list(self, key, value)
    class(json_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
@@ -137,7 +135,6 @@ end subroutine put_list
 !> Value of an array
 subroutine add_value(self, value)
    class(json_type), intent(inout) :: self
-   !> Number, logical or text
    class(*), intent(in) :: value
 
    call self%item()
@@ -147,7 +144,6 @@ end subroutine add_value
 !> List of an array
 subroutine add_list(self, value)
    class(json_type), intent(inout) :: self
-   !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
 
    call self%item()
@@ -157,7 +153,6 @@ end subroutine add_list
 !> Item of an object whose value is JSON already
 subroutine put_json(self, key, value)
    class(json_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Value, a whole one
    character(len=*), intent(in) :: value
@@ -169,7 +164,6 @@ end subroutine put_json
 !> Values in brackets
 subroutine append_list(self, value)
    class(json_type), intent(inout) :: self
-   !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
    integer :: i
 
@@ -183,7 +177,6 @@ end subroutine append_list
 
 !> A value in JSON
 pure function literal(value) result(text)
-   !> Number, logical or text
    class(*), intent(in) :: value
    character(len=:), allocatable :: text
 
@@ -234,7 +227,6 @@ end function text_so_far
 !> Write the text to a file, which is there completely or not at all
 subroutine save_json(self, path, error)
    class(json_type), intent(in) :: self
-   !> File
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
 
@@ -268,7 +260,6 @@ end function quoted
 
 !> Shortest text that reads back the same number
 pure function real_text(value) result(text)
-   !> Number
    real(wp), intent(in) :: value
    character(len=:), allocatable :: text
    character(len=32) :: buffer

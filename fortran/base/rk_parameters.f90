@@ -48,7 +48,6 @@ contains
 !> Add a number
 subroutine add_number(self, key, number)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    real(wp), intent(in) :: number
 
@@ -62,7 +61,6 @@ end subroutine add_number
 !> Add a text
 subroutine add_text(self, key, text)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    character(len=*), intent(in) :: text
 
@@ -90,7 +88,6 @@ end subroutine grow
 !> A number. Its limits are checked here, so that a caller in memory meets those of a deck
 subroutine get_number(self, key, number, error, above, least, infinite)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    real(wp), intent(out) :: number
    !> Error handling: missing, no number, or out of its limits
@@ -129,7 +126,6 @@ end subroutine get_number
 !> A text that is one of several words
 subroutine get_text(self, key, text, choices, error)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    character(len=:), allocatable, intent(out) :: text
    !> Words it may be; any without them
@@ -204,7 +200,6 @@ end subroutine check_all_asked
 !> Number of the value of a key, which from now on is asked for
 subroutine find(self, key, number, error)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Number of the value
    integer, intent(out) :: number
@@ -224,7 +219,6 @@ end subroutine find
 !> Error of whom the values belong to
 subroutine refuse(self, what, error)
    class(parameters_type), intent(in) :: self
-   !> What is wrong
    character(len=*), intent(in) :: what
    type(error_type), allocatable, intent(out) :: error
 

@@ -39,7 +39,6 @@ end function has_corners
 !> Find the corners of all cells
 subroutine new_corners(self, cloud, cells)
    type(corners_type), intent(out) :: self
-   !> Cloud that has them
    type(cloud_type), intent(in) :: cloud
    !> Cells of Gauss points
    type(cells_type), intent(in) :: cells

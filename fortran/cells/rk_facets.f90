@@ -96,7 +96,6 @@ end subroutine add_flat
 pure subroutine main_axes(normal, first, moment, axis)
    !> Unit normal
    real(wp), intent(in) :: normal(3)
-   !> A direction in the plane, of any length
    real(wp), intent(in) :: first(3)
    !> Second moments about the centre over the area [length^2]
    real(wp), intent(in) :: moment(3, 3)

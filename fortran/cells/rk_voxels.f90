@@ -29,7 +29,6 @@ contains
 !> joined to others
 subroutine voxel_facets(facets, cloud, group, filled, error)
    type(facets_type), intent(inout) :: facets
-   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    !> Groups of each cell, shape (slots, cells)
    integer, allocatable, intent(out) :: group(:, :)
@@ -110,11 +109,9 @@ end subroutine voxel_facets
 
 !> Cell of each voxel: that of its block, or of the nearest source point
 subroutine find_owners(cloud, owner, cells, error)
-   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    !> Cell of each voxel, shape (nc)
    integer, allocatable, intent(out) :: owner(:)
-   !> Number of cells
    integer, intent(out) :: cells
    !> Error handling: a source point without voxels
    type(error_type), allocatable, intent(out) :: error
@@ -151,11 +148,8 @@ end subroutine find_owners
 !> Groups of two blocks in each direction or of three source spacings; groups of which the surface
 !> leaves less than half are joined to others
 pure subroutine find_groups(cloud, owner, cells, group, least)
-   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
-   !> Cell of each voxel, shape (nc)
    integer, intent(in) :: owner(:)
-   !> Number of cells
    integer, intent(in) :: cells
    !> Groups of each cell, from 1, shape (slots, cells)
    integer, allocatable, intent(out) :: group(:, :)

@@ -149,7 +149,6 @@ end subroutine open_deck
 function opened(path, text, overrides, command) result(handle)
    !> File, or the name of the text
    character(len=*), intent(in) :: path
-   !> The deck; blank for that of the file
    character(len=*), intent(in) :: text
    !> Overrides, a line each
    character(len=*), intent(in) :: overrides
@@ -194,7 +193,6 @@ subroutine table_defaults(deck, table, key, value, error)
    character(len=*), intent(in) :: table
    !> Key with a text on which defaults depend; blank for none
    character(len=*), intent(in) :: key
-   !> Its value
    character(len=*), intent(in) :: value
    !> Error handling: no such table
    type(error_type), allocatable, intent(out) :: error
@@ -420,7 +418,6 @@ end function value_is_text
 subroutine get_integer(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    integer, intent(inout) :: value
    real(wp) :: number
 
@@ -433,7 +430,6 @@ end subroutine get_integer
 subroutine get_real(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    real(wp), intent(inout) :: value
    real(wp), allocatable :: values(:)
 
@@ -445,7 +441,6 @@ end subroutine get_real
 subroutine get_logical(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    logical, intent(inout) :: value
    real(wp) :: number
 
@@ -479,7 +474,6 @@ end subroutine get_expression
 subroutine get_value(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Number or expression
    type(value_type), intent(inout) :: value
 
    call self%get(key, value%number)
@@ -507,7 +501,6 @@ end subroutine get_values
 subroutine set_expression(self, key, text, expression)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> The expression
    character(len=*), intent(in) :: text
    !> Expression with its place in the deck
    class(expression_type), intent(inout) :: expression
@@ -532,7 +525,6 @@ end subroutine set_expression
 subroutine get_text(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    character(len=:), allocatable, intent(out) :: value
    integer :: number
 
@@ -561,7 +553,6 @@ end subroutine get_reals
 subroutine get_integers(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its values
    integer, allocatable, intent(out) :: value(:)
    real(wp), allocatable :: values(:)
 
@@ -573,7 +564,6 @@ end subroutine get_integers
 subroutine get_texts(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its values
    character(len=word_length), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
 
@@ -615,9 +605,7 @@ end subroutine write_json
 
 !> Write one value
 subroutine write_value(entry, json)
-   !> Key and value
    type(entry_type), intent(in) :: entry
-   !> JSON text, inside an object
    type(json_type), intent(inout) :: json
    character(len=:), allocatable :: key
    integer :: i

@@ -86,7 +86,6 @@ contains
 !> Create a material from its parameters; `model`, one of them, is its name in the list
 subroutine new_material(item, parameters, error)
    type(material_item), intent(out) :: item
-   !> Model and parameters
    type(parameters_type), intent(inout) :: parameters
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: model

@@ -24,9 +24,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    character(len=*), intent(in) :: method
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of the solution
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error

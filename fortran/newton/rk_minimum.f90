@@ -46,7 +46,6 @@ contains
 subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    !> Problem, linearised at x
    class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
    class(row_operator), intent(in) :: op
    !> Factor of A^T A near x
    type(envelope_factor), intent(inout) :: factor
@@ -162,7 +161,6 @@ subroutine leave_saddle(problem, load, v, x, r, state, left)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen there
    type(evaluation_type), intent(inout) :: state
    !> The saddle was left; otherwise nothing has changed
    logical, intent(out) :: left

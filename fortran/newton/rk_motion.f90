@@ -189,7 +189,6 @@ end function energy
 
 !> Whether loads or prescribed values change with time
 logical function loads_vary(scene)
-   !> Scene of a motion
    type(scene_type), intent(in) :: scene
    integer :: i, k
 
@@ -205,13 +204,10 @@ subroutine march(body, motion, method, x, recorder, timer, error)
    class(moving_type), intent(inout) :: body
    !> Time step, end and states that are written
    type(motion_type), intent(in) :: motion
-   !> Name of the form
    character(len=*), intent(in) :: method
    !> Coefficients at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of the states
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: a step that is not stable, a stop
    type(error_type), allocatable, intent(out) :: error

@@ -161,9 +161,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    real(wp), intent(in) :: load
    !> Unknowns, start and solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of iterations
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
@@ -383,7 +381,6 @@ end subroutine solve_step
 subroutine predict_step(self, now)
    !> Iteration, whose state is linearised
    type(newton_type), intent(inout) :: self
-   !> Its progress
    type(progress_type), intent(inout) :: now
    real(wp) :: before
 
@@ -401,7 +398,6 @@ subroutine note_place(self, problem, a, load)
    class(problem_type), intent(in) :: problem
    !> Unknowns there, shape (n)
    real(wp), contiguous, intent(in) :: a(:)
-   !> Load [-]
    real(wp), intent(in) :: load
 
    self%prescribed = load
@@ -457,17 +453,14 @@ end subroutine take_over
 !> See whether the iteration ended at a minimum, and go on below a saddle
 subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
    type(newton_type), intent(inout) :: self
-   !> Its progress
    type(progress_type), intent(inout) :: now
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
    class(row_operator), intent(in) :: op
    !> Factor of A^T A
    type(envelope_factor), intent(inout) :: factor
    !> There is such a factor of the last step
    logical, intent(in) :: factored
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(inout) :: a(:)
@@ -502,7 +495,6 @@ end subroutine descend
 function saddle_text(now, load, residual) result(text)
    !> Progress of the load step
    type(progress_type), intent(in) :: now
-   !> Load [-]
    real(wp), intent(in) :: load
    !> |r| in the end
    real(wp), intent(in) :: residual
@@ -527,7 +519,6 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    type(newton_type), intent(inout) :: self
    !> Problem, linearised at the start
    class(problem_type), target, intent(inout) :: problem
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Unknowns, last converged state and start, shape (n)
    real(wp), contiguous, intent(inout) :: a(:)
@@ -567,10 +558,8 @@ end subroutine begin
 !> Reasons to end without convergence
 subroutine check_end(self, now, problem, load, merit, recorder, error)
    type(newton_type), intent(inout) :: self
-   !> Its progress
    type(progress_type), intent(in) :: now
    class(problem_type), intent(in) :: problem
-   !> Load [-]
    real(wp), intent(in) :: load
    !> |r| now
    real(wp), intent(in) :: merit
@@ -613,7 +602,6 @@ end subroutine check_end
 !> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
 pure logical function converged(self, now)
    type(newton_type), intent(in) :: self
-   !> Its progress
    type(progress_type), intent(in) :: now
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance

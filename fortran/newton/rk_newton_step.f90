@@ -23,7 +23,6 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    & factored, it, error)
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
    class(row_operator), intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
@@ -35,7 +34,6 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    real(wp), contiguous, intent(in) :: r(:)
    !> A^T r, shape (n)
    real(wp), contiguous, intent(in) :: g(:)
-   !> Choice of the matrix
    type(damping_type), intent(inout) :: damping
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: da(:)
@@ -98,7 +96,6 @@ end subroutine find_step
 !> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
 subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
    class(problem_type), intent(in) :: problem
-   !> Its linearised rows A
    class(row_operator), target, intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear

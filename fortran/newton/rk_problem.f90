@@ -145,7 +145,6 @@ subroutine evaluate(self, x, load, r, seen, tangent, lifted)
    real(wp), intent(in) :: load
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    !> Linearise
    logical, intent(in), optional :: tangent
@@ -185,7 +184,6 @@ end function scaled_norms
 !> no check rejects it: a least squares functional may have several stationary points
 function rejection(self, x) result(reason)
    class(problem_type), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    character(len=:), allocatable :: reason
 
@@ -200,11 +198,8 @@ end function rejection
 subroutine hessian(self, x, load, r, a)
    !> Problem, linearised at x
    class(problem_type), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, 0..1 [-]
    real(wp), intent(in) :: load
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
    !> Upper triangle, shape (n, n); without it the sum is only found for apply_curvature
    real(wp), contiguous, intent(inout), optional :: a(:, :)

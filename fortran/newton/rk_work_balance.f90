@@ -21,7 +21,6 @@ contains
 !> Work of the stress less that of the forces, over the larger of the forces' work and the integral
 !> of |P : grad u|; 0 for a body at rest [-]
 real(wp) function own_work_mismatch(problem, state) result(mismatch)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
    type(point_state) :: local
@@ -60,7 +59,6 @@ end function own_work_mismatch
 
 !> Work of prescribed tractions, or of the stress where a wall moves by other amounts at each point
 real(wp) function surface_work(problem, side, state) result(work)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Side of the body
    integer, intent(in) :: side

@@ -41,7 +41,6 @@ contains
 subroutine new_projected(self, full, modes)
    !> Reduced problem; the full one must outlive it, and serves it in each of its evaluations
    type(projected_problem), intent(inout) :: self
-   !> Full problem
    class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)

@@ -35,7 +35,6 @@ contains
 subroutine new_reduced(reduced, full, modes, way, error)
    !> Reduced problem, not associated after an error; the full one must outlive it
    class(problem_type), pointer, intent(out) :: reduced
-   !> Full problem
    class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
@@ -92,7 +91,6 @@ subroutine new_reduced_motion(reduced, full, modes, projection, error)
    class(problem_type), pointer, intent(out) :: reduced
    !> Linear problem
    class(discretisation_type), target, intent(inout) :: full
-   !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> How it is projected
    character(len=*), intent(in) :: projection

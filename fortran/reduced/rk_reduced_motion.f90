@@ -199,7 +199,6 @@ end subroutine free_reduced
 !> Rows of a time step times amplitudes
 subroutine assemble(self, x, stage, r, seen)
    class(moving_problem), target, intent(inout) :: self
-   !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
    !> Of no meaning here
    type(stage_type), intent(in) :: stage

@@ -20,7 +20,6 @@ contains
 !> sets both would be the same mean of all sections, however these differ. A body that nothing pulls
 !> at, such as a muscle with a free end, has forces of rounding only.
 subroutine set_forces(problem, state, left, largest)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
    !> Norm of the sum, and the largest norm, at least a share of what the stress transmits [force]

@@ -269,7 +269,6 @@ contains
    subroutine check_columns(name, values, n)
       !> Component
       character(len=*), intent(in) :: name
-      !> Numbers
       real(wp), intent(in) :: values(:, :)
       !> Entries there must be
       integer, intent(in) :: n
@@ -282,7 +281,6 @@ contains
    subroutine check_numbers(name, values, n, most)
       !> Component
       character(len=*), intent(in) :: name
-      !> Numbers
       real(wp), intent(in) :: values(:)
       !> Entries there must be
       integer, intent(in) :: n
@@ -319,7 +317,6 @@ contains
 
    !> A voxel about each collocation point, in a grid that fits into memory
    subroutine check_voxels(voxels)
-      !> Grid
       type(voxels_type), intent(in) :: voxels
       real(wp) :: far, n(3)
       integer :: at
@@ -388,7 +385,6 @@ contains
 
    !> The first complaint is kept
    subroutine complain(what)
-      !> What is wrong
       character(len=*), intent(in) :: what
 
       if (.not. allocated(error)) call fatal_error(error, err_input, what)

@@ -63,7 +63,6 @@ subroutine initial(self, displacement, x, value, error)
    class(motion_type), intent(in) :: self
    !> The displacement, otherwise the velocity
    logical, intent(in) :: displacement
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Components, those of no meaning 0
    real(wp), intent(out) :: value(3)
@@ -98,7 +97,6 @@ end function is_known
 !> Components of the solution: one of Poisson's problem, else those of the displacement
 pure integer function fields(self, nd)
    class(equation_type), intent(in) :: self
-   !> Space dimension
    integer, intent(in) :: nd
 
    fields = nd
@@ -129,7 +127,6 @@ end subroutine solution_at
 
 !> Source or body force
 subroutine source_at(equation, x, time, f, error)
-   !> Problem
    type(equation_type), intent(in) :: equation
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)

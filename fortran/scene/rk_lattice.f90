@@ -349,7 +349,6 @@ end function grid
 
 !> Grid counts fit the dimension and allow differences
 subroutine check_counts(nd, source, place, error)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Source points in each direction
    integer, intent(in) :: source(:)
@@ -366,7 +365,6 @@ end subroutine check_counts
 
 !> Points of a regular grid over a box
 pure function grid_points(n, length) result(x)
-   !> Points in each direction, shape (nd)
    integer, intent(in) :: n(:)
    !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: length(:)
@@ -400,9 +398,7 @@ end function quadrature
 
 !> Centres of the cells of a regular grid
 pure function grid_centres(n, length) result(x)
-   !> Points in each direction, shape (nd)
    integer, intent(in) :: n(:)
-   !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: length(:)
    real(wp) :: x(size(n), product(n - 1))
    integer :: at(size(n), product(n - 1)), d
@@ -454,7 +450,6 @@ end subroutine add_entry
 
 !> Unit vector along an axis
 pure function axis(nd, d, sign) result(v)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Axis
    integer, intent(in) :: d

@@ -204,7 +204,6 @@ end function point_of
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    integer :: e
 
@@ -218,7 +217,6 @@ end function bulk
 !> a share of stiff tissue takes no more than its own away [stress]
 pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    real(wp) :: compliance
    integer :: e
@@ -243,9 +241,7 @@ end function bulk_at_one_pressure
 !> Shear modulus of a deformed state at a place, without fibers [stress]
 pure real(wp) function shear_modulus(self, ip, f)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    integer :: e
 
@@ -263,7 +259,6 @@ end function shear_modulus
 !> Fraction of a tissue at a place [-]
 pure real(wp) function part_of(self, ip, tissue)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    integer, intent(in) :: tissue
 
@@ -275,7 +270,6 @@ end function part_of
 !> Fiber of a tissue at a place, zeros where it has none [-]
 pure function fiber_of(self, ip, tissue) result(fiber)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    integer, intent(in) :: tissue
    real(wp) :: fiber(3)
@@ -290,15 +284,11 @@ end function fiber_of
 !> Energy of a tissue at a place, times its fraction [stress]
 pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Tissue, 0 for all
    integer, intent(in) :: tissue
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    integer :: e
 
@@ -313,17 +303,13 @@ end function energy
 !> First Piola-Kirchhoff stress at a place and, where wanted, its tangent
 pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Stress P(i,A) [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B) [stress]
    real(wp), intent(out), optional :: c4(3, 3, 3, 3)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    !> The part of this tissue alone
    integer, intent(in), optional :: tissue
@@ -362,7 +348,6 @@ end subroutine stress
 !> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
 pure function linear_moduli(self, ip) result(c4)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    real(wp) :: c4(3, 3, 3, 3)
 
@@ -375,25 +360,20 @@ end function linear_moduli
 !> Divergence of the stress, and everything a row of the strong form needs
 pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    !> Space dimension: 3, or 2 for plane strain
    integer, intent(in) :: nd
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> P_iA,A [stress/length]
    real(wp), intent(out) :: divergence(3)
-   !> Stress P(i,A) [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B), which is the divergence's derivative by H(j,B,A) [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
    !> Derivative T(i,k,C) of the divergence by F(k,C) [stress/length]
    real(wp), intent(out) :: t(3, 3, 3)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
    integer :: a, b, e
@@ -441,17 +421,13 @@ end subroutine strong
 !> Second derivatives of P_iA R_iA by F as a symmetric 9x9 matrix, index j + 3 (B - 1)
 pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    !> Direction R(i,A)
    real(wp), intent(in) :: r(3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Matrix [stress]
    real(wp), intent(out) :: form(9, 9)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(9, 9)
    integer :: e
@@ -468,23 +444,17 @@ end subroutine stress_curvature
 !> Second derivatives of s = r_i P_iA,A by F and by H
 pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Space dimension: 3, or 2 for plane strain
    integer, intent(in) :: nd
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
-   !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
    !> Weighted residual r_i
    real(wp), intent(in) :: r(3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> s_,FF, index k + 3 (C - 1) [stress/length]
    real(wp), intent(out) :: ff(9, 9)
    !> s_,FH with indices (kC, jB, A) [stress]
    real(wp), intent(out) :: fh(9, 9, 3)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(9, 9), part_h(9, 9, 3), direction(3, 3)
    integer :: a, e

@@ -114,7 +114,6 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    class(programme_type), intent(in) :: self
    !> Amplitude, 0 for the ramp
    integer, intent(in) :: amplitude
-   !> Load [-]
    real(wp), intent(in) :: load
    real(wp) :: s
    integer :: k
@@ -217,7 +216,6 @@ end subroutine merge_loads
 pure integer function last_until(time, load) result(last)
    !> Load times, ascending [-]
    real(wp), intent(in) :: time(:)
-   !> Load [-]
    real(wp), intent(in) :: load
    integer :: behind, middle
 
@@ -236,7 +234,6 @@ end function last_until
 !> Whether the rate of an amplitude may jump at a load
 pure logical function is_knot(self, load)
    class(programme_type), intent(in) :: self
-   !> Load [-]
    real(wp), intent(in) :: load
    integer :: a, k
 

@@ -170,7 +170,6 @@ end function factors
 elemental real(wp) function activation_at(self, tissue, load)
    class(scene_type), intent(in) :: self
    integer, intent(in) :: tissue
-   !> Load [-]
    real(wp), intent(in) :: load
 
    associate (muscle => self%tissue(tissue))
@@ -181,7 +180,6 @@ end function activation_at
 !> Activation of muscles without one of their own at a load [-]
 elemental real(wp) function common_activation(self, load)
    class(scene_type), intent(in) :: self
-   !> Load [-]
    real(wp), intent(in) :: load
 
    common_activation = self%programme%value(self%load%amplitude, load)*self%load%activation
@@ -203,7 +201,6 @@ end function has_own_activations
 !> Whether a muscle is active or a condition acts at a load
 pure logical function is_loaded(self, load)
    class(scene_type), intent(in) :: self
-   !> Load [-]
    real(wp), intent(in) :: load
    integer :: k
 
@@ -267,7 +264,6 @@ subroutine shape_at(self, place, shape, error, first, plain)
    class(scene_type), intent(in) :: self
    !> Places, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Shape functions
    type(shape_type), intent(out) :: shape
    !> Error handling: a place that too few source points cover
    type(error_type), allocatable, intent(out) :: error

@@ -137,7 +137,6 @@ end subroutine check_fibers
 
 !> Number of a boundary set that a key names
 subroutine find_named_set(cloud, deck, key, name, set, error)
-   !> Points
    type(cloud_type), intent(in) :: cloud
    type(deck_type), intent(in) :: deck
    !> Key that holds the name

@@ -100,10 +100,8 @@ end subroutine check_size
 
 !> Points
 subroutine read_geometry(cloud, deck, model, error)
-   !> Points
    type(cloud_type), intent(out) :: cloud
    type(deck_type), intent(in) :: deck
-   !> Points of the model file
    type(cloud_type), intent(in) :: model
    type(error_type), allocatable, intent(out) :: error
    type(geometry_keys) :: body
@@ -135,7 +133,6 @@ end subroutine read_geometry
 !> Refuse points in another unit than the deck's
 subroutine check_unit(deck, model, error)
    type(deck_type), intent(in) :: deck
-   !> Points of the model file
    type(cloud_type), intent(in) :: model
    !> Error handling: another unit
    type(error_type), allocatable, intent(out) :: error

@@ -50,9 +50,7 @@ end subroutine read_sets
 
 !> Criteria of a set
 subroutine read_region(region, scene, deck, at, error)
-   !> Part of the surface
    type(region_type), intent(inout) :: region
-   !> Scene with points and tissues
    type(scene_type), intent(in) :: scene
    type(deck_type), intent(in) :: deck
    !> Key of the set
@@ -83,7 +81,6 @@ end subroutine read_region
 !> How many boundary points each criterion of an empty set leaves
 function what_is_left(deck, at, all_, left) result(text)
    type(deck_type), intent(in) :: deck
-   !> Key of the set
    character(len=*), intent(in) :: at
    !> Boundary points
    integer, intent(in) :: all_

@@ -29,9 +29,7 @@ contains
 
 !> Operations of a solve without its error bars
 real(wp) function forecast_solve(scene, cost) result(operations)
-   !> Scene
    type(scene_type), intent(in) :: scene
-   !> Its sizes
    type(estimate_type), intent(in) :: cost
    real(wp) :: counts(9), iterations, steps, dense
    integer :: nd
@@ -64,11 +62,9 @@ end function forecast_solve
 
 !> Operations of the second solution, which gives the error bars; 0 where there is none
 real(wp) function forecast_bars(deck, model, scene) result(operations)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
-   !> Scene
    type(scene_type), intent(in) :: scene
    type(companion_type) :: companion
    type(cloud_type) :: points

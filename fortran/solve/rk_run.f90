@@ -91,7 +91,6 @@ contains
 
 !> Solve a scene through all load steps
 subroutine solve_scene(problem, linear, recorder, outcome, error, start)
-   !> Full problem
    class(discretisation_type), target, intent(inout) :: problem
    !> Least squares solver; blank for the scene's
    character(len=*), intent(in) :: linear
@@ -156,9 +155,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    type(scene_type), intent(in) :: scene
    !> Least squares solver; blank for the scene's
    character(len=*), intent(in) :: linear
-   !> Receiver of states
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(out) :: timer
    !> Error handling: the run ended early
    type(error_type), allocatable, intent(out) :: error
@@ -202,9 +199,7 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    character(len=*), intent(in) :: linear
    !> Unknowns at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of states
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: a step that is not stable
    type(error_type), allocatable, intent(out) :: error
@@ -226,9 +221,7 @@ end subroutine solve_motion
 !> Warn of conditions without effect, and of sets of the deck that overlap
 subroutine warn_of_conditions(scene, outcome, recorder)
    type(scene_type), intent(in) :: scene
-   !> Where warnings are kept
    type(outcome_type), intent(inout) :: outcome
-   !> Receiver of warnings
    class(recorder_type), intent(inout) :: recorder
    character(len=:), allocatable :: lines
    integer :: first, length, k
@@ -259,7 +252,6 @@ subroutine warn(self, line, recorder)
    class(outcome_type), intent(inout) :: self
    !> Warning
    character(len=*), intent(in) :: line
-   !> Receiver
    class(recorder_type), intent(inout) :: recorder
 
    self%warnings = self%warnings//line//new_line('a')
@@ -294,7 +286,6 @@ end subroutine find_imbalance
 !> but for pressures as unknowns and pressures that follow a free rim, with which nothing is found.
 subroutine find_stability(problem, outcome)
    class(discretisation_type), target, intent(inout) :: problem
-   !> Outcome with states
    type(outcome_type), intent(inout) :: outcome
    class(symmetric_matrix), pointer :: tangent
    type(evaluation_type) :: seen
@@ -336,7 +327,6 @@ end subroutine find_stability
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
 subroutine check_response(problem, state, error)
    class(discretisation_type), intent(in) :: problem
-   !> Last state
    type(field_state), intent(in) :: state
    !> Error handling: no answer to the load
    type(error_type), allocatable, intent(out) :: error

@@ -227,7 +227,6 @@ end subroutine collect
 !> A^T A in its envelope
 subroutine envelope(self, a, error)
    class(rows_type), intent(in) :: self
-   !> Matrix
    type(envelope_type), intent(inout) :: a
    type(error_type), allocatable, intent(out) :: error
 
@@ -248,7 +247,6 @@ subroutine expand(self, curved, a)
    class(rows_type), intent(in) :: self
    !> Include second derivatives
    logical, intent(in) :: curved
-   !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
    type(envelope_type) :: matrix
    type(error_type), allocatable :: error
@@ -265,9 +263,7 @@ end subroutine expand
 !> Matrix summed over groups of near places
 subroutine accumulate(self, curved, a, error)
    class(rows_type), intent(in) :: self
-   !> Include second derivatives
    logical, intent(in) :: curved
-   !> Matrix
    type(envelope_type), intent(inout) :: a
    !> Error handling: no memory
    type(error_type), allocatable, intent(out) :: error
@@ -392,7 +388,6 @@ end function by_position
 !> Dense rows of a group over the unknowns it sees
 subroutine group_rows(self, g, node, unknown, run, rows, m)
    class(rows_type), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
    !> Source points and unknowns by their place in the elimination order, ascending
    integer, allocatable, intent(inout) :: node(:)

@@ -133,7 +133,6 @@ end subroutine invert
 subroutine limit(self, step, error)
    class(strong_motion), intent(in) :: self
    real(wp), intent(out) :: step
-   !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
    integer, parameter :: trials = 12
    real(wp), allocatable :: mass(:, :), stiff(:, :)

@@ -159,7 +159,6 @@ end subroutine free
 !> Part of a vector across the constraints
 function projected(self, x) result(y)
    type(constraint_type), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), intent(in) :: x(:)
    real(wp) :: y(size(x))
 
@@ -170,7 +169,6 @@ end function projected
 !> y = (P K + B^T R B) x
 subroutine apply(self, x, y)
    class(constrained_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
@@ -183,9 +181,7 @@ end subroutine apply
 !> y = (K P + B^T R B) x
 subroutine apply_transposed(self, x, y)
    class(constrained_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%matrix%apply_transposed(projected(self%constraint, x), y)

@@ -28,7 +28,6 @@ contains
 subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
    !> Surface with pressures
    type(surface_type), target, intent(in) :: surface
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Load factors, shape (factors) [-]
    real(wp), intent(in) :: factor(:)

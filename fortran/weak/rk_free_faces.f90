@@ -59,7 +59,6 @@ contains
 subroutine new_free_faces(self, scene, error)
    !> What is found
    type(free_faces_type), intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Error handling: a window that too few source points cover
    type(error_type), allocatable, intent(out) :: error
@@ -118,7 +117,6 @@ end subroutine new_free_faces
 
 !> Outward normal of a place that lies on one face alone, without any condition
 subroutine find_face(scene, entry, ip, x, normal, free)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Boundary entries of each collocation point
    type(csr_type), intent(in) :: entry
@@ -152,7 +150,6 @@ end subroutine find_face
 
 !> Place that is some spacings of the source points away along a direction
 pure real(wp) function moved(cloud, x, d, spacings)
-   !> Points
    type(cloud_type), intent(in) :: cloud
    !> Coordinate of the place [length]
    real(wp), intent(in) :: x
@@ -185,11 +182,8 @@ end function moved
 pure integer function find(self, scene, ip, x)
    !> Places
    class(free_faces_type), intent(in) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
-   !> Collocation point nearest to the place
    integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    integer :: i
 
@@ -207,7 +201,6 @@ end function find
 
 !> Replace what a displacement gradient has along the face by differences two spacings apart
 pure subroutine smooth(self, i, x, h)
-   !> Places
    class(free_faces_type), intent(in) :: self
    !> Number of the place
    integer, intent(in) :: i
@@ -231,13 +224,9 @@ end subroutine smooth
 
 !> Stress without traction; it stays what it is where none is found
 subroutine release(self, i, mixture, ip, load, f, local)
-   !> Places
    class(free_faces_type), intent(in) :: self
-   !> Number of the place
    integer, intent(in) :: i
-   !> Materials
    type(mixture_type), intent(in) :: mixture
-   !> Collocation point nearest to the place
    integer, intent(in) :: ip
    !> Load [-]
    real(wp), intent(in) :: load

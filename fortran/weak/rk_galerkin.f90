@@ -535,7 +535,6 @@ end function volume_slope
 subroutine extrapolate(self, stage)
    !> Problem, linearised at the last converged state
    type(galerkin_problem), intent(inout) :: self
-   !> These states
    type(stage_type), intent(in) :: stage
    type(field_state) :: at
    real(wp), allocatable :: pressure(:, :, :)
@@ -677,7 +676,6 @@ end function forces
 !> Add the forces of the stresses of a state
 subroutine inner_forces(self, state, r)
    class(galerkin_problem), intent(in) :: self
-   !> State with stresses
    type(field_state), intent(in) :: state
    !> Forces, shape (n) [force]
    real(wp), intent(inout) :: r(:)
@@ -737,7 +735,6 @@ end subroutine new_state
 !> Deformation of a group of points, and the pressure that its change of volume makes
 pure subroutine deform_group(self, g, x, at, lift, excess)
    class(galerkin_problem), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
    !> Unknowns [length]
    real(wp), intent(in) :: x(self%fields, self%n/self%fields)

@@ -76,7 +76,6 @@ subroutine new_held(self, scene, cells, surface, error)
    !> What is held, not allocated where nothing is
    type(held_type), allocatable, intent(out) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> What holds at their surface points
    type(surface_type), intent(in) :: surface
@@ -98,9 +97,7 @@ end subroutine new_held
 subroutine find_places(self, cloud, cells, surface, error)
    type(held_type), intent(inout) :: self
    type(cloud_type), intent(in) :: cloud
-   !> Integration points
    type(cells_type), intent(in) :: cells
-   !> What holds at their surface points
    type(surface_type), target, intent(in) :: surface
    !> Error handling: a set's expression that is not finite
    type(error_type), allocatable, intent(out) :: error
@@ -331,7 +328,6 @@ pure function set_force(self, set, held, x, about) result(force)
    integer, intent(in) :: set
    !> Forces on held points, shape (fields, nh) [force]
    real(wp), intent(in) :: held(:, :)
-   !> Unknowns, shape (n) [length]
    real(wp), intent(in) :: x(:)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)

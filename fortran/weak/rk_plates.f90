@@ -46,7 +46,6 @@ contains
 subroutine new_plates(self, scene, cells, before)
    type(plates_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Source points, behind which the plates stand
    integer, intent(in) :: before
@@ -118,7 +117,6 @@ end function coupled
 subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)
    class(plates_type), intent(in) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Penalty times area of each, shape (ms) [force/length]
    real(wp), intent(in) :: penalty(:)

@@ -101,9 +101,7 @@ end function gradient_at
 !> Cells whose gradients make that at a collocation point or a probe, with their weights
 subroutine row(self, ip, x, nodes, values)
    class(recovery_type), target, intent(in) :: self
-   !> Collocation point nearest to the place
    integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Cells, shape (n)
    integer, pointer, contiguous, intent(out) :: nodes(:)

@@ -191,7 +191,6 @@ subroutine project(self, displacement, x, error)
    logical, intent(in) :: displacement
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    type(square_report) :: report
    real(wp) :: side(self%n), value(3, size(self%inertia))

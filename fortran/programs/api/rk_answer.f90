@@ -51,7 +51,6 @@ subroutine put_whole(self, name, shape, value)
    class(answer_type), intent(inout) :: self
    character(len=*), intent(in) :: name
    integer, intent(in) :: shape(:)
-   !> Numbers, the first index of the shape running first
    integer, intent(in) :: value(*)
 
    call self%put(name, shape, real(value(:product(shape)), wp))

@@ -198,7 +198,6 @@ end subroutine answer_loads
 !> one
 subroutine answer_products(full, x, answer)
    type(galerkin_problem), intent(in) :: full
-   !> Displacements by their coefficients, shape (n, k)
    real(wp), contiguous, intent(in) :: x(:, :)
    type(answer_type), intent(inout) :: answer
    real(wp), pointer, contiguous :: psi(:, :)
@@ -239,7 +238,6 @@ end subroutine answer_products
 subroutine answer_place(full, probe, x, answer, error)
    type(galerkin_problem), intent(in) :: full
    integer, intent(in) :: probe
-   !> Displacements by their coefficients, shape (n, k)
    real(wp), contiguous, intent(in) :: x(:, :)
    type(answer_type), intent(inout) :: answer
    !> Error handling: a place without shape functions

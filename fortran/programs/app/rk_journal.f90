@@ -67,7 +67,6 @@ contains
 !> Start a journal, or go on behind its last whole record
 subroutine open_journal(self, path, behind, error)
    class(journal_type), intent(inout) :: self
-   !> File
    character(len=*), intent(in) :: path
    !> Bytes that are whole, 0 for a new one
    integer(int64), intent(in) :: behind
@@ -95,15 +94,12 @@ end subroutine add_text
 
 !> Add a table of numbers, and another one
 subroutine add_numbers(self, kind, values, more, error)
-   !> Journal; nothing is added to a closed one
    class(journal_type), intent(inout) :: self
-   !> Kind of the record
    integer(int64), intent(in) :: kind
    !> Numbers, shape (n)
    real(wp), contiguous, intent(in), target :: values(:)
    !> Further ones, shape (m, columns)
    real(wp), contiguous, intent(in), target :: more(:, :)
-   !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return

@@ -90,7 +90,6 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
    type(deck_type), intent(in) :: deck
-   !> Version of the program
    character(len=*), intent(in) :: version
    type(error_type), allocatable, intent(out) :: error
    !> Lines of history.csv of the run that goes on, each with its line feed

@@ -90,7 +90,6 @@ end function cpu_seconds
 
 !> Make a folder that can be written to
 subroutine make_folder(path, error)
-   !> Folder
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -142,7 +141,6 @@ end subroutine move_solution
 
 !> Remove what was set aside for results that have their names now
 subroutine drop_previous(path, all)
-   !> Folder
    character(len=*), intent(in) :: path
    !> Also the last finished solution, not only the summary of what was replaced
    logical, intent(in) :: all

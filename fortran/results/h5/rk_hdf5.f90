@@ -136,7 +136,6 @@ contains
 
 !> Start a new file; nothing stands at `path` itself until `close`
 subroutine create(self, path, error)
-   !> File to be created
    class(h5_type), intent(inout) :: self
    !> Name the file takes when it is closed
    character(len=*), intent(in) :: path
@@ -161,9 +160,7 @@ end subroutine create
 
 !> Open an existing file for reading
 subroutine open_read(self, path, error)
-   !> File to be opened
    class(h5_type), intent(inout) :: self
-   !> Name of the file
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -248,7 +245,6 @@ end subroutine append
 !> Append a text as bytes
 subroutine append_text(self, name, text, error)
    class(h5_type), intent(inout) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    !> Text, UTF-8
    character(len=*), intent(in) :: text
@@ -260,7 +256,6 @@ end subroutine append_text
 !> Read real numbers
 subroutine read_reals(self, name, values, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers, of the rank that the dataset has
    real(wp), allocatable, intent(out) :: values(..)
@@ -274,9 +269,7 @@ end subroutine read_reals
 !> Read integers
 subroutine read_integers(self, name, values, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers, of the rank that the dataset has
    integer, allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
@@ -288,9 +281,7 @@ end subroutine read_integers
 !> Read a text stored as bytes
 subroutine read_text(self, name, text, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
-   !> Text, UTF-8
    character(len=:), allocatable, intent(out) :: text
    type(error_type), allocatable, intent(inout) :: error
    integer(c_int8_t), allocatable :: bytes(:)
@@ -304,7 +295,6 @@ end subroutine read_text
 !> Whether there is a dataset to be read, after no error
 logical function is_there(self, name, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    type(error_type), allocatable, intent(inout) :: error
 
@@ -318,7 +308,6 @@ end function is_there
 !> Turn the answer of C to a reading into an error
 subroutine check_read(self, name, why, fits, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
@@ -340,7 +329,6 @@ subroutine put_integers(self, object, name, values, error)
    class(h5_type), intent(inout) :: self
    !> Group or dataset
    character(len=*), intent(in) :: object
-   !> Name of the attribute
    character(len=*), intent(in) :: name
    !> Numbers, shape (n); one is stored as a scalar
    integer, intent(in), contiguous, target :: values(:)
@@ -353,9 +341,7 @@ end subroutine put_integers
 !> Set a text as an attribute
 subroutine put_text(self, object, name, text, error)
    class(h5_type), intent(inout) :: self
-   !> Group or dataset
    character(len=*), intent(in) :: object
-   !> Name of the attribute
    character(len=*), intent(in) :: name
    !> Text, ASCII, not empty
    character(len=*), intent(in), target :: text
@@ -368,9 +354,7 @@ end subroutine put_text
 !> Get a text attribute
 subroutine get_attribute(self, object, name, text, error)
    class(h5_type), intent(in) :: self
-   !> Group or dataset
    character(len=*), intent(in) :: object
-   !> Name of the attribute
    character(len=*), intent(in) :: name
    character(len=:), allocatable, intent(out) :: text
    type(error_type), allocatable, intent(inout) :: error
@@ -398,7 +382,6 @@ subroutine check_write(self, name, why, error)
    class(h5_type), intent(inout) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
-   !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what

@@ -49,7 +49,6 @@ contains
 
 !> Start the file with everything that does not change
 subroutine open_results(self, path, points, label, fiber, source, deck_text, version, error)
-   !> File to be started
    class(results_type), intent(inout) :: self
    !> Name of the file once it is complete
    character(len=*), intent(in) :: path
@@ -63,7 +62,6 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    real(wp), intent(in), contiguous :: source(:, :)
    !> The deck as it was read
    character(len=*), intent(in) :: deck_text
-   !> Version of the program
    character(len=*), intent(in) :: version
    type(error_type), allocatable, intent(out) :: error
 
@@ -113,7 +111,6 @@ end subroutine add_lattice
 
 !> The cloud as one part of an unstructured grid
 subroutine write_geometry(file, points, error)
-   !> File being written
    type(h5_type), intent(inout) :: file
    !> Points, shape (3,np) [length]
    real(wp), intent(in), contiguous :: points(:, :)
@@ -180,7 +177,6 @@ subroutine start_step(self, load, coefficients, error)
    class(results_type), intent(inout) :: self
    !> Fraction of the full load [-]
    real(wp), intent(in) :: load
-   !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
    type(error_type), allocatable, intent(out) :: error
 
@@ -196,11 +192,8 @@ end subroutine start_step
 !> Write what stands beside the fields of a step
 subroutine finish_step(self, load, activation, coefficients, fields, error)
    class(results_type), intent(inout) :: self
-   !> Fraction of the full load [-]
    real(wp), intent(in) :: load
-   !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
-   !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
    !> Fields that were written
    type(point_field), intent(in) :: fields(:)
@@ -238,13 +231,9 @@ end subroutine publish
 
 !> What a later run needs to go on from this step
 subroutine add_state(file, load, activation, coefficients, error)
-   !> File being written
    type(h5_type), intent(inout) :: file
-   !> Fraction of the full load [-]
    real(wp), intent(in) :: load
-   !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
-   !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
    type(error_type), allocatable, intent(inout) :: error
 
@@ -255,7 +244,6 @@ end subroutine add_state
 
 !> The row of /VTKHDF/Steps of a step: where the readers find what belongs to it
 subroutine add_offsets(file, load, first, fields, error)
-   !> File being written
    type(h5_type), intent(inout) :: file
    !> Time of the step
    real(wp), intent(in) :: load
@@ -281,7 +269,6 @@ end subroutine add_offsets
 
 !> An array must have the shape its file promises
 subroutine check_shape(name, found, wanted, error)
-   !> Name of the array
    character(len=*), intent(in) :: name
    !> Shape it has
    integer, intent(in) :: found(:)
