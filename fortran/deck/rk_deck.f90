@@ -54,17 +54,8 @@ module rk_deck
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
-      procedure :: has
-      !> Did somebody write a key, so that its value is no default?
-      procedure :: given
-      procedure :: count => count_entries, keys => keys_of_table
-      !> Where a key was written: file and line, or the override
-      procedure :: where => where_written
-      !> The same with the key, as messages begin
-      procedure :: told
-      !> Complain about a key: one more line of an error
-      procedure :: complain
-      procedure :: locate
+      procedure :: has, given, count => count_entries, keys => keys_of_table
+      procedure :: where => where_written, told, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
@@ -73,9 +64,7 @@ module rk_deck
          & get_texts, get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
-      procedure :: vary
-      !> Write all values, defaults included, into a JSON object
-      procedure :: write_json
+      procedure :: vary, write_json
       procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
          & get_texts, get_expression, get_value, get_values, set_expression
       procedure, private :: find
@@ -88,7 +77,7 @@ module rk_deck
       integer(c_int) :: count, kind, sorted
    end type entry_view
 
-   !> A deck as deck_c.cpp has it
+   !> A deck as deck_c.cpp has it, to which its handle points
    type, bind(c) :: deck_view
       type(c_ptr) :: message, name, text, sha256, folder, entries
       integer(c_int) :: count, status
@@ -106,12 +95,6 @@ module rk_deck
          character(kind=c_char), intent(in) :: table(*), key(*), value(*)
          type(c_ptr) :: handle
       end function rk_deck_defaults
-
-      function rk_deck_look(handle) result(view) bind(c)
-         import :: c_ptr
-         type(c_ptr), value :: handle
-         type(c_ptr) :: view
-      end function rk_deck_look
 
       function rk_deck_resolve(handle, key) result(full) bind(c)
          import :: c_char, c_ptr
@@ -180,7 +163,7 @@ subroutine resolve_key(path, text, overrides, key, full, error)
 
    handle = opened(path, text, joined(overrides), '')
    full = to_fortran(rk_deck_resolve(handle, key//c_null_char))
-   call c_f_pointer(rk_deck_look(handle), view)
+   call c_f_pointer(handle, view)
    if (full == '') call fatal_error(error, int(view%status), to_fortran(view%message))
    call rk_deck_close(handle)
 end subroutine resolve_key
@@ -213,7 +196,6 @@ subroutine vary(self, overrides, other, error)
    call take(other, opened(self%path, self%text, other%overrides, ''), error)
 end subroutine vary
 
-!> Texts as lines
 pure function joined(list) result(lines)
    !> Texts
    character(len=*), intent(in) :: list(:)
@@ -237,7 +219,7 @@ subroutine take(deck, handle, error)
    real(c_double), pointer :: numbers(:)
    integer :: i
 
-   call c_f_pointer(rk_deck_look(handle), view)
+   call c_f_pointer(handle, view)
    call c_f_pointer(view%entries, entries, [view%count])
    deck%path = to_fortran(view%name)
    deck%text = to_fortran(view%text)
@@ -414,7 +396,6 @@ pure function value_is_text(self, key) result(yes)
    if (number > 0) yes = self%entry(number)%kind == is_text
 end function value_is_text
 
-!> An integer
 subroutine get_integer(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -426,7 +407,6 @@ subroutine get_integer(self, key, value)
    value = nint(number)
 end subroutine get_integer
 
-!> A number
 subroutine get_real(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -437,7 +417,6 @@ subroutine get_real(self, key, value)
    if (size(values) == 1) value = values(1)
 end subroutine get_real
 
-!> True or false
 subroutine get_logical(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -461,7 +440,6 @@ subroutine get_vector(self, key, value)
    value(:size(values)) = values
 end subroutine get_vector
 
-!> A text that is an expression
 subroutine get_expression(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -470,7 +448,6 @@ subroutine get_expression(self, key, value)
    if (self%is_text(key)) call self%set_expression(key, self%entry(self%find(key))%text, value)
 end subroutine get_expression
 
-!> A number or an expression
 subroutine get_value(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -521,7 +498,6 @@ subroutine set_expression(self, key, text, expression)
    end do
 end subroutine set_expression
 
-!> A text
 subroutine get_text(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -533,7 +509,6 @@ subroutine get_text(self, key, value)
    if (number > 0) value = self%entry(number)%text
 end subroutine get_text
 
-!> An array of numbers
 subroutine get_reals(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -549,7 +524,6 @@ subroutine get_reals(self, key, value)
    end if
 end subroutine get_reals
 
-!> An array of integers
 subroutine get_integers(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -560,7 +534,6 @@ subroutine get_integers(self, key, value)
    value = nint(values)
 end subroutine get_integers
 
-!> An array of words
 subroutine get_texts(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -603,7 +576,6 @@ subroutine write_json(self, json)
    if (in_list) call json%end_array()
 end subroutine write_json
 
-!> Write one value
 subroutine write_value(entry, json)
    type(entry_type), intent(in) :: entry
    type(json_type), intent(inout) :: json

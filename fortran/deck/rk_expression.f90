@@ -45,11 +45,8 @@ module rk_expression
       character(len=:), allocatable :: where
    contains
       procedure :: given, add_table
-      !> With its tables, as it is evaluated
       procedure, private :: code
-      procedure :: at => value_at, gradient, varies
-      !> Value of an expression of fields, whether it uses one of these, and the kind of them
-      procedure :: of_fields, uses_field, kind_of_fields
+      procedure :: at => value_at, gradient, varies, of_fields, uses_field, kind_of_fields
    end type expression_type
 
    !> A number, or an expression in its place
@@ -57,9 +54,7 @@ module rk_expression
       !> The number, of no meaning beside an expression
       real(wp) :: number = 0.0_wp
    contains
-      procedure :: acts, at => number_at
-      !> As it was written, or its number
-      procedure :: words
+      procedure :: acts, at => number_at, words
    end type value_type
 
    interface
@@ -105,7 +100,6 @@ module rk_expression
 
 contains
 
-!> Whether there is an expression
 elemental logical function given(self)
    class(expression_type), intent(in) :: self
 
@@ -283,7 +277,6 @@ subroutine gradient(self, x, step, slope, error, time)
    end do
 end subroutine gradient
 
-!> Tape of an energy
 subroutine new_tape(tape, text, constants, values, fault)
    type(tape_type), intent(out) :: tape
    character(len=*), intent(in) :: text
