@@ -17,9 +17,9 @@
 module rk_lstsq
    use rk_cgls, only : refine, semi_normal
    use rk_csr, only : csr_type, group_by
+   use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
-   use rk_factors, only : dense_factor, envelope_factor
-   use rk_lapack, only : solve_pivoted_qr, solve_qr
+   use rk_lapack, only : solve_pivoted_qr, solve_qr, solve_triangular
    use rk_memory, only : available_bytes
    use rk_operator, only : factor_type, row_operator, shortest
    use rk_precision, only : wp
@@ -33,6 +33,16 @@ module rk_lstsq
    !> Methods by name
    character(len=13), parameter :: solver_names(7) = ['auto         ', 'dgels        ', &
       & 'dgelsy       ', 'normal       ', 'refined      ', 'spqr         ', 'sparse-normal']
+
+   !> Upper triangle of a QR factorisation
+   type, extends(factor_type) :: dense_factor
+      !> R in the leading rows, shape (m, n)
+      real(wp), allocatable :: a(:, :)
+      !> Unknown of each column, shape (n)
+      integer, allocatable :: pivot(:)
+   contains
+      procedure :: solve
+   end type dense_factor
 
    !> What a solve did
    type :: lstsq_report
@@ -85,8 +95,8 @@ subroutine solve_lstsq(op, b, method, x, report, error, factor)
    type(error_type), allocatable, intent(out) :: error
    !> Factor of the normal matrix, where `used` is "normal" or "refined" in the end; its storage is
    !> used again
-   type(envelope_factor), intent(inout), optional :: factor
-   type(envelope_factor) :: own
+   type(envelope_type), intent(inout), optional :: factor
+   type(envelope_type) :: own
    real(wp) :: work
 
    report%why = 'asked for'
@@ -335,7 +345,6 @@ function names_of(op, part) result(text)
    text = text//'; fix rigid motions by displacements, or use more collocation points'
 end function names_of
 
-!> Sparse QR
 subroutine solve_spqr(op, b, x, report, error)
    class(row_operator), intent(in) :: op
    real(wp), contiguous, intent(in) :: b(:)
@@ -359,34 +368,32 @@ subroutine solve_normal(op, b, x, dense, report, error)
    real(wp), contiguous, intent(in) :: b(:)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Factor, empty where the sparse one takes its place
-   type(envelope_factor), intent(inout) :: dense
+   type(envelope_type), intent(inout) :: dense
    !> What was done; `used` says which method is meant
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: sparse
 
-   if (.not. allocated(dense%scale)) allocate (dense%scale(op%n))
-   call op%envelope(dense%matrix, error)
+   call op%envelope(dense, error)
    if (allocated(error)) return
-   call dense%matrix%equilibrate(dense%scale)
+   call dense%equilibrate()
    call check_columns(op, dense%scale, error)
    if (allocated(error)) return
    if (report%used == 'sparse-normal') then
       sparse%scale = dense%scale
-      call sparse_cholesky(sparse, dense%matrix, error)
-      if (allocated(dense%matrix%value)) deallocate (dense%matrix%value)
+      call sparse_cholesky(sparse, dense, error)
+      if (allocated(dense%value)) deallocate (dense%value)
       if (.not. allocated(error)) call finish(sparse)
       call sparse%free()
    else
-      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%matrix%share(), 2) &
+      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%share(), 2) &
          & //' % filled'
-      call dense%matrix%factorise(error)
+      call dense%factorise(error)
       if (.not. allocated(error)) call finish(dense)
    end if
 
 contains
 
-   !> Solve with the factor
    subroutine finish(factor)
       class(factor_type), intent(in) :: factor
 
@@ -404,6 +411,17 @@ contains
    end subroutine finish
 
 end subroutine solve_normal
+
+subroutine solve(self, x)
+   class(dense_factor), intent(in) :: self
+   real(wp), contiguous, intent(inout) :: x(:)
+   real(wp) :: y(size(x))
+
+   y = x(self%pivot)
+   call solve_triangular(self%a, y, transposed=.true.)
+   call solve_triangular(self%a, y, transposed=.false.)
+   x(self%pivot) = y
+end subroutine solve
 
 !> Backward error of a solution in column-scaled variables, Frobenius norm of the matrix
 subroutine judge(op, b, x, factor, report)

@@ -37,7 +37,6 @@ module rk_minres
 
 contains
 
-!> Solve A x = b
 subroutine minres(system, b, tolerance, limit, x, iterations, reached)
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
@@ -138,7 +137,6 @@ real(wp) function product_of(x, y)
    product_of = sum(part)
 end function product_of
 
-!> Exchange two vectors
 pure subroutine swap(x, y)
    real(wp), allocatable, intent(inout) :: x(:), y(:)
    real(wp), allocatable :: other(:)

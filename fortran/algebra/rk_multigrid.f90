@@ -112,7 +112,6 @@ contains
 
 end subroutine new_multigrid
 
-!> Diagonal of a matrix
 pure function diagonal_of(a) result(diagonal)
    type(sparse_rows), intent(in) :: a
    real(wp) :: diagonal(size(a%place%offset) - 1)
@@ -242,7 +241,6 @@ contains
 
 end subroutine coarsen
 
-!> Transposed rows
 subroutine transpose_rows(a, columns, b)
    type(sparse_rows), intent(in) :: a
    integer, intent(in) :: columns
@@ -253,7 +251,6 @@ subroutine transpose_rows(a, columns, b)
    b%value = a%value(entry)
 end subroutine transpose_rows
 
-!> C = A B
 subroutine multiply(a, b, c)
    !> Factors
    type(sparse_rows), intent(in) :: a, b

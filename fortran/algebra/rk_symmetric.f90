@@ -40,9 +40,7 @@ module rk_symmetric
       type(kept_factor), pointer, private :: kept => null()
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
-      procedure :: let_go, add, product => product_with
-      !> Add that of the skew part
-      procedure :: add_skew
+      procedure :: let_go, add, product => product_with, add_skew
       final :: free
    end type symmetric_matrix
 
@@ -172,19 +170,15 @@ subroutine add(self, value, member, a)
    end do
 end subroutine add
 
-!> y = A x
 subroutine apply(self, x, y)
    class(symmetric_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%product(self%value, x, y)
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
 
-!> x = A^T y
 subroutine apply_transposed(self, x, y)
    class(symmetric_matrix), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -241,7 +235,6 @@ end subroutine product_with
 subroutine compressed(self, start, column, value)
    class(symmetric_matrix), intent(in) :: self
    integer(i8), allocatable, intent(out) :: start(:)
-   !> Column of each entry less 1, ascending in each row
    integer(i8), allocatable, intent(out) :: column(:)
    real(wp), allocatable, intent(out) :: value(:)
 
@@ -446,7 +439,6 @@ subroutine solve_beside(self, given, b, x, report, found)
    self%kept%far = .not. found
 end subroutine solve_beside
 
-!> y = A x
 subroutine multiply(self, x, y)
    class(preconditioned_type), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -455,7 +447,6 @@ subroutine multiply(self, x, y)
    call self%places%product(self%given, x, y)
 end subroutine multiply
 
-!> y = P^-1 x
 subroutine precondition(self, x, y)
    class(preconditioned_type), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -498,7 +489,6 @@ subroutine let_go(self)
    self%kept%far = .false.
 end subroutine let_go
 
-!> Give back what was kept
 subroutine free(self)
    type(symmetric_matrix), intent(inout) :: self
 

@@ -26,14 +26,7 @@ module rk_json
       !> Is the next item the first of its object or array?
       logical, private :: first = .true.
    contains
-      !> Open an object, with a key inside an object
-      procedure :: begin_object
-      !> Close it
-      procedure :: end_object
-      !> Open an array, with a key inside an object
-      procedure :: begin_array
-      !> Close it
-      procedure :: end_array
+      procedure :: begin_object, end_object, begin_array, end_array
       !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
       !> logical, a text or a list of these, on one line
       generic :: put => put_value, put_list, add_value, add_list
@@ -55,7 +48,6 @@ subroutine item(self, key)
    if (present(key)) call self%append(quoted(key)//': ')
 end subroutine item
 
-!> Open an object
 subroutine begin_object(self, key)
    class(json_type), intent(inout) :: self
    !> Name of the object; absent in an array and at the start
@@ -65,7 +57,6 @@ subroutine begin_object(self, key)
    call open_list(self, '{')
 end subroutine begin_object
 
-!> Open an array
 subroutine begin_array(self, key)
    class(json_type), intent(inout) :: self
    !> Name of the array; absent in an array and at the start
@@ -75,21 +66,18 @@ subroutine begin_array(self, key)
    call open_list(self, '[')
 end subroutine begin_array
 
-!> Close an object
 subroutine end_object(self)
    class(json_type), intent(inout) :: self
 
    call close_list(self, '}')
 end subroutine end_object
 
-!> Close an array
 subroutine end_array(self)
    class(json_type), intent(inout) :: self
 
    call close_list(self, ']')
 end subroutine end_array
 
-!> Opening bracket
 subroutine open_list(self, bracket)
    class(json_type), intent(inout) :: self
    character(len=1), intent(in) :: bracket
@@ -99,7 +87,6 @@ subroutine open_list(self, bracket)
    self%first = .true.
 end subroutine open_list
 
-!> Closing bracket
 subroutine close_list(self, bracket)
    class(json_type), intent(inout) :: self
    character(len=1), intent(in) :: bracket

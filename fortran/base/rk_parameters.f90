@@ -18,9 +18,7 @@ module rk_parameters
    type :: value_type
       !> Name
       character(len=:), allocatable :: key
-      !> Text
       character(len=:), allocatable :: text
-      !> Number
       real(wp) :: number = 0.0_wp
       !> Which of the two?
       logical :: is_text = .false.
@@ -34,56 +32,39 @@ module rk_parameters
       character(len=:), allocatable :: kind, name
       type(value_type), allocatable, private :: value(:)
    contains
-      !> Add a number or a text
-      generic :: add => add_number, add_text
+      procedure :: add
       !> Value of a key, within limits
       generic :: get => get_number, get_text
       procedure :: other_numbers, check_all_asked
-      procedure, private :: add_number, add_text, get_number, get_text
+      procedure, private :: get_number, get_text
       procedure, private :: find, refuse
    end type parameters_type
 
 contains
 
-!> Add a number
-subroutine add_number(self, key, number)
+!> Add a value
+subroutine add(self, key, value)
    class(parameters_type), intent(inout) :: self
    character(len=*), intent(in) :: key
-   real(wp), intent(in) :: number
-
-   call grow(self)
-   associate (last => self%value(size(self%value)))
-      last%key = key
-      last%number = number
-   end associate
-end subroutine add_number
-
-!> Add a text
-subroutine add_text(self, key, text)
-   class(parameters_type), intent(inout) :: self
-   character(len=*), intent(in) :: key
-   character(len=*), intent(in) :: text
-
-   call grow(self)
-   associate (last => self%value(size(self%value)))
-      last%key = key
-      last%text = text
-      last%is_text = .true.
-   end associate
-end subroutine add_text
-
-!> Room for one more value
-subroutine grow(self)
-   class(parameters_type), intent(inout) :: self
+   !> Number or text
+   class(*), intent(in) :: value
    type(value_type), allocatable :: more(:)
    integer :: n
 
-   n = 0
-   if (allocated(self%value)) n = size(self%value)
+   if (.not. allocated(self%value)) allocate (self%value(0))
+   n = size(self%value)
    allocate (more(n + 1))
-   if (n > 0) more(:n) = self%value
+   more(:n) = self%value
+   more(n + 1)%key = key
+   select type (value)
+   type is (real(wp))
+      more(n + 1)%number = value
+   type is (character(len=*))
+      more(n + 1)%text = value
+      more(n + 1)%is_text = .true.
+   end select
    call move_alloc(more, self%value)
-end subroutine grow
+end subroutine add
 
 !> A number. Its limits are checked here, so that a caller in memory meets those of a deck
 subroutine get_number(self, key, number, error, above, least, infinite)

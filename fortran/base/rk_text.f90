@@ -13,7 +13,6 @@ module rk_text
 
 contains
 
-!> Text of an integer
 pure function integer_text(value) result(text)
    integer, intent(in) :: value
    character(len=:), allocatable :: text
@@ -23,7 +22,6 @@ pure function integer_text(value) result(text)
    text = trim(buffer)
 end function integer_text
 
-!> Text of a long integer
 pure function long_text(value) result(text)
    integer(i8), intent(in) :: value
    character(len=:), allocatable :: text

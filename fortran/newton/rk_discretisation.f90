@@ -44,11 +44,7 @@ module rk_discretisation
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
    contains
-      procedure :: field
-      !> State of the body, for questions about it
-      procedure :: state
-      !> State at a place, from the displacement there
-      procedure :: at_place
+      procedure :: field, state, at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment
       procedure(force_interface), deferred :: set_force
       procedure :: set_displacement => entry_displacement
@@ -56,10 +52,8 @@ module rk_discretisation
       procedure(section_interface), deferred :: section_force
       procedure :: strain_energy, set_point_loads, renew
       procedure, non_overridable :: has_pressure
-      !> State at a place of a linear problem
       procedure, non_overridable :: linear_place
       procedure, non_overridable :: at_point, largest_stress
-      !> Whether nothing is strained in a state
       procedure, non_overridable :: unstrained
    end type discretisation_type
 
@@ -179,7 +173,6 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
    end do
 end function strain_energy
 
-!> State at a collocation point
 subroutine at_point(self, state, ip, local)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state

@@ -56,10 +56,7 @@ module rk_motion
       procedure :: advance
       !> M (2 a(n) - a(n-1)) - dt^2 K a(n)
       procedure :: carry
-      !> What loads and prescribed values add to it
-      procedure :: add_loads
-      !> Kinetic and strain energy, and the work of the loads since the start
-      procedure :: energy
+      procedure :: add_loads, energy
    end type form_motion
 
    abstract interface
@@ -199,7 +196,6 @@ logical function loads_vary(scene)
    end do
 end function loads_vary
 
-!> March through time
 subroutine march(body, motion, method, x, recorder, timer, error)
    class(moving_type), intent(inout) :: body
    !> Time step, end and states that are written

@@ -10,8 +10,8 @@ module rk_newton
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
    use rk_damping, only : damping_type
+   use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
-   use rk_factors, only : envelope_factor
    use rk_line_search, only : search
    use rk_lstsq, only : row_operator
    use rk_minimum, only : find_descent, leave_saddle
@@ -167,7 +167,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    type(error_type), allocatable, intent(out) :: error
    type(progress_type) :: now
    class(row_operator), pointer :: op
-   type(envelope_factor) :: factor
+   type(envelope_type) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
    real(wp) :: merit, predicted, imposed
@@ -277,7 +277,6 @@ contains
       call linearise()
    end subroutine weigh
 
-   !> Linearise at a
    subroutine linearise()
       call system_clock(clock)
       call problem%evaluate(a, load, r, self%state, tangent=.true.)
@@ -329,7 +328,8 @@ contains
          a = trial
          r = new
          if (.not. blind) call self%damping%learn(newton, scale, gain, predicted, 0.5_wp*merit**2)
-         if (now%left < nothing) call self%damping%release()
+         ! see whether a whole step would move
+         if (now%left < nothing) self%damping%lambda = 0.0_wp
       else
          ! back to where the step began, with more damping
          now%rejected = now%rejected + 1
@@ -458,7 +458,7 @@ subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
    class(problem_type), target, intent(inout) :: problem
    class(row_operator), intent(in) :: op
    !> Factor of A^T A
-   type(envelope_factor), intent(inout) :: factor
+   type(envelope_type), intent(inout) :: factor
    !> There is such a factor of the last step
    logical, intent(in) :: factored
    real(wp), intent(in) :: load
@@ -616,7 +616,6 @@ pure logical function converged(self, now)
       & .and. self%gradient < now%balance)
 end function converged
 
-!> Smallest volume ratio and its place
 function volume_text(state) result(text)
    type(evaluation_type), intent(in) :: state
    character(len=:), allocatable :: text

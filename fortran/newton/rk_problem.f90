@@ -81,16 +81,9 @@ module rk_problem
       procedure :: start
       !> Residuals and, where wanted, their linearisation, which operator and hessian then give
       procedure(assemble_interface), deferred :: assemble
-      !> Second derivatives of r.r/2 where the problem was linearised
-      procedure :: hessian
-      !> Product of the second derivatives of the residuals, weighted with these, with a vector
-      procedure :: apply_curvature
-      !> Checks that can reject a converged state
-      procedure :: rejection
+      procedure :: hessian, apply_curvature, rejection
       procedure, non_overridable :: operator
-      !> Residuals, with their linearisation where wanted
       procedure, non_overridable :: evaluate
-      !> Size of a change of the unknowns
       procedure, non_overridable :: scaled_norms
       procedure, non_overridable :: advice
    end type problem_type

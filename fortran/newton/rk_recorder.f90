@@ -113,7 +113,6 @@ module rk_recorder
       procedure :: iteration, step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
-      !> Something happened on the way, or deserves attention
       procedure :: note
    end type recorder_type
 

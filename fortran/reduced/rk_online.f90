@@ -182,7 +182,6 @@ subroutine new_online(self, whole, number, least)
 
 contains
 
-   !> The next numbers of the record
    function next(count) result(part)
       integer, intent(in) :: count
       real(wp), pointer, contiguous :: part(:)

@@ -31,7 +31,6 @@ module rk_error_norms
 
 contains
 
-!> Norms of the error
 subroutine error_norms(problem, x, time, norms, error)
    !> Linear problem
    class(discretisation_type), intent(in) :: problem

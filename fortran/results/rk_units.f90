@@ -79,7 +79,6 @@ function set_unit(deck) result(text)
    text = composed(deck, 0, dimension_of(deck) - 1)
 end function set_unit
 
-!> Space dimension
 integer function dimension_of(deck) result(nd)
    type(deck_type), intent(in) :: deck
 

@@ -8,10 +8,10 @@ module rk_run
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
-   use rk_force, only : set_forces
-   use rk_linear_solve, only : solve_linear
+   use rk_force, only : own_work_mismatch, set_forces
    use rk_motion, only : form_motion, march
    use rk_newton, only : newton_type
+   use rk_newton_step, only : solve_linear
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_problem, only : evaluation_type, problem_type
@@ -24,7 +24,6 @@ module rk_run
    use rk_symmetric, only : symmetric_matrix
    use rk_tangent, only : tangent_type
    use rk_text, only : to_text
-   use rk_work_balance, only : own_work_mismatch
    implicit none
    private
 
@@ -190,7 +189,6 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
       & scene%load%max_halvings, x, recorder, timer, error, last)
 end subroutine solve_problem
 
-!> March a linear problem through time
 subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    class(problem_type), target, intent(inout) :: problem
    !> Scene with a motion
@@ -344,7 +342,6 @@ subroutine check_response(problem, state, error)
       & //'meaningless; check material constants, loads and their units')
 end subroutine check_response
 
-!> An iteration was done
 subroutine iteration(self, it)
    class(watcher_type), intent(inout) :: self
    type(iteration_type), intent(in) :: it

@@ -15,7 +15,6 @@ module rk_galerkin_questions
 
 contains
 
-!> Answer a question
 subroutine ask_galerkin(problem, question, given, answer, error)
    class(discretisation_type), target, intent(in) :: problem
    character(len=*), intent(in) :: question

@@ -42,10 +42,7 @@ module rk_handles
       !> Reader of notes, not associated without one
       procedure(listener_interface), pointer, nopass :: listener => null()
    contains
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-      procedure :: note
+      procedure :: iteration, step, stopped, note
    end type states_type
 
    abstract interface
@@ -123,7 +120,6 @@ subroutine close_slot(slot)
    slot%handle = 0
 end subroutine close_slot
 
-!> Row of a handle
 subroutine find_slot(handle, slot, error)
    integer, intent(in) :: handle
    type(slot_type), pointer, intent(out) :: slot

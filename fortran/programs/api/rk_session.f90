@@ -21,7 +21,6 @@ module rk_session
 
 contains
 
-!> Open the scene of a deck
 subroutine open_session(path, text, overrides, model, listener, handle, error)
    !> Deck, or its name for messages
    character(len=*), intent(in) :: path

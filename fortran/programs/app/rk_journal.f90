@@ -34,11 +34,7 @@ module rk_journal
       !> Name
       character(len=:), allocatable :: path
    contains
-      !> Start it, or go on behind its last whole record
-      procedure :: open => open_journal
-      procedure :: add_text, add_numbers
-      !> Close it, and remove it: it is needed no more
-      procedure :: remove => remove_journal
+      procedure :: open => open_journal, add_text, add_numbers, remove => remove_journal
       procedure, private :: check
    end type journal_type
 
@@ -77,7 +73,6 @@ subroutine open_journal(self, path, behind, error)
       & self%handle), error)
 end subroutine open_journal
 
-!> Add a text
 subroutine add_text(self, kind, text, error)
    !> Journal; nothing is added to a closed one
    class(journal_type), intent(inout) :: self
@@ -109,7 +104,6 @@ subroutine add_numbers(self, kind, values, more, error)
    end associate
 end subroutine add_numbers
 
-!> Close a journal and remove it
 subroutine remove_journal(self)
    !> Journal; nothing happens to a closed one
    class(journal_type), intent(inout) :: self

@@ -32,7 +32,6 @@ module rk_summary
 
 contains
 
-!> Write the summary
 subroutine write_summary(path, deck, problem, output, outcome, verdict, refinement, shape_s, &
    & total_s, threads, converged, message, earlier, error)
    character(len=*), intent(in) :: path
@@ -248,7 +247,6 @@ subroutine put_kept(json, earlier)
    end do
 end subroutine put_kept
 
-!> Search for the points
 subroutine write_refinement(json, refinement, problem, verdict)
    type(json_type), intent(inout) :: json
    type(refinement_type), intent(in) :: refinement
@@ -424,7 +422,6 @@ subroutine write_bars(json, problem, record, bars)
    call json%end_object()
 end subroutine write_bars
 
-!> How many numbers a probe has
 pure integer function numbers_of(problem, i)
    class(discretisation_type), intent(in) :: problem
    !> Probe

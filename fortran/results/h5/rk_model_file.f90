@@ -104,7 +104,6 @@ subroutine read_parts(cloud, file, path, error)
    if (.not. allocated(error)) call lines_of(text, cloud%set_names)
 end subroutine read_parts
 
-!> Read the grid of the voxels
 subroutine read_voxels(voxels, file, path, error)
    type(voxels_type), intent(inout) :: voxels
    type(h5_type), intent(in) :: file
