@@ -118,7 +118,6 @@ pure subroutine main_axes(normal, first, moment, axis)
    axis(:, 2) = axis(:, 2)*sqrt(max(dot_product(axis(:, 2), matmul(moment, axis(:, 2))), 0.0_wp))
 end subroutine main_axes
 
-!> More columns
 subroutine grow(a, columns)
    !> Array
    real(wp), allocatable, intent(inout) :: a(:, :)
@@ -231,7 +230,6 @@ subroutine close_cells(self, cells, facets, group, filled)
 
 contains
 
-   !> Points of a cell
    pure integer function points_of(cell)
       integer, intent(in) :: cell
 

@@ -33,12 +33,7 @@ module rk_multiplier
       !> Norm of the unknowns where all pressures are shear moduli [length]
       real(wp) :: extent = 0.0_wp
    contains
-      !> Coefficients of a group's pressure
-      procedure :: pressure
-      procedure :: set_rows, set_stiffness
-      !> Between coefficients of all groups and the blocks
-      procedure :: from_rows
-      procedure :: to_unknowns
+      procedure :: pressure, set_rows, set_stiffness, from_rows, to_unknowns
    end type multiplier_type
 
 contains

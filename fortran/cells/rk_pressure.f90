@@ -47,7 +47,6 @@ module rk_pressure
    contains
       procedure :: value => pressure_value, along_step, at => pressure_at
       procedure, private :: slope
-      !> Its curvature in each group
       procedure :: bends
       procedure, private :: curvature
    end type pressure_type

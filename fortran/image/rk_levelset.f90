@@ -209,7 +209,6 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    end do
 end subroutine evolve_block
 
-!> One step of all level sets
 subroutine advance(options, grid, dt, means, values, weights, old, inside, bent, new)
    type(level_set_options), intent(in) :: options
    type(grid_type), intent(in) :: grid

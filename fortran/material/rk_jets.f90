@@ -263,7 +263,6 @@ pure subroutine run(self, x, order, jet)
    end associate
 end subroutine run
 
-!> Product of two jets
 pure function multiplied(self, a, b, order) result(z)
    class(jets_type), intent(in) :: self
    !> Jets

@@ -81,17 +81,7 @@ module rk_material
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
-      procedure :: incompressible
-      !> Shear modulus of a deformed state
-      procedure :: shear_modulus
-      procedure :: energy
-      !> P, and C4 where wanted
-      procedure :: stress
-      !> P, C4 and C6 contracted with second derivatives of the displacement
-      procedure :: strong
-      !> C6 contracted with a direction: second derivatives of P along it
-      procedure :: stress_curvature
-      !> C6 and C8 contracted with a weighted residual: second derivatives of Div P along it
+      procedure :: incompressible, shear_modulus, energy, stress, strong, stress_curvature
       procedure :: strong_curvature
    end type material_type
 

@@ -101,12 +101,7 @@ module rk_cloud
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
-      procedure :: find_set
-      !> Whether a boundary entry lies in a set, number of sides, whether a set has a part of one
-      procedure :: in_set
-      procedure :: sides, meets_side, set_centroid
-      !> Distance of neighbouring source points, mean over points and directions
-      procedure :: mean_spacing
+      procedure :: find_set, in_set, sides, meets_side, set_centroid, mean_spacing
       procedure :: centres, nearest_sources, nearest_source
    end type cloud_type
 
@@ -370,7 +365,6 @@ contains
       text = text//')'
    end function in_words
 
-   !> All entries must be finite
    subroutine need_finite(name, bad)
       !> Component
       character(len=*), intent(in) :: name

@@ -42,7 +42,6 @@ module rk_equation
 
 contains
 
-!> Density at a place
 subroutine density_at(self, x, density, error)
    class(motion_type), intent(in) :: self
    !> Place, shape (nd) [length]
@@ -87,7 +86,6 @@ pure logical function varies(self)
    varies = self%E%given() .or. self%nu%given() .or. self%conductivity%given()
 end function varies
 
-!> Whether a solution is known
 pure logical function is_known(self)
    class(equation_type), intent(in) :: self
 

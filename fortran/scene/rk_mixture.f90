@@ -25,15 +25,15 @@
 !> Reference: thesis section 4.2.2
 module rk_mixture
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
-   use rk_levels, only : find_level, has_levels
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -71,15 +71,7 @@ module rk_mixture
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
-      procedure :: fiber_of, energy
-      !> P, and C4 where wanted
-      procedure :: stress
-      !> Div P, P, and their derivatives
-      procedure :: strong
-      !> Second derivatives of P along a direction
-      procedure :: stress_curvature
-      !> Second derivatives of Div P along a direction
-      procedure :: strong_curvature
+      procedure :: fiber_of, energy, stress, strong, stress_curvature, strong_curvature
    end type mixture_type
 
 contains
@@ -480,5 +472,40 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
       end associate
    end do
 end subroutine strong_curvature
+
+pure logical function has_levels(scene)
+   type(scene_type), intent(in) :: scene
+   integer :: k
+
+   has_levels = allocated(scene%cloud%activation) &
+      & .or. any([(scene%tissue(k)%level%given(), k=1, size(scene%tissue))])
+end function has_levels
+
+!> Part of its activation that a muscle has at a place
+subroutine find_level(scene, tissue, point, place, level, error)
+   type(scene_type), intent(in) :: scene
+   !> Muscle
+   integer, intent(in) :: tissue
+   !> Collocation point whose fibers it has there
+   integer, intent(in) :: point
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Part, from 0 to 1 [-]
+   real(wp), intent(out) :: level
+   !> Error handling: an expression without a value there, or with one out of range
+   type(error_type), allocatable, intent(inout) :: error
+
+   level = 1.0_wp
+   associate (given => scene%tissue(tissue)%level)
+      if (given%given()) then
+         call given%at(place, level, error)
+         if (allocated(error) .or. (level >= 0.0_wp .and. level <= 1.0_wp)) return
+         call fatal_error(error, err_input, given%where//": '"//given%text//"' is " &
+            & //to_text(level)//' at '//to_text(place)//', but must be between 0 and 1')
+      else if (allocated(scene%cloud%activation)) then
+         level = scene%cloud%activation(point)
+      end if
+   end associate
+end subroutine find_level
 
 end module rk_mixture

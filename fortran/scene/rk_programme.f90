@@ -42,11 +42,7 @@ module rk_programme
       !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
       real(wp), allocatable :: output(:)
    contains
-      procedure :: count => count_factors, factors, value => value_at
-      !> Number of the sine's factor of a rotation; that of 1 - cos follows
-      procedure :: sine_of
-      procedure :: plan
-      !> Whether it begins loaded
+      procedure :: count => count_factors, factors, value => value_at, sine_of, plan
       procedure :: begins_loaded
    end type programme_type
 
@@ -67,7 +63,6 @@ module rk_programme
 
 contains
 
-!> Number of load factors
 pure integer function count_factors(self)
    class(programme_type), intent(in) :: self
 

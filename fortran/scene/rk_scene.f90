@@ -53,9 +53,7 @@ module rk_scene
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
    contains
-      procedure :: moves_unevenly
-      !> Whether a displacement, traction or pressure is prescribed that need not be zero
-      procedure :: acts
+      procedure :: moves_unevenly, acts
    end type condition_type
 
    !> Iteration, linear solver and weights of boundary rows
@@ -75,10 +73,7 @@ module rk_scene
       !> What is measured, of quantity = expression
       type(expression_type) :: expression
    contains
-      !> Whether it is of a body or a tissue as a whole
-      procedure :: of_body
-      !> Whether it is of a place in the body
-      procedure :: at_a_place
+      procedure :: of_body, at_a_place
    end type probe_type
 
    !> Everything a solve needs
@@ -131,12 +126,7 @@ module rk_scene
       type(reference_keys), allocatable :: reference(:)
    contains
       procedure :: steps => count_steps, factors, activation_at, common_activation
-      !> Whether some muscle has one of its own
-      procedure :: has_own_activations
-      procedure :: is_loaded
-      !> Whether something prescribed is another at another load
-      procedure :: changes
-      procedure :: shape_at, stiffest_ratio, has_kinks
+      procedure :: has_own_activations, is_loaded, changes, shape_at, stiffest_ratio, has_kinks
    end type scene_type
 
 contains

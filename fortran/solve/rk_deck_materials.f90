@@ -155,7 +155,6 @@ subroutine set_parts(scene, material_of, deck, error)
    end do
 end subroutine set_parts
 
-!> Parameters of a material's law
 subroutine read_parameters(deck, at, name, parameters)
    type(deck_type), intent(in) :: deck
    !> Key of the material

@@ -64,13 +64,7 @@ module rk_equilibrium
       !> Then the linearised rows times the modes
       type(matrix_rows), private :: projected
    contains
-      procedure :: field
-      procedure :: start
-      procedure :: assemble
-      procedure :: hessian
-      procedure :: apply_curvature
-      procedure :: rejection
-      procedure :: renew
+      procedure :: field, start, assemble, hessian, apply_curvature, rejection, renew
    end type equilibrium_problem
 
    !> Smallest share of a row's weight, on the edge itself
@@ -231,7 +225,6 @@ end function rim_distance
 !> of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
    class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: load
    logical, intent(in) :: iteration
@@ -422,7 +415,6 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
    if (b > 0) call boundary_rows(self, b, u, load, f, p, c4, tangent, r)
 end subroutine point_rows
 
-!> Rows of one boundary point
 subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    class(equilibrium_problem), intent(inout) :: self
    !> Boundary point

@@ -35,9 +35,7 @@ module rk_constraint
       !> Factor of B B^T
       type(sparse_factor), private :: square
    contains
-      procedure :: times, add_transposed
-      !> Multipliers that balance most of a vector
-      procedure :: multipliers
+      procedure :: times, add_transposed, multipliers
       final :: free
    end type constraint_type
 
@@ -149,7 +147,6 @@ function multipliers(self, y) result(m)
    if (self%rows > 0) call self%square%solve(m)
 end function multipliers
 
-!> Give the factor back
 subroutine free(self)
    type(constraint_type), intent(inout) :: self
 
@@ -170,7 +167,6 @@ end function projected
 subroutine apply(self, x, y)
    class(constrained_matrix), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%matrix%apply(x, y)
@@ -246,7 +242,6 @@ subroutine multiply(self, x, y)
    class(compliance_type), intent(in) :: self
    !> Multipliers, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (rows)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp) :: u(self%whole%n)
 
@@ -259,9 +254,7 @@ end subroutine multiply
 !> y = R x: where resistances are large, little else resists
 subroutine precondition(self, x, y)
    class(compliance_type), intent(in) :: self
-   !> Violations, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Multipliers, shape (rows)
    real(wp), contiguous, intent(inout) :: y(:)
 
    y = self%whole%constraint%resistance*x

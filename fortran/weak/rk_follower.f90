@@ -136,7 +136,6 @@ pure logical function has_free_rim(scene)
    end associate
 end function has_free_rim
 
-!> Components that a condition prescribes
 pure function held(condition) result(fixed)
    type(condition_type), intent(in) :: condition
    logical :: fixed(3)

@@ -38,12 +38,7 @@ module rk_free_faces
       !> Shape functions there
       type(shape_type) :: shape
    contains
-      !> Number of a place in the list
-      procedure :: find
-      !> Displacement gradient along the face
-      procedure :: smooth
-      !> Stress without traction
-      procedure :: release
+      procedure :: find, smooth, release
    end type free_faces_type
 
    !> A place is on the face of a point that is so far before or behind it, in spacings; cosine of

@@ -317,7 +317,6 @@ end subroutine set_point_loads
 !> linear in the step from here
 subroutine start(self, x, load, iteration)
    class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: load
    logical, intent(in) :: iteration
@@ -340,7 +339,6 @@ subroutine assemble(self, x, stage, r, seen)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at

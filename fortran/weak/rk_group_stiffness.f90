@@ -33,16 +33,7 @@ module rk_group_stiffness
       type(pressure_type), pointer :: pressure => null()
       type(multiplier_type), pointer :: multiplier => null()
    contains
-      !> Set what it stands for
-      procedure :: attach
-      !> Add a product, of displacements alone or with pressures
-      procedure :: add_product
-      !> Displacements and pressures from unknowns, and the other way
-      procedure :: split
-      procedure :: join
-      !> Part of the bulk modulus that stays with the displacements, and the share of the rest
-      procedure :: kept
-      procedure :: beside
+      procedure :: attach, add_product, split, join, kept, beside
    end type group_stiffness
 
    !> Part of the bulk modulus that stays with the displacements, in shear moduli; never more than

@@ -57,10 +57,7 @@ module rk_held
       !> Stiffness under them
       type(constrained_matrix) :: whole
    contains
-      procedure :: set, resist
-      !> Residuals under the constraints, from forces
-      procedure :: constrain
-      procedure :: reaction, force => set_force
+      procedure :: set, resist, constrain, reaction, force => set_force
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
@@ -71,7 +68,6 @@ module rk_held
 
 contains
 
-!> Find the points
 subroutine new_held(self, scene, cells, surface, error)
    !> What is held, not allocated where nothing is
    type(held_type), allocatable, intent(out) :: self

@@ -28,12 +28,7 @@ module rk_plates
       !> (nd, ms)
       integer, allocatable :: follows(:, :)
    contains
-      !> What a surface point is moved by
-      procedure :: motion
-      !> Blocks that the surface couples
-      procedure :: coupled
-      !> Stiffness and pull of the tendons
-      procedure :: add_tendons
+      procedure :: motion, coupled, add_tendons
    end type plates_type
 
    !> Stiffness across the direction of a tendon, of that of the penalty of its whole set; with 1e6
@@ -42,7 +37,6 @@ module rk_plates
 
 contains
 
-!> Find the plates
 subroutine new_plates(self, scene, cells, before)
    type(plates_type), intent(out) :: self
    type(scene_type), intent(in) :: scene

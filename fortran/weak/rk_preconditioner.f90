@@ -330,7 +330,6 @@ pure subroutine find_behind(behind, cells)
    end do
 end subroutine find_behind
 
-!> y = P^-1 x
 subroutine apply(self, x, y)
    class(preconditioner_type), intent(in) :: self
    !> Forces, shape (n)

@@ -29,9 +29,7 @@ module rk_recovery
       !> Shape functions there
       type(shape_type) :: shape
    contains
-      !> Gradient at a place, and of which cells' it is made
-      procedure :: at => gradient_at
-      procedure :: row
+      procedure :: at => gradient_at, row
    end type recovery_type
 
 contains

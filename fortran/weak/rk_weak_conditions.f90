@@ -44,14 +44,7 @@ module rk_weak_conditions
       real(wp), allocatable :: penalty(:)
    contains
       procedure :: set_varying, set_penalty, add_penalty, add_forces, held_energy
-      procedure :: force => set_force
-      !> Force of a pressure at a point, and the deformation gradient there
-      procedure :: pressure_force
-      procedure :: gradient_at
-      !> What is prescribed at a point
-      procedure :: held_at
-      !> Share of lifting and penalty in the forces on one side of a cut
-      procedure :: held_force
+      procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
 contains
