@@ -9,7 +9,6 @@ program bench_kernels
    use rk_discretisation, only : discretisation_type
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type
-   use rk_factors, only : envelope_factor
    use rk_lapack, only : syrk
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
    use rk_precision, only : i8, wp
@@ -40,28 +39,28 @@ contains
 
    !> Every kernel of a solve
    subroutine kernels()
-      type(envelope_factor) :: factor
+      type(envelope_type) :: factor
       type(lstsq_report) :: report
       real(wp), allocatable :: q(:), t(:), best(:)
       character(len=13), allocatable :: name(:)
       real(wp) :: start, width, flops, entries
       integer :: k, its, j
 
-      allocate (q(op%m), t(op%n), factor%scale(op%n))
+      allocate (q(op%m), t(op%n))
       allocate (best(8), source=huge(1.0_wp))
       do k = 1, repeats
          start = now()
          call problem%evaluate(x, 0.1_wp, r, state, tangent=.true.)
          best(1) = min(best(1), now() - start)
          start = now()
-         call op%envelope(factor%matrix, error)
+         call op%envelope(factor, error)
          best(2) = min(best(2), now() - start)
          call stop_on(error)
          start = now()
-         call factor%matrix%equilibrate(factor%scale)
+         call factor%equilibrate()
          best(3) = min(best(3), now() - start)
          start = now()
-         call factor%matrix%factorise(error)
+         call factor%factorise(error)
          best(4) = min(best(4), now() - start)
          call stop_on(error)
          start = now()
@@ -92,7 +91,7 @@ contains
          end do
       end select
       flops = 0.0_wp
-      associate (m => factor%matrix)
+      associate (m => factor)
          do j = 1, size(m%first)
             do k = m%start(j) + 1, m%start(j + 1)
                flops = flops + real(k - m%first(j), wp)**2
@@ -107,7 +106,7 @@ contains
       call say('apply', best(6), 2.0_wp*entries, 0.0_wp)
       call say('apply_transposed', best(7), 2.0_wp*entries, 0.0_wp)
       call say('cgls', best(5), 0.0_wp, 0.0_wp)
-      deallocate (factor%matrix%value)
+      deallocate (factor%value)
       name = names()
       do k = 1, size(name)
          best(1) = huge(1.0_wp)

@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 #: Calls that a message is an argument of, in Fortran, in C++ and in Python
 _FORTRAN = re.compile(r"\b(?:fatal_error|%?warn|%?note|%?object|%?compare)\((?=.*?['\"])", re.I)
-_CPP = re.compile(r"\b(?:complain|report)\((?=[^;]*\")", re.S)
+_CPP = re.compile(r"\b(?:complain|refuse|report)\((?=[^;]*\")", re.S)
 _PYTHON = re.compile(r"(Error|warn|append|progress|refuse\w*)$")
 
 

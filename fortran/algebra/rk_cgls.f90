@@ -20,7 +20,6 @@ contains
 
 !> Solution of the normal equations
 subroutine semi_normal(op, b, factor, x)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
@@ -37,17 +36,14 @@ end subroutine semi_normal
 
 !> Improve a solution until rounding stops it
 subroutine refine(op, b, factor, limit, x, iterations)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
    !> Factor of a matrix near the normal matrix
    class(factor_type), intent(in) :: factor
-   !> Iterations at most
    integer, intent(in) :: limit
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Iterations done
    integer, intent(out) :: iterations
    real(wp), allocatable :: residual(:), g(:), p(:), z(:), q(:), best(:)
    real(wp) :: gamma, gamma_old, gradient, least, matrix_norm, step

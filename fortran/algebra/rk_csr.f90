@@ -79,9 +79,7 @@ end subroutine group_by
 
 !> Where the entries of each number begin when they are put in order
 pure subroutine count_numbers(n, number, offset)
-   !> Numbers run from 1 to n; others are left out
    integer, intent(in) :: n
-   !> List
    integer, intent(in) :: number(:)
    !> Entries of smaller numbers, and at the end of all, shape (n + 1)
    integer(i8), allocatable, intent(out) :: offset(:)
@@ -98,47 +96,24 @@ pure subroutine count_numbers(n, number, offset)
    end do
 end subroutine count_numbers
 
-!> Heap sort in ascending order
+!> Shell sort in ascending order
 pure subroutine sort(a)
    !> Numbers
    integer, intent(inout) :: a(:)
-   integer :: i, n, t
+   integer :: gap, i, j, t
 
-   n = size(a)
-   do i = n/2, 1, -1
-      call sift(a, i, n)
-   end do
-   do i = n, 2, -1
-      t = a(1)
-      a(1) = a(i)
-      a(i) = t
-      call sift(a, 1, i - 1)
+   gap = size(a)
+   do while (gap > 1)
+      gap = max(5*gap/11, 1)
+      do i = gap + 1, size(a)
+         t = a(i)
+         do j = i - gap, 1, -gap
+            if (a(j) <= t) exit
+            a(j + gap) = a(j)
+         end do
+         a(j + gap) = t
+      end do
    end do
 end subroutine sort
-
-!> Let an entry sink to its place in the heap a(start:n)
-pure subroutine sift(a, start, n)
-   !> Heap
-   integer, intent(inout) :: a(:)
-   !> Entry that may be too small
-   integer, intent(in) :: start
-   !> Size of the heap
-   integer, intent(in) :: n
-   integer :: parent, child, t
-
-   parent = start
-   t = a(parent)
-   do
-      child = 2*parent
-      if (child > n) exit
-      if (child < n) then
-         if (a(child + 1) > a(child)) child = child + 1
-      end if
-      if (a(child) <= t) exit
-      a(parent) = a(child)
-      parent = child
-   end do
-   a(parent) = t
-end subroutine sift
 
 end module rk_csr

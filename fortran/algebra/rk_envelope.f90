@@ -16,13 +16,31 @@ module rk_envelope
    implicit none
    private
 
-   public :: envelope_type, new_envelope, block_width
+   public :: factor_type, envelope_type, new_envelope
 
    !> Columns of a block
    integer, parameter :: block_width = 128
 
-   !> Upper triangle of a symmetric matrix, or of its factor, in elimination order
-   type :: envelope_type
+   !> Something that solves equations with (A D)^T (A D), D the inverse column norms
+   type, abstract :: factor_type
+      !> Column norms of A, shape (n)
+      real(wp), allocatable :: scale(:)
+   contains
+      !> Solve in place
+      procedure(solve_interface), deferred :: solve
+   end type factor_type
+
+   abstract interface
+      subroutine solve_interface(self, x)
+         import :: factor_type, wp
+         class(factor_type), intent(in) :: self
+         !> Right hand side, replaced by the solution, shape (n)
+         real(wp), contiguous, intent(inout) :: x(:)
+      end subroutine solve_interface
+   end interface
+
+   !> Upper triangle of a symmetric matrix A^T A, or of its factor, in elimination order
+   type, extends(factor_type) :: envelope_type
       !> Rows and columns
       integer :: n = 0
       !> Place of each unknown in the elimination order, shape (n)
@@ -36,13 +54,7 @@ module rk_envelope
       !> Entries, each block as a matrix of rows first+1 : start(j+1)
       real(wp), allocatable :: value(:)
    contains
-      procedure :: clear
-      procedure :: add
-      procedure :: equilibrate
-      procedure :: factorise
-      procedure :: solve
-      procedure :: expand
-      procedure :: share
+      procedure :: clear, add, equilibrate, factorise, solve, expand, share, before
    end type envelope_type
 
 contains
@@ -84,7 +96,16 @@ pure real(wp) function share(self)
    share = 2.0_wp*real(self%offset(size(self%offset)), wp)/(real(self%n, wp)*(self%n + block_width))
 end function share
 
-!> Set all entries to zero
+!> Where the entry of row 0 of a column would stand among the values
+pure integer(i8) function before(self, j, c)
+   class(envelope_type), intent(in) :: self
+   !> Block, and a column of it
+   integer, intent(in) :: j, c
+
+   before = self%offset(j) + int(c - self%start(j) - 1, i8)*(self%start(j + 1) - self%first(j)) &
+      & - self%first(j)
+end function before
+
 subroutine clear(self)
    class(envelope_type), intent(inout) :: self
    integer :: j
@@ -108,13 +129,12 @@ pure subroutine add(self, j, row, run, matrix)
    !> Its upper triangle, shape (>= size(row), >= size(row))
    real(wp), intent(in) :: matrix(:, :)
    integer(i8) :: at
-   integer :: c, r, low, high, height
+   integer :: c, r, low, high
 
-   height = self%start(j + 1) - self%first(j)
    do c = 1, size(row)
       if (row(c) <= self%start(j)) cycle
       if (row(c) > self%start(j + 1)) exit
-      at = self%offset(j) + int(row(c) - self%start(j) - 1, i8)*height - self%first(j)
+      at = self%before(j, row(c))
       do r = 1, size(run) - 1
          low = run(r)
          if (low > c) exit
@@ -139,8 +159,7 @@ subroutine expand(self, a)
    a = 0.0_wp
    do j = 1, size(self%first)
       do c = self%start(j) + 1, self%start(j + 1)
-         at = self%offset(j) + int(c - self%start(j) - 1, i8)*(self%start(j + 1) - self%first(j)) &
-            & - self%first(j)
+         at = self%before(j, c)
          do i = self%first(j) + 1, c
             a(min(unknown(i), unknown(c)), max(unknown(i), unknown(c))) = self%value(at + i)
          end do
@@ -148,28 +167,24 @@ subroutine expand(self, a)
    end do
 end subroutine expand
 
-!> Scale to a unit diagonal
-subroutine equilibrate(self, scale)
+!> Scale to a unit diagonal, whose square roots become the scale
+subroutine equilibrate(self)
    class(envelope_type), intent(inout) :: self
-   !> Square roots of the diagonal, in the order of the unknowns, shape (n)
-   real(wp), intent(out) :: scale(:)
    real(wp) :: d(self%n)
    integer(i8) :: at
    integer :: c, i, j
 
    do j = 1, size(self%first)
       do c = self%start(j) + 1, self%start(j + 1)
-         d(c) = sqrt(self%value(self%offset(j) + int(c - self%start(j) - 1, i8) &
-            & *(self%start(j + 1) - self%first(j)) + c - self%first(j)))
+         d(c) = sqrt(self%value(self%before(j, c) + c))
       end do
    end do
-   scale = d(self%position)
+   self%scale = d(self%position)
    if (.not. all(d > 0.0_wp)) return
    !$omp parallel do default(none) schedule(dynamic, 1) private(j, c, i, at) shared(self, d)
    do j = 1, size(self%first)
       do c = self%start(j) + 1, self%start(j + 1)
-         at = self%offset(j) + int(c - self%start(j) - 1, i8)*(self%start(j + 1) - self%first(j)) &
-            & - self%first(j)
+         at = self%before(j, c)
          do i = self%first(j) + 1, c
             self%value(at + i) = self%value(at + i)/(d(i)*d(c))
          end do
@@ -224,7 +239,6 @@ end subroutine factorise
 !> Solve U^T U x = b with a factor, in place and in the order of the unknowns
 subroutine solve(self, x)
    class(envelope_type), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    real(wp), allocatable :: y(:)
    integer(i8) :: at

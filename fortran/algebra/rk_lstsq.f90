@@ -17,9 +17,9 @@
 module rk_lstsq
    use rk_cgls, only : refine, semi_normal
    use rk_csr, only : csr_type, group_by
+   use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
-   use rk_factors, only : dense_factor, envelope_factor
-   use rk_lapack, only : solve_pivoted_qr, solve_qr
+   use rk_lapack, only : solve_pivoted_qr, solve_qr, solve_triangular
    use rk_memory, only : available_bytes
    use rk_operator, only : factor_type, row_operator, shortest
    use rk_precision, only : wp
@@ -33,6 +33,16 @@ module rk_lstsq
    !> Methods by name
    character(len=13), parameter :: solver_names(7) = ['auto         ', 'dgels        ', &
       & 'dgelsy       ', 'normal       ', 'refined      ', 'spqr         ', 'sparse-normal']
+
+   !> Upper triangle of a QR factorisation
+   type, extends(factor_type) :: dense_factor
+      !> R in the leading rows, shape (m, n)
+      real(wp), allocatable :: a(:, :)
+      !> Unknown of each column, shape (n)
+      integer, allocatable :: pivot(:)
+   contains
+      procedure :: solve
+   end type dense_factor
 
    !> What a solve did
    type :: lstsq_report
@@ -73,7 +83,6 @@ contains
 
 !> Solve min |A x - b|
 subroutine solve_lstsq(op, b, method, x, report, error, factor)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
@@ -81,14 +90,13 @@ subroutine solve_lstsq(op, b, method, x, report, error, factor)
    character(len=*), intent(in) :: method
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
    !> Factor of the normal matrix, where `used` is "normal" or "refined" in the end; its storage is
    !> used again
-   type(envelope_factor), intent(inout), optional :: factor
-   type(envelope_factor) :: own
+   type(envelope_type), intent(inout), optional :: factor
+   type(envelope_type) :: own
    real(wp) :: work
 
    report%why = 'asked for'
@@ -135,13 +143,9 @@ end subroutine solve_lstsq
 
 !> QR where a method did not reach its level; the better of the two answers is kept
 subroutine fall_back(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(inout) :: report
    !> Error handling: of the first method, and what is left of it after the second
    type(error_type), allocatable, intent(inout) :: error
@@ -192,13 +196,9 @@ end function quality
 
 !> Householder QR of the dense, column-scaled matrix
 subroutine solve_dense(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: failure
@@ -237,11 +237,9 @@ end subroutine solve_dense
 
 !> Dense matrix with columns of length one and heavy rows first, b in the same order
 subroutine write_dense(op, factor, b, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Its entries and column norms
    type(dense_factor), intent(inout) :: factor
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(inout) :: b(:)
    !> Error handling: no memory, an empty column
    type(error_type), allocatable, intent(out) :: error
@@ -289,11 +287,8 @@ end subroutine heavy_first
 
 !> Rank revealing QR: the smallest solution, and the names of what is undetermined
 subroutine solve_pivoted(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was done; where the rank is not full `why` names what is undetermined and `rcond` is 0
    type(lstsq_report), intent(inout) :: report
@@ -330,7 +325,6 @@ end subroutine solve_pivoted
 
 !> Names of the unknowns with the largest part in the null space
 function names_of(op, part) result(text)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Part of each unknown in the null space, shape (n)
    real(wp), intent(in) :: part(:)
@@ -351,15 +345,10 @@ function names_of(op, part) result(text)
    text = text//'; fix rigid motions by displacements, or use more collocation points'
 end function names_of
 
-!> Sparse QR
 subroutine solve_spqr(op, b, x, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: factor
@@ -375,41 +364,36 @@ end subroutine solve_spqr
 !> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
 !> wanted or needed
 subroutine solve_normal(op, b, x, dense, report, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Factor, empty where the sparse one takes its place
-   type(envelope_factor), intent(inout) :: dense
+   type(envelope_type), intent(inout) :: dense
    !> What was done; `used` says which method is meant
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: sparse
 
-   if (.not. allocated(dense%scale)) allocate (dense%scale(op%n))
-   call op%envelope(dense%matrix, error)
+   call op%envelope(dense, error)
    if (allocated(error)) return
-   call dense%matrix%equilibrate(dense%scale)
+   call dense%equilibrate()
    call check_columns(op, dense%scale, error)
    if (allocated(error)) return
    if (report%used == 'sparse-normal') then
       sparse%scale = dense%scale
-      call sparse_cholesky(sparse, dense%matrix, error)
-      if (allocated(dense%matrix%value)) deallocate (dense%matrix%value)
+      call sparse_cholesky(sparse, dense, error)
+      if (allocated(dense%value)) deallocate (dense%value)
       if (.not. allocated(error)) call finish(sparse)
       call sparse%free()
    else
-      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%matrix%share(), 2) &
+      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%share(), 2) &
          & //' % filled'
-      call dense%matrix%factorise(error)
+      call dense%factorise(error)
       if (.not. allocated(error)) call finish(dense)
    end if
 
 contains
 
-   !> Solve with the factor
    subroutine finish(factor)
       class(factor_type), intent(in) :: factor
 
@@ -428,13 +412,21 @@ contains
 
 end subroutine solve_normal
 
+subroutine solve(self, x)
+   class(dense_factor), intent(in) :: self
+   real(wp), contiguous, intent(inout) :: x(:)
+   real(wp) :: y(size(x))
+
+   y = x(self%pivot)
+   call solve_triangular(self%a, y, transposed=.true.)
+   call solve_triangular(self%a, y, transposed=.false.)
+   x(self%pivot) = y
+end subroutine solve
+
 !> Backward error of a solution in column-scaled variables, Frobenius norm of the matrix
 subroutine judge(op, b, x, factor, report)
-   !> Matrix
    class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    class(factor_type), intent(in) :: factor
    type(lstsq_report), intent(inout) :: report
@@ -469,7 +461,6 @@ end subroutine judge
 
 !> Whether something is undetermined, seen through a factor
 subroutine check_rank(op, factor, rcond, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
    class(factor_type), intent(in) :: factor
    !> Smallest singular value of the column-scaled matrix over its Frobenius norm [-]
@@ -488,7 +479,6 @@ end subroutine check_rank
 
 !> An unknown that no equation sees
 subroutine check_columns(op, scale, error)
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Column norms, shape (n)
    real(wp), intent(in) :: scale(:)

@@ -14,39 +14,27 @@ module rk_matrix
       !> Entries, shape (m, n)
       real(wp), allocatable :: a(:, :)
    contains
-      procedure :: apply
-      procedure :: apply_transposed
-      procedure :: dense
-      procedure :: compressed
-      !> Solve with as many rows as columns
-      procedure :: solve_square
+      procedure :: apply, apply_transposed, dense, compressed, solve_square
    end type matrix_rows
 
 contains
 
-!> y = A x
 subroutine apply(self, x, y)
    class(matrix_rows), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (m)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call matvec(self%a, x, y, transposed=.false.)
 end subroutine apply
 
-!> y = A^T x
 subroutine apply_transposed(self, x, y)
    class(matrix_rows), intent(in) :: self
-   !> Vector, shape (m)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call matvec(self%a, x, y, transposed=.true.)
 end subroutine apply_transposed
 
-!> A itself
 subroutine dense(self, a)
    class(matrix_rows), intent(in) :: self
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -58,9 +46,7 @@ end subroutine dense
 subroutine compressed(self, start, column, value)
    class(matrix_rows), intent(in) :: self
    integer(i8), allocatable, intent(out) :: start(:)
-   !> Column of each entry less 1, shape (m*n)
    integer(i8), allocatable, intent(out) :: column(:)
-   !> Entries, shape (m*n)
    real(wp), allocatable, intent(out) :: value(:)
    integer :: i, j
 

@@ -37,18 +37,15 @@ module rk_minres
 
 contains
 
-!> Solve A x = b
 subroutine minres(system, b, tolerance, limit, x, iterations, reached)
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
    real(wp), contiguous, intent(in) :: b(:)
    !> Residual wanted, of that of x = 0, in the norm of P^-1 [-]
    real(wp), intent(in) :: tolerance
-   !> Iterations at most
    integer, intent(in) :: limit
    !> Solution, shape (size)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Iterations done
    integer, intent(out) :: iterations
    !> Residual reached [-]
    real(wp), intent(out) :: reached
@@ -140,9 +137,7 @@ real(wp) function product_of(x, y)
    product_of = sum(part)
 end function product_of
 
-!> Exchange two vectors
 pure subroutine swap(x, y)
-   !> Vectors, shape (size)
    real(wp), allocatable, intent(inout) :: x(:), y(:)
    real(wp), allocatable :: other(:)
 

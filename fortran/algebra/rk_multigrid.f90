@@ -112,9 +112,7 @@ contains
 
 end subroutine new_multigrid
 
-!> Diagonal of a matrix
 pure function diagonal_of(a) result(diagonal)
-   !> Matrix
    type(sparse_rows), intent(in) :: a
    real(wp) :: diagonal(size(a%place%offset) - 1)
    integer(i8) :: k
@@ -243,11 +241,9 @@ contains
 
 end subroutine coarsen
 
-!> Transposed rows
 subroutine transpose_rows(a, columns, b)
    type(sparse_rows), intent(in) :: a
    integer, intent(in) :: columns
-   !> Their transposed
    type(sparse_rows), intent(out) :: b
    integer(i8), allocatable :: entry(:)
 
@@ -255,11 +251,9 @@ subroutine transpose_rows(a, columns, b)
    b%value = a%value(entry)
 end subroutine transpose_rows
 
-!> C = A B
 subroutine multiply(a, b, c)
    !> Factors
    type(sparse_rows), intent(in) :: a, b
-   !> Product
    type(sparse_rows), intent(out) :: c
    integer(i8), allocatable :: at(:)
    integer(i8) :: entries, k, l
@@ -308,9 +302,7 @@ recursive subroutine cycle_from(self, l, b, x)
    class(multigrid_type), intent(in) :: self
    !> Level
    integer, intent(in) :: l
-   !> Right hand sides, shape (vectors, n)
    real(wp), contiguous, intent(in) :: b(:, :)
-   !> Approximate solutions, shape (vectors, n)
    real(wp), contiguous, intent(inout) :: x(:, :)
    real(wp), allocatable :: image(:, :), coarse(:, :), part(:, :)
    integer :: i, k

@@ -1,23 +1,14 @@
 !> What the least squares solvers may know of a matrix, and of a factor of it.
 module rk_operator
-   use rk_envelope, only : envelope_type, new_envelope
-   use rk_error, only : err_linalg, error_type, fatal_error
+   use rk_envelope, only : envelope_type, factor_type, new_envelope
+   use rk_error, only : error_type
    use rk_lapack, only : syrk
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: row_operator, square_operator, square_report, factor_type, shortest, solve_as_it_is
-
-   !> Something that solves equations with (A D)^T (A D), D the inverse column norms
-   type, abstract :: factor_type
-      !> Column norms of A, shape (n)
-      real(wp), allocatable :: scale(:)
-   contains
-      !> Solve in place
-      procedure(solve_interface), deferred :: solve
-   end type factor_type
+   public :: row_operator, square_operator, square_report, factor_type, shortest
 
    !> A tall matrix known by what it does
    type, abstract :: row_operator
@@ -30,13 +21,9 @@ module rk_operator
       procedure(apply_interface), deferred :: apply
       !> x = A^T y
       procedure(apply_interface), deferred :: apply_transposed
-      procedure :: envelope
-      !> Upper triangle of A^T A as a dense matrix
-      procedure :: normal
-      procedure :: dense
+      procedure :: envelope, normal, dense
       !> A in compressed rows
       procedure(compressed_interface), deferred :: compressed
-      !> What an unknown stands for, for messages
       procedure :: unknown
    end type row_operator
 
@@ -77,13 +64,6 @@ module rk_operator
          !> Error handling: singular matrix, no memory, no convergence
          type(error_type), allocatable, intent(out) :: error
       end subroutine square_interface
-      !> Solve in place
-      subroutine solve_interface(self, x)
-         import :: factor_type, wp
-         class(factor_type), intent(in) :: self
-         !> Right hand side, replaced by the solution, shape (n)
-         real(wp), contiguous, intent(inout) :: x(:)
-      end subroutine solve_interface
       !> Product with a vector
       subroutine apply_interface(self, x, y)
          import :: row_operator, wp
@@ -112,29 +92,6 @@ module rk_operator
    real(wp), parameter :: golden = 0.6180339887498949_wp
 
 contains
-
-!> Solve (A + shift |D|) x = b with a matrix that is known to be square
-subroutine solve_as_it_is(op, shift, b, x, report, error)
-   !> Matrix
-   class(row_operator), target, intent(inout) :: op
-   !> Damping in units of the diagonal, >= 0 [-]
-   real(wp), intent(in) :: shift
-   !> Right hand side, shape (n)
-   real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
-   type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory, no convergence
-   type(error_type), allocatable, intent(out) :: error
-
-   select type (op)
-   class is (square_operator)
-      call op%solve_square(shift, b, x, report, error)
-   class default
-      call fatal_error(error, err_linalg, 'these equations are not square')
-   end select
-end subroutine solve_as_it_is
 
 !> A itself, column by column
 subroutine dense(self, a)
@@ -184,7 +141,6 @@ subroutine envelope(self, a, error)
    end do
 end subroutine envelope
 
-!> What an unknown stands for
 function unknown(self, j) result(text)
    class(row_operator), intent(in) :: self
    !> Column
@@ -198,7 +154,6 @@ end function unknown
 !> its length. The length is taken with A itself: where the factor is singular to rounding it still
 !> shows whether A is.
 subroutine shortest(op, factor, v, length)
-   !> Matrix
    class(row_operator), intent(in) :: op
    class(factor_type), intent(in) :: factor
    !> Direction in column-scaled variables, length one, shape (n)

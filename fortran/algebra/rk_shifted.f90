@@ -47,7 +47,6 @@ subroutine solve_shifted(a, g, grow, lambda, x, report, error)
    real(wp), intent(inout) :: lambda
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done
    type(shifted_report), intent(out) :: report
    !> Error handling: entries that are not finite
    type(error_type), allocatable, intent(out) :: error

@@ -103,19 +103,15 @@ subroutine sparse_cholesky(self, matrix, error)
    integer(i8), allocatable :: start(:), row(:)
    real(wp), allocatable :: value(:)
    integer(i8) :: at, k
-   type(threads_type) :: kept
    integer :: c, i, j, pass
-   integer(c_int) :: stat
 
-   self%position = matrix%position
    allocate (start(0:matrix%n))
    start(0) = 0
    do pass = 1, 2
       k = 0
       do j = 1, size(matrix%first)
          do c = matrix%start(j) + 1, matrix%start(j + 1)
-            at = matrix%offset(j) + int(c - matrix%start(j) - 1, i8) &
-               & *(matrix%start(j + 1) - matrix%first(j)) - matrix%first(j)
+            at = matrix%before(j, c)
             do i = matrix%first(j) + 1, c
                if (.not. abs(matrix%value(at + i)) > 0.0_wp) cycle
                k = k + 1
@@ -128,24 +124,19 @@ subroutine sparse_cholesky(self, matrix, error)
       end do
       if (pass == 1) allocate (row(k), value(k))
    end do
-   call self%free()
-   call hold_threads(kept)
-   stat = rk_sparse_cholesky(int(matrix%n, i8), start, row, value, self%handle)
-   call release_threads(kept)
-   call complain(stat, error)
+   call factor_upper(self, matrix%n, start, row, value, error)
+   self%position = matrix%position
 end subroutine sparse_cholesky
 
 !> Least squares by sparse QR of the column-scaled matrix
 subroutine sparse_qr(self, op, b, x, rank, error)
    !> Factor, R^T R
    type(sparse_factor), intent(inout) :: self
-   !> Matrix
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Rank found
    integer, intent(out) :: rank
    !> Error handling: rank deficient, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
@@ -274,7 +265,6 @@ subroutine complain(stat, error)
    end select
 end subroutine complain
 
-!> Solve in place
 subroutine solve(self, x)
    class(sparse_factor), intent(in) :: self
    real(wp), contiguous, intent(inout) :: x(:)
@@ -289,7 +279,6 @@ subroutine solve(self, x)
    x = y(self%position)
 end subroutine solve
 
-!> Give the factor back
 subroutine free(self)
    class(sparse_factor), intent(inout) :: self
 

@@ -1,6 +1,7 @@
 !> Largest eigenvalues, which limit the time steps of explicit schemes.
 module rk_spectrum
    use rk_error, only : error_type, fatal_error, err_linalg
+   use rk_lapack, only : largest_eigenpair
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_symmetric, only : symmetric_matrix
@@ -59,7 +60,7 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
    type(error_type), allocatable, intent(out) :: error
    type(square_report) :: report
    real(wp), allocatable :: v(:, :), w(:), image(:)
-   real(wp) :: alpha(most_vectors), beta(most_vectors), last
+   real(wp) :: alpha(most_vectors), beta(most_vectors), part(most_vectors), last
    integer :: i, k, n
 
    n = matrix%n
@@ -82,38 +83,11 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
       call matrix%product(m, w, image)
       beta(k) = sqrt(max(dot_product(w, image), 0.0_wp))
       last = value
-      value = top(alpha(:k), beta(:k - 1))
+      call largest_eigenpair(alpha(:k), beta(:k - 1), value, part(:k))
       if (k == most_vectors .or. beta(k) <= epsilon(1.0_wp)*abs(value)) exit
       if (k > 20 .and. abs(value - last) <= settled*abs(value)) exit
       v(:, min(k + 1, most_vectors)) = w/beta(k)
    end do
 end subroutine largest_eigenvalue
-
-!> Largest eigenvalue of a symmetric tridiagonal matrix, by bisection with Sturm's sequence
-pure real(wp) function top(alpha, beta)
-   !> Diagonal, shape (k)
-   real(wp), intent(in) :: alpha(:)
-   !> Beside it, shape (k - 1)
-   real(wp), intent(in) :: beta(:)
-   real(wp) :: low, high, middle, pivot
-   integer :: i, trial
-   logical :: above
-
-   low = maxval(alpha)
-   high = maxval(alpha + [abs(beta), 0.0_wp] + [0.0_wp, abs(beta)])
-   do trial = 1, 80
-      middle = 0.5_wp*(low + high)
-      above = .true.
-      pivot = middle - alpha(1)
-      do i = 2, size(alpha)
-         if (.not. pivot > 0.0_wp) exit
-         pivot = middle - alpha(i) - beta(i - 1)**2/pivot
-      end do
-      above = pivot > 0.0_wp
-      if (above) high = middle
-      if (.not. above) low = middle
-   end do
-   top = high
-end function top
 
 end module rk_spectrum

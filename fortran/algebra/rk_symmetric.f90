@@ -40,9 +40,7 @@ module rk_symmetric
       type(kept_factor), pointer, private :: kept => null()
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
-      procedure :: let_go, add, product => product_with
-      !> Add that of the skew part
-      procedure :: add_skew
+      procedure :: let_go, add, product => product_with, add_skew
       final :: free
    end type symmetric_matrix
 
@@ -172,24 +170,18 @@ subroutine add(self, value, member, a)
    end do
 end subroutine add
 
-!> y = A x
 subroutine apply(self, x, y)
    class(symmetric_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%product(self%value, x, y)
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
 
-!> x = A^T y
 subroutine apply_transposed(self, x, y)
    class(symmetric_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%product(self%value, x, y)
@@ -201,7 +193,6 @@ subroutine add_skew(self, sign, x, y)
    class(symmetric_matrix), intent(in) :: self
    !> 1, or -1 for its transpose
    real(wp), intent(in) :: sign
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Sum, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
@@ -220,13 +211,9 @@ end subroutine add_skew
 
 !> Product of other entries in the same places with a vector
 subroutine product_with(self, value, x, y)
-   !> Places of the entries
    class(symmetric_matrix), intent(in) :: self
-   !> Entries, shape (entries)
    real(wp), contiguous, intent(in) :: value(:)
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
    integer(i8) :: at, k, l, last
    integer :: b, c, i, j
@@ -285,7 +272,6 @@ end subroutine add_column
 subroutine compressed(self, start, column, value)
    class(symmetric_matrix), intent(in) :: self
    integer(i8), allocatable, intent(out) :: start(:)
-   !> Column of each entry less 1, ascending in each row
    integer(i8), allocatable, intent(out) :: column(:)
    real(wp), allocatable, intent(out) :: value(:)
 
@@ -295,7 +281,6 @@ end subroutine compressed
 !> Other entries in the same places, both triangles in compressed rows; with the skew part, or its
 !> transpose, whose rows are the columns
 subroutine both_triangles(self, given, sign, start, column, value)
-   !> Places of the entries
    class(symmetric_matrix), intent(in) :: self
    !> Entries of the upper triangle, shape (entries)
    real(wp), intent(in) :: given(:)
@@ -303,7 +288,6 @@ subroutine both_triangles(self, given, sign, start, column, value)
    real(wp), intent(in) :: sign
    !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
    integer(i8), allocatable, intent(out) :: start(:)
-   !> Column of each entry less 1, ascending in each row
    integer(i8), allocatable, intent(out) :: column(:)
    !> Entries
    real(wp), allocatable, intent(out) :: value(:)
@@ -371,9 +355,7 @@ end subroutine solve_square
 
 !> Solve with other entries in the same places
 subroutine solve_with(self, given, b, x, report, error)
-   !> Places of the entries
    class(symmetric_matrix), target, intent(in) :: self
-   !> Entries of the upper triangle, shape (entries)
    real(wp), contiguous, target, intent(in) :: given(:)
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
@@ -437,17 +419,12 @@ end subroutine solve_with
 
 !> Solve with the last factor of another matrix, which is not far from this one
 subroutine solve_by_last(self, given, limit, b, x, report, found)
-   !> Places of the entries
    type(symmetric_matrix), target, intent(in) :: self
-   !> Entries of the upper triangle, shape (entries)
    real(wp), contiguous, target, intent(in) :: given(:)
-   !> Iterations at most
    integer, intent(in) :: limit
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution where it was found, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(inout) :: report
    !> Whether it was found
    logical, intent(out) :: found
@@ -471,17 +448,11 @@ end subroutine solve_by_last
 
 !> Solve where the matrix is not positive definite with the factor of one that is
 subroutine solve_beside(self, given, b, x, report, found)
-   !> Places of the entries
    type(symmetric_matrix), target, intent(in) :: self
-   !> Entries of the upper triangle, shape (entries)
    real(wp), contiguous, target, intent(in) :: given(:)
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution where it was found, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
    type(square_report), intent(inout) :: report
-   !> Whether it was found
    logical, intent(out) :: found
    type(error_type), allocatable :: error
    real(wp), allocatable :: sum(:)
@@ -505,7 +476,6 @@ subroutine solve_beside(self, given, b, x, report, found)
    self%kept%far = .not. found
 end subroutine solve_beside
 
-!> y = A x
 subroutine multiply(self, x, y)
    class(preconditioned_type), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -514,7 +484,6 @@ subroutine multiply(self, x, y)
    call self%places%product(self%given, x, y)
 end subroutine multiply
 
-!> y = P^-1 x
 subroutine precondition(self, x, y)
    class(preconditioned_type), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -557,7 +526,6 @@ subroutine let_go(self)
    self%kept%far = .false.
 end subroutine let_go
 
-!> Give back what was kept
 subroutine free(self)
    type(symmetric_matrix), intent(inout) :: self
 

@@ -16,7 +16,6 @@ module rk_cstring
 
 contains
 
-!> Copy of a C text
 function to_fortran(pointer) result(text)
    !> Text that ends with a null character
    type(c_ptr), intent(in) :: pointer

@@ -32,7 +32,6 @@ module rk_error
 
 contains
 
-!> Raise an error
 subroutine fatal_error(error, code, message)
    type(error_type), allocatable, intent(out) :: error
    !> One of the err_* constants

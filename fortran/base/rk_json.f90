@@ -26,14 +26,7 @@ module rk_json
       !> Is the next item the first of its object or array?
       logical, private :: first = .true.
    contains
-      !> Open an object, with a key inside an object
-      procedure :: begin_object
-      !> Close it
-      procedure :: end_object
-      !> Open an array, with a key inside an object
-      procedure :: begin_array
-      !> Close it
-      procedure :: end_array
+      procedure :: begin_object, end_object, begin_array, end_array
       !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
       !> logical, a text or a list of these, on one line
       generic :: put => put_value, put_list, add_value, add_list
@@ -55,7 +48,6 @@ subroutine item(self, key)
    if (present(key)) call self%append(quoted(key)//': ')
 end subroutine item
 
-!> Open an object
 subroutine begin_object(self, key)
    class(json_type), intent(inout) :: self
    !> Name of the object; absent in an array and at the start
@@ -65,7 +57,6 @@ subroutine begin_object(self, key)
    call open_list(self, '{')
 end subroutine begin_object
 
-!> Open an array
 subroutine begin_array(self, key)
    class(json_type), intent(inout) :: self
    !> Name of the array; absent in an array and at the start
@@ -75,21 +66,18 @@ subroutine begin_array(self, key)
    call open_list(self, '[')
 end subroutine begin_array
 
-!> Close an object
 subroutine end_object(self)
    class(json_type), intent(inout) :: self
 
    call close_list(self, '}')
 end subroutine end_object
 
-!> Close an array
 subroutine end_array(self)
    class(json_type), intent(inout) :: self
 
    call close_list(self, ']')
 end subroutine end_array
 
-!> Opening bracket
 subroutine open_list(self, bracket)
    class(json_type), intent(inout) :: self
    character(len=1), intent(in) :: bracket
@@ -99,7 +87,6 @@ subroutine open_list(self, bracket)
    self%first = .true.
 end subroutine open_list
 
-!> Closing bracket
 subroutine close_list(self, bracket)
    class(json_type), intent(inout) :: self
    character(len=1), intent(in) :: bracket
@@ -113,7 +100,6 @@ end subroutine close_list
 !> Value of an object
 subroutine put_value(self, key, value)
    class(json_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Number, logical or text
    class(*), intent(in) :: value
@@ -125,7 +111,6 @@ end subroutine put_value
 !> List of an object
 subroutine put_list(self, key, value)
    class(json_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
@@ -137,7 +122,6 @@ end subroutine put_list
 !> Value of an array
 subroutine add_value(self, value)
    class(json_type), intent(inout) :: self
-   !> Number, logical or text
    class(*), intent(in) :: value
 
    call self%item()
@@ -147,7 +131,6 @@ end subroutine add_value
 !> List of an array
 subroutine add_list(self, value)
    class(json_type), intent(inout) :: self
-   !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
 
    call self%item()
@@ -157,7 +140,6 @@ end subroutine add_list
 !> Item of an object whose value is JSON already
 subroutine put_json(self, key, value)
    class(json_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Value, a whole one
    character(len=*), intent(in) :: value
@@ -169,7 +151,6 @@ end subroutine put_json
 !> Values in brackets
 subroutine append_list(self, value)
    class(json_type), intent(inout) :: self
-   !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
    integer :: i
 
@@ -183,7 +164,6 @@ end subroutine append_list
 
 !> A value in JSON
 pure function literal(value) result(text)
-   !> Number, logical or text
    class(*), intent(in) :: value
    character(len=:), allocatable :: text
 
@@ -234,7 +214,6 @@ end function text_so_far
 !> Write the text to a file, which is there completely or not at all
 subroutine save_json(self, path, error)
    class(json_type), intent(in) :: self
-   !> File
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
 
@@ -268,7 +247,6 @@ end function quoted
 
 !> Shortest text that reads back the same number
 pure function real_text(value) result(text)
-   !> Number
    real(wp), intent(in) :: value
    character(len=:), allocatable :: text
    character(len=32) :: buffer

@@ -4,7 +4,7 @@
 !>
 !> References: 1. RFC 8259, The JavaScript Object Notation, doi:10.17487/RFC8259
 module rk_json_entries
-   use rk_precision, only : i8
+   use rk_text_file, only : load_text
    implicit none
    private
 
@@ -35,25 +35,13 @@ subroutine read_entries(path, entries, damaged)
    !> The file is there and is not a JSON object
    logical, intent(out) :: damaged
    character(len=:), allocatable :: text
-   integer(i8) :: bytes
    !> Place in the text
    integer :: at
-   integer :: stat, unit
-   logical :: found
 
    allocate (entries(0))
-   damaged = .false.
-   inquire (file=path, exist=found, size=bytes)
-   if (.not. found) return
-   damaged = .true.
-   if (bytes < 2 .or. bytes > huge(at)) return
-   allocate (character(len=bytes) :: text)
-   open (newunit=unit, file=path, access='stream', form='unformatted', status='old', &
-      & action='read', iostat=stat)
-   if (stat /= 0) return
-   read (unit, iostat=stat) text
-   close (unit)
-   if (stat /= 0) return
+   inquire (file=path, exist=damaged)
+   if (.not. damaged) return
+   call load_text(path, text)
    at = 1
    call skip_blanks()
    if (.not. next_is('{')) return
@@ -82,7 +70,6 @@ contains
       if (skips) at = at + 1
    end function skips
 
-   !> Go behind blanks
    subroutine skip_blanks()
       integer :: length
 

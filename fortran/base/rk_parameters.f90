@@ -18,9 +18,7 @@ module rk_parameters
    type :: value_type
       !> Name
       character(len=:), allocatable :: key
-      !> Text
       character(len=:), allocatable :: text
-      !> Number
       real(wp) :: number = 0.0_wp
       !> Which of the two?
       logical :: is_text = .false.
@@ -34,63 +32,43 @@ module rk_parameters
       character(len=:), allocatable :: kind, name
       type(value_type), allocatable, private :: value(:)
    contains
-      !> Add a number or a text
-      generic :: add => add_number, add_text
+      procedure :: add
       !> Value of a key, within limits
       generic :: get => get_number, get_text
       procedure :: other_numbers, check_all_asked
-      procedure, private :: add_number, add_text, get_number, get_text
+      procedure, private :: get_number, get_text
       procedure, private :: find, refuse
    end type parameters_type
 
 contains
 
-!> Add a number
-subroutine add_number(self, key, number)
+!> Add a value
+subroutine add(self, key, value)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
-   real(wp), intent(in) :: number
-
-   call grow(self)
-   associate (last => self%value(size(self%value)))
-      last%key = key
-      last%number = number
-   end associate
-end subroutine add_number
-
-!> Add a text
-subroutine add_text(self, key, text)
-   class(parameters_type), intent(inout) :: self
-   !> Name
-   character(len=*), intent(in) :: key
-   character(len=*), intent(in) :: text
-
-   call grow(self)
-   associate (last => self%value(size(self%value)))
-      last%key = key
-      last%text = text
-      last%is_text = .true.
-   end associate
-end subroutine add_text
-
-!> Room for one more value
-subroutine grow(self)
-   class(parameters_type), intent(inout) :: self
+   !> Number or text
+   class(*), intent(in) :: value
    type(value_type), allocatable :: more(:)
    integer :: n
 
-   n = 0
-   if (allocated(self%value)) n = size(self%value)
+   if (.not. allocated(self%value)) allocate (self%value(0))
+   n = size(self%value)
    allocate (more(n + 1))
-   if (n > 0) more(:n) = self%value
+   more(:n) = self%value
+   more(n + 1)%key = key
+   select type (value)
+   type is (real(wp))
+      more(n + 1)%number = value
+   type is (character(len=*))
+      more(n + 1)%text = value
+      more(n + 1)%is_text = .true.
+   end select
    call move_alloc(more, self%value)
-end subroutine grow
+end subroutine add
 
 !> A number. Its limits are checked here, so that a caller in memory meets those of a deck
 subroutine get_number(self, key, number, error, above, least, infinite)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    real(wp), intent(out) :: number
    !> Error handling: missing, no number, or out of its limits
@@ -129,7 +107,6 @@ end subroutine get_number
 !> A text that is one of several words
 subroutine get_text(self, key, text, choices, error)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    character(len=:), allocatable, intent(out) :: text
    !> Words it may be; any without them
@@ -204,7 +181,6 @@ end subroutine check_all_asked
 !> Number of the value of a key, which from now on is asked for
 subroutine find(self, key, number, error)
    class(parameters_type), intent(inout) :: self
-   !> Name
    character(len=*), intent(in) :: key
    !> Number of the value
    integer, intent(out) :: number
@@ -224,7 +200,6 @@ end subroutine find
 !> Error of whom the values belong to
 subroutine refuse(self, what, error)
    class(parameters_type), intent(in) :: self
-   !> What is wrong
    character(len=*), intent(in) :: what
    type(error_type), allocatable, intent(out) :: error
 

@@ -13,9 +13,7 @@ module rk_text
 
 contains
 
-!> Text of an integer
 pure function integer_text(value) result(text)
-   !> Number
    integer, intent(in) :: value
    character(len=:), allocatable :: text
    character(len=16) :: buffer
@@ -24,9 +22,7 @@ pure function integer_text(value) result(text)
    text = trim(buffer)
 end function integer_text
 
-!> Text of a long integer
 pure function long_text(value) result(text)
-   !> Number
    integer(i8), intent(in) :: value
    character(len=:), allocatable :: text
    character(len=24) :: buffer
@@ -37,7 +33,6 @@ end function long_text
 
 !> Text of a real number, six significant digits unless given otherwise
 pure function real_text(value, digits) result(text)
-   !> Number
    real(wp), intent(in) :: value
    !> Significant digits
    integer, intent(in), optional :: digits
@@ -70,7 +65,6 @@ end function real_text
 !> Text of a real number with a power of ten, the E also before an exponent of three digits, which
 !> Fortran leaves out
 pure function to_power(value, decimals) result(text)
-   !> Number
    real(wp), intent(in) :: value
    !> Digits behind the point
    integer, intent(in) :: decimals
@@ -89,7 +83,6 @@ end function to_power
 
 !> Text of a list of real numbers, as "(1, 2, 3)"
 pure function reals_text(values) result(text)
-   !> Numbers
    real(wp), intent(in) :: values(:)
    character(len=:), allocatable :: text
    integer :: i

@@ -100,7 +100,6 @@ end subroutine publish
 
 !> Write a text to a file, which is there completely or not at all
 subroutine save_text(path, text, error)
-   !> File
    character(len=*), intent(in) :: path
    !> Text, without the last line feed
    character(len=*), intent(in) :: text
@@ -118,7 +117,6 @@ end subroutine save_text
 
 !> Read a text file; one that is not there is empty
 subroutine load_text(path, text)
-   !> File
    character(len=*), intent(in) :: path
    !> Its content
    character(len=:), allocatable, intent(out) :: text

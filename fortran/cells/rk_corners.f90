@@ -36,10 +36,8 @@ pure logical function has_corners(cloud)
       & > (1.0_wp + alike)*minval(cloud%spacing, dim=2))))
 end function has_corners
 
-!> Find the corners of all cells
 subroutine new_corners(self, cloud, cells)
    type(corners_type), intent(out) :: self
-   !> Cloud that has them
    type(cloud_type), intent(in) :: cloud
    !> Cells of Gauss points
    type(cells_type), intent(in) :: cells

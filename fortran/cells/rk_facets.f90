@@ -96,7 +96,6 @@ end subroutine add_flat
 pure subroutine main_axes(normal, first, moment, axis)
    !> Unit normal
    real(wp), intent(in) :: normal(3)
-   !> A direction in the plane, of any length
    real(wp), intent(in) :: first(3)
    !> Second moments about the centre over the area [length^2]
    real(wp), intent(in) :: moment(3, 3)
@@ -119,7 +118,6 @@ pure subroutine main_axes(normal, first, moment, axis)
    axis(:, 2) = axis(:, 2)*sqrt(max(dot_product(axis(:, 2), matmul(moment, axis(:, 2))), 0.0_wp))
 end subroutine main_axes
 
-!> More columns
 subroutine grow(a, columns)
    !> Array
    real(wp), allocatable, intent(inout) :: a(:, :)
@@ -232,7 +230,6 @@ subroutine close_cells(self, cells, facets, group, filled)
 
 contains
 
-   !> Points of a cell
    pure integer function points_of(cell)
       integer, intent(in) :: cell
 

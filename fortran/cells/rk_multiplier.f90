@@ -33,12 +33,7 @@ module rk_multiplier
       !> Norm of the unknowns where all pressures are shear moduli [length]
       real(wp) :: extent = 0.0_wp
    contains
-      !> Coefficients of a group's pressure
-      procedure :: pressure
-      procedure :: set_rows, set_stiffness
-      !> Between coefficients of all groups and the blocks
-      procedure :: from_rows
-      procedure :: to_unknowns
+      procedure :: pressure, set_rows, set_stiffness, from_rows, to_unknowns
    end type multiplier_type
 
 contains
@@ -46,7 +41,6 @@ contains
 !> Find the groups
 subroutine new_multiplier(self, cells, bulk, shear, ns, member)
    type(multiplier_type), intent(out) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of each group, shape (groups) [stress]
    real(wp), intent(in) :: bulk(:)
@@ -81,7 +75,6 @@ end subroutine new_multiplier
 !> Add the blocks to the source points of the groups
 subroutine append(self, ns, member)
    class(multiplier_type), intent(in) :: self
-   !> Source points
    integer, intent(in) :: ns
    !> Source points of each group
    type(csr_type), intent(inout) :: member
@@ -140,7 +133,6 @@ end subroutine set_rows
 !> Stiffness of the blocks of a group: the derivatives of the change of its volume
 pure subroutine set_stiffness(self, g, volume, part)
    class(multiplier_type), intent(in) :: self
-   !> Group, whose pressure is an unknown
    integer, intent(in) :: g
    !> Derivatives of the change of volume, shape (nd*members, count)
    real(wp), intent(in) :: volume(:, :)

@@ -79,7 +79,6 @@ end function lattice_index
 
 !> Source point at a place of the lattice
 pure integer function lattice_point(cloud, index)
-   !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
    !> Place, from 0
    integer, intent(in) :: index(3)

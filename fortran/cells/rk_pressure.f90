@@ -47,7 +47,6 @@ module rk_pressure
    contains
       procedure :: value => pressure_value, along_step, at => pressure_at
       procedure, private :: slope
-      !> Its curvature in each group
       procedure :: bends
       procedure, private :: curvature
    end type pressure_type
@@ -68,7 +67,6 @@ contains
 !> Set up the polynomials
 subroutine new_pressure(self, cells, softness, place, curved, error)
    type(pressure_type), intent(out) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group over that of each integration point, shape (np) [-]
    real(wp), intent(in) :: softness(:)
@@ -169,7 +167,6 @@ end subroutine flatten
 subroutine weigh_slopes(self, cells)
    !> Pressure with its groups and those around them
    type(pressure_type), intent(inout) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    real(wp) :: a(2, 2), x(2)
    integer(i8) :: k
@@ -223,9 +220,7 @@ end function slope
 !> [stress/length^2]
 pure function curvature(self, g, coefficient) result(h)
    class(pressure_type), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
-   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: coefficient(:, :)
    real(wp) :: h(size(self%centre, 1), size(self%centre, 1)), change(size(self%centre, 1))
    integer(i8) :: k
@@ -244,7 +239,6 @@ end function curvature
 pure function bends(self, coefficient) result(bend)
    !> Polynomials, which are written with them
    class(pressure_type), intent(in) :: self
-   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: coefficient(:, :)
    real(wp) :: bend(size(self%centre, 1), size(self%centre, 1), size(self%count))
    integer :: g
@@ -272,9 +266,7 @@ end function pressure_value
 !> leaves
 pure function along_step(self, g, cells, bulk, f, base) result(value)
    class(pressure_type), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group [stress]
    real(wp), intent(in) :: bulk
@@ -300,7 +292,6 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Coefficients of p, shape (1 + nd, groups) [stress length^(nd/2)]
    real(wp), intent(in) :: coefficient(:, :)
    !> Their curvatures, which are found where they are absent, shape (nd, nd, groups)
    !> [stress/length^2]

@@ -112,7 +112,6 @@ end subroutine voronoi_facets
 !> The box
 subroutine start_cell(cell, nd, low, high)
    type(cell_type), intent(out) :: cell
-   !> Space dimension
    integer, intent(in) :: nd
    !> Corners of the box [length]
    real(wp), intent(in) :: low(3), high(3)
@@ -168,13 +167,10 @@ end function centre_of
 !> Take away what is nearer to another point
 subroutine cut(cell, nd, x, other, number, tolerance)
    type(cell_type), intent(inout) :: cell
-   !> Space dimension
    integer, intent(in) :: nd
-   !> Source point [length]
    real(wp), intent(in) :: x(3)
    !> The other one, shape (nd) [length]
    real(wp), intent(in) :: other(:)
-   !> Its number
    integer, intent(in) :: number
    !> Corners nearer to the plane than this lie on it [length]
    real(wp), intent(in) :: tolerance
@@ -277,9 +273,7 @@ end subroutine around
 !> centre and second moments, which are the Gauss points of a rectangle
 subroutine add_facet(facets, nd, corner, inside, is, behind)
    type(facets_type), intent(inout) :: facets
-   !> Space dimension
    integer, intent(in) :: nd
-   !> Corners, shape (3, n) [length]
    real(wp), intent(in) :: corner(:, :)
    !> A point on the inner side [length]
    real(wp), intent(in) :: inside(3)

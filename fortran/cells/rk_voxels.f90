@@ -13,13 +13,6 @@ module rk_voxels
 
    public :: voxel_facets
 
-   !> Boundary entries of each voxel
-   type :: face_entries
-      type(csr_type), private :: of
-   contains
-      procedure :: find => find_entries, nearest => nearest_entry
-   end type face_entries
-
    !> Normals that are as near to a face's, places that are as near to two source points [-]
    real(wp), parameter :: same = 1.0e-6_wp
 
@@ -29,7 +22,6 @@ contains
 !> joined to others
 subroutine voxel_facets(facets, cloud, group, filled, error)
    type(facets_type), intent(inout) :: facets
-   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    !> Groups of each cell, shape (slots, cells)
    integer, allocatable, intent(out) :: group(:, :)
@@ -41,7 +33,8 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    real(wp) :: area(3), x(3), part
    real(wp), allocatable :: centre(:, :), share(:)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
-   type(face_entries) :: entries
+   !> Boundary entries of each voxel
+   type(csr_type) :: entries
    integer :: n(3), cells, ip, other, d, side, next(3), entry, least
 
    if (.not. allocated(cloud%voxels%index)) then
@@ -81,7 +74,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
          taken = ip
       end associate
    end do
-   call entries%find(cloud)
+   call group_by(size(cloud%points, 2), cloud%boundary_point, entries)
    do ip = 1, size(owner)
       do d = 1, 3
          do side = -1, 1, 2
@@ -93,7 +86,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
             x = centre(:, ip)
             x(d) = x(d) + 0.5_wp*side*cloud%voxels%size(d)
             if (other == 0) then
-               entry = entries%nearest(cloud, ip, area)
+               entry = nearest_entry(entries, cloud, ip, area)
                ! a slice at an end is cut through as much of the body as it holds
                part = 1.0_wp
                if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) part = share(ip)
@@ -110,11 +103,9 @@ end subroutine voxel_facets
 
 !> Cell of each voxel: that of its block, or of the nearest source point
 subroutine find_owners(cloud, owner, cells, error)
-   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
    !> Cell of each voxel, shape (nc)
    integer, allocatable, intent(out) :: owner(:)
-   !> Number of cells
    integer, intent(out) :: cells
    !> Error handling: a source point without voxels
    type(error_type), allocatable, intent(out) :: error
@@ -151,11 +142,8 @@ end subroutine find_owners
 !> Groups of two blocks in each direction or of three source spacings; groups of which the surface
 !> leaves less than half are joined to others
 pure subroutine find_groups(cloud, owner, cells, group, least)
-   !> Cloud of a model
    type(cloud_type), intent(in) :: cloud
-   !> Cell of each voxel, shape (nc)
    integer, intent(in) :: owner(:)
-   !> Number of cells
    integer, intent(in) :: cells
    !> Groups of each cell, from 1, shape (slots, cells)
    integer, allocatable, intent(out) :: group(:, :)
@@ -207,18 +195,11 @@ pure function mean_of(values, owner, cells) result(mean)
    mean = mean/number
 end function mean_of
 
-!> Find the boundary entries of each voxel
-pure subroutine find_entries(self, cloud)
-   class(face_entries), intent(inout) :: self
-   type(cloud_type), intent(in) :: cloud
-
-   call group_by(size(cloud%points, 2), cloud%boundary_point, self%of)
-end subroutine find_entries
-
 !> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, of several that
 !> of the first set; 0 without one
-pure integer function nearest_entry(self, cloud, ip, area)
-   class(face_entries), intent(in) :: self
+pure integer function nearest_entry(entries, cloud, ip, area)
+   !> Boundary entries of each voxel
+   type(csr_type), intent(in) :: entries
    type(cloud_type), intent(in) :: cloud
    !> Voxel
    integer, intent(in) :: ip
@@ -228,8 +209,8 @@ pure integer function nearest_entry(self, cloud, ip, area)
    integer(i8) :: k
 
    nearest_entry = 0
-   do k = self%of%offset(ip) + 1, self%of%offset(ip + 1)
-      associate (e => self%of%index(k))
+   do k = entries%offset(ip) + 1, entries%offset(ip + 1)
+      associate (e => entries%index(k))
          if (nearest_entry > 0) then
             associate (more => dot_product(cloud%normal(:, e), area) - most)
                if (more < -same*norm2(area)) cycle

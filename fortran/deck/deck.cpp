@@ -33,6 +33,8 @@ const Value *Section::find(const std::string &key) const {
    return found == values.end() ? nullptr : &found->second;
 }
 
+bool Section::given(const std::string &key) const { return find(key) || refused.count(key); }
+
 std::string Section::text(const std::string &key) const {
    const Value *value = find(key);
    return value && value->kind == Value::Kind::text ? value->text : "";
@@ -74,20 +76,18 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
 
 Deck Deck::defaults(const std::string &table, const std::string &key, const std::string &value) {
    Deck deck("the schema");
-   for (const TableSpec &spec : schema()) {
-      if (spec.name != table)
-         continue;
-      Section section;
-      section.spec = &spec;
-      section.index = spec.many ? 1 : 0;
-      if (!key.empty())
-         section.values[key].text = value;
-      fill_defaults(deck, section);
-      deck.sections.push_back(section);
+   Section section;
+   section.spec = find_table(table);
+   if (!section.spec) {
+      deck.complain({}, table, "no such table");
+      deck.close();
       return deck;
    }
-   deck.complain({}, table, "no such table");
-   deck.close();
+   section.index = section.spec->many ? 1 : 0;
+   if (!key.empty())
+      section.values[key].text = value;
+   fill_defaults(deck, section);
+   deck.sections.push_back(section);
    return deck;
 }
 
@@ -164,6 +164,11 @@ void Deck::complain(const Origin &origin, const std::string &address, const std:
        {order, where(origin) + column + ": " + (address.empty() ? "" : shown(address) + ": ") + what});
 }
 
+void Deck::refuse(const Section &section, const std::string &key, const std::string &what) {
+   const Value *value = section.find(key);
+   complain(value ? value->origin : section.origin, address(section, key), what);
+}
+
 std::string Deck::where(const Origin &origin) const {
    return origin.set.empty() ? name + ":" + std::to_string(origin.line) : origin.set;
 }
@@ -184,12 +189,21 @@ std::string Deck::address(const Section &section, const std::string &key) const 
    return all.empty() ? key : all + "." + key;
 }
 
-static const TableSpec *spec_of(const std::string &table) {
+const TableSpec *find_table(const std::string &name) {
    for (const TableSpec &spec : schema()) {
-      if (spec.name == table)
+      if (spec.name == name)
          return &spec;
    }
    return nullptr;
+}
+
+std::vector<std::string> table_names() {
+   std::vector<std::string> names;
+   for (const TableSpec &spec : schema()) {
+      if (!spec.name.empty())
+         names.push_back(spec.name);
+   }
+   return names;
 }
 
 std::pair<std::size_t, std::size_t> Deck::range_of(const TableSpec &spec) const {
@@ -203,16 +217,31 @@ std::pair<std::size_t, std::size_t> Deck::range_of(const TableSpec &spec) const 
 }
 
 const Section *Deck::single(const std::string &table) const {
-   const TableSpec *spec = spec_of(table);
+   const TableSpec *spec = find_table(table);
    if (!spec || spec->many)
       return nullptr;
    const auto [first, last] = range_of(*spec);
    return first < last ? &sections[first] : nullptr;
 }
 
+const Value *Deck::value(const std::string &table, const std::string &key) const {
+   const Section *section = single(table);
+   return section ? section->find(key) : nullptr;
+}
+
+std::string Deck::word(const std::string &table, const std::string &key) const {
+   const Section *section = single(table);
+   return section ? section->text(key) : "";
+}
+
+int Deck::dimension() const {
+   const Value *given = value("scene", "dimension");
+   return given ? static_cast<int>(given->integer) : 0;
+}
+
 std::vector<Section *> Deck::entries(const std::string &table) {
    std::vector<Section *> found;
-   if (const TableSpec *spec = spec_of(table)) {
+   if (const TableSpec *spec = find_table(table)) {
       const auto [first, last] = range_of(*spec);
       for (std::size_t i = first; i < last; ++i)
          found.push_back(&sections[i]);
@@ -225,10 +254,9 @@ std::string Deck::lookup(const Section &section, const std::string &key) const {
    if (fact != facts.end())
       return fact->second;
    const std::size_t dot = key.find('.');
-   const Section *place = dot == std::string::npos ? &section : single(key.substr(0, dot));
-   const Value *value =
-       place ? place->find(dot == std::string::npos ? key : key.substr(dot + 1)) : nullptr;
-   return value ? value->plain() : "";
+   const Value *found =
+       dot == std::string::npos ? section.find(key) : value(key.substr(0, dot), key.substr(dot + 1));
+   return found ? found->plain() : "";
 }
 
 } // namespace rk

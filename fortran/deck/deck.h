@@ -66,6 +66,9 @@ struct TableSpec {
 
 // Generated: in the order of schema.toml, the keys outside every table first
 const std::vector<TableSpec> &schema();
+// deck.cpp: the table of a name, nullptr without; the names of all that have one
+const TableSpec *find_table(const std::string &name);
+std::vector<std::string> table_names();
 
 // ---- document -------------------------------------------------------------------------------
 
@@ -87,6 +90,15 @@ struct Value {
    Origin origin;
    bool by_default = false; // nobody wrote it; the origin is that of its table
 
+   Value() = default;
+   explicit Value(std::string word) : text(std::move(word)) {}
+   explicit Value(std::int64_t number) : kind(Kind::integer), integer(number) {}
+   explicit Value(double number) : kind(Kind::real), real(number) {}
+   // An array of such values
+   template <typename T> Value(const std::vector<T> &list, const Origin &where) : kind(Kind::array), origin(where) {
+      for (const T &one : list)
+         items.emplace_back(one).origin = where;
+   }
    bool is_number() const { return kind == Kind::integer || kind == Kind::real; }
    double number() const { return kind == Kind::integer ? static_cast<double>(integer) : real; }
    // As in a message or a condition: numbers and words plain, arrays in brackets
@@ -107,6 +119,7 @@ struct Section {
    std::vector<std::pair<std::string, Origin>> unknown; // keys that the schema does not have
 
    const Value *find(const std::string &key) const;
+   bool given(const std::string &key) const;       // refused ones as well
    std::string text(const std::string &key) const; // "" where absent
 };
 
@@ -128,11 +141,17 @@ class Deck {
 
    // `address` is the key as a user would write it: material.fat.K
    void complain(const Origin &where, const std::string &address, const std::string &what);
+   // The same about a key of a section, where that is written, or about the section ("")
+   void refuse(const Section &section, const std::string &key, const std::string &what);
    // Whether there are as many complaints as a message lists
    bool is_full() const;
    std::string where(const Origin &origin) const;
    std::string address(const Section &section, const std::string &key = "") const;
    const Section *single(const std::string &table) const;
+   // The value of a key of a table that comes once; nullptr where either is absent
+   const Value *value(const std::string &table, const std::string &key) const;
+   std::string word(const std::string &table, const std::string &key) const; // "" where absent
+   int dimension() const;                                                     // 0 where absent
    std::vector<Section *> entries(const std::string &table);
    // First section of a table and the one behind its last
    std::pair<std::size_t, std::size_t> range_of(const TableSpec &spec) const;
@@ -181,7 +200,7 @@ void choose_title(Deck &deck);
 // deck_rules.cpp: a quantity of a body or a material, at no place
 bool of_whole_body(const std::string &quantity);
 // deck_linear.cpp: a linear problem stands alone, and what it holds must fit together
-void check_linear(Deck &deck, const std::string &geometry, int dimension);
+void check_linear(Deck &deck);
 // deck_tables.cpp: tables are read from their files, which become part of what identifies a deck, as
 // the label map does
 void read_tables(Deck &deck);

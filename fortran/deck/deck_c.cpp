@@ -36,12 +36,11 @@ struct Entry {
    std::vector<double> numbers;
 };
 
-struct Flat {
+struct Flat : DeckView {
    rk::Deck deck;
    std::vector<Entry> entries;
    std::map<std::string, std::map<std::string, int>> numbers; // of entries, by table and name
    std::vector<EntryView> views;
-   DeckView view;
 };
 
 // Expressions among numbers
@@ -138,8 +137,9 @@ void look(Flat &flat) {
                             entry.numbers.data(), static_cast<int>(entry.numbers.size()), entry.kind,
                             sorted[flat.views.size()]});
    const rk::Deck &deck = flat.deck;
-   flat.view = {deck.message.c_str(), deck.name.c_str(), deck.text.c_str(), deck.sha256.c_str(), deck.folder.c_str(),
-                flat.views.data(), static_cast<int>(flat.views.size()), static_cast<int>(deck.status)};
+   static_cast<DeckView &>(flat) = {
+      deck.message.c_str(), deck.name.c_str(), deck.text.c_str(), deck.sha256.c_str(), deck.folder.c_str(),
+      flat.views.data(), static_cast<int>(flat.views.size()), static_cast<int>(deck.status)};
 }
 
 void fill(Flat &flat) {
@@ -162,8 +162,8 @@ void fill(Flat &flat) {
    }
 }
 
-Flat *open(rk::Deck deck) {
-   Flat *flat = new Flat{std::move(deck), {}, {}, {}, {}};
+DeckView *open(rk::Deck deck) {
+   Flat *flat = new Flat{{}, std::move(deck), {}, {}, {}};
    if (flat->deck.status == rk::Status::good)
       fill(*flat);
    look(*flat);
@@ -186,23 +186,19 @@ std::vector<std::string> lines(const char *text) {
 extern "C" {
 
 // Read and check a file, or a text where there is one, for a command ("": for none)
-void *rk_deck_open(const char *path, const char *text, const char *overrides, const char *command) {
+DeckView *rk_deck_open(const char *path, const char *text, const char *overrides, const char *command) {
    rk::Deck deck = rk::is_blank(text) ? rk::Deck::read(path, lines(overrides))
                                       : rk::Deck(path, text, lines(overrides));
    deck.require(command);
    return open(std::move(deck));
 }
 
-void *rk_deck_defaults(const char *table, const char *key, const char *value) {
+DeckView *rk_deck_defaults(const char *table, const char *key, const char *value) {
    return open(rk::Deck::defaults(table, key, value));
 }
 
-const DeckView *rk_deck_look(const void *handle) {
-   return &static_cast<const Flat *>(handle)->view;
-}
-
 // The full name of a key as an override would take it; "" where the status and message say why not
-const char *rk_deck_resolve(void *handle, const char *key) {
+const char *rk_deck_resolve(DeckView *handle, const char *key) {
    thread_local std::string found;
    Flat &flat = *static_cast<Flat *>(handle);
    found = flat.deck.resolve(key);
@@ -210,7 +206,7 @@ const char *rk_deck_resolve(void *handle, const char *key) {
    return found.c_str();
 }
 
-void rk_deck_close(void *handle) {
+void rk_deck_close(DeckView *handle) {
    delete static_cast<Flat *>(handle);
 }
 

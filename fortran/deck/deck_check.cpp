@@ -88,12 +88,7 @@ static std::string refusal(const KeySpec &key, const Value &value) {
        (key.type == Type::integer || key.type == Type::integers) &&
        std::abs(x) > std::numeric_limits<std::int32_t>::max())
       return "must be below 2147483648 in size, not " + value.plain();
-   auto plain = [](double bound) {
-      Value v;
-      v.kind = Value::Kind::real;
-      v.real = bound;
-      return v.plain();
-   };
+   const auto plain = [](double bound) { return Value(bound).plain(); };
    std::vector<std::string> bounds;
    if (key.min)
       bounds.push_back("at least " + plain(*key.min));
@@ -151,7 +146,7 @@ static void check_values(Deck &deck, Section &section) {
       const std::string what = refusal_of(key, *value);
       if (what.empty())
          continue;
-      deck.complain(value->origin, deck.address(section, key.name), what);
+      deck.refuse(section, key.name, what);
       section.refused.insert(key.name);
    }
    for (const std::string &key : section.refused)
@@ -193,7 +188,7 @@ static std::optional<std::string> default_of(const Deck &deck, const Section &se
 
 static void fill_default(const Deck &deck, Section &section, const KeySpec &key) {
    const std::optional<std::string> toml = default_of(deck, section, key);
-   if (!toml || section.find(key.name) || section.refused.count(key.name))
+   if (!toml || section.given(key.name))
       return;
    Value value = *parse_value(*toml);
    value.origin = section.origin;
@@ -216,10 +211,10 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
       if (const Condition *broken = failing(deck, section, key.only_if, true)) {
          if (!value)
             continue;
-         deck.complain(value->origin, deck.address(section, key.name),
-                       broken->values.empty() ? "needs " + broken->key + " beside it"
-                                              : "only for " + spelled(*broken) + "; here " + broken->key +
-                                                   " = " + deck.lookup(section, broken->key));
+         deck.refuse(section, key.name,
+                     broken->values.empty() ? "needs " + broken->key + " beside it"
+                                            : "only for " + spelled(*broken) + "; here " + broken->key +
+                                                 " = " + deck.lookup(section, broken->key));
          wrong.insert(key.name);
          continue;
       }
@@ -251,19 +246,16 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
 static void check_groups(Deck &deck, const Section &section, const std::set<std::string> &wrong) {
    const auto is_wrong = [&](const std::string &key) { return wrong.count(key) > 0; };
    const auto is_there = [&](const std::string &key) {
-      return (section.find(key) || section.refused.count(key)) && !is_wrong(key);
+      return section.given(key) && !is_wrong(key);
    };
    const std::vector<std::string> &some = section.spec->at_least;
    if (!some.empty() && std::none_of(some.begin(), some.end(), is_there) &&
        std::none_of(some.begin(), some.end(), is_wrong))
-      deck.complain(section.origin, deck.address(section),
-                    "needs one of the keys " + join(some, ", "));
+      deck.refuse(section, "", "needs one of the keys " + join(some, ", "));
    for (const KeySpec &key : section.spec->keys) {
-      const Value *value = section.find(key.name);
       for (const std::string &other : key.not_beside) {
          if (is_there(key.name) && is_there(other))
-            deck.complain(value ? value->origin : section.origin, deck.address(section, key.name),
-                          "cannot be given beside " + other);
+            deck.refuse(section, key.name, "cannot be given beside " + other);
       }
    }
 }
@@ -273,18 +265,17 @@ static void check_series(Deck &deck, const Section &section, const KeySpec &key,
    for (const std::string &name : key.as_many_as) {
       const Value *other = section.find(name);
       if (other && other->items.size() != value.items.size())
-         deck.complain(value.origin, deck.address(section, key.name),
-                       "must have as many items as " + name + ", " +
-                           std::to_string(other->items.size()) + ", not " +
-                           std::to_string(value.items.size()));
+         deck.refuse(section, key.name,
+                     "must have as many items as " + name + ", " + std::to_string(other->items.size()) +
+                        ", not " + std::to_string(value.items.size()));
    }
    for (std::size_t i = 1; key.ascending && i < value.items.size(); ++i) {
       const Value &before = value.items[i - 1], &item = value.items[i];
       if (item.number() > before.number())
          continue;
-      deck.complain(value.origin, deck.address(section, key.name),
-                    "must ascend: item " + std::to_string(i + 1) + ", " + item.plain() + ", follows " +
-                        before.plain());
+      deck.refuse(section, key.name,
+                  "must ascend: item " + std::to_string(i + 1) + ", " + item.plain() + ", follows " +
+                     before.plain());
       return;
    }
 }
@@ -293,25 +284,21 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    int length = key.length;
    std::string because;
    if (length == dimension_length) {
-      const Section *scene = deck.single("scene");
-      const Value *dimension = scene ? scene->find("dimension") : nullptr;
-      if (!dimension)
+      length = deck.dimension();
+      if (length == 0)
          return;
-      length = static_cast<int>(dimension->integer);
       because = " (scene.dimension = " + std::to_string(length) + ")";
    }
    if (key.scalar && is_single(key, value)) {
-      Value array;
-      array.kind = Value::Kind::array;
-      array.origin = value.origin;
+      Value array(std::vector<double>{}, value.origin);
       array.items.assign(static_cast<std::size_t>(std::max(length, 1)), value);
       value = array;
    }
    if (length == any_length || value.items.size() == static_cast<std::size_t>(length))
       return;
-   deck.complain(value.origin, deck.address(section, key.name),
-                 "must have " + std::to_string(length) + " items" + because + ", not " +
-                     std::to_string(value.items.size()));
+   deck.refuse(section, key.name,
+               "must have " + std::to_string(length) + " items" + because + ", not " +
+                  std::to_string(value.items.size()));
    section.refused.insert(key.name);
 }
 
@@ -332,17 +319,16 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
          std::vector<std::string> there;
          for (Section *entry : deck.is_full() ? std::vector<Section *>{} : deck.entries(key.refers_to))
             there.push_back(entry->text(entry->spec->named_by));
-         deck.complain(value.origin, deck.address(section, key.name),
-                       "no [[" + key.refers_to + "]] is called " + quoted(value.text) +
-                           suggest(value.text, there, "there are:"));
+         deck.refuse(section, key.name,
+                     "no [[" + key.refers_to + "]] is called " + quoted(value.text) +
+                        suggest(value.text, there, "there are:"));
       }
    }
    if (key.unique || section.spec->named_by == key.name) {
       const auto [earlier, first] = names.taken[&key].emplace(value.plain(), value.origin);
       if (!first)
-         deck.complain(value.origin, deck.address(section, key.name),
-                       value.described() + " is taken already, by " +
-                           deck.where(earlier->second));
+         deck.refuse(section, key.name,
+                     value.described() + " is taken already, by " + deck.where(earlier->second));
    }
 }
 
@@ -395,9 +381,7 @@ static std::vector<std::string> functions_of(Deck &deck) {
 // Whether texts in the place of numbers are expressions
 static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value,
                              const std::vector<std::string> &tables) {
-   const Section *scene = deck.single("scene");
-   const Value *dimension = scene ? scene->find("dimension") : nullptr;
-   if (!dimension)
+   if (deck.dimension() == 0)
       return;
    // the time is of no meaning where nothing moves
    const std::string kind =
@@ -409,11 +393,11 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
             names.push_back(other.name);
       }
    } else {
-      names = names_of(kind, static_cast<int>(dimension->integer));
+      names = names_of(kind, deck.dimension());
    }
    if (kind == "fields") {
       const std::vector<std::string> fields =
-         fields_of(static_cast<int>(dimension->integer), deck.single("linear") != nullptr);
+         fields_of(deck.dimension(), deck.single("linear") != nullptr);
       names.insert(names.end(), fields.begin(), fields.end());
    }
    // a table may have the name of a field
@@ -425,8 +409,7 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
                                                  : expression_fault(one.text, names,
                                                                     kind == "fields" ? no_tables : tables);
       if (!fault.empty())
-         deck.complain(value.origin, deck.address(section, key.name),
-                       which + quoted(one.text) + " " + fault);
+         deck.refuse(section, key.name, which + quoted(one.text) + " " + fault);
    };
    check(value, "");
    for (std::size_t i = 0; i < value.items.size(); ++i)

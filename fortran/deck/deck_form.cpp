@@ -19,13 +19,11 @@ constexpr double on_surface_tolerance = 1e-9;
 
 // Gauss points need cells between source points, of a lattice or of voxels; nodal cells do not
 static std::string galerkin_form(const Deck &deck) {
-   const Section *geometry = deck.single("geometry");
    // linear problems are posed on boxes, whose cells hold jittered points as well
    if (deck.single("linear"))
       return "rkpm-gauss";
-   const Value *jitter = geometry ? geometry->find("jitter") : nullptr;
-   const bool scattered =
-       !geometry || (jitter && jitter->number() > 0.0);
+   const Value *jitter = deck.value("geometry", "jitter");
+   const bool scattered = !deck.single("geometry") || (jitter && jitter->number() > 0.0);
    return scattered ? "rkpm-scni" : "rkpm-gauss";
 }
 
@@ -51,9 +49,8 @@ static bool on_surface(const Section &geometry, const Value &point) {
           meets(y, height, height);
 }
 
-static bool plane_gauss(const Section &scene) {
-   const Value *dimension = scene.find("dimension");
-   return scene.text("method") == "rkpm-gauss" && dimension && dimension->integer == 2;
+static bool plane_gauss(const Deck &deck) {
+   return deck.word("scene", "method") == "rkpm-gauss" && deck.dimension() == 2;
 }
 
 // Points across the wall of an annulus that a basis of order 2 needs
@@ -66,11 +63,10 @@ static bool quadratic_wall(const Section &geometry) {
 // A basis of order 1 has a boundary layer of stress: the tube's radial stress at its wall is 10 %
 // off where order 2 is 0.3 % off. Its forces need eight times as many points for the same error. In
 // space order 2 costs more than it gives.
-static bool asks_order_two(Deck &deck, const Section &scene) {
-   const Section *geometry = deck.single("geometry"), *basis = deck.single("approximation");
-   if (!plane_gauss(scene) || !geometry)
-      return false;
-   if (basis && (basis->find("order") || basis->find("support")))
+static bool asks_order_two(Deck &deck) {
+   const Section *geometry = deck.single("geometry");
+   if (!plane_gauss(deck) || !geometry || deck.value("approximation", "order") ||
+       deck.value("approximation", "support"))
       return false;
    if (quadratic_wall(*geometry))
       return true;
@@ -90,18 +86,16 @@ static bool asks_order_two(Deck &deck, const Section &scene) {
 // Such a basis takes a wider and smoother kernel: with support 2.5 and the cubic spline it has
 // motions near corners that two Gauss points hardly resist. Where a wall of the tube meets a plane
 // of symmetry they put the stress 20 % off, at any number of points.
-static bool plane_quadratic(Deck &deck, const Section &scene) {
-   const Section *basis = deck.single("approximation");
-   const Value *order = basis ? basis->find("order") : nullptr;
-   if (basis && basis->find("support"))
+static bool plane_quadratic(Deck &deck) {
+   const Value *order = deck.value("approximation", "order");
+   if (deck.value("approximation", "support"))
       return false;
-   return plane_gauss(scene) && (order ? order->integer == 2 : deck.facts.count("order_two"));
+   return plane_gauss(deck) && (order ? order->integer == 2 : deck.facts.count("order_two"));
 }
 
 // States before full load are wanted where somebody else's numbers are given for them
 static bool compares_on_the_way(Deck &deck) {
-   const Section *load = deck.single("load");
-   const Value *full = load ? load->find("activation") : nullptr;
+   const Value *full = deck.value("load", "activation");
    for (const Section *reference : deck.entries("reference")) {
       const Value *shares = reference->find("load"), *levels = reference->find("activation");
       for (const Value &share : shares ? shares->items : std::vector<Value>{}) {
@@ -116,29 +110,11 @@ static bool compares_on_the_way(Deck &deck) {
    return false;
 }
 
-static void put(Value &item, std::int64_t number) {
-   item.kind = Value::Kind::integer;
-   item.integer = number;
-}
-
-static void put(Value &item, const std::string &word) {
-   item.kind = Value::Kind::text;
-   item.text = word;
-}
-
-// An array that nobody wrote
-template <typename T> static Value array_of(const std::vector<T> &items, const Origin &origin) {
-   Value value;
-   value.kind = Value::Kind::array;
-   value.origin = origin;
+// A value that nobody wrote
+static void put(Section &section, const std::string &key, Value value) {
+   value.origin = section.origin;
    value.by_default = true;
-   for (const T &one : items) {
-      Value item;
-      put(item, one);
-      item.origin = origin;
-      value.items.push_back(item);
-   }
-   return value;
+   section.values[key] = std::move(value);
 }
 
 // Lengths of a body along the directions of its lattice; none where they are not known
@@ -163,10 +139,9 @@ static std::vector<double> lengths(const Section &geometry) {
 
 // Source points that nobody chose: cells about as long in all directions, an even number of them,
 // since pairs share their pressures
-static bool first_points(Section &geometry, const Value *dimension) {
+static bool first_points(Section &geometry, int dimension) {
    const std::vector<double> size = lengths(geometry);
-   if (!dimension || size.empty() || size.size() != std::size_t(dimension->integer) ||
-       geometry.find("source"))
+   if (size.empty() || size.size() != std::size_t(dimension) || geometry.find("source"))
       return false;
    const double least = *std::min_element(size.begin(), size.end());
    std::vector<std::int64_t> source;
@@ -175,7 +150,7 @@ static bool first_points(Section &geometry, const Value *dimension) {
                                     double(most_first_cells[size.size() - 1]));
       source.push_back(1 + 2 * std::llround(0.5 * cells));
    }
-   geometry.values["source"] = array_of(source, geometry.origin);
+   put(geometry, "source", {source, geometry.origin});
    return true;
 }
 
@@ -219,22 +194,18 @@ static void first_places(Section &geometry) {
    std::vector<std::int64_t> places;
    for (const Value &item : source->items)
       places.push_back(2 * item.integer - 1);
-   geometry.values["collocation"] = array_of(places, geometry.origin);
+   put(geometry, "collocation", {places, geometry.origin});
 }
 
 // The table of the search: of decks that ask for an error, and of those whose points nobody chose
 static void ask_for_error(Deck &deck, bool chosen_here) {
-   // copied: a table more moves the others
-   const Section top = deck.single("") ? *deck.single("") : Section{};
-   const auto asked = [&](const char *key) { return top.find(key); };
    if (deck.entries("refine").empty()) {
-      if (!chosen_here && !asked("accuracy"))
+      const Value *asked = deck.value("", "accuracy");
+      if (!chosen_here && !asked)
          return;
-      const auto spec = std::find_if(schema().begin(), schema().end(),
-                                     [](const TableSpec &table) { return table.name == "refine"; });
       Section table;
-      table.spec = &*spec;
-      table.origin = asked("accuracy") ? asked("accuracy")->origin : deck.single("geometry")->origin;
+      table.spec = find_table("refine");
+      table.origin = asked ? asked->origin : deck.single("geometry")->origin;
       const auto behind = std::find_if(
           deck.sections.begin(), deck.sections.end(),
           [&](const Section &section) { return section.spec > table.spec; });
@@ -242,27 +213,20 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
    }
    Section &refine = *deck.entries("refine").front();
    for (const char *key : {"accuracy", "cost"}) {
-      if (refine.find(key) || refine.refused.count(key))
+      if (refine.given(key))
          continue;
-      if (const Value *value = asked(key))
+      if (const Value *value = deck.value("", key))
          refine.values[key] = *value;
    }
-   if (refine.find("accuracy") || refine.refused.count("accuracy"))
-      return;
-   Value usual;
-   usual.kind = Value::Kind::real;
-   usual.real = usual_accuracy;
-   usual.origin = refine.origin;
-   usual.by_default = true;
-   refine.values["accuracy"] = usual;
+   if (!refine.given("accuracy"))
+      put(refine, "accuracy", Value(usual_accuracy));
 }
 
 // Whether source points on the sides can hold prescribed displacements exactly, so that no answer
 // depends on a penalty. Tendons, pressures with a free rim and tangents that are not factorised need
 // the penalty, and a deck that sets its size asks for it.
 static bool can_hold(Deck &deck) {
-   const Section *form = deck.single("galerkin");
-   if (form && (form->find("penalty") || form->find("direct_limit")))
+   if (deck.value("galerkin", "penalty") || deck.value("galerkin", "direct_limit"))
       return false;
    const std::vector<Section *> entries = deck.entries("boundary");
    return std::none_of(entries.begin(), entries.end(), [](const Section *entry) {
@@ -275,16 +239,14 @@ static void choose_points(Deck &deck) {
    const std::vector<Section *> bodies = deck.entries("geometry");
    if (bodies.empty() || bodies.front()->refused.count("kind"))
       return;
-   const bool chosen_here = first_points(*bodies.front(), deck.single("scene")->find("dimension"));
+   const bool chosen_here = first_points(*bodies.front(), deck.dimension());
    first_places(*bodies.front());
-   const bool nonlinear =
-       deck.single("scene")->text("method") == "rkpm-gauss" && !deck.single("linear");
+   const bool nonlinear = deck.word("scene", "method") == "rkpm-gauss" && !deck.single("linear");
    Section &body = *bodies.front();
-   if (chosen_here && nonlinear && body.text("kind") == "box" && !body.find("graded") &&
-       !body.refused.count("graded")) {
+   if (chosen_here && nonlinear && body.text("kind") == "box" && !body.given("graded")) {
       const std::vector<std::string> sides =
           singular_sides(deck, body.find("source")->items.size());
-      body.values["graded"] = array_of(sides, body.origin);
+      put(body, "graded", {sides, body.origin});
    }
    const bool searched = chosen_here && nonlinear && !deck.entries("probe").empty();
    if (searched && can_hold(deck))
@@ -308,10 +270,9 @@ void choose_form(Deck &deck) {
    scene.values["method"] = method;
    // which may add a table, and moves the others
    choose_points(deck);
-   const Section &now = *deck.single("scene");
-   if (asks_order_two(deck, now))
+   if (asks_order_two(deck))
       deck.facts["order_two"] = "true";
-   if (plane_quadratic(deck, now))
+   if (plane_quadratic(deck))
       deck.facts["plane_quadratic"] = "true";
    if (compares_on_the_way(deck))
       deck.facts["compared_on_the_way"] = "true";
@@ -319,16 +280,14 @@ void choose_form(Deck &deck) {
 
 void choose_title(Deck &deck) {
    Section &top = deck.sections.front();
-   if (top.find("title") || top.refused.count("title"))
+   if (top.given("title"))
       return;
    // a file may be called what no text of a deck can be
    const std::string stem = std::filesystem::path(deck.name).stem().string();
    std::optional<Value> title = parse_value("'''" + stem + "'''");
    if (!title || is_blank(title->text))
       title = parse_value("'scene'");
-   title->origin = top.origin;
-   title->by_default = true;
-   top.values["title"] = *title;
+   put(top, "title", *title);
 }
 
 } // namespace rk

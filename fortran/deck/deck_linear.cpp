@@ -13,25 +13,25 @@ static bool is_one_of(const std::string &word, const Words &list) {
 }
 
 // Without [linear] nothing may be there that only linear problems have
-static void check_without(Deck &deck, int dimension) {
+static void check_without(Deck &deck) {
    if (const Section *dynamics = deck.single("dynamics"))
-      deck.complain(dynamics->origin, "dynamics", "only for linear problems: [linear] is missing");
+      deck.refuse(*dynamics, "", "only for linear problems: [linear] is missing");
    for (Section *pin : deck.entries("pin"))
-      deck.complain(pin->origin, deck.address(*pin), "only for linear problems");
+      deck.refuse(*pin, "", "only for linear problems");
    for (Section *boundary : deck.entries("boundary")) {
       for (const char *key : {"u", "flux"}) {
-         if (const Value *value = boundary->find(key))
-            deck.complain(value->origin, deck.address(*boundary, key),
-                          "only for linear problems with problem = poisson");
+         if (boundary->find(key))
+            deck.refuse(*boundary, key, "only for linear problems with problem = poisson");
       }
    }
-   if (dimension == 1)
-      deck.complain(deck.single("scene")->find("dimension")->origin, "scene.dimension",
-                    "1 is only for linear problems: the table [linear] is missing");
+   if (deck.dimension() == 1)
+      deck.refuse(*deck.single("scene"), "dimension",
+                  "1 is only for linear problems: the table [linear] is missing");
 }
 
 // Keys of the operator, one value for each unknown
-static void check_values(Deck &deck, const Section &linear, int dimension) {
+static void check_values(Deck &deck, const Section &linear) {
+   const int dimension = deck.dimension();
    const std::string problem = linear.text("problem");
    const bool scalar = problem == "poisson";
    for (Section *boundary : deck.entries("boundary")) {
@@ -39,11 +39,11 @@ static void check_values(Deck &deck, const Section &linear, int dimension) {
          const bool fits = key == "set" || (scalar ? is_one_of(key, {"u", "flux"})
                                                    : is_one_of(key, {"u_x", "u_y", "u_z", "traction"}));
          if (!fits)
-            deck.complain(value.origin, deck.address(*boundary, key),
-                          "is not known in a linear problem of " + problem + "; it has " +
-                              (scalar          ? "u and flux"
-                               : dimension < 2 ? "u_x and traction"
-                                               : "u_x, u_y and traction"));
+            deck.refuse(*boundary, key,
+                        "is not known in a linear problem of " + problem + "; it has " +
+                            (scalar          ? "u and flux"
+                             : dimension < 2 ? "u_x and traction"
+                                             : "u_x, u_y and traction"));
       }
    }
    const auto fields = static_cast<std::size_t>(scalar ? 1 : dimension);
@@ -51,19 +51,19 @@ static void check_values(Deck &deck, const Section &linear, int dimension) {
       for (const char *key : {"source", "exact", "displacement", "velocity"}) {
          const Value *value = section ? section->find(key) : nullptr;
          if (value && value->items.size() != fields && dimension > 0)
-            deck.complain(value->origin, deck.address(*section, key),
-                          "must have " + std::to_string(fields) + " item" +
-                              (fields == 1 ? "" : "s") + ", one for each unknown, not " +
-                              std::to_string(value->items.size()));
+            deck.refuse(*section, key,
+                        "must have " + std::to_string(fields) + " item" +
+                            (fields == 1 ? "" : "s") + ", one for each unknown, not " +
+                            std::to_string(value->items.size()));
       }
    }
    if (const Section *dynamics = deck.single("dynamics")) {
       const Value *step = dynamics->find("time_step"), *end = dynamics->find("end_time");
       const double steps = step && end ? end->number() / step->number() : 1.0;
       if (std::round(steps) < 1.0 || std::abs(steps - std::round(steps)) > 1e-6 * steps)
-         deck.complain(end->origin, "dynamics.end_time",
-                       "must be a whole number of time steps of " + step->plain() + ", not " +
-                           end->plain());
+         deck.refuse(*dynamics, "end_time",
+                     "must be a whole number of time steps of " + step->plain() + ", not " +
+                         end->plain());
    }
 }
 
@@ -82,42 +82,39 @@ static void check_linear_probes(Deck &deck, const Section &linear, const std::st
                         : force              ? forces
                                              : quantity != "J" && !moved;
       if (!quantity.empty() && !fits)
-         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
-                       quantity + (moved && !force && !of_whole_body(quantity)
-                                       ? " of a set or section"
-                                       : "") +
-                           " is not known in a linear problem of " + problem + " by " + method +
-                           (force && !forces && problem != "poisson"
-                               ? ", whose virtual work has no sources and no inertia: take "
-                                 "scene.method = rkpm-gauss"
-                               : ""));
+         deck.refuse(*probe, "quantity",
+                     quantity + (moved && !force && !of_whole_body(quantity)
+                                     ? " of a set or section"
+                                     : "") +
+                         " is not known in a linear problem of " + problem + " by " + method +
+                         (force && !forces && problem != "poisson"
+                             ? ", whose virtual work has no sources and no inertia: take "
+                               "scene.method = rkpm-gauss"
+                             : ""));
    }
 }
 
-void check_linear(Deck &deck, const std::string &geometry, int dimension) {
-   const Section *linear = deck.single("linear"), *scene = deck.single("scene");
+void check_linear(Deck &deck) {
+   const Section *linear = deck.single("linear");
    if (!linear) {
-      check_without(deck, dimension);
+      check_without(deck);
       return;
    }
    for (const char *table : {"material", "amplitude", "exact", "reference"}) {
       for (Section *section : deck.entries(table))
-         deck.complain(section->origin, deck.address(*section),
-                       "is not used by a linear problem, which [linear] defines");
+         deck.refuse(*section, "", "is not used by a linear problem, which [linear] defines");
    }
-   if (!geometry.empty() && geometry != "box")
-      deck.complain(deck.single("geometry")->find("kind")->origin, "geometry.kind",
-                    "must be box for a linear problem, not " + geometry);
-   const Section *body = deck.single("geometry");
-   if (const Value *labels = body ? body->find("labels") : nullptr)
-      deck.complain(labels->origin, "geometry.labels",
-                    "is not used by a linear problem, whose coefficients are expressions or tables");
-   const Value *method = scene ? scene->find("method") : nullptr;
-   if (method && method->text != "rkcm" && method->text != "rkpm-gauss")
-      deck.complain(method->origin, "scene.method",
-                    "must be rkpm-gauss or rkcm for a linear problem, not " + method->text);
-   check_values(deck, *linear, dimension);
-   check_linear_probes(deck, *linear, method ? method->text : "");
+   const std::string body = deck.word("geometry", "kind"), method = deck.word("scene", "method");
+   if (!body.empty() && body != "box")
+      deck.refuse(*deck.single("geometry"), "kind", "must be box for a linear problem, not " + body);
+   if (deck.value("geometry", "labels"))
+      deck.refuse(*deck.single("geometry"), "labels",
+                  "is not used by a linear problem, whose coefficients are expressions or tables");
+   if (!method.empty() && method != "rkcm" && method != "rkpm-gauss")
+      deck.refuse(*deck.single("scene"), "method",
+                  "must be rkpm-gauss or rkcm for a linear problem, not " + method);
+   check_values(deck, *linear);
+   check_linear_probes(deck, *linear, method);
 }
 
 } // namespace rk

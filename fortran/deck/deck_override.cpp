@@ -19,9 +19,7 @@ static Value read_value(const std::string &text, const KeySpec &key) {
        key.type == Type::text && !(key.or_number && value && value->is_number());
    if (value && (!wants_text || value->kind == Value::Kind::text))
       return *value;
-   Value word;
-   word.text = text;
-   return word;
+   return Value(text);
 }
 
 // The section an override speaks of: a table of that name (added where the deck lacks it), the
@@ -79,20 +77,13 @@ static std::pair<Section *, const KeySpec *> find_key(Deck &deck, const Origin &
    const std::string key = outside ? address : address.substr(last + 1);
    const std::string middle = first == last ? "" : address.substr(first + 1, last - first - 1);
 
-   const TableSpec *spec = nullptr;
-   std::vector<std::string> tables;
-   for (const TableSpec &candidate : schema()) {
-      if (candidate.name == table)
-         spec = &candidate;
-      if (!candidate.name.empty())
-         tables.push_back(candidate.name);
-   }
+   const TableSpec *spec = find_table(table);
    if (!spec) {
-      deck.complain(origin, table, "unknown table" + suggest(table, tables, "known tables are:"));
+      deck.complain(origin, table, "unknown table" + suggest(table, table_names(), "known tables are:"));
       return {};
    }
    const KeySpec *key_spec = spec->find(key);
-   if (!key_spec && outside && std::count(tables.begin(), tables.end(), key) > 0) {
+   if (!key_spec && outside && !key.empty() && find_table(key)) {
       deck.complain(origin, key, "is a table; write " + key + ".key=value");
       return {};
    }

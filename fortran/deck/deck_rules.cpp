@@ -8,59 +8,51 @@
 
 namespace rk {
 
-static double number_of(const Section *section, const std::string &key, double otherwise) {
-   const Value *value = section ? section->find(key) : nullptr;
-   return value ? value->number() : otherwise;
-}
-
 static void check_materials(Deck &deck) {
    const std::vector<Section *> materials = deck.entries("material");
-   const Section *scene = deck.single("scene");
-   const std::string method = scene ? scene->text("method") : "";
+   const std::string method = deck.word("scene", "method");
    const Section *geometry = deck.single("geometry");
-   const bool map = geometry && (geometry->find("labels") || geometry->refused.count("labels"));
+   const bool map = geometry && geometry->given("labels");
    const bool regions = map || std::any_of(materials.begin(), materials.end(), [](Section *material) {
-      return material->find("where") || material->refused.count("where");
+      return material->given("where");
    });
    for (Section *material : materials) {
       const Value *label = material->find("label");
-      const bool where = material->find("where") || material->refused.count("where");
+      const bool where = material->given("where");
       if (regions && label && (where || !map))
-         deck.complain(label->origin, deck.address(*material, "label"),
-                       map ? "cannot be given beside `where`"
-                           : "cannot be given where materials are placed by `where`: in a box labels "
-                             "are those of a label map, geometry.labels");
+         deck.refuse(*material, "label",
+                     map ? "cannot be given beside `where`"
+                         : "cannot be given where materials are placed by `where`: in a box labels "
+                           "are those of a label map, geometry.labels");
       if (regions && material != materials.front() && !where && !(map && label) &&
           !material->refused.count("label"))
-         deck.complain(material->origin, deck.address(*material, map ? "label" : "where"),
-                       std::string("missing, ") + (map ? "and so is `where`: " : "") +
-                          "only the first material may leave it out and fill the rest");
+         deck.refuse(*material, map ? "label" : "where",
+                     std::string("missing, ") + (map ? "and so is `where`: " : "") +
+                        "only the first material may leave it out and fill the rest");
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
-         deck.complain(bulk->origin, deck.address(*material, "K"),
-                       "inf needs the pressure as an unknown: take scene.method = rkpm-gauss, "
-                       "rkpm-scni or rkcm-mixed instead of rkcm");
+         deck.refuse(*material, "K",
+                     "inf needs the pressure as an unknown: take scene.method = rkpm-gauss, "
+                     "rkpm-scni or rkcm-mixed instead of rkcm");
       const Value *activation = material->find("activation");
       if (activation && activation->kind == Value::Kind::text && method.compare(0, 4, "rkpm") != 0)
-         deck.complain(activation->origin, deck.address(*material, "activation"),
-                       "an expression is only for scene.method = rkpm-gauss or rkpm-scni");
-      if (!regions && materials.size() > 1 && !material->find("label") && !material->refused.count("label"))
-         deck.complain(material->origin, deck.address(*material, "label"),
-                       "missing, an integer is needed where there are several materials");
+         deck.refuse(*material, "activation",
+                     "an expression is only for scene.method = rkpm-gauss or rkpm-scni");
+      if (!regions && materials.size() > 1 && !material->given("label"))
+         deck.refuse(*material, "label", "missing, an integer is needed where there are several materials");
    }
 }
 
 // Collocation sees second derivatives, which functions of order 1 do not approach: by (5.19) the
 // error is of order h^(p-1)
 static void check_order(Deck &deck) {
-   const Section *scene = deck.single("scene"), *section = deck.single("approximation");
-   const std::string method = scene ? scene->text("method") : "";
-   const Value *order = section ? section->find("order") : nullptr;
+   const std::string method = deck.word("scene", "method");
+   const Value *order = deck.value("approximation", "order");
    if (order && order->number() < 2.0 && (method == "rkcm" || method == "rkcm-mixed"))
-      deck.complain(order->origin, deck.address(*section, "order"),
-                    "must be at least 2 for scene.method = " + method +
-                        ": second derivatives of functions of order 1 do not converge; take "
-                        "order = 2 and support = 3, or scene.method = rkpm-gauss");
+      deck.refuse(*deck.single("approximation"), "order",
+                  "must be at least 2 for scene.method = " + method +
+                      ": second derivatives of functions of order 1 do not converge; take "
+                      "order = 2 and support = 3, or scene.method = rkpm-gauss");
 }
 
 // The plate at the end of a tendon moves as nothing else says
@@ -72,8 +64,8 @@ static void check_tendon(Deck &deck, Section &section) {
    for (std::size_t i = 0; i < std::min<std::size_t>(direction->items.size(), 3); ++i) {
       const Value *held = section.find(component[i]);
       if (held && direction->items[i].number() != 0.0)
-         deck.complain(held->origin, deck.address(section, component[i]),
-                       "cannot be given beside a tendon whose direction has a component along it");
+         deck.refuse(section, component[i],
+                     "cannot be given beside a tendon whose direction has a component along it");
    }
 }
 
@@ -88,9 +80,9 @@ static void check_boundary(Deck &deck) {
             return still.count(entry.first) == 0;
          });
       if (amplitude && stiff && !driven)
-         deck.complain(amplitude->origin, deck.address(*section, "amplitude"),
-                       "nothing here varies with it: the stiffness of a spring or tendon is constant; move "
-                       "its other end by a traction beside the spring, or by the pull of the tendon");
+         deck.refuse(*section, "amplitude",
+                     "nothing here varies with it: the stiffness of a spring or tendon is constant; move "
+                     "its other end by a traction beside the spring, or by the pull of the tendon");
       check_tendon(deck, *section);
    }
 }
@@ -100,8 +92,7 @@ static void check_amplitudes(Deck &deck) {
    for (Section *amplitude : deck.entries("amplitude")) {
       const Value *time = amplitude->find("time");
       if (time && time->items.front().number() != 0.0)
-         deck.complain(time->origin, deck.address(*amplitude, "time"),
-                       "must start at 0, not " + time->items.front().plain());
+         deck.refuse(*amplitude, "time", "must start at 0, not " + time->items.front().plain());
    }
 }
 
@@ -110,47 +101,44 @@ bool of_whole_body(const std::string &quantity) {
 }
 
 static void check_probes(Deck &deck, int dimension) {
-   const Section *scene = deck.single("scene");
-   const bool weak = scene && scene->text("method").compare(0, 4, "rkpm") == 0;
+   const bool weak = deck.word("scene", "method").compare(0, 4, "rkpm") == 0;
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
       const Value *material = probe->find("material");
       const bool whole = of_whole_body(quantity);
       const auto given = [&](const char *key) {
-         return probe->find(key) || probe->refused.count(key);
+         return probe->given(key);
       };
       const bool of_set =
           quantity.compare(0, 5, "force") == 0 || quantity.compare(0, 6, "torque") == 0;
       if (!whole && !of_set && quantity != "expression" && !given("point") && !given("set"))
-         deck.complain(probe->origin, deck.address(*probe), "needs one of the keys point, set");
+         deck.refuse(*probe, "", "needs one of the keys point, set");
       for (const char *key : {"point", "set"}) {
-         if (const Value *value = whole ? probe->find(key) : nullptr)
-            deck.complain(value->origin, deck.address(*probe, key),
-                          "cannot be given for " + quantity + ", a quantity of the whole body");
+         if (whole && probe->find(key))
+            deck.refuse(*probe, key, "cannot be given for " + quantity + ", a quantity of the whole body");
       }
       if (material && !whole && !weak)
-         deck.complain(material->origin, deck.address(*probe, "material"),
-                       "the force of one material needs a Galerkin form, such as scene.method = rkpm-gauss");
+         deck.refuse(*probe, "material",
+                     "the force of one material needs a Galerkin form, such as scene.method = rkpm-gauss");
       if (dimension == 2 && (quantity == "u_z" || quantity == "force_z" || quantity == "torque_x" ||
                              quantity == "torque_y" || quantity == "section_force_z"))
-         deck.complain(probe->find("quantity")->origin, deck.address(*probe, "quantity"),
-                       quantity + " is always zero in two dimensions");
+         deck.refuse(*probe, "quantity", quantity + " is always zero in two dimensions");
    }
 }
 
 static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
    const Value *inner = geometry.find("inner_radius"), *outer = geometry.find("outer_radius");
    if (inner && outer && outer->number() <= inner->number())
-      deck.complain(outer->origin, deck.address(geometry, "outer_radius"),
-                    "must be greater than inner_radius = " + inner->plain() + ", not " +
-                        outer->plain());
+      deck.refuse(geometry, "outer_radius",
+                  "must be greater than inner_radius = " + inner->plain() + ", not " +
+                      outer->plain());
    const Value *kind = geometry.find("kind");
    if (kind && kind->text != "box" && dimension != 0 &&
        dimension != (kind->text == "annulus" ? 2 : 3))
-      deck.complain(kind->origin, deck.address(geometry, "kind"),
-                    kind->text +
-                        " needs scene.dimension = " + (kind->text == "annulus" ? "2" : "3") +
-                        ", not " + std::to_string(dimension));
+      deck.refuse(geometry, "kind",
+                  kind->text +
+                      " needs scene.dimension = " + (kind->text == "annulus" ? "2" : "3") +
+                      ", not " + std::to_string(dimension));
 }
 
 // A probe must have what an exact solution or a reference is compared with
@@ -173,26 +161,25 @@ static void check_compared(Deck &deck) {
                                quantity.compare(0, 6, "torque") != 0 && !of_whole_body(quantity);
             if (quantity.empty() || (exact ? local : !vector))
                continue;
-            deck.complain(name->origin, deck.address(*section, "probe"),
-                          quoted(name->text) + " is of " + quantity + ", " +
-                              (exact ? "which a homogeneous solution does not give"
-                                     : "three numbers; choose a component"));
+            deck.refuse(*section, "probe",
+                        quoted(name->text) + " is of " + quantity + ", " +
+                            (exact ? "which a homogeneous solution does not give"
+                                   : "three numbers; choose a component"));
          }
       }
    }
 }
 
 void check_rules(Deck &deck) {
-   const int dimension = static_cast<int>(number_of(deck.single("scene"), "dimension", 0.0));
+   const int dimension = deck.dimension();
    const Section *geometry = deck.single("geometry");
-   const std::string kind = geometry ? geometry->text("kind") : "";
    check_materials(deck);
    check_order(deck);
    check_boundary(deck);
    check_amplitudes(deck);
    check_probes(deck, dimension);
    check_compared(deck);
-   check_linear(deck, kind, dimension);
+   check_linear(deck);
    if (geometry)
       check_geometry(deck, *geometry, dimension);
 }

@@ -46,20 +46,6 @@ static std::optional<double> as_number(const std::string &field) {
    return number;
 }
 
-static Value array_of(const std::vector<double> &numbers, const Origin &origin) {
-   Value array;
-   array.kind = Value::Kind::array;
-   array.origin = origin;
-   for (const double number : numbers) {
-      Value item;
-      item.kind = Value::Kind::real;
-      item.real = number;
-      item.origin = origin;
-      array.items.push_back(item);
-   }
-   return array;
-}
-
 // Places and values of a file; "" or what is wrong with it, its name and line first
 static std::string read_file(const std::string &text, const std::string &path,
                              std::vector<double> &x, std::vector<double> &value) {
@@ -85,7 +71,7 @@ static std::string read_file(const std::string &text, const std::string &path,
          return place + quoted(one ? fields[1] : fields[0]) + " is not a finite number";
       if (!x.empty() && *one <= x.back())
          return place + "places must ascend: " + fields[0] + " follows " +
-                array_of(x, {}).items.back().plain();
+                Value(x.back()).plain();
       x.push_back(*one);
       value.push_back(*other);
    }
@@ -103,10 +89,10 @@ static std::optional<std::string> bytes_of(Deck &deck, const Section &section, c
    if (fs::is_regular_file(path, ignored))
       stream.open(path, std::ios::binary);
    if (!stream.is_open()) {
-      deck.complain(file.origin, deck.address(section, key),
-                    quoted(file.text) + " cannot be read: " +
-                       (fs::exists(path, ignored) ? "it is not a regular file"
-                                                  : "there is no such file in " + deck.folder));
+      deck.refuse(section, key,
+                  quoted(file.text) + " cannot be read: " +
+                     (fs::exists(path, ignored) ? "it is not a regular file"
+                                                : "there is no such file in " + deck.folder));
       return std::nullopt;
    }
    std::ostringstream text;
@@ -123,11 +109,11 @@ static void fill_from_file(Deck &deck, Section &table, const Value &file, std::s
    const std::string path = (std::filesystem::path(deck.folder) / file.text).string();
    const std::string fault = read_file(*text, path, x, value);
    if (!fault.empty()) {
-      deck.complain(file.origin, deck.address(table, "file"), fault);
+      deck.refuse(table, "file", fault);
       return;
    }
-   table.values["x"] = array_of(x, file.origin);
-   table.values["value"] = array_of(value, file.origin);
+   table.values["x"] = {x, file.origin};
+   table.values["value"] = {value, file.origin};
 }
 
 void read_tables(Deck &deck) {
@@ -139,7 +125,7 @@ void read_tables(Deck &deck) {
       const Value *name = table->find("name");
       const std::string fault = name ? table_name_fault(name->text) : "";
       if (!fault.empty())
-         deck.complain(name->origin, deck.address(*table, "name"), fault);
+         deck.refuse(*table, "name", fault);
       if (const Value *file = table->find("file"))
          fill_from_file(deck, *table, *file, contents);
    }

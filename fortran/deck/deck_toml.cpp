@@ -111,11 +111,6 @@ bool read_toml(Deck &deck) {
       return false;
    }
    const toml::table &root = result.table();
-   std::vector<std::string> tables;
-   for (const TableSpec &spec : schema()) {
-      if (!spec.name.empty())
-         tables.push_back(spec.name);
-   }
    const TableSpec &outside = schema().front();
    Section top;
    top.spec = &outside;
@@ -128,17 +123,14 @@ bool read_toml(Deck &deck) {
    }
    for (const auto &[key, node] : root) {
       const std::string name(key.str());
-      bool known = false;
-      for (const std::string &table : tables)
-         known = known || table == name;
-      if (known)
+      if (!name.empty() && find_table(name))
          continue;
       if (outside.find(name)) {
          deck.sections.front().values[name] = convert(node);
          deck.sections.front().values[name].origin = origin_of(key);
       } else if (node.is_table() || (node.as_array() && node.as_array()->is_array_of_tables())) {
          deck.complain(origin_of(key), name,
-                       "unknown table" + suggest(name, tables, "known tables are:"));
+                       "unknown table" + suggest(name, table_names(), "known tables are:"));
       } else {
          deck.complain(origin_of(key), name, unknown_key(outside, name));
       }

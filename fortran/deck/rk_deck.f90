@@ -54,17 +54,8 @@ module rk_deck
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
-      procedure :: has
-      !> Did somebody write a key, so that its value is no default?
-      procedure :: given
-      procedure :: count => count_entries, keys => keys_of_table
-      !> Where a key was written: file and line, or the override
-      procedure :: where => where_written
-      !> The same with the key, as messages begin
-      procedure :: told
-      !> Complain about a key: one more line of an error
-      procedure :: complain
-      procedure :: locate
+      procedure :: has, given, count => count_entries, keys => keys_of_table
+      procedure :: where => where_written, told, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
@@ -73,9 +64,7 @@ module rk_deck
          & get_texts, get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
-      procedure :: vary
-      !> Write all values, defaults included, into a JSON object
-      procedure :: write_json
+      procedure :: vary, write_json
       procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
          & get_texts, get_expression, get_value, get_values, set_expression
       procedure, private :: find
@@ -88,7 +77,7 @@ module rk_deck
       integer(c_int) :: count, kind, sorted
    end type entry_view
 
-   !> A deck as deck_c.cpp has it
+   !> A deck as deck_c.cpp has it, to which its handle points
    type, bind(c) :: deck_view
       type(c_ptr) :: message, name, text, sha256, folder, entries
       integer(c_int) :: count, status
@@ -106,12 +95,6 @@ module rk_deck
          character(kind=c_char), intent(in) :: table(*), key(*), value(*)
          type(c_ptr) :: handle
       end function rk_deck_defaults
-
-      function rk_deck_look(handle) result(view) bind(c)
-         import :: c_ptr
-         type(c_ptr), value :: handle
-         type(c_ptr) :: view
-      end function rk_deck_look
 
       function rk_deck_resolve(handle, key) result(full) bind(c)
          import :: c_char, c_ptr
@@ -149,7 +132,6 @@ end subroutine open_deck
 function opened(path, text, overrides, command) result(handle)
    !> File, or the name of the text
    character(len=*), intent(in) :: path
-   !> The deck; blank for that of the file
    character(len=*), intent(in) :: text
    !> Overrides, a line each
    character(len=*), intent(in) :: overrides
@@ -181,7 +163,7 @@ subroutine resolve_key(path, text, overrides, key, full, error)
 
    handle = opened(path, text, joined(overrides), '')
    full = to_fortran(rk_deck_resolve(handle, key//c_null_char))
-   call c_f_pointer(rk_deck_look(handle), view)
+   call c_f_pointer(handle, view)
    if (full == '') call fatal_error(error, int(view%status), to_fortran(view%message))
    call rk_deck_close(handle)
 end subroutine resolve_key
@@ -194,7 +176,6 @@ subroutine table_defaults(deck, table, key, value, error)
    character(len=*), intent(in) :: table
    !> Key with a text on which defaults depend; blank for none
    character(len=*), intent(in) :: key
-   !> Its value
    character(len=*), intent(in) :: value
    !> Error handling: no such table
    type(error_type), allocatable, intent(out) :: error
@@ -215,7 +196,6 @@ subroutine vary(self, overrides, other, error)
    call take(other, opened(self%path, self%text, other%overrides, ''), error)
 end subroutine vary
 
-!> Texts as lines
 pure function joined(list) result(lines)
    !> Texts
    character(len=*), intent(in) :: list(:)
@@ -239,7 +219,7 @@ subroutine take(deck, handle, error)
    real(c_double), pointer :: numbers(:)
    integer :: i
 
-   call c_f_pointer(rk_deck_look(handle), view)
+   call c_f_pointer(handle, view)
    call c_f_pointer(view%entries, entries, [view%count])
    deck%path = to_fortran(view%name)
    deck%text = to_fortran(view%text)
@@ -416,11 +396,9 @@ pure function value_is_text(self, key) result(yes)
    if (number > 0) yes = self%entry(number)%kind == is_text
 end function value_is_text
 
-!> An integer
 subroutine get_integer(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    integer, intent(inout) :: value
    real(wp) :: number
 
@@ -429,11 +407,9 @@ subroutine get_integer(self, key, value)
    value = nint(number)
 end subroutine get_integer
 
-!> A number
 subroutine get_real(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    real(wp), intent(inout) :: value
    real(wp), allocatable :: values(:)
 
@@ -441,11 +417,9 @@ subroutine get_real(self, key, value)
    if (size(values) == 1) value = values(1)
 end subroutine get_real
 
-!> True or false
 subroutine get_logical(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    logical, intent(inout) :: value
    real(wp) :: number
 
@@ -466,7 +440,6 @@ subroutine get_vector(self, key, value)
    value(:size(values)) = values
 end subroutine get_vector
 
-!> A text that is an expression
 subroutine get_expression(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -475,11 +448,9 @@ subroutine get_expression(self, key, value)
    if (self%is_text(key)) call self%set_expression(key, self%entry(self%find(key))%text, value)
 end subroutine get_expression
 
-!> A number or an expression
 subroutine get_value(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Number or expression
    type(value_type), intent(inout) :: value
 
    call self%get(key, value%number)
@@ -507,7 +478,6 @@ end subroutine get_values
 subroutine set_expression(self, key, text, expression)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> The expression
    character(len=*), intent(in) :: text
    !> Expression with its place in the deck
    class(expression_type), intent(inout) :: expression
@@ -528,11 +498,9 @@ subroutine set_expression(self, key, text, expression)
    end do
 end subroutine set_expression
 
-!> A text
 subroutine get_text(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its value
    character(len=:), allocatable, intent(out) :: value
    integer :: number
 
@@ -541,7 +509,6 @@ subroutine get_text(self, key, value)
    if (number > 0) value = self%entry(number)%text
 end subroutine get_text
 
-!> An array of numbers
 subroutine get_reals(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -557,11 +524,9 @@ subroutine get_reals(self, key, value)
    end if
 end subroutine get_reals
 
-!> An array of integers
 subroutine get_integers(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its values
    integer, allocatable, intent(out) :: value(:)
    real(wp), allocatable :: values(:)
 
@@ -569,11 +534,9 @@ subroutine get_integers(self, key, value)
    value = nint(values)
 end subroutine get_integers
 
-!> An array of words
 subroutine get_texts(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its values
    character(len=word_length), allocatable, intent(out) :: value(:)
    character(len=:), allocatable :: lines
 
@@ -613,11 +576,8 @@ subroutine write_json(self, json)
    if (in_list) call json%end_array()
 end subroutine write_json
 
-!> Write one value
 subroutine write_value(entry, json)
-   !> Key and value
    type(entry_type), intent(in) :: entry
-   !> JSON text, inside an object
    type(json_type), intent(inout) :: json
    character(len=:), allocatable :: key
    integer :: i

@@ -45,11 +45,8 @@ module rk_expression
       character(len=:), allocatable :: where
    contains
       procedure :: given, add_table
-      !> With its tables, as it is evaluated
       procedure, private :: code
-      procedure :: at => value_at, gradient, varies
-      !> Value of an expression of fields, whether it uses one of these, and the kind of them
-      procedure :: of_fields, uses_field, kind_of_fields
+      procedure :: at => value_at, gradient, varies, of_fields, uses_field, kind_of_fields
    end type expression_type
 
    !> A number, or an expression in its place
@@ -57,9 +54,7 @@ module rk_expression
       !> The number, of no meaning beside an expression
       real(wp) :: number = 0.0_wp
    contains
-      procedure :: acts, at => number_at
-      !> As it was written, or its number
-      procedure :: words
+      procedure :: acts, at => number_at, words
    end type value_type
 
    interface
@@ -105,7 +100,6 @@ module rk_expression
 
 contains
 
-!> Whether there is an expression
 elemental logical function given(self)
    class(expression_type), intent(in) :: self
 
@@ -131,7 +125,6 @@ end subroutine add_table
 
 !> The expression with its tables
 pure function code(self)
-   !> Expression that is given
    class(expression_type), intent(in) :: self
    character(len=:), allocatable :: code
 
@@ -151,7 +144,6 @@ end function varies
 !> Whether a field is part of an expression of fields
 logical function uses_field(self, name)
    class(expression_type), intent(in) :: self
-   !> Name of the field
    character(len=*), intent(in) :: name
 
    uses_field = .false.
@@ -160,7 +152,6 @@ end function uses_field
 
 !> What an expression of fields depends on: stress, or else length, or else ratio
 function kind_of_fields(self) result(kind)
-   !> Expression that is given
    class(expression_type), intent(in) :: self
    character(len=:), allocatable :: kind
    character(len=6), parameter :: kinds(0:2) = [character(len=6) :: 'ratio', 'length', 'stress']
@@ -170,7 +161,6 @@ end function kind_of_fields
 
 !> Value of an expression of fields, not a number where it has none
 real(wp) function of_fields(self, x, fields)
-   !> Expression that is given
    class(expression_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -186,9 +176,7 @@ end function of_fields
 
 !> Value at a place
 subroutine value_at(self, x, value, error, time, normal)
-   !> Expression that is given
    class(expression_type), intent(in) :: self
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp), intent(out) :: value
    !> Error handling: not finite there
@@ -239,9 +227,7 @@ end function words
 
 !> Value without a look at it
 real(wp) function plain_value(text, x, place)
-   !> Expression
    character(len=*), intent(in) :: text
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> All that may occur, of which the coordinates are set here, shape (9)
    real(wp), intent(inout) :: place(9)
@@ -252,7 +238,6 @@ end function plain_value
 
 !> Coordinates of a place, also r and theta
 pure subroutine set_place(x, place)
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> All that may occur, of which the coordinates are set, shape (9)
    real(wp), intent(inout) :: place(9)
@@ -266,9 +251,7 @@ end subroutine set_place
 
 !> First derivatives at a place, by differences of sixth order on both sides of it
 subroutine gradient(self, x, step, slope, error, time)
-   !> Expression that is given
    class(expression_type), intent(in) :: self
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Distance of the values, small against the lengths over which they vary [length]
    real(wp), intent(in) :: step
@@ -276,7 +259,6 @@ subroutine gradient(self, x, step, slope, error, time)
    real(wp), intent(out) :: slope(:)
    !> Error handling: not finite near there
    type(error_type), allocatable, intent(inout) :: error
-   !> Time, 0 without
    real(wp), intent(in), optional :: time
    real(wp), parameter :: weight(3) = [45.0_wp, -9.0_wp, 1.0_wp]/60.0_wp
    real(wp) :: there(size(x)), up, down
@@ -295,10 +277,8 @@ subroutine gradient(self, x, step, slope, error, time)
    end do
 end subroutine gradient
 
-!> Tape of an energy
 subroutine new_tape(tape, text, constants, values, fault)
    type(tape_type), intent(out) :: tape
-   !> Expression
    character(len=*), intent(in) :: text
    !> Names of the constants, with blanks between
    character(len=*), intent(in) :: constants

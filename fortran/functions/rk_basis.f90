@@ -15,7 +15,6 @@ contains
 pure integer function basis_size(nd, order)
    !> Space dimension, 1..3
    integer, intent(in) :: nd
-   !> Highest total degree
    integer, intent(in) :: order
    integer :: i
 
@@ -42,7 +41,6 @@ end function second_index
 pure subroutine basis_powers(nd, order, powers)
    !> Space dimension, 1..3
    integer, intent(in) :: nd
-   !> Highest total degree
    integer, intent(in) :: order
    !> Exponents, shape (3, basis_size)
    integer, intent(out) :: powers(:, :)
@@ -66,7 +64,6 @@ end subroutine basis_powers
 pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
    !> Space dimension, 1..3
    integer, intent(in) :: nd
-   !> Highest total degree
    integer, intent(in) :: order
    !> Exponents, shape (3, n)
    integer, intent(in) :: powers(:, :)

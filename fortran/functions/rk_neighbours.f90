@@ -147,9 +147,7 @@ end function most_central
 !> choice between equals that hangs neither on their order nor on where the body lies, and seldom on
 !> its handedness
 pure integer function first_among(point, among, middle, slack)
-   !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
-   !> Numbers of some, at least one
    integer, intent(in) :: among(:)
    !> Middle of all points, shape (nd), and distances that are the same [length]
    real(wp), intent(in) :: middle(:), slack
@@ -167,7 +165,6 @@ end function first_among
 
 !> Middle of the box around points, shape (nd) [length]
 pure function middle_of(point) result(middle)
-   !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
    real(wp) :: middle(size(point, 1))
 
@@ -176,7 +173,6 @@ end function middle_of
 
 !> Spacing of points, if they were a lattice [length]
 pure real(wp) function spacing_of(point)
-   !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
 
    spacing_of = max(maxval(maxval(point, dim=2) - minval(point, dim=2)) &
@@ -244,7 +240,6 @@ end function covers
 !> Sort the source points into cells
 subroutine fill_cells(cells, source, support)
    type(boxes_type), intent(out) :: cells
-   !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support, shape (nd, ns) [length]
    real(wp), intent(in) :: support(:, :)
@@ -295,13 +290,9 @@ end function cell_of
 !> Source points that cover a place
 pure subroutine search(cells, source, support, x, window, n, found)
    type(boxes_type), intent(in) :: cells
-   !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
-   !> Support, shape (nd, ns) [length]
    real(wp), intent(in) :: support(:, :)
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> One of the window_* constants
    integer, intent(in) :: window
    !> Number of neighbours
    integer, intent(out) :: n

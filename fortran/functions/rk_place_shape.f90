@@ -33,7 +33,6 @@ contains
 !> Approximation from the names of kernel and window in decks
 subroutine new_approximation(self, order, kernel, window, error)
    type(approximation_type), intent(out) :: self
-   !> Order of the basis
    integer, intent(in) :: order
    character(len=*), intent(in) :: kernel, window
    !> Error handling: no such kernel or window

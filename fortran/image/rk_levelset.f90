@@ -60,7 +60,6 @@ contains
 !> Evolve the level sets of a stack, block by block of slices, until their regions rest
 subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, means, iterations, &
    ended, error)
-   !> Weights and steering
    type(level_set_options), intent(in) :: options
    !> Slices of a block: 1 for independent slices, all of them for a volume
    integer, intent(in) :: depth
@@ -119,9 +118,7 @@ end subroutine evolve_level_sets
 
 !> Evolve the level sets of a block
 subroutine evolve_block(options, channels, weight, phi, energy, means, iterations, ended)
-   !> Weights and steering
    type(level_set_options), intent(in) :: options
-   !> Values, shape (columns, rows, slices, channels) [-]
    real(wp), intent(in), contiguous, target :: channels(:, :, :, :)
    !> Weights of the voxels, shape (columns, rows, slices) [-]
    real(wp), intent(in), contiguous, target :: weight(:, :, :)
@@ -131,7 +128,6 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    real(wp), intent(out) :: energy(:)
    !> Mean values, shape (channels, regions) [-]
    real(wp), intent(out) :: means(:, :)
-   !> Iterations done
    integer, intent(out) :: iterations
    !> One of the `ended_` constants
    integer, intent(out) :: ended
@@ -213,14 +209,11 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    end do
 end subroutine evolve_block
 
-!> One step of all level sets
 subroutine advance(options, grid, dt, means, values, weights, old, inside, bent, new)
-   !> Weights
    type(level_set_options), intent(in) :: options
    type(grid_type), intent(in) :: grid
    !> Time step [-]
    real(wp), intent(in) :: dt
-   !> Mean values, shape (channels, regions) [-]
    real(wp), intent(in) :: means(:, :)
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
    real(wp), intent(in), contiguous :: values(:, :), weights(:)
@@ -246,18 +239,14 @@ end subroutine advance
 
 !> Step functions, means (4.5) and energy (3.29) of level sets
 subroutine measure(options, grid, values, weights, phi, inside, bent, means, energy)
-   !> Weights
    type(level_set_options), intent(in) :: options
    type(grid_type), intent(in) :: grid
-   !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
    real(wp), intent(in), contiguous :: values(:, :), weights(:)
    !> Level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: phi(:, :)
    !> Their step functions, same shape [-]
    real(wp), intent(inout), contiguous :: inside(:, :)
-   !> Of `bend_row`, same shape, empty without gamma [-]
    real(wp), intent(inout), contiguous :: bent(:, :)
-   !> Mean values, shape (channels, regions) [-]
    real(wp), intent(out) :: means(:, :)
    !> Energy with these means [-]
    real(wp), intent(out) :: energy

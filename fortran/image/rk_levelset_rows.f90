@@ -215,7 +215,6 @@ end subroutine bend_row
 !> Squared length of a gradient, the mean of both sides of a voxel along each axis
 pure subroutine squared_slope(grid, a, b, values, square)
    type(grid_type), intent(in) :: grid
-   !> First and last place
    integer, intent(in) :: a, b
    !> Values, shape (places) [-]
    real(wp), intent(in), contiguous :: values(:)
@@ -268,7 +267,6 @@ subroutine sum_row(grid, row, mu, nu, gamma, regions, channels, weight, inside, 
    type(row_type), intent(in) :: row
    !> Weights of length, shape (level sets), of area and of distance [-]
    real(wp), intent(in) :: mu(:), nu, gamma
-   !> Number of regions
    integer, intent(in) :: regions
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
    real(wp), intent(in), contiguous :: channels(:, :), weight(:)
@@ -342,7 +340,6 @@ end function region_of
 
 !> Memberships in all combinations of signs, (3.19), each level set doubling their number
 pure subroutine memberships(a, b, inside, member)
-   !> First and last place
    integer, intent(in) :: a, b
    !> Step functions, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
@@ -365,9 +362,7 @@ end subroutine memberships
 !> What the regions outside of a level set cost more than those inside: the misfits averaged over
 !> the other level sets, each of which halves their number
 pure subroutine contract(a, b, inside, level, misfit, tree, force)
-   !> First and last place
    integer, intent(in) :: a, b
-   !> Step functions, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
    !> The level set
    integer, intent(in) :: level

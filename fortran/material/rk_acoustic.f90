@@ -167,7 +167,6 @@ end function surely_above
 pure subroutine sides_of(n, nd, side)
    !> Unit vector
    real(wp), intent(in) :: n(3)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Unit vectors; in the plane only the first counts
    real(wp), intent(out) :: side(3, 2)
@@ -236,9 +235,7 @@ end function smallest
 
 !> The same in the plane, where one motion keeps the volume
 pure real(wp) function smallest_in_plane(form, n, m, rigid) result(smallest)
-   !> Acoustic tensor by the products of a direction's components [stress]
    real(wp), intent(in) :: form(3, 3, 6)
-   !> Direction, unit vector
    real(wp), intent(in) :: n(3)
    !> Direction of the motion that changes the volume, of any length
    real(wp), intent(in) :: m(3)

@@ -200,7 +200,6 @@ end subroutine fourth_form
 
 !> First and second derivatives of the invariants along a direction
 pure subroutine set_directions(inv, x, along)
-   !> Invariants with first derivatives
    type(invariants_type), intent(in) :: inv
    !> Direction
    real(wp), intent(in) :: x(3, 3)
@@ -251,7 +250,6 @@ end function twist
 !> Add factor I_,FF + I_,FFF[Y]
 pure subroutine add_form(inv, n, factor, y, rows, form)
    type(invariants_type), intent(in) :: inv
-   !> Which one
    integer, intent(in) :: n
    !> Factor of the second derivative
    real(wp), intent(in) :: factor
@@ -288,7 +286,6 @@ end subroutine add_form
 pure subroutine add_i2(x, y, rows, form)
    !> Matrices
    real(wp), intent(in) :: x(3, 3), y(3, 3)
-   !> First and last A whose rows are wanted
    integer, intent(in) :: rows(2)
    !> Sum, with indices (i, A, j, B)
    real(wp), intent(inout) :: form(3, 3, 3, 3)
@@ -317,15 +314,12 @@ end subroutine add_i2
 
 !> Add side_n x I_n,F + I_n,F x side_n + core_mn I_m,F x I_n,F
 pure subroutine add_products(inv, side, core, rows, form)
-   !> Invariants with first derivatives
    type(invariants_type), intent(in) :: inv
    !> Vectors
    real(wp), intent(in) :: side(9, 4)
    !> Symmetric factors
    real(wp), intent(in) :: core(4, 4)
-   !> First and last A whose rows are wanted
    integer, intent(in) :: rows(2)
-   !> Matrix
    real(wp), intent(inout) :: form(9, 9)
    real(wp) :: v(9), g(9, 4)
    integer :: m, n
@@ -347,9 +341,7 @@ pure subroutine add_outer(factor, a, b, rows, form)
    real(wp), intent(in) :: factor
    !> Vectors
    real(wp), intent(in) :: a(9), b(9)
-   !> First and last A whose rows are wanted
    integer, intent(in) :: rows(2)
-   !> Matrix
    real(wp), intent(inout) :: form(9, 9)
    integer :: c, j
 

@@ -51,8 +51,7 @@ module rk_energies
       !> Coefficients A_ij, zero where i + j > 3 [stress]
       real(wp) :: a(0:3, 0:3) = 0.0_wp
    contains
-      procedure :: set => set_polynomial
-      procedure :: reduced => polynomial_energy
+      procedure :: set => set_polynomial, reduced => polynomial_energy
    end type polynomial_type
 
    !> Muscle
@@ -68,8 +67,7 @@ module rk_energies
       !> Passive force
       type(curve_type) :: passive_force
    contains
-      procedure :: set => set_muscle
-      procedure :: reduced => muscle_energy
+      procedure :: set => set_muscle, reduced => muscle_energy
    end type muscle_type
 
    !> An energy that is given as an expression
@@ -77,8 +75,7 @@ module rk_energies
       !> The expression with its derivatives
       type(jets_type) :: jets
    contains
-      procedure :: set => set_written
-      procedure :: reduced => written_energy
+      procedure :: set => set_written, reduced => written_energy
    end type written_type
 
 contains
@@ -86,7 +83,6 @@ contains
 !> Create a material from its parameters; `model`, one of them, is its name in the list
 subroutine new_material(item, parameters, error)
    type(material_item), intent(out) :: item
-   !> Model and parameters
    type(parameters_type), intent(inout) :: parameters
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: model

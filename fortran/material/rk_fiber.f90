@@ -126,7 +126,6 @@ pure subroutine evaluate_piece(curve, i, stretch, order, d)
    integer, intent(in) :: i
    !> Normalised stretch [-]
    real(wp), intent(in) :: stretch
-   !> Highest derivative of the integral wanted, 0..4
    integer, intent(in) :: order
    !> Integral and its derivatives, up to d(order) [-]
    real(wp), intent(out) :: d(0:)

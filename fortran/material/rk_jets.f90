@@ -57,7 +57,6 @@ contains
 subroutine new_jets(self, tape)
    !> Energy as it is evaluated
    type(jets_type), intent(out) :: self
-   !> Its operations
    type(tape_type), intent(in) :: tape
    logical :: needed(size(tape%operation))
    real(wp) :: value(1, size(tape%operation))
@@ -104,7 +103,6 @@ end function fixed
 
 !> Set the coefficients of jets in some of the invariants
 pure subroutine set_powers(self, kind)
-   !> Energy as it is evaluated
    class(jets_type), intent(inout) :: self
    !> Invariants that are variables, shape (nv)
    integer, intent(in) :: kind(:)
@@ -166,13 +164,10 @@ end subroutine set_powers
 
 !> Energy and its derivatives by the invariants that occur
 pure subroutine derivatives(self, state, order, w)
-   !> Energy as it is evaluated
    class(jets_type), intent(in) :: self
-   !> Reduced invariants and activation
    type(invariant_state), intent(in) :: state
    !> Highest derivative wanted, 0..4
    integer, intent(in) :: order
-   !> Energy and derivatives
    type(energy_derivatives), intent(inout) :: w
    real(wp) :: jet(self%coefficients(order), size(self%tape%operation))
    integer :: a, b, c, nv
@@ -197,7 +192,6 @@ end subroutine derivatives
 
 !> All values that are needed
 pure subroutine run(self, x, order, jet)
-   !> Energy as it is evaluated
    class(jets_type), intent(in) :: self
    !> I1r, I2r, I4r and the activation [-]
    real(wp), intent(in) :: x(4)
@@ -269,9 +263,7 @@ pure subroutine run(self, x, order, jet)
    end associate
 end subroutine run
 
-!> Product of two jets
 pure function multiplied(self, a, b, order) result(z)
-   !> Energy as it is evaluated
    class(jets_type), intent(in) :: self
    !> Jets
    real(wp), intent(in) :: a(:), b(:)
@@ -289,7 +281,6 @@ end function multiplied
 
 !> Function of a jet
 pure function composed(self, f, a, order) result(z)
-   !> Energy as it is evaluated
    class(jets_type), intent(in) :: self
    !> Derivatives of the function over factorials, by the value of the jet
    real(wp), intent(in) :: f(0:4)
@@ -373,7 +364,6 @@ end function logarithmic
 !> Other functions and their derivatives over factorials
 pure function functions(operation, a) result(f)
    integer, intent(in) :: operation
-   !> Argument
    real(wp), intent(in) :: a
    real(wp) :: f(0:4), t, s
 

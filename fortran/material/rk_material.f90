@@ -81,17 +81,7 @@ module rk_material
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
-      procedure :: incompressible
-      !> Shear modulus of a deformed state
-      procedure :: shear_modulus
-      procedure :: energy
-      !> P, and C4 where wanted
-      procedure :: stress
-      !> P, C4 and C6 contracted with second derivatives of the displacement
-      procedure :: strong
-      !> C6 contracted with a direction: second derivatives of P along it
-      procedure :: stress_curvature
-      !> C6 and C8 contracted with a weighted residual: second derivatives of Div P along it
+      procedure :: incompressible, shear_modulus, energy, stress, strong, stress_curvature
       procedure :: strong_curvature
    end type material_type
 
@@ -256,7 +246,6 @@ end subroutine stress_curvature
 !> Second derivatives of s(F, H) = r_i C4_iAjB H_jBA; s_,HH = 0
 pure subroutine strong_curvature(self, nd, at, h, r, ff, fh)
    class(material_type), intent(in) :: self
-   !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
    integer, intent(in) :: nd
    type(material_point), intent(in) :: at
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA; zero for indices above nd
@@ -289,7 +278,6 @@ pure subroutine set_state(inv, activation, state, power)
    type(invariants_type), intent(in) :: inv
    !> Activation [-]
    real(wp), intent(in) :: activation
-   !> Reduced invariants and activation
    type(invariant_state), intent(out) :: state
    !> Powers J^(-n) of I1r, I2r, I4r [-]
    real(wp), intent(out) :: power(3)
@@ -399,7 +387,6 @@ pure subroutine set_fourth(m, k, r, state, power, inverse, w)
    integer, intent(in) :: m, k(4)
    !> Reduced energy, fourth order
    type(energy_derivatives), intent(in) :: r
-   !> Reduced invariants
    type(invariant_state), intent(in) :: state
    !> Powers J^(-n) of I1r, I2r, I4r, and 1/J [-]
    real(wp), intent(in) :: power(3), inverse

@@ -22,7 +22,6 @@ module rk_tensor
 
 contains
 
-!> Determinant
 pure real(wp) function determinant(f)
    !> Matrix
    real(wp), intent(in) :: f(3, 3)
@@ -119,7 +118,6 @@ pure function principal_values(a) result(e)
    e(2) = 3.0_wp*mean - e(1) - e(3)
 end function principal_values
 
-!> Vector product
 pure function vector_product(a, b) result(c)
    !> Vectors
    real(wp), intent(in) :: a(3), b(3)

@@ -48,8 +48,6 @@ module rk_damping
       !> Learn from its outcome
       procedure :: learn
       procedure :: finish, resume
-      !> The damped step has arrived; see whether a whole one would move
-      procedure :: release
       !> A trial failed
       procedure :: reject
       !> Nothing moves any more
@@ -79,7 +77,6 @@ module rk_damping
 
 contains
 
-!> Begin a load step
 subroutine start(self)
    class(damping_type), intent(inout) :: self
 
@@ -189,13 +186,6 @@ subroutine learn(self, newton, scale, gain, predicted, merit)
       if (self%lambda < last_lambda) self%lambda = 0.0_wp
    end if
 end subroutine learn
-
-!> Damping is over
-subroutine release(self)
-   class(damping_type), intent(inout) :: self
-
-   self%lambda = 0.0_wp
-end subroutine release
 
 !> No step length was acceptable
 subroutine reject(self)

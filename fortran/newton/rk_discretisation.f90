@@ -44,11 +44,7 @@ module rk_discretisation
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
    contains
-      procedure :: field
-      !> State of the body, for questions about it
-      procedure :: state
-      !> State at a place, from the displacement there
-      procedure :: at_place
+      procedure :: field, state, at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment
       procedure(force_interface), deferred :: set_force
       procedure :: set_displacement => entry_displacement
@@ -56,10 +52,8 @@ module rk_discretisation
       procedure(section_interface), deferred :: section_force
       procedure :: strain_energy, set_point_loads, renew
       procedure, non_overridable :: has_pressure
-      !> State at a place of a linear problem
       procedure, non_overridable :: linear_place
       procedure, non_overridable :: at_point, largest_stress
-      !> Whether nothing is strained in a state
       procedure, non_overridable :: unstrained
    end type discretisation_type
 
@@ -125,7 +119,6 @@ end function has_pressure
 !> State of the body; a form that needs more than unknowns and load to answer adds it
 subroutine state(self, x, load, at, tissue)
    class(discretisation_type), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
@@ -166,7 +159,6 @@ end function entry_displacement
 !> active fibers what they could still do [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(discretisation_type), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
    !> Tissue whose part is wanted, 0 for all
    integer, intent(in) :: tissue
@@ -181,14 +173,11 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
    end do
 end function strain_energy
 
-!> State at a collocation point
 subroutine at_point(self, state, ip, local)
    class(discretisation_type), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
    !> Collocation point
    integer, intent(in) :: ip
-   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: u(self%fields, self%shape%nq)
 
@@ -199,7 +188,6 @@ end subroutine at_point
 !> Stress and deformation at a place from the displacement there
 subroutine at_place(self, state, ip, x, u, local)
    class(discretisation_type), intent(in) :: self
-   !> State of the body
    type(field_state), intent(in) :: state
    !> Collocation point whose material and fiber hold there
    integer, intent(in) :: ip
@@ -207,7 +195,6 @@ subroutine at_place(self, state, ip, x, u, local)
    real(wp), intent(in) :: x(:)
    !> Unknown fields there with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
-   !> State there
    type(point_state), intent(out) :: local
    real(wp) :: h(3, 3, 3)
 
@@ -234,7 +221,6 @@ subroutine linear_place(self, ip, x, u, local, pressure)
    real(wp), intent(in) :: x(:)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
-   !> State there
    type(point_state), intent(out) :: local
    !> Stress in the place of that by lambda [stress]
    real(wp), intent(in), optional :: pressure
@@ -257,7 +243,6 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
    real(wp), intent(in) :: x(:)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
-   !> State there
    type(point_state), intent(out) :: local
    !> Stress in the place of that by lambda [stress]
    real(wp), intent(in), optional :: pressure
@@ -478,7 +463,6 @@ end function unstrained
 
 !> Deformation gradient (5.28), (5.29) and its derivatives from the displacement's derivatives
 pure subroutine deformation(nd, u, f, h)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Fields with derivatives, the displacement first, shape (>= nd, nq)
    real(wp), intent(in) :: u(:, :)

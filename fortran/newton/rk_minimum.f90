@@ -14,10 +14,9 @@
 !> Reference: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996), chapter 9,
 !>            doi:10.1137/1.9781611971484 (when Gauss-Newton converges, and to what)
 module rk_minimum
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_blas, only : dsteqr
+   use rk_envelope, only : envelope_type
    use rk_error, only : error_type
-   use rk_factors, only : envelope_factor
+   use rk_lapack, only : largest_eigenpair
    use rk_operator, only : row_operator
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type
@@ -46,10 +45,9 @@ contains
 subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    !> Problem, linearised at x
    class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
    class(row_operator), intent(in) :: op
    !> Factor of A^T A near x
-   type(envelope_factor), intent(inout) :: factor
+   type(envelope_type), intent(inout) :: factor
    !> The factor is there; otherwise it is made here
    logical, intent(in) :: ready
    !> Unknowns, shape (n)
@@ -70,12 +68,11 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    saddle = .false.
    if (.not. problem%curved) return
    if (.not. ready) then
-      call op%envelope(factor%matrix, error)
+      call op%envelope(factor, error)
       if (allocated(error)) return
-      if (.not. allocated(factor%scale)) allocate (factor%scale(op%n))
-      call factor%matrix%equilibrate(factor%scale)
+      call factor%equilibrate()
       if (.not. all(factor%scale > 0.0_wp)) return
-      call factor%matrix%factorise(error)
+      call factor%factorise(error)
       ! as good as singular: a minimum cannot be distinguished from a saddle
       if (allocated(error)) return
    end if
@@ -97,7 +94,7 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
       do j = 1, k
          p(:, k + 1) = p(:, k + 1) - dot_product(q(:, j), p(:, k + 1))*p(:, j)
       end do
-      call largest_eigenvector(alpha(:k), beta(:k - 1), mu, part(:k))
+      call largest_eigenpair(alpha(:k), beta(:k - 1), mu, part(:k))
       call solve_normal(p(:, k + 1), v)
       beta(k) = sqrt(abs(dot_product(p(:, k + 1), v)))
       if (mu > indefinite .and. beta(k)*abs(part(k)) < close*mu) exit
@@ -127,29 +124,6 @@ contains
 
 end subroutine find_descent
 
-!> Largest eigenvalue of a symmetric tridiagonal matrix and its vector
-subroutine largest_eigenvector(diagonal, beside, value, vector)
-   !> Diagonal, shape (n)
-   real(wp), intent(in) :: diagonal(:)
-   !> Entries beside it, shape (n - 1)
-   real(wp), intent(in) :: beside(:)
-   !> Eigenvalue; not a number where there is no convergence
-   real(wp), intent(out) :: value
-   !> Vector of length one, shape (n)
-   real(wp), intent(out) :: vector(:)
-   real(wp) :: d(size(diagonal)), e(size(diagonal)), z(size(diagonal), size(diagonal))
-   real(wp) :: work(2*size(diagonal))
-   integer :: info, n
-
-   n = size(diagonal)
-   d = diagonal
-   e(:n - 1) = beside
-   call dsteqr('i', n, d, e, z, n, work, info)
-   value = d(n)
-   vector = z(:, n)
-   if (info /= 0) value = ieee_value(value, ieee_quiet_nan)
-end subroutine largest_eigenvector
-
 !> Go down a direction as long as r.r/2 falls
 subroutine leave_saddle(problem, load, v, x, r, state, left)
    !> Problem, linearised at x before and after
@@ -162,7 +136,6 @@ subroutine leave_saddle(problem, load, v, x, r, state, left)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen there
    type(evaluation_type), intent(inout) :: state
    !> The saddle was left; otherwise nothing has changed
    logical, intent(out) :: left

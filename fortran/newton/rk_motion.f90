@@ -56,10 +56,7 @@ module rk_motion
       procedure :: advance
       !> M (2 a(n) - a(n-1)) - dt^2 K a(n)
       procedure :: carry
-      !> What loads and prescribed values add to it
-      procedure :: add_loads
-      !> Kinetic and strain energy, and the work of the loads since the start
-      procedure :: energy
+      procedure :: add_loads, energy
    end type form_motion
 
    abstract interface
@@ -189,7 +186,6 @@ end function energy
 
 !> Whether loads or prescribed values change with time
 logical function loads_vary(scene)
-   !> Scene of a motion
    type(scene_type), intent(in) :: scene
    integer :: i, k
 
@@ -200,18 +196,14 @@ logical function loads_vary(scene)
    end do
 end function loads_vary
 
-!> March through time
 subroutine march(body, motion, method, x, recorder, timer, error)
    class(moving_type), intent(inout) :: body
    !> Time step, end and states that are written
    type(motion_type), intent(in) :: motion
-   !> Name of the form
    character(len=*), intent(in) :: method
    !> Coefficients at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of the states
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: a step that is not stable, a stop
    type(error_type), allocatable, intent(out) :: error

@@ -10,8 +10,8 @@ module rk_newton
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
    use rk_damping, only : damping_type
+   use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
-   use rk_factors, only : envelope_factor
    use rk_line_search, only : search
    use rk_lstsq, only : row_operator
    use rk_minimum, only : find_descent, leave_saddle
@@ -161,15 +161,13 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    real(wp), intent(in) :: load
    !> Unknowns, start and solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of iterations
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
    type(progress_type) :: now
    class(row_operator), pointer :: op
-   type(envelope_factor) :: factor
+   type(envelope_type) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
    real(wp) :: merit, predicted, imposed
@@ -279,7 +277,6 @@ contains
       call linearise()
    end subroutine weigh
 
-   !> Linearise at a
    subroutine linearise()
       call system_clock(clock)
       call problem%evaluate(a, load, r, self%state, tangent=.true.)
@@ -331,7 +328,8 @@ contains
          a = trial
          r = new
          if (.not. blind) call self%damping%learn(newton, scale, gain, predicted, 0.5_wp*merit**2)
-         if (now%left < nothing) call self%damping%release()
+         ! see whether a whole step would move
+         if (now%left < nothing) self%damping%lambda = 0.0_wp
       else
          ! back to where the step began, with more damping
          now%rejected = now%rejected + 1
@@ -383,7 +381,6 @@ end subroutine solve_step
 subroutine predict_step(self, now)
    !> Iteration, whose state is linearised
    type(newton_type), intent(inout) :: self
-   !> Its progress
    type(progress_type), intent(inout) :: now
    real(wp) :: before
 
@@ -401,7 +398,6 @@ subroutine note_place(self, problem, a, load)
    class(problem_type), intent(in) :: problem
    !> Unknowns there, shape (n)
    real(wp), contiguous, intent(in) :: a(:)
-   !> Load [-]
    real(wp), intent(in) :: load
 
    self%prescribed = load
@@ -457,17 +453,14 @@ end subroutine take_over
 !> See whether the iteration ended at a minimum, and go on below a saddle
 subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
    type(newton_type), intent(inout) :: self
-   !> Its progress
    type(progress_type), intent(inout) :: now
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
    class(row_operator), intent(in) :: op
    !> Factor of A^T A
-   type(envelope_factor), intent(inout) :: factor
+   type(envelope_type), intent(inout) :: factor
    !> There is such a factor of the last step
    logical, intent(in) :: factored
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(inout) :: a(:)
@@ -502,7 +495,6 @@ end subroutine descend
 function saddle_text(now, load, residual) result(text)
    !> Progress of the load step
    type(progress_type), intent(in) :: now
-   !> Load [-]
    real(wp), intent(in) :: load
    !> |r| in the end
    real(wp), intent(in) :: residual
@@ -527,7 +519,6 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    type(newton_type), intent(inout) :: self
    !> Problem, linearised at the start
    class(problem_type), target, intent(inout) :: problem
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Unknowns, last converged state and start, shape (n)
    real(wp), contiguous, intent(inout) :: a(:)
@@ -567,10 +558,8 @@ end subroutine begin
 !> Reasons to end without convergence
 subroutine check_end(self, now, problem, load, merit, recorder, error)
    type(newton_type), intent(inout) :: self
-   !> Its progress
    type(progress_type), intent(in) :: now
    class(problem_type), intent(in) :: problem
-   !> Load [-]
    real(wp), intent(in) :: load
    !> |r| now
    real(wp), intent(in) :: merit
@@ -613,7 +602,6 @@ end subroutine check_end
 !> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
 pure logical function converged(self, now)
    type(newton_type), intent(in) :: self
-   !> Its progress
    type(progress_type), intent(in) :: now
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
@@ -628,7 +616,6 @@ pure logical function converged(self, now)
       & .and. self%gradient < now%balance)
 end function converged
 
-!> Smallest volume ratio and its place
 function volume_text(state) result(text)
    type(evaluation_type), intent(in) :: state
    character(len=:), allocatable :: text

@@ -1,20 +1,23 @@
 !> Step of one iteration: Gauss-Newton by least squares, Newton or a damped step by Cholesky; of a
 !> square problem, and of a linear one, the solution of its equations.
 module rk_newton_step
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use, intrinsic :: iso_fortran_env, only : int64
+   use rk_clock, only : tick, timer_type
    use rk_damping, only : damping_type
-   use rk_error, only : error_type
-   use rk_factors, only : envelope_factor
+   use rk_envelope, only : envelope_type
+   use rk_error, only : error_type, fatal_error, err_linalg
    use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_operator, only : solve_as_it_is, square_report
+   use rk_operator, only : square_operator, square_report
    use rk_precision, only : wp
-   use rk_problem, only : problem_type
-   use rk_recorder, only : iteration_type
+   use rk_problem, only : evaluation_type, problem_type
+   use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_shifted, only : shifted_report, solve_shifted
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: find_step, solve_equations
+   public :: find_step, solve_equations, solve_linear
 
 contains
 
@@ -23,7 +26,6 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    & factored, it, error)
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   !> Linearised rows
    class(row_operator), intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
@@ -35,7 +37,6 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    real(wp), contiguous, intent(in) :: r(:)
    !> A^T r, shape (n)
    real(wp), contiguous, intent(in) :: g(:)
-   !> Choice of the matrix
    type(damping_type), intent(inout) :: damping
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: da(:)
@@ -44,7 +45,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    !> Fall of r.r/2 that the quadratic model promises
    real(wp), intent(out) :: predicted
    !> Factor of A^T A, where the least squares solver made one
-   type(envelope_factor), intent(inout) :: factor
+   type(envelope_type), intent(inout) :: factor
    !> There is such a factor of this step
    logical, intent(out) :: factored
    !> Record of the iteration: the solver's part
@@ -98,7 +99,6 @@ end subroutine find_step
 !> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
 subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
    class(problem_type), intent(in) :: problem
-   !> Its linearised rows A
    class(row_operator), target, intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
@@ -113,12 +113,15 @@ subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
    !> Factor of A^T A, where the least squares solver makes one
-   type(envelope_factor), intent(inout), optional :: factor
+   type(envelope_type), intent(inout), optional :: factor
    type(lstsq_report) :: report
    type(square_report) :: square
 
    if (problem%square) then
-      call solve_as_it_is(op, shift, b, x, square, error)
+      select type (op)
+      class is (square_operator)
+         call op%solve_square(shift, b, x, square, error)
+      end select
       if (allocated(error)) return
       it%backward_error = square%backward_error
       it%rcond = square%rcond
@@ -137,5 +140,59 @@ subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
       it%why = report%why
    end if
 end subroutine solve_equations
+
+!> Solve a linear problem by one assembly and one solve, and hand over the only state
+subroutine solve_linear(problem, method, x, recorder, timer, error)
+   !> Problem whose rows do not depend on the unknowns
+   class(problem_type), target, intent(inout) :: problem
+   !> Least squares solver, one of solver_names
+   character(len=*), intent(in) :: method
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   class(recorder_type), intent(inout) :: recorder
+   type(timer_type), intent(inout) :: timer
+   !> Error handling: rank deficient, fewer rows than columns
+   type(error_type), allocatable, intent(out) :: error
+   class(row_operator), pointer :: op
+   type(iteration_type) :: it
+   type(evaluation_type) :: state
+   real(wp), allocatable :: r(:), g(:)
+   real(wp) :: first_gradient, none
+   integer(int64) :: clock
+
+   allocate (r(problem%m), g(problem%n))
+   x = 0.0_wp
+   call system_clock(clock)
+   call problem%start(x, 1.0_wp, .false.)
+   call problem%evaluate(x, 1.0_wp, r, state, tangent=.true.)
+   op => problem%operator()
+   timer%assemble = tick(clock)
+   call op%apply_transposed(r, g)
+   first_gradient = max(norm2(g), tiny(1.0_wp))
+   r = -r
+   call system_clock(clock)
+   call solve_equations(problem, op, method, 0.0_wp, r, x, it, error)
+   timer%solve = tick(clock)
+   if (allocated(error)) return
+   ! comparisons that a NaN fails
+   if (.not. all(abs(x) <= huge(1.0_wp))) then
+      call fatal_error(error, err_linalg, 'the solution holds numbers that are not finite: loads ' &
+         & //'or stiffnesses leave the range of numbers; compare them and their unit')
+      return
+   end if
+   call problem%evaluate(x, 1.0_wp, r, state)
+   call op%apply_transposed(r, g)
+   it%step = 1
+   it%load = 1.0_wp
+   it%iteration = 1
+   it%residual = norm2(r)
+   it%gradient = norm2(g)
+   it%seconds = tick(timer%start)
+   call recorder%iteration(it)
+   ! small strains have no volume ratio
+   none = ieee_value(none, ieee_quiet_nan)
+   call recorder%step(step_type(step=1, steps=1, load=1.0_wp, iterations=1, &
+      & gradient=it%gradient/first_gradient, min_j=none, max_j=none), x)
+end subroutine solve_linear
 
 end module rk_newton_step

@@ -22,11 +22,7 @@ module rk_path
       !> Load at which the last step began, where steps are solved to few digits [-]
       real(wp) :: earlier = 0.0_wp
    contains
-      procedure :: forget, note, states
-      !> Unknowns at another load
-      procedure :: at
-      !> Start of the next step
-      procedure :: lead
+      procedure :: forget, note, states, at, lead
    end type path_type
 
    !> Curvatures that are kept, at most

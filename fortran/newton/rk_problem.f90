@@ -81,16 +81,9 @@ module rk_problem
       procedure :: start
       !> Residuals and, where wanted, their linearisation, which operator and hessian then give
       procedure(assemble_interface), deferred :: assemble
-      !> Second derivatives of r.r/2 where the problem was linearised
-      procedure :: hessian
-      !> Product of the second derivatives of the residuals, weighted with these, with a vector
-      procedure :: apply_curvature
-      !> Checks that can reject a converged state
-      procedure :: rejection
+      procedure :: hessian, apply_curvature, rejection
       procedure, non_overridable :: operator
-      !> Residuals, with their linearisation where wanted
       procedure, non_overridable :: evaluate
-      !> Size of a change of the unknowns
       procedure, non_overridable :: scaled_norms
       procedure, non_overridable :: advice
    end type problem_type
@@ -145,7 +138,6 @@ subroutine evaluate(self, x, load, r, seen, tangent, lifted)
    real(wp), intent(in) :: load
    !> Residuals, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen
    type(evaluation_type), intent(out) :: seen
    !> Linearise
    logical, intent(in), optional :: tangent
@@ -185,7 +177,6 @@ end function scaled_norms
 !> no check rejects it: a least squares functional may have several stationary points
 function rejection(self, x) result(reason)
    class(problem_type), intent(in) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    character(len=:), allocatable :: reason
 
@@ -200,11 +191,8 @@ end function rejection
 subroutine hessian(self, x, load, r, a)
    !> Problem, linearised at x
    class(problem_type), target, intent(inout) :: self
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load, 0..1 [-]
    real(wp), intent(in) :: load
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
    !> Upper triangle, shape (n, n); without it the sum is only found for apply_curvature
    real(wp), contiguous, intent(inout), optional :: a(:, :)

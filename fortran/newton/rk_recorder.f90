@@ -113,7 +113,6 @@ module rk_recorder
       procedure :: iteration, step
       !> Whether the user wants to stop
       procedure(stop_interface), deferred :: stopped
-      !> Something happened on the way, or deserves attention
       procedure :: note
    end type recorder_type
 
@@ -138,7 +137,6 @@ end subroutine iteration
 !> A load step converged
 subroutine step(self, st, x)
    class(recorder_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
    !> Converged unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -150,7 +148,6 @@ end subroutine step
 !> Something happened on the way; a receiver without a reader keeps still
 subroutine note(self, line, warning)
    class(recorder_type), intent(inout) :: self
-   !> What happened
    character(len=*), intent(in) :: line
    !> It deserves attention; otherwise it says nothing about the answer
    logical, intent(in) :: warning

@@ -26,9 +26,7 @@ contains
 !> Solve all load steps
 subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error, last)
    class(problem_type), target, intent(inout) :: problem
-   !> Settings of the iteration
    type(newton_type), intent(inout) :: newton
-   !> Load steps
    type(plan_type), intent(in) :: planned
    !> Halvings of a step before giving up
    integer, intent(in) :: max_halvings
@@ -36,7 +34,6 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    real(wp), contiguous, intent(inout) :: x(:)
    !> Receiver of iterations and steps
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: no convergence, stopped, wrong input; x holds and the recorder saw the last
    !> converged state

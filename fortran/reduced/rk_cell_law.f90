@@ -88,13 +88,11 @@ end subroutine set_invariants
 
 !> Fiber: derivative of I4, and those of its energy by the reduced I4
 pure subroutine set_fiber(f, jm, fiber, law, passive, active, g4, r4, u4, u44)
-   !> F [-]
    real(wp), intent(in) :: f(9)
    !> J^(-2/3)
    real(wp), intent(in) :: jm
    !> Direction
    real(wp), intent(in) :: fiber(3)
-   !> Fibers of the tissue
    type(law_type), intent(in) :: law
    !> Largest isometric stress times fraction; the same times activation [stress]
    real(wp), intent(in) :: passive, active

@@ -194,7 +194,6 @@ subroutine new_online(self, whole, number, least)
 
 contains
 
-   !> The next numbers of the record
    function next(count) result(part)
       integer, intent(in) :: count
       real(wp), pointer, contiguous :: part(:)
@@ -285,13 +284,9 @@ end subroutine assemble
 !> The part of the cells
 subroutine assemble_cells(model, work, z, condition, tangent)
    type(online_model), intent(in) :: model
-   !> Room
    type(work_type), intent(inout) :: work
-   !> Amplitudes, shape (s)
    real(wp), intent(in) :: z(:)
-   !> What is asked for
    type(prescribed_type), intent(in) :: condition
-   !> Derivatives as well
    logical, intent(in) :: tangent
    real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(condition%turn))
    ! a cell has one fiber a tissue at the most
@@ -424,7 +419,6 @@ end function rotation
 !> Newton's iteration from the amplitudes given
 subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterations, change)
    type(online_model), intent(in) :: model
-   !> Room
    type(work_type), intent(inout) :: work
    !> What is asked for
    type(prescribed_type), intent(in) :: condition
@@ -487,7 +481,6 @@ end subroutine solve_state
 subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, iterations, &
    & change)
    type(online_model), intent(in) :: model
-   !> Room
    type(work_type), intent(inout) :: work
    !> What the known state was asked for, and what is asked for now, as columns
    real(wp), intent(in) :: known(:), wish(:)
@@ -543,7 +536,6 @@ end subroutine follow
 subroutine find_forces(whole, room, condition, z, wanted, lift, force)
    !> Model with all its cells, or with a sample made for forces
    type(online_model), intent(in) :: whole
-   !> Its room
    type(work_type), intent(inout) :: room
    !> What was asked for
    type(prescribed_type), intent(in) :: condition
@@ -597,7 +589,6 @@ end subroutine factorise
 pure subroutine substitute(a, pivot, x)
    !> Factors
    real(wp), intent(in) :: a(:, :)
-   !> Rows exchanged
    integer, intent(in) :: pivot(:)
    !> Right-hand side, then solution
    real(wp), intent(inout) :: x(:)

@@ -1,16 +1,24 @@
-!> A problem in the span of modes: least squares Galerkin reduction (6.60)-(6.67) of rows, which
-!> ends by (6.68), (6.69) and whose rows are formed in the span at once or in full
-!> (rk_projected), as are the derivatives of an energy, and motions (rk_reduced_motion).
+!> A problem in the span of orthonormal modes V: least squares Galerkin reduction (6.60)-(6.67) of
+!> rows, which ends by (6.68), (6.69) and whose rows A V are formed in the span at once or in full,
+!> and motions (rk_reduced_motion).
+!>
+!> A problem with an energy E is assembled in full and projected, (6.27)-(6.31): E(V a) has the
+!> residual V^T r(V a) and the tangent V^T K V, so that the volume is projected as in the full
+!> problem, and essential values are lifted and held by the penalty there. The pressures stay linear
+!> in Newton's step as well: every state of the iteration passes through the full problem.
+!>
+!> Reference: Kunisch, Volkwein, Numer. Math. 90 (2001), doi:10.1007/s002110100282
 module rk_reduced
    use rk_discretisation, only : discretisation_type
    use rk_equilibrium, only : equilibrium_problem, reduce_rows
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem
    use rk_linear, only : linear_problem
+   use rk_matrix, only : matrix_rows
    use rk_motion, only : form_motion
+   use rk_operator, only : row_operator
    use rk_precision, only : wp
-   use rk_problem, only : problem_type
-   use rk_projected, only : new_projected, projected_problem
+   use rk_problem, only : evaluation_type, problem_type, stage_type
    use rk_reduced_motion, only : moving_problem, new_moving_problem
    use rk_strong_motion, only : new_strong_motion, strong_motion
    use rk_text, only : to_text
@@ -29,13 +37,27 @@ module rk_reduced
       logical :: assembled = .false.
    end type reduction_type
 
+   !> A problem in the span of modes; unknowns are the modes' amplitudes
+   type, extends(problem_type) :: projected_problem
+      private
+      !> Full problem
+      class(discretisation_type), pointer :: full => null()
+      !> Orthonormal modes, shape (full n, r)
+      real(wp), allocatable :: modes(:, :)
+      !> Residual of the full problem, shape (full m)
+      real(wp), allocatable :: residual(:)
+      !> Projected tangent, shape (r, r), or rows, shape (m, r)
+      type(matrix_rows) :: rows
+   contains
+      procedure :: start, assemble
+   end type projected_problem
+
 contains
 
 !> Project a full problem on modes
 subroutine new_reduced(reduced, full, modes, way, error)
    !> Reduced problem, not associated after an error; the full one must outlive it
    class(problem_type), pointer, intent(out) :: reduced
-   !> Full problem
    class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
@@ -92,7 +114,6 @@ subroutine new_reduced_motion(reduced, full, modes, projection, error)
    class(problem_type), pointer, intent(out) :: reduced
    !> Linear problem
    class(discretisation_type), target, intent(inout) :: full
-   !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
    !> How it is projected
    character(len=*), intent(in) :: projection
@@ -146,5 +167,75 @@ subroutine new_motion(body, problem, error)
    deallocate (body)
    nullify (body)
 end subroutine new_motion
+
+!> Project a full problem on modes
+subroutine new_projected(self, full, modes)
+   !> Reduced problem; the full one must outlive it, and serves it in each of its evaluations
+   type(projected_problem), intent(inout) :: self
+   class(discretisation_type), target, intent(inout) :: full
+   !> Orthonormal modes, shape (full n, r)
+   real(wp), intent(in) :: modes(:, :)
+
+   self%full => full
+   self%scene => full%scene
+   self%modes = modes
+   self%n = size(modes, 2)
+   self%m = merge(self%n, full%m, full%energetic)
+   self%square = full%energetic
+   ! amplitudes of orthonormal modes have the norm of the unknowns they stand for
+   self%extent = full%extent
+   self%costly = full%costly
+   self%weighted = full%weighted
+   allocate (self%residual(full%m))
+   allocate (self%rows%a(self%m, self%n))
+   self%rows%m = self%m
+   self%rows%n = self%n
+end subroutine new_projected
+
+!> Begin a load step or an iteration
+subroutine start(self, x, load, iteration)
+   class(projected_problem), target, intent(inout) :: self
+   !> Amplitudes there, shape (r)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), intent(in) :: load
+   logical, intent(in) :: iteration
+
+   call self%full%start(matmul(self%modes, x), load, iteration)
+end subroutine start
+
+!> Projected residuals and, where wanted, rows
+subroutine assemble(self, x, stage, r, seen)
+   class(projected_problem), target, intent(inout) :: self
+   !> Amplitudes, shape (r)
+   real(wp), contiguous, intent(in) :: x(:)
+   type(stage_type), intent(in) :: stage
+   real(wp), contiguous, intent(inout) :: r(:)
+   type(evaluation_type), intent(out) :: seen
+   class(row_operator), pointer :: full_rows
+   real(wp), allocatable :: image(:)
+   integer :: j
+
+   self%linearised => self%rows
+   call self%full%assemble(matmul(self%modes, x), stage, self%residual, seen)
+   ! the size of what modes can balance, not of all
+   seen%size = -1.0_wp
+   if (self%square) then
+      r = matmul(self%residual, self%modes)
+   else
+      r = self%residual
+   end if
+   ! no rows exist where the state is not valid, which the caller rejects
+   if (.not. (stage%tangent .and. seen%valid)) return
+   full_rows => self%full%operator()
+   allocate (image(self%full%m))
+   do j = 1, self%n
+      call full_rows%apply(self%modes(:, j), image)
+      if (self%square) then
+         self%rows%a(:, j) = matmul(image, self%modes)
+      else
+         self%rows%a(:, j) = image
+      end if
+   end do
+end subroutine assemble
 
 end module rk_reduced

@@ -37,8 +37,7 @@ module rk_reduced_motion
       !> known
       real(wp), allocatable :: pushed(:)
    contains
-      procedure :: start
-      procedure :: advance
+      procedure :: start, advance
       final :: free_reduced
    end type reduced_motion
 
@@ -157,7 +156,6 @@ subroutine start(self, first, second, error)
    class(reduced_motion), intent(inout) :: self
    !> Amplitudes at both times, shape (r)
    real(wp), contiguous, intent(inout) :: first(:), second(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: one(:), other(:)
 
@@ -171,10 +169,8 @@ end subroutine start
 !> Amplitudes at the next time
 subroutine advance(self, before, now, time, next, error)
    class(reduced_motion), intent(inout) :: self
-   !> Amplitudes at the last two times, shape (r)
    real(wp), contiguous, intent(in) :: before(:), now(:)
    real(wp), intent(in) :: time
-   !> Amplitudes one time step later, shape (r)
    real(wp), contiguous, intent(inout) :: next(:)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: side(:)
@@ -199,7 +195,6 @@ end subroutine free_reduced
 !> Rows of a time step times amplitudes
 subroutine assemble(self, x, stage, r, seen)
    class(moving_problem), target, intent(inout) :: self
-   !> Amplitudes, shape (r)
    real(wp), contiguous, intent(in) :: x(:)
    !> Of no meaning here
    type(stage_type), intent(in) :: stage

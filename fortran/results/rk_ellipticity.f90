@@ -34,7 +34,6 @@ subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
-   !> Worst point
    type(ellipticity_type), intent(out) :: worst
    type(point_state) :: local
    real(wp), allocatable :: least(:), j(:)

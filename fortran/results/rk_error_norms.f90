@@ -31,7 +31,6 @@ module rk_error_norms
 
 contains
 
-!> Norms of the error
 subroutine error_norms(problem, x, time, norms, error)
    !> Linear problem
    class(discretisation_type), intent(in) :: problem
@@ -105,7 +104,6 @@ end subroutine gauss_points
 
 !> Add the integrals of the squares of error, solution and their gradients
 subroutine add_integrals(problem, shape, place, weight, x, time, total, error)
-   !> Linear problem
    class(discretisation_type), intent(in) :: problem
    !> Shape functions at the points
    type(shape_type), intent(in) :: shape
@@ -113,7 +111,6 @@ subroutine add_integrals(problem, shape, place, weight, x, time, total, error)
    real(wp), intent(in) :: place(:, :)
    !> Weights, shape (np)
    real(wp), intent(in) :: weight(:)
-   !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: time
    !> Error, solution, gradient of the error, gradient of the solution, to which these are added

@@ -77,7 +77,6 @@ subroutine exact_deformation(material, solution, amount, nd, f, error)
    integer, intent(in) :: nd
    !> F(i, A) [-]
    real(wp), intent(out) :: f(3, 3)
-   !> Error handling: no root
    type(error_type), allocatable, intent(out) :: error
    integer :: i
 
@@ -113,7 +112,6 @@ subroutine free_stretch(material, f, first, nd, error)
    integer, intent(in) :: first
    !> Last free direction
    integer, intent(in) :: nd
-   !> Error handling: no root
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: low, high, middle
    integer :: k

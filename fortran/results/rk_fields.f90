@@ -25,7 +25,6 @@ contains
 
 !> Fields at all collocation points; a problem of one unknown has no others
 subroutine compute_fields(problem, state, fields)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
    type(point_field), allocatable, intent(out) :: fields(:)
@@ -51,9 +50,7 @@ end subroutine compute_fields
 
 !> Value of a field at one place
 pure subroutine evaluate(name, local, value)
-   !> Name of the field
    character(len=*), intent(in) :: name
-   !> State of the material
    type(point_state), intent(in) :: local
    !> Its value, shape (components)
    real(wp), intent(out) :: value(:)

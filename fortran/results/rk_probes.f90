@@ -49,7 +49,6 @@ end subroutine new_probes
 
 !> Value of a probe, 1 or 3 numbers
 subroutine probe_value(problem, probes, i, state, value, whole, apart)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(probes_type), intent(in) :: probes
    !> Number of the probe
@@ -119,7 +118,6 @@ end subroutine probe_value
 
 !> State of the material at the place of a probe
 subroutine place_state(problem, probes, i, state, local)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(probes_type), intent(in) :: probes
    !> Number of the probe, which has a place
@@ -136,7 +134,6 @@ end subroutine place_state
 
 !> Value of a probe of a place in a local state
 function local_value(problem, probe, ip, local) result(value)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(probe_type), intent(in) :: probe
    !> Collocation point whose material holds there
@@ -155,9 +152,7 @@ end function local_value
 
 !> Fields of which an expression may be, in the order of rk_expression
 function fields_of(problem, ip, local) result(fields)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Collocation point whose material holds there
    integer, intent(in) :: ip
    type(point_state), intent(in) :: local
    real(wp) :: fields(field_count)
@@ -180,7 +175,6 @@ end function fields_of
 !> How strongly an expression depends on displacements, on ratios and on stresses at a place: the
 !> change that a small change of each field makes, over that; norms over the fields of a kind
 subroutine expression_slopes(problem, probe, ip, local, displacement, stress, slope)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Probe of quantity = expression
    type(probe_type), intent(in) :: probe
@@ -225,11 +219,9 @@ end subroutine expression_slopes
 !> Volume ratio that the pressure of a place allows; J there is another one where a form keeps the
 !> volume of cells or patches only
 real(wp) function pressed_volume(problem, ip, local) result(ratio)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    !> Collocation point whose material holds there
    integer, intent(in) :: ip
-   !> State
    type(point_state), intent(in) :: local
    real(wp) :: mean
 
@@ -240,7 +232,6 @@ end function pressed_volume
 
 !> Force through a boundary set or a plane section
 function force_of(problem, probe, state) result(value)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(probe_type), intent(in) :: probe
    type(field_state), intent(in) :: state
@@ -258,7 +249,6 @@ end function force_of
 !> Energy, or mean over the volume of a muscle: of the stretch of its fibers, or of their angle
 !> against a direction [degree]
 real(wp) function muscle_value(problem, probe, state) result(value)
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
    type(probe_type), intent(in) :: probe
    type(field_state), intent(in) :: state
@@ -299,7 +289,6 @@ end function kind_of_probe
 !> What kind of number a quantity is: length, ratio, stress, force, torque, energy, angle or
 !> expression
 pure function quantity_kind(name) result(kind)
-   !> Quantity
    character(len=*), intent(in) :: name
    character(len=:), allocatable :: kind
 
@@ -315,7 +304,6 @@ end function quantity_kind
 
 !> How many numbers a quantity has
 pure integer function quantity_size(name)
-   !> Quantity
    character(len=*), intent(in) :: name
 
    quantity_size = merge(3, 1, any(name == [character(len=13) :: 'u', 'force', 'section_force']))
@@ -333,7 +321,6 @@ end function component
 
 !> A quantity of a local state
 pure function quantity(name, local) result(value)
-   !> Quantity
    character(len=*), intent(in) :: name
    type(point_state), intent(in) :: local
    real(wp) :: value(3)

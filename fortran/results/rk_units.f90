@@ -44,7 +44,6 @@ end function probe_unit
 
 !> Unit of each probe by its name, as an entry of a JSON object
 subroutine put_probe_units(json, deck)
-   !> JSON inside an object
    type(json_type), intent(inout) :: json
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable :: name
@@ -60,9 +59,7 @@ end subroutine put_probe_units
 
 !> Units of the deck and of fields and volumes, as an entry of a JSON object
 subroutine put_units(json, key, deck)
-   !> JSON inside an object
    type(json_type), intent(inout) :: json
-   !> Name of the entry
    character(len=*), intent(in) :: key
    type(deck_type), intent(in) :: deck
 
@@ -82,7 +79,6 @@ function set_unit(deck) result(text)
    text = composed(deck, 0, dimension_of(deck) - 1)
 end function set_unit
 
-!> Space dimension
 integer function dimension_of(deck) result(nd)
    type(deck_type), intent(in) :: deck
 

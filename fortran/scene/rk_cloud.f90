@@ -101,12 +101,7 @@ module rk_cloud
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
-      procedure :: find_set
-      !> Whether a boundary entry lies in a set, number of sides, whether a set has a part of one
-      procedure :: in_set
-      procedure :: sides, meets_side, set_centroid
-      !> Distance of neighbouring source points, mean over points and directions
-      procedure :: mean_spacing
+      procedure :: find_set, in_set, sides, meets_side, set_centroid, mean_spacing
       procedure :: centres, nearest_sources, nearest_source
    end type cloud_type
 
@@ -269,7 +264,6 @@ contains
    subroutine check_columns(name, values, n)
       !> Component
       character(len=*), intent(in) :: name
-      !> Numbers
       real(wp), intent(in) :: values(:, :)
       !> Entries there must be
       integer, intent(in) :: n
@@ -282,7 +276,6 @@ contains
    subroutine check_numbers(name, values, n, most)
       !> Component
       character(len=*), intent(in) :: name
-      !> Numbers
       real(wp), intent(in) :: values(:)
       !> Entries there must be
       integer, intent(in) :: n
@@ -319,7 +312,6 @@ contains
 
    !> A voxel about each collocation point, in a grid that fits into memory
    subroutine check_voxels(voxels)
-      !> Grid
       type(voxels_type), intent(in) :: voxels
       real(wp) :: far, n(3)
       integer :: at
@@ -373,7 +365,6 @@ contains
       text = text//')'
    end function in_words
 
-   !> All entries must be finite
    subroutine need_finite(name, bad)
       !> Component
       character(len=*), intent(in) :: name
@@ -388,7 +379,6 @@ contains
 
    !> The first complaint is kept
    subroutine complain(what)
-      !> What is wrong
       character(len=*), intent(in) :: what
 
       if (.not. allocated(error)) call fatal_error(error, err_input, what)

@@ -185,11 +185,9 @@ end subroutine leave_empty
 
 !> Volumes, tissues and fibers of the blocks
 subroutine merge_points(cloud, coarse, shares)
-   !> Points of the model
    type(cloud_type), intent(in) :: cloud
    !> Coarser cloud with its voxels
    type(cloud_type), intent(inout) :: coarse
-   !> Blocks of each voxel
    type(shares_type), intent(in) :: shares
    real(wp), allocatable :: fibered(:)
    logical, allocatable :: present(:, :)
@@ -251,11 +249,9 @@ end subroutine merge_points
 
 !> One entry for each set that a block is part of
 subroutine merge_boundary(cloud, coarse, shares)
-   !> Points of the model
    type(cloud_type), intent(in) :: cloud
    !> Coarser cloud with its points
    type(cloud_type), intent(inout) :: coarse
-   !> Blocks of each voxel
    type(shares_type), intent(in) :: shares
    integer :: entry(size(coarse%points, 2), size(cloud%set_names)), e, k, n, b, s
 
@@ -295,7 +291,6 @@ end subroutine merge_boundary
 
 !> A source point in the middle of as many blocks in each direction as voxels had one
 subroutine place_sources(coarse, ratio)
-   !> Coarser cloud with its voxels
    type(cloud_type), intent(inout) :: coarse
    !> Voxels from one source point to the next
    integer, intent(in) :: ratio(3)

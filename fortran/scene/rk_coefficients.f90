@@ -110,7 +110,6 @@ end subroutine coefficient_at
 !> First derivatives of the coefficients, by differences of sixth order on both sides of a place
 subroutine differentiate(equation, x, slope, error)
    type(equation_type), intent(in) :: equation
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Derivatives, shape (2, nd) [stress/length]
    real(wp), intent(out) :: slope(:, :)
@@ -139,7 +138,6 @@ end subroutine differentiate
 subroutine interpolate(self, scene, x, error)
    type(coefficients_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
-   !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: x(:, :)
    !> Error handling: no value at a source point, a support that is too small
    type(error_type), allocatable, intent(out) :: error
@@ -174,7 +172,6 @@ end subroutine interpolate
 !> Moduli c(i, A, k, B) of the operators
 pure function moduli(equation, nd, pair) result(c)
    type(equation_type), intent(in) :: equation
-   !> Space dimension
    integer, intent(in) :: nd
    !> Lambda and mu, or their derivatives
    real(wp), intent(in) :: pair(2)

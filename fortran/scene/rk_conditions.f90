@@ -85,15 +85,11 @@ end subroutine add_pins
 !> Resolve conditions
 subroutine find_boundary(self, cloud, condition, factors, error, time)
    type(boundary_type), intent(out) :: self
-   !> Points
    type(cloud_type), intent(in) :: cloud
-   !> Conditions on sets
    type(condition_type), intent(in) :: condition(:)
-   !> Load factors
    integer, intent(in) :: factors
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
-   !> Time of expressions in it, 0 without
    real(wp), intent(in), optional :: time
    integer, allocatable :: number(:)
    real(wp), allocatable :: traction(:, :, :)
@@ -150,7 +146,6 @@ end subroutine find_boundary
 subroutine mean_normals(self, cloud, number, fixed, traction, error)
    !> Boundary points with their prescribed components
    type(boundary_type), intent(inout) :: self
-   !> Points
    type(cloud_type), intent(in) :: cloud
    !> Boundary point of each collocation point, shape (nc)
    integer, intent(in) :: number(:)
@@ -210,7 +205,6 @@ end function contradiction
 subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, error, time)
    !> Points, whose sets have names
    type(cloud_type), intent(in) :: cloud
-   !> Conditions on sets
    type(condition_type), intent(in) :: condition(:)
    !> Whether the place lies in the set of each, shape (conditions)
    logical, intent(in) :: here(:)
@@ -296,9 +290,7 @@ end subroutine conditions_at
 
 !> Sets that overlap and whose conditions meet in a component, a line each with its line feed
 function overlaps(cloud, condition) result(lines)
-   !> Points
    type(cloud_type), intent(in) :: cloud
-   !> Conditions on sets
    type(condition_type), intent(in) :: condition(:)
    character(len=:), allocatable :: lines
    integer :: b, c, e, found

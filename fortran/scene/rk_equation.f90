@@ -42,7 +42,6 @@ module rk_equation
 
 contains
 
-!> Density at a place
 subroutine density_at(self, x, density, error)
    class(motion_type), intent(in) :: self
    !> Place, shape (nd) [length]
@@ -63,7 +62,6 @@ subroutine initial(self, displacement, x, value, error)
    class(motion_type), intent(in) :: self
    !> The displacement, otherwise the velocity
    logical, intent(in) :: displacement
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Components, those of no meaning 0
    real(wp), intent(out) :: value(3)
@@ -88,7 +86,6 @@ pure logical function varies(self)
    varies = self%E%given() .or. self%nu%given() .or. self%conductivity%given()
 end function varies
 
-!> Whether a solution is known
 pure logical function is_known(self)
    class(equation_type), intent(in) :: self
 
@@ -98,7 +95,6 @@ end function is_known
 !> Components of the solution: one of Poisson's problem, else those of the displacement
 pure integer function fields(self, nd)
    class(equation_type), intent(in) :: self
-   !> Space dimension
    integer, intent(in) :: nd
 
    fields = nd
@@ -129,7 +125,6 @@ end subroutine solution_at
 
 !> Source or body force
 subroutine source_at(equation, x, time, f, error)
-   !> Problem
    type(equation_type), intent(in) :: equation
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)

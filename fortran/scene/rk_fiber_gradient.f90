@@ -60,7 +60,6 @@ end subroutine fiber_gradients
 
 !> Whether the fibers of each tissue are all parallel
 pure logical function parallel_fibers(scene)
-   !> Scene with fibers and tissues
    type(scene_type), intent(in) :: scene
    integer :: ip, k, first
 

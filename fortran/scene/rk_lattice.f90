@@ -45,9 +45,9 @@ subroutine new_box(self, size_, source, place, error, graded)
    end if
    self%nd = size(size_)
    self%lattice = source
-   self%source = grid_points(source, size_)
-   self%points = grid_points(place, size_)
-   self%volume_points = grid_centres(source, size_)
+   self%source = grid_points(source, size_, 0)
+   self%points = grid_points(place, size_, 0)
+   self%volume_points = grid_points(source, size_, 1)
    allocate (self%spacing(self%nd, size(self%source, 2)))
    do d = 1, self%nd
       self%spacing(d, :) = size_(d)/(source(d) - 1)
@@ -181,9 +181,9 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    self%nd = 2
    self%lattice = source
    self%polar = .true.
-   self%source = bend(grid_points(source, [outer - inner, 0.5_wp*pi]))
-   self%points = bend(grid_points(place, [outer - inner, 0.5_wp*pi]))
-   self%volume_points = bend(grid_centres(source, [outer - inner, 0.5_wp*pi]))
+   self%source = bend(grid_points(source, [outer - inner, 0.5_wp*pi], 0))
+   self%points = bend(grid_points(place, [outer - inner, 0.5_wp*pi], 0))
+   self%volume_points = bend(grid_points(source, [outer - inner, 0.5_wp*pi], 1))
    ! the same spacing in both directions, the larger of radial and angular distance: rectangular
    ! supports do not turn with the angle
    allocate (self%spacing(2, size(self%source, 2)))
@@ -349,7 +349,6 @@ end function grid
 
 !> Grid counts fit the dimension and allow differences
 subroutine check_counts(nd, source, place, error)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Source points in each direction
    integer, intent(in) :: source(:)
@@ -364,18 +363,19 @@ subroutine check_counts(nd, source, place, error)
    end if
 end subroutine check_counts
 
-!> Points of a regular grid over a box
-pure function grid_points(n, length) result(x)
-   !> Points in each direction, shape (nd)
+!> Points of a regular grid over a box, or the centres of its cells
+pure function grid_points(n, length, centres) result(x)
    integer, intent(in) :: n(:)
    !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: length(:)
-   real(wp) :: x(size(n), product(n))
-   integer :: at(size(n), product(n)), d
+   !> 1 for centres, 0 for points
+   integer, intent(in) :: centres
+   real(wp) :: x(size(n), product(n - centres))
+   integer :: at(size(n), product(n - centres)), d
 
-   at = grid(n)
+   at = grid(n - centres)
    do d = 1, size(n)
-      x(d, :) = length(d)*at(d, :)/real(n(d) - 1, wp)
+      x(d, :) = length(d)*(at(d, :) + 0.5_wp*centres)/real(n(d) - 1, wp)
    end do
 end function grid_points
 
@@ -398,21 +398,6 @@ pure real(wp) function quadrature(i, n, length)
    quadrature = quadrature*length/(n - 1)
 end function quadrature
 
-!> Centres of the cells of a regular grid
-pure function grid_centres(n, length) result(x)
-   !> Points in each direction, shape (nd)
-   integer, intent(in) :: n(:)
-   !> Edge lengths, shape (nd) [length]
-   real(wp), intent(in) :: length(:)
-   real(wp) :: x(size(n), product(n - 1))
-   integer :: at(size(n), product(n - 1)), d
-
-   at = grid(n - 1)
-   do d = 1, size(n)
-      x(d, :) = length(d)*(at(d, :) + 0.5_wp)/real(n(d) - 1, wp)
-   end do
-end function grid_centres
-
 !> One tissue, no fibers
 subroutine default_tissue(self)
    !> Cloud with collocation points
@@ -431,7 +416,6 @@ subroutine start_boundary(self, n)
    allocate (self%boundary_point(n), self%boundary_set(n), self%normal(self%nd, n), self%area(n))
 end subroutine start_boundary
 
-!> Write the next boundary entry
 subroutine add_entry(self, n, point, set, normal, area)
    type(cloud_type), intent(inout) :: self
    !> Entries so far
@@ -454,7 +438,6 @@ end subroutine add_entry
 
 !> Unit vector along an axis
 pure function axis(nd, d, sign) result(v)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Axis
    integer, intent(in) :: d

@@ -25,17 +25,17 @@
 !> Reference: thesis section 4.2.2
 module rk_mixture
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
-   use rk_error, only : error_type
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
    use rk_laminate, only : layers_type
-   use rk_levels, only : find_level, has_levels
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
    use rk_tensor, only : add_cross_form, cofactor
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -78,15 +78,7 @@ module rk_mixture
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
-      procedure :: fiber_of, energy
-      !> P, and C4 where wanted
-      procedure :: stress
-      !> Div P, P, and their derivatives
-      procedure :: strong
-      !> Second derivatives of P along a direction
-      procedure :: stress_curvature
-      !> Second derivatives of Div P along a direction
-      procedure :: strong_curvature
+      procedure :: fiber_of, energy, stress, strong, stress_curvature, strong_curvature
    end type mixture_type
 
 contains
@@ -274,7 +266,6 @@ end function point_of
 !> Bulk modulus at a place [stress]
 pure real(wp) function bulk(self, ip)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    integer :: e
 
@@ -288,7 +279,6 @@ end function bulk
 !> a share of stiff tissue takes no more than its own away [stress]
 pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    real(wp) :: compliance
    integer :: e
@@ -313,9 +303,7 @@ end function bulk_at_one_pressure
 !> Shear modulus of a deformed state at a place, without fibers [stress]
 pure real(wp) function shear_modulus(self, ip, f)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    integer :: e
 
@@ -333,7 +321,6 @@ end function shear_modulus
 !> Fraction of a tissue at a place [-]
 pure real(wp) function part_of(self, ip, tissue)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    integer, intent(in) :: tissue
 
@@ -345,7 +332,6 @@ end function part_of
 !> Fiber of a tissue at a place, zeros where it has none [-]
 pure function fiber_of(self, ip, tissue) result(fiber)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    integer, intent(in) :: tissue
    real(wp) :: fiber(3)
@@ -360,15 +346,11 @@ end function fiber_of
 !> Energy of a tissue at a place, times its fraction [stress]
 pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Tissue, 0 for all
    integer, intent(in) :: tissue
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    type(layers_type) :: layers
    real(wp) :: bulk
@@ -401,17 +383,13 @@ end function energy
 !> First Piola-Kirchhoff stress at a place and, where wanted, its tangent
 pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Stress P(i,A) [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B) [stress]
    real(wp), intent(out), optional :: c4(3, 3, 3, 3)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    !> The part of this tissue alone
    integer, intent(in), optional :: tissue
@@ -506,7 +484,6 @@ end subroutine layered_stress
 !> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
 pure function linear_moduli(self, ip) result(c4)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    real(wp) :: c4(3, 3, 3, 3)
 
@@ -519,25 +496,20 @@ end function linear_moduli
 !> Divergence of the stress, and everything a row of the strong form needs
 pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
    !> Space dimension: 3, or 2 for plane strain
    integer, intent(in) :: nd
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> P_iA,A [stress/length]
    real(wp), intent(out) :: divergence(3)
-   !> Stress P(i,A) [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B), which is the divergence's derivative by H(j,B,A) [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
    !> Derivative T(i,k,C) of the divergence by F(k,C) [stress/length]
    real(wp), intent(out) :: t(3, 3, 3)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
    integer :: a, b, e
@@ -585,17 +557,13 @@ end subroutine strong
 !> Second derivatives of P_iA R_iA by F as a symmetric 9x9 matrix, index j + 3 (B - 1)
 pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
    !> Direction R(i,A)
    real(wp), intent(in) :: r(3, 3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Matrix [stress]
    real(wp), intent(out) :: form(9, 9)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(9, 9)
    integer :: e
@@ -612,23 +580,17 @@ end subroutine stress_curvature
 !> Second derivatives of s = r_i P_iA,A by F and by H
 pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric)
    class(mixture_type), intent(in) :: self
-   !> Place
    integer, intent(in) :: ip
-   !> Space dimension: 3, or 2 for plane strain
    integer, intent(in) :: nd
-   !> Deformation gradient F(i,A) [-]
    real(wp), intent(in) :: f(3, 3)
-   !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
    !> Weighted residual r_i
    real(wp), intent(in) :: r(3)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> s_,FF, index k + 3 (C - 1) [stress/length]
    real(wp), intent(out) :: ff(9, 9)
    !> s_,FH with indices (kC, jB, A) [stress]
    real(wp), intent(out) :: fh(9, 9, 3)
-   !> Include K/2 (J-1)^2?
    logical, intent(in) :: volumetric
    real(wp) :: part(9, 9), part_h(9, 9, 3), direction(3, 3)
    integer :: a, e
@@ -654,5 +616,40 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
       end associate
    end do
 end subroutine strong_curvature
+
+pure logical function has_levels(scene)
+   type(scene_type), intent(in) :: scene
+   integer :: k
+
+   has_levels = allocated(scene%cloud%activation) &
+      & .or. any([(scene%tissue(k)%level%given(), k=1, size(scene%tissue))])
+end function has_levels
+
+!> Part of its activation that a muscle has at a place
+subroutine find_level(scene, tissue, point, place, level, error)
+   type(scene_type), intent(in) :: scene
+   !> Muscle
+   integer, intent(in) :: tissue
+   !> Collocation point whose fibers it has there
+   integer, intent(in) :: point
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Part, from 0 to 1 [-]
+   real(wp), intent(out) :: level
+   !> Error handling: an expression without a value there, or with one out of range
+   type(error_type), allocatable, intent(inout) :: error
+
+   level = 1.0_wp
+   associate (given => scene%tissue(tissue)%level)
+      if (given%given()) then
+         call given%at(place, level, error)
+         if (allocated(error) .or. (level >= 0.0_wp .and. level <= 1.0_wp)) return
+         call fatal_error(error, err_input, given%where//": '"//given%text//"' is " &
+            & //to_text(level)//' at '//to_text(place)//', but must be between 0 and 1')
+      else if (allocated(scene%cloud%activation)) then
+         level = scene%cloud%activation(point)
+      end if
+   end associate
+end subroutine find_level
 
 end module rk_mixture

@@ -24,7 +24,6 @@ subroutine add_set(cloud, name, region, left, error)
    !> Cloud with its boundary entries and labels
    type(cloud_type), intent(inout) :: cloud
    character(len=*), intent(in) :: name
-   !> Part of the surface
    type(region_type), intent(in) :: region
    !> Boundary entries that are left after each criterion, shape (criteria)
    integer, intent(out) :: left(size(criteria))
@@ -145,11 +144,9 @@ subroutine sample_sides(cloud, low, step, place, outward, side)
    type(cloud_type), intent(in) :: cloud
    !> Corner and spacing of the lattice, in radius and angle where it is polar [length], [radian]
    real(wp), intent(in) :: low(3), step(3)
-   !> Places, shape (nd, ms) [length]
    real(wp), allocatable, intent(out) :: place(:, :)
    !> Area times outward normal, shape (nd, ms) [length^(nd-1)]
    real(wp), allocatable, intent(out) :: outward(:, :)
-   !> Side that each lies on, shape (ms)
    integer, allocatable, intent(out) :: side(:)
    real(wp) :: q(3), edge(3), radial(2)
    integer :: d, each, end, k, n, nd, o, p

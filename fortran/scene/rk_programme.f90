@@ -42,11 +42,7 @@ module rk_programme
       !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
       real(wp), allocatable :: output(:)
    contains
-      procedure :: count => count_factors, factors, value => value_at
-      !> Number of the sine's factor of a rotation; that of 1 - cos follows
-      procedure :: sine_of
-      procedure :: plan
-      !> Whether it begins loaded
+      procedure :: count => count_factors, factors, value => value_at, sine_of, plan
       procedure :: begins_loaded
    end type programme_type
 
@@ -67,7 +63,6 @@ module rk_programme
 
 contains
 
-!> Number of load factors
 pure integer function count_factors(self)
    class(programme_type), intent(in) :: self
 
@@ -114,7 +109,6 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    class(programme_type), intent(in) :: self
    !> Amplitude, 0 for the ramp
    integer, intent(in) :: amplitude
-   !> Load [-]
    real(wp), intent(in) :: load
    real(wp) :: s
    integer :: k
@@ -217,7 +211,6 @@ end subroutine merge_loads
 pure integer function last_until(time, load) result(last)
    !> Load times, ascending [-]
    real(wp), intent(in) :: time(:)
-   !> Load [-]
    real(wp), intent(in) :: load
    integer :: behind, middle
 
@@ -236,7 +229,6 @@ end function last_until
 !> Whether the rate of an amplitude may jump at a load
 pure logical function is_knot(self, load)
    class(programme_type), intent(in) :: self
-   !> Load [-]
    real(wp), intent(in) :: load
    integer :: a, k
 

@@ -53,9 +53,7 @@ module rk_scene
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
    contains
-      procedure :: moves_unevenly
-      !> Whether a displacement, traction or pressure is prescribed that need not be zero
-      procedure :: acts
+      procedure :: moves_unevenly, acts
    end type condition_type
 
    !> Iteration, linear solver and weights of boundary rows
@@ -75,10 +73,7 @@ module rk_scene
       !> What is measured, of quantity = expression
       type(expression_type) :: expression
    contains
-      !> Whether it is of a body or a tissue as a whole
-      procedure :: of_body
-      !> Whether it is of a place in the body
-      procedure :: at_a_place
+      procedure :: of_body, at_a_place
    end type probe_type
 
    !> Everything a solve needs
@@ -131,12 +126,7 @@ module rk_scene
       type(reference_keys), allocatable :: reference(:)
    contains
       procedure :: steps => count_steps, factors, activation_at, common_activation
-      !> Whether some muscle has one of its own
-      procedure :: has_own_activations
-      procedure :: is_loaded
-      !> Whether something prescribed is another at another load
-      procedure :: changes
-      procedure :: shape_at, stiffest_ratio, has_kinks
+      procedure :: has_own_activations, is_loaded, changes, shape_at, stiffest_ratio, has_kinks
    end type scene_type
 
 contains
@@ -170,7 +160,6 @@ end function factors
 elemental real(wp) function activation_at(self, tissue, load)
    class(scene_type), intent(in) :: self
    integer, intent(in) :: tissue
-   !> Load [-]
    real(wp), intent(in) :: load
 
    associate (muscle => self%tissue(tissue))
@@ -181,7 +170,6 @@ end function activation_at
 !> Activation of muscles without one of their own at a load [-]
 elemental real(wp) function common_activation(self, load)
    class(scene_type), intent(in) :: self
-   !> Load [-]
    real(wp), intent(in) :: load
 
    common_activation = self%programme%value(self%load%amplitude, load)*self%load%activation
@@ -203,7 +191,6 @@ end function has_own_activations
 !> Whether a muscle is active or a condition acts at a load
 pure logical function is_loaded(self, load)
    class(scene_type), intent(in) :: self
-   !> Load [-]
    real(wp), intent(in) :: load
    integer :: k
 
@@ -267,7 +254,6 @@ subroutine shape_at(self, place, shape, error, first, plain)
    class(scene_type), intent(in) :: self
    !> Places, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Shape functions
    type(shape_type), intent(out) :: shape
    !> Error handling: a place that too few source points cover
    type(error_type), allocatable, intent(out) :: error

@@ -175,7 +175,6 @@ pure function hull_of(have) result(hull)
 
 contains
 
-   !> From one corner to another
    pure function edge(from, to)
       integer, intent(in) :: from, to
       integer :: edge(3)
@@ -185,7 +184,6 @@ contains
 
 end function hull_of
 
-!> Product of two vectors
 pure function cross(a, b) result(c)
    integer, intent(in) :: a(3), b(3)
    integer :: c(3)

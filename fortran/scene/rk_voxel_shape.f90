@@ -84,7 +84,6 @@ end function least_thickness
 
 !> Voxels of the same tissue in a row through each voxel, along each direction, shape (3, nc)
 pure function layers(cloud) result(length)
-   !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
    integer, allocatable :: length(:, :)
    integer, allocatable :: label(:, :, :), row(:, :, :)
@@ -121,7 +120,6 @@ end function layers
 
 !> Labels on the grid of the voxels, -1 around them
 pure subroutine paint(cloud, label, at)
-   !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
    !> Labels, shape (0:n(1)+1, 0:n(2)+1, 0:n(3)+1)
    integer, allocatable, intent(out) :: label(:, :, :)

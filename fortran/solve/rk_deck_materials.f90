@@ -61,7 +61,6 @@ end subroutine read_materials
 
 !> A material: its law, the points that it fills, its fibers and what drives them
 subroutine read_tissue(scene, k, deck, regions, material_of, error)
-   !> Scene with points
    type(scene_type), intent(inout) :: scene
    !> Number of the material
    integer, intent(in) :: k
@@ -118,7 +117,6 @@ end subroutine read_tissue
 !> Whether some point has a fraction of a material
 pure logical function has_part(scene, material_of, k)
    type(scene_type), intent(in) :: scene
-   !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(in) :: material_of(:)
    !> Material
    integer, intent(in) :: k
@@ -157,14 +155,12 @@ subroutine set_parts(scene, material_of, deck, error)
    end do
 end subroutine set_parts
 
-!> Parameters of a material's law
 subroutine read_parameters(deck, at, name, parameters)
    type(deck_type), intent(in) :: deck
    !> Key of the material
    character(len=*), intent(in) :: at
    !> Name of the material
    character(len=*), intent(in) :: name
-   !> Parameters by their keys
    type(parameters_type), intent(out) :: parameters
    character(len=word_length), allocatable :: key(:)
    character(len=:), allocatable :: word
@@ -192,9 +188,7 @@ pure subroutine fill_points(material_of, label, k, tissue, by_label)
    integer, intent(inout) :: material_of(:)
    !> Its label
    integer, intent(in) :: label(:)
-   !> Number of the material
    integer, intent(in) :: k
-   !> Material
    type(tissue_type), intent(in) :: tissue
    !> Whether its label counts; otherwise it fills all
    logical, intent(in) :: by_label
@@ -209,9 +203,7 @@ end subroutine fill_points
 !> Uniform fiber direction of a material, empty where the model's directions hold
 subroutine read_direction(deck, at, nd, direction)
    type(deck_type), intent(in) :: deck
-   !> Key of the material
    character(len=*), intent(in) :: at
-   !> Space dimension
    integer, intent(in) :: nd
    !> Unit vector, shape (3) or (0) [-]
    real(wp), allocatable, intent(out) :: direction(:)
@@ -231,12 +223,10 @@ end subroutine read_direction
 !> Fibers of a muscle's points
 subroutine set_fibers(scene, k, direction, deck, at, error)
    type(scene_type), intent(inout) :: scene
-   !> Material
    integer, intent(in) :: k
    !> Uniform direction or nothing
    real(wp), intent(in) :: direction(:)
    type(deck_type), intent(in) :: deck
-   !> Key of the material
    character(len=*), intent(in) :: at
    !> Error handling: no direction at a point
    type(error_type), allocatable, intent(inout) :: error
@@ -256,7 +246,6 @@ end subroutine set_fibers
 !> No fibers where the material has none
 subroutine clear_fibers(scene, k)
    type(scene_type), intent(inout) :: scene
-   !> Material
    integer, intent(in) :: k
    integer :: ip
 

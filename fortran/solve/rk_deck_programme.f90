@@ -74,7 +74,6 @@ subroutine read_motion(condition, programme, deck, at, nd)
    type(deck_type), intent(in) :: deck
    !> Key of the entry
    character(len=*), intent(in) :: at
-   !> Space dimension
    integer, intent(in) :: nd
    real(wp) :: angle
 

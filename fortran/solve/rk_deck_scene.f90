@@ -6,16 +6,15 @@ module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
    use rk_deck, only : deck_type
    use rk_deck_blocks, only : put_corners
-   use rk_deck_boundary, only : read_conditions, read_probes
-   use rk_deck_linear, only : read_linear
+   use rk_deck_boundary, only : read_conditions, read_probes, read_sets
    use rk_deck_materials, only : read_materials
    use rk_deck_programme, only : read_programme
    use rk_deck_records, only : geometry_keys
-   use rk_deck_sets, only : read_sets
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_kernel, only : window_polar
    use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
+   use rk_linear, only : set_essential_weight
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_scene, only : displacement_weight, scene_type
@@ -30,7 +29,6 @@ module rk_deck_scene
 
 contains
 
-!> Build the scene of a deck
 subroutine new_scene(scene, deck, model, error)
    type(scene_type), intent(out) :: scene
    type(deck_type), intent(in) :: deck
@@ -99,12 +97,9 @@ subroutine check_size(deck, model, error)
       & //'", '//to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)
 end subroutine check_size
 
-!> Points
 subroutine read_geometry(cloud, deck, model, error)
-   !> Points
    type(cloud_type), intent(out) :: cloud
    type(deck_type), intent(in) :: deck
-   !> Points of the model file
    type(cloud_type), intent(in) :: model
    type(error_type), allocatable, intent(out) :: error
    type(geometry_keys) :: body
@@ -163,7 +158,6 @@ end subroutine add_sides
 !> Refuse points in another unit than the deck's
 subroutine check_unit(deck, model, error)
    type(deck_type), intent(in) :: deck
-   !> Points of the model file
    type(cloud_type), intent(in) :: model
    !> Error handling: another unit
    type(error_type), allocatable, intent(out) :: error
@@ -273,5 +267,40 @@ subroutine read_weights(scene, deck)
       if (weight == 'balanced') solver%weight_c4 = displacement_weight/h**2
    end associate
 end subroutine read_weights
+
+!> Operators, loads and where the solution is prescribed
+subroutine read_linear(scene, deck, error)
+   !> Scene with points and solver
+   type(scene_type), intent(inout) :: scene
+   type(deck_type), intent(in) :: deck
+   !> Error handling, one line more for each unknown side
+   type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: at, word
+   integer :: k
+
+   associate (equation => scene%equation)
+      call equation%read(deck, 'linear')
+      equation%extent(:scene%cloud%nd) = maxval(scene%cloud%points, dim=2)
+      allocate (equation%pin(deck%count('pin')))
+      do k = 1, size(equation%pin)
+         at = 'pin.'//to_text(k)
+         call deck%get_vector(at//'.point', equation%pin(k)%point)
+         call deck%get(at//'.components', word)
+         equation%pin(k)%fixed = [index(word, 'x') > 0, index(word, 'y') > 0, index(word, 'z') > 0]
+      end do
+   end associate
+   call read_conditions(scene, deck, error)
+   if (deck%has('dynamics')) then
+      allocate (scene%motion)
+      call scene%motion%read(deck, 'dynamics')
+      call deck%get('solver.weight_essential', word)
+      scene%motion%published = word == 'ns-c4'
+   end if
+   ! no materials or load steps
+   allocate (scene%tissue(0), scene%tissue_of(0))
+   scene%load%steps = 1
+   scene%load%activation = 0.0_wp
+   if (.not. allocated(error)) call set_essential_weight(scene, error)
+end subroutine read_linear
 
 end module rk_deck_scene

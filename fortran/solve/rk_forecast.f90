@@ -40,9 +40,7 @@ end function may_be_halved
 
 !> Operations of a solve without its error bars
 real(wp) function forecast_solve(scene, cost, halved) result(operations)
-   !> Scene
    type(scene_type), intent(in) :: scene
-   !> Its sizes
    type(estimate_type), intent(in) :: cost
    !> The load steps are halved where they may be
    logical, intent(in) :: halved
@@ -79,11 +77,9 @@ end function forecast_solve
 
 !> Operations of the second solution, which gives the error bars; 0 where there is none
 real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
-   !> Deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> The load steps are halved where they may be
    logical, intent(in) :: halved

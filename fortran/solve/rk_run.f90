@@ -8,10 +8,10 @@ module rk_run
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
-   use rk_force, only : set_forces
-   use rk_linear_solve, only : solve_linear
+   use rk_force, only : own_work_mismatch, set_forces
    use rk_motion, only : form_motion, march
    use rk_newton, only : newton_type
+   use rk_newton_step, only : solve_linear
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_problem, only : evaluation_type, problem_type
@@ -24,7 +24,6 @@ module rk_run
    use rk_symmetric, only : symmetric_matrix
    use rk_tangent, only : tangent_type
    use rk_text, only : to_text
-   use rk_work_balance, only : own_work_mismatch
    implicit none
    private
 
@@ -91,7 +90,6 @@ contains
 
 !> Solve a scene through all load steps
 subroutine solve_scene(problem, linear, recorder, outcome, error, start)
-   !> Full problem
    class(discretisation_type), target, intent(inout) :: problem
    !> Least squares solver; blank for the scene's
    character(len=*), intent(in) :: linear
@@ -156,9 +154,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    type(scene_type), intent(in) :: scene
    !> Least squares solver; blank for the scene's
    character(len=*), intent(in) :: linear
-   !> Receiver of states
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(out) :: timer
    !> Error handling: the run ended early
    type(error_type), allocatable, intent(out) :: error
@@ -193,7 +189,6 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
       & scene%load%max_halvings, x, recorder, timer, error, last)
 end subroutine solve_problem
 
-!> March a linear problem through time
 subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    class(problem_type), target, intent(inout) :: problem
    !> Scene with a motion
@@ -202,9 +197,7 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    character(len=*), intent(in) :: linear
    !> Unknowns at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Receiver of states
    class(recorder_type), intent(inout) :: recorder
-   !> Wall times
    type(timer_type), intent(inout) :: timer
    !> Error handling: a step that is not stable
    type(error_type), allocatable, intent(out) :: error
@@ -226,9 +219,7 @@ end subroutine solve_motion
 !> Warn of conditions without effect, and of sets of the deck that overlap
 subroutine warn_of_conditions(scene, outcome, recorder)
    type(scene_type), intent(in) :: scene
-   !> Where warnings are kept
    type(outcome_type), intent(inout) :: outcome
-   !> Receiver of warnings
    class(recorder_type), intent(inout) :: recorder
    character(len=:), allocatable :: lines
    integer :: first, length, k
@@ -259,7 +250,6 @@ subroutine warn(self, line, recorder)
    class(outcome_type), intent(inout) :: self
    !> Warning
    character(len=*), intent(in) :: line
-   !> Receiver
    class(recorder_type), intent(inout) :: recorder
 
    self%warnings = self%warnings//line//new_line('a')
@@ -294,7 +284,6 @@ end subroutine find_imbalance
 !> but for pressures as unknowns and pressures that follow a free rim, with which nothing is found.
 subroutine find_stability(problem, outcome)
    class(discretisation_type), target, intent(inout) :: problem
-   !> Outcome with states
    type(outcome_type), intent(inout) :: outcome
    class(symmetric_matrix), pointer :: tangent
    type(evaluation_type) :: seen
@@ -336,7 +325,6 @@ end subroutine find_stability
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
 subroutine check_response(problem, state, error)
    class(discretisation_type), intent(in) :: problem
-   !> Last state
    type(field_state), intent(in) :: state
    !> Error handling: no answer to the load
    type(error_type), allocatable, intent(out) :: error
@@ -354,7 +342,6 @@ subroutine check_response(problem, state, error)
       & //'meaningless; check material constants, loads and their units')
 end subroutine check_response
 
-!> An iteration was done
 subroutine iteration(self, it)
    class(watcher_type), intent(inout) :: self
    type(iteration_type), intent(in) :: it

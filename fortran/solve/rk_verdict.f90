@@ -92,9 +92,7 @@ contains
 !> their end.
 subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(verdict_type), intent(out) :: self
-   !> Full problem
    class(discretisation_type), intent(in) :: problem
-   !> Its deck
    type(deck_type), intent(in) :: deck
    !> Points of the model file, where the deck wants one
    type(cloud_type), intent(in) :: model
@@ -234,7 +232,6 @@ end subroutine withhold
 !> Error of a linear problem against its known solution
 subroutine judge_norms(self, outcome)
    type(verdict_type), intent(inout) :: self
-   !> What the run found out
    type(outcome_type), intent(in) :: outcome
 
    if (.not. allocated(outcome%norms)) return
@@ -246,7 +243,6 @@ end subroutine judge_norms
 subroutine judge_works(self, problem, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
-   !> What the run found out
    type(outcome_type), intent(in) :: outcome
    real(wp) :: bounds(2)
    integer :: k
@@ -293,9 +289,7 @@ end subroutine judge_volume
 !> Warn where J at points is not that of the pressure, which weak forms keep over cells only
 subroutine warn_of_volume(problem, outcome, receiver)
    class(discretisation_type), intent(in) :: problem
-   !> What the run found out
    type(outcome_type), intent(inout) :: outcome
-   !> Receiver of the caller
    class(recorder_type), intent(inout) :: receiver
    type(point_state) :: local
    real(wp) :: off
@@ -317,7 +311,6 @@ end subroutine warn_of_volume
 !> the corner of a fixed face, which is singular, but whoever reads the fields meets it
 function broken_text(problem, outcome) result(text)
    class(discretisation_type), intent(in) :: problem
-   !> What the run found out
    type(outcome_type), intent(in) :: outcome
    character(len=:), allocatable :: text
 
@@ -332,7 +325,6 @@ end function broken_text
 subroutine judge_lost(self, problem, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
-   !> What the run found out
    type(outcome_type), intent(in) :: outcome
    type(ellipticity_type) :: worst
    character(len=:), allocatable :: found
@@ -361,7 +353,6 @@ end function matters
 !> Share of the volume in bad places [-]
 real(wp) function share_of(problem, bad) result(share)
    class(discretisation_type), intent(in) :: problem
-   !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
 
    associate (volume => problem%scene%cloud%volume)
@@ -372,7 +363,6 @@ end function share_of
 !> A probe of a point near bad places, 0 where there is none
 integer function probe_near(problem, bad) result(near)
    class(discretisation_type), intent(in) :: problem
-   !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
    integer :: i, ip
 
@@ -392,7 +382,6 @@ end function probe_near
 !> How much of the body bad places are, in words
 function extent_of(problem, bad) result(words)
    class(discretisation_type), intent(in) :: problem
-   !> Places of output, shape (nc)
    logical, intent(in) :: bad(:)
    character(len=:), allocatable :: words
    integer :: near
@@ -407,7 +396,6 @@ end function extent_of
 subroutine judge_values(self, problem, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
-   !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    character(len=:), allocatable :: reason
    integer :: i
@@ -430,7 +418,6 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    real(wp), intent(in) :: most
    !> What it is compared with
    character(len=*), intent(in) :: from
-   !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
    character(len=:), allocatable :: reference, rim, small
@@ -560,7 +547,6 @@ end function cure_of
 !> where one failed
 subroutine no_estimate(self, outcome)
    type(verdict_type), intent(inout) :: self
-   !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    character(len=:), allocatable :: note
 
@@ -578,13 +564,9 @@ end subroutine no_estimate
 subroutine judge_path(self, problem, deck, model, receiver, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
-   !> Its deck
    type(deck_type), intent(in) :: deck
-   !> Points of the model file, where the deck wants one
    type(cloud_type), intent(in) :: model
-   !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
-   !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(companion_type) :: slower
    character(len=:), allocatable :: reason

@@ -64,13 +64,7 @@ module rk_equilibrium
       !> Then the linearised rows times the modes
       type(matrix_rows), private :: projected
    contains
-      procedure :: field
-      procedure :: start
-      procedure :: assemble
-      procedure :: hessian
-      procedure :: apply_curvature
-      procedure :: rejection
-      procedure :: renew
+      procedure :: field, start, assemble, hessian, apply_curvature, rejection, renew
    end type equilibrium_problem
 
    !> Smallest share of a row's weight, on the edge itself
@@ -215,7 +209,6 @@ end function closeness
 !> Distance to the nearest edge between a clamped and a free face, huge where there is none
 pure real(wp) function rim_distance(self, x)
    class(equilibrium_problem), intent(in) :: self
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    integer :: b
 
@@ -232,7 +225,6 @@ end function rim_distance
 !> of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
    class(equilibrium_problem), target, intent(inout) :: self
-   !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: load
    logical, intent(in) :: iteration
@@ -423,14 +415,12 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
    if (b > 0) call boundary_rows(self, b, u, load, f, p, c4, tangent, r)
 end subroutine point_rows
 
-!> Rows of one boundary point
 subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    class(equilibrium_problem), intent(inout) :: self
    !> Boundary point
    integer, intent(in) :: b
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
-   !> Load [-]
    real(wp), intent(in) :: load
    !> Deformation gradient F(i, A) [-]
    real(wp), intent(in) :: f(3, 3)
@@ -438,9 +428,7 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    real(wp), intent(in) :: p(3, 3)
    !> Tangent C4(i, A, j, B), without that of a pressure
    real(wp), intent(in) :: c4(3, 3, 3, 3)
-   !> Linearise
    logical, intent(in) :: tangent
-   !> Residuals, shape (m)
    real(wp), intent(inout) :: r(:)
    real(wp) :: n(3), slope(3, 3), factor(size(self%boundary%value, 1)), t(3, 3, 3), c(3, 3)
    integer :: nd, block, row, i, k, cb
@@ -486,13 +474,9 @@ subroutine volume_row(self, ip, x, tangent, r, volume)
    class(equilibrium_problem), intent(inout) :: self
    !> Place among the shape functions
    integer, intent(in) :: ip
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Linearise
    logical, intent(in) :: tangent
-   !> Residuals, shape (m)
    real(wp), intent(inout) :: r(:)
-   !> Volume ratio J [-]
    real(wp), intent(out) :: volume
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), c(3, 3), compliance
    integer :: nd, iv, block, k, a
@@ -559,13 +543,9 @@ end subroutine apply_curvature
 !> Second derivatives of the residuals at one collocation point, weighted with the residuals
 subroutine point_curvature(self, ip, x, load, r, form)
    class(equilibrium_problem), intent(in) :: self
-   !> Collocation point
    integer, intent(in) :: ip
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
    real(wp), intent(in) :: load
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
    !> Form as in rk_rows, shape (nd*nd, fields, nq)
    real(wp), contiguous, intent(inout) :: form(:, :, :)
@@ -610,9 +590,7 @@ subroutine volume_curvature(self, ip, x, r, form)
    class(equilibrium_problem), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
-   !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
    !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
    real(wp), contiguous, intent(inout) :: form(:, :, :)
@@ -631,13 +609,11 @@ end subroutine volume_curvature
 
 !> Add second derivatives by F and its derivatives to the form of a place
 pure subroutine add_curvature(nd, ff, fh, form)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
    real(wp), intent(in) :: ff(9, 9)
    !> Second derivatives by F_iA and u_j,BC, indices (iA, jB, C)
    real(wp), intent(in) :: fh(9, 9, 3)
-   !> Form as in rk_rows, shape (nd*nd, fields, nq)
    real(wp), intent(inout) :: form(:, :, :)
    integer :: a, b, c, j, q
 

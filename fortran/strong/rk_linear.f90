@@ -207,7 +207,6 @@ end subroutine set_essential_weight
 
 !> Residuals A x - load b; the rows are the same in every state
 subroutine assemble(self, x, stage, r, seen)
-   !> Problem, its rows assembled
    class(linear_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
    type(stage_type), intent(in) :: stage

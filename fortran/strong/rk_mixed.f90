@@ -32,7 +32,6 @@ end function cofactor_slope
 
 !> Stress of the pressure p: p cof F, whose divergence is cof F grad p
 pure subroutine add_pressure(nd, u, f, tangent, p, divergence, t, c)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Displacement and pressure with derivatives, shape (nd + 1, nq)
    real(wp), intent(in) :: u(:, :)
@@ -60,7 +59,6 @@ end subroutine add_pressure
 
 !> Second derivatives of rho_i (cof F)_iA p_,A
 pure subroutine add_pressure_curvature(nd, u, f, rho, ff, form)
-   !> Space dimension
    integer, intent(in) :: nd
    !> Displacement and pressure with derivatives, shape (nd + 1, nq)
    real(wp), intent(in) :: u(:, :)

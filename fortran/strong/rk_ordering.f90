@@ -85,7 +85,6 @@ end subroutine envelope_order
 
 !> First point in an order that shares a place with each point
 subroutine find_reach(neighbour, order, reach)
-   !> Points that cover each place
    type(csr_type), intent(in) :: neighbour
    !> Place of each point in the order, shape (ns)
    integer, intent(in) :: order(:)

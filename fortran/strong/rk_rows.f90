@@ -53,9 +53,7 @@ module rk_rows
       !> point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
-      procedure :: apply, apply_transposed, envelope, normal, expand
-      !> Product of the second derivatives alone with a vector
-      procedure :: apply_second
+      procedure :: apply, apply_transposed, envelope, normal, expand, apply_second
       procedure :: dense, compressed, unknown
    end type rows_type
 
@@ -114,7 +112,6 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    call envelope_order(shape%neighbour, self%centre, self%position, self%reach)
 end subroutine new_rows
 
-!> y = A x
 subroutine apply(self, x, y)
    class(rows_type), intent(in) :: self
    !> Coefficients of the unknowns, field fastest, shape (n)
@@ -138,12 +135,9 @@ subroutine apply(self, x, y)
    !$omp end parallel do
 end subroutine apply
 
-!> x = A^T y
 subroutine apply_transposed(self, x, y)
    class(rows_type), intent(in) :: self
-   !> Rows, shape (m)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Coefficients of the unknowns, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp), allocatable :: dual(:, :, :)
    integer :: b, c, i, ip, q
@@ -227,7 +221,6 @@ end subroutine collect
 !> A^T A in its envelope
 subroutine envelope(self, a, error)
    class(rows_type), intent(in) :: self
-   !> Matrix
    type(envelope_type), intent(inout) :: a
    type(error_type), allocatable, intent(out) :: error
 
@@ -248,7 +241,6 @@ subroutine expand(self, curved, a)
    class(rows_type), intent(in) :: self
    !> Include second derivatives
    logical, intent(in) :: curved
-   !> Matrix, shape (n, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
    type(envelope_type) :: matrix
    type(error_type), allocatable :: error
@@ -265,9 +257,7 @@ end subroutine expand
 !> Matrix summed over groups of near places
 subroutine accumulate(self, curved, a, error)
    class(rows_type), intent(in) :: self
-   !> Include second derivatives
    logical, intent(in) :: curved
-   !> Matrix
    type(envelope_type), intent(inout) :: a
    !> Error handling: no memory
    type(error_type), allocatable, intent(out) :: error
@@ -392,7 +382,6 @@ end function by_position
 !> Dense rows of a group over the unknowns it sees
 subroutine group_rows(self, g, node, unknown, run, rows, m)
    class(rows_type), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
    !> Source points and unknowns by their place in the elimination order, ascending
    integer, allocatable, intent(inout) :: node(:)
@@ -475,7 +464,6 @@ subroutine write_block(self, b, column, rows, row)
    end do
 end subroutine write_block
 
-!> A itself
 subroutine dense(self, a)
    class(rows_type), intent(in) :: self
    !> Matrix, shape (m, n)
@@ -484,10 +472,7 @@ subroutine dense(self, a)
    integer :: b, k
 
    a = 0.0_wp
-   allocate (column(self%shape%ns))
-   do k = 1, self%shape%ns
-      column(k) = k
-   end do
+   column = [(k, k=1, self%shape%ns)]
    !$omp parallel do default(none) schedule(static) private(b) shared(self, column, a)
    do b = 1, size(self%place)
       call write_block(self, b, column, a, self%row(b))

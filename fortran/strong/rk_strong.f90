@@ -22,8 +22,7 @@ module rk_strong
       !> Linearised rows
       type(rows_type) :: rows
    contains
-      procedure :: set_force
-      procedure :: section_force
+      procedure :: set_force, section_force
    end type strong_problem
 
 contains

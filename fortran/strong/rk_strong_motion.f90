@@ -36,12 +36,7 @@ module rk_strong_motion
       !> Values of the fields at the rows' points, and rows of the operator, shape (m, n)
       real(wp), allocatable :: values(:, :), operator(:, :)
    contains
-      procedure :: start
-      procedure :: product
-      procedure :: loads
-      procedure :: solve
-      procedure :: limit
-      procedure :: energy
+      procedure :: start, product, loads, solve, limit, energy
    end type strong_motion
 
 contains
@@ -133,7 +128,6 @@ end subroutine invert
 subroutine limit(self, step, error)
    class(strong_motion), intent(in) :: self
    real(wp), intent(out) :: step
-   !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
    integer, parameter :: trials = 12
    real(wp), allocatable :: mass(:, :), stiff(:, :)
@@ -194,7 +188,6 @@ end subroutine limit
 subroutine start(self, first, second, error)
    class(strong_motion), intent(inout) :: self
    real(wp), contiguous, intent(inout) :: first(:), second(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: given(size(self%values, 1), 2), value(3)
    real(wp), allocatable :: fit(:, :)

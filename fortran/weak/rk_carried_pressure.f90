@@ -26,12 +26,7 @@ module rk_carried_pressure
       !> Place, step and pressures of the last solve in this load step, and their change
       real(wp), allocatable, private :: begun(:), step(:), before(:, :), gained(:, :)
    contains
-      procedure :: forget
-      !> Go to a place
-      procedure :: go_to
-      !> Extrapolate to the next place
-      procedure :: extrapolate
-      procedure :: note
+      procedure :: forget, go_to, extrapolate, note
    end type carried_pressure
 
    !> Distance from the last step, of its length, at which a place is not on it [-]

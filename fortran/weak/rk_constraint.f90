@@ -35,9 +35,7 @@ module rk_constraint
       !> Factor of B B^T
       type(sparse_factor), private :: square
    contains
-      procedure :: times, add_transposed
-      !> Multipliers that balance most of a vector
-      procedure :: multipliers
+      procedure :: times, add_transposed, multipliers
       final :: free
    end type constraint_type
 
@@ -149,7 +147,6 @@ function multipliers(self, y) result(m)
    if (self%rows > 0) call self%square%solve(m)
 end function multipliers
 
-!> Give the factor back
 subroutine free(self)
    type(constraint_type), intent(inout) :: self
 
@@ -159,7 +156,6 @@ end subroutine free
 !> Part of a vector across the constraints
 function projected(self, x) result(y)
    type(constraint_type), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), intent(in) :: x(:)
    real(wp) :: y(size(x))
 
@@ -170,9 +166,7 @@ end function projected
 !> y = (P K + B^T R B) x
 subroutine apply(self, x, y)
    class(constrained_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%matrix%apply(x, y)
@@ -183,9 +177,7 @@ end subroutine apply
 !> y = (K P + B^T R B) x
 subroutine apply_transposed(self, x, y)
    class(constrained_matrix), intent(in) :: self
-   !> Vector, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    call self%matrix%apply_transposed(projected(self%constraint, x), y)
@@ -250,7 +242,6 @@ subroutine multiply(self, x, y)
    class(compliance_type), intent(in) :: self
    !> Multipliers, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (rows)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp) :: u(self%whole%n)
 
@@ -263,9 +254,7 @@ end subroutine multiply
 !> y = R x: where resistances are large, little else resists
 subroutine precondition(self, x, y)
    class(compliance_type), intent(in) :: self
-   !> Violations, shape (rows)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Multipliers, shape (rows)
    real(wp), contiguous, intent(inout) :: y(:)
 
    y = self%whole%constraint%resistance*x

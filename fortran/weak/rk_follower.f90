@@ -28,7 +28,6 @@ contains
 subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
    !> Surface with pressures
    type(surface_type), target, intent(in) :: surface
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Load factors, shape (factors) [-]
    real(wp), intent(in) :: factor(:)
@@ -137,7 +136,6 @@ pure logical function has_free_rim(scene)
    end associate
 end function has_free_rim
 
-!> Components that a condition prescribes
 pure function held(condition) result(fixed)
    type(condition_type), intent(in) :: condition
    logical :: fixed(3)

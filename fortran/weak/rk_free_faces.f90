@@ -38,12 +38,7 @@ module rk_free_faces
       !> Shape functions there
       type(shape_type) :: shape
    contains
-      !> Number of a place in the list
-      procedure :: find
-      !> Displacement gradient along the face
-      procedure :: smooth
-      !> Stress without traction
-      procedure :: release
+      procedure :: find, smooth, release
    end type free_faces_type
 
    !> A place is on the face of a point that is so far before or behind it, in spacings; cosine of
@@ -59,7 +54,6 @@ contains
 subroutine new_free_faces(self, scene, error)
    !> What is found
    type(free_faces_type), intent(out) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Error handling: a window that too few source points cover
    type(error_type), allocatable, intent(out) :: error
@@ -124,7 +118,6 @@ end subroutine new_free_faces
 
 !> Outward normal of a place that lies on one face alone, without any condition
 subroutine find_face(scene, entry, ip, x, near, normal, free)
-   !> Scene
    type(scene_type), intent(in) :: scene
    !> Boundary entries of each collocation point
    type(csr_type), intent(in) :: entry
@@ -160,7 +153,6 @@ end subroutine find_face
 
 !> Places of the source points along a direction, shape (0:n) [length]
 pure function line_of(cloud, d) result(line)
-   !> Points
    type(cloud_type), intent(in) :: cloud
    !> Direction
    integer, intent(in) :: d
@@ -207,11 +199,8 @@ end function moved
 pure integer function find(self, scene, ip, x)
    !> Places
    class(free_faces_type), intent(in) :: self
-   !> Scene
    type(scene_type), intent(in) :: scene
-   !> Collocation point nearest to the place
    integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    integer :: i
 
@@ -229,7 +218,6 @@ end function find
 
 !> Replace what a displacement gradient has along the face by differences two spacings apart
 pure subroutine smooth(self, i, x, h)
-   !> Places
    class(free_faces_type), intent(in) :: self
    !> Number of the place
    integer, intent(in) :: i
@@ -253,13 +241,9 @@ end subroutine smooth
 
 !> Stress without traction; it stays what it is where none is found
 subroutine release(self, i, mixture, ip, load, f, local)
-   !> Places
    class(free_faces_type), intent(in) :: self
-   !> Number of the place
    integer, intent(in) :: i
-   !> Materials
    type(mixture_type), intent(in) :: mixture
-   !> Collocation point nearest to the place
    integer, intent(in) :: ip
    !> Load [-]
    real(wp), intent(in) :: load

@@ -318,7 +318,6 @@ end subroutine set_point_loads
 !> linear in the step from here
 subroutine start(self, x, load, iteration)
    class(galerkin_problem), target, intent(inout) :: self
-   !> Unknowns at the start of the step, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: load
    logical, intent(in) :: iteration
@@ -341,7 +340,6 @@ subroutine assemble(self, x, stage, r, seen)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
    type(stage_type), intent(in) :: stage
-   !> Residuals, shape (n) [force]
    real(wp), contiguous, intent(inout) :: r(:)
    type(evaluation_type), intent(out) :: seen
    type(field_state) :: at
@@ -539,7 +537,6 @@ end function volume_slope
 subroutine extrapolate(self, stage)
    !> Problem, linearised at the last converged state
    type(galerkin_problem), intent(inout) :: self
-   !> These states
    type(stage_type), intent(in) :: stage
    type(field_state) :: at
    real(wp), allocatable :: pressure(:, :, :)
@@ -681,7 +678,6 @@ end function forces
 !> Add the forces of the stresses of a state
 subroutine inner_forces(self, state, r)
    class(galerkin_problem), intent(in) :: self
-   !> State with stresses
    type(field_state), intent(in) :: state
    !> Forces, shape (n) [force]
    real(wp), intent(inout) :: r(:)
@@ -741,7 +737,6 @@ end subroutine new_state
 !> Deformation of a group of points, and the pressure that its change of volume makes
 pure subroutine deform_group(self, g, x, at, lift, excess)
    class(galerkin_problem), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
    !> Unknowns [length]
    real(wp), intent(in) :: x(self%fields, self%n/self%fields)

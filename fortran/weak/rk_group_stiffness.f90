@@ -33,16 +33,7 @@ module rk_group_stiffness
       type(pressure_type), pointer :: pressure => null()
       type(multiplier_type), pointer :: multiplier => null()
    contains
-      !> Set what it stands for
-      procedure :: attach
-      !> Add a product, of displacements alone or with pressures
-      procedure :: add_product
-      !> Displacements and pressures from unknowns, and the other way
-      procedure :: split
-      procedure :: join
-      !> Part of the bulk modulus that stays with the displacements, and the share of the rest
-      procedure :: kept
-      procedure :: beside
+      procedure :: attach, add_product, split, join, kept, beside
    end type group_stiffness
 
    !> Part of the bulk modulus that stays with the displacements, in shear moduli; never more than
@@ -54,7 +45,6 @@ contains
 !> Make room
 subroutine new_group_stiffness(self, cells, shear)
    type(group_stiffness), intent(inout) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
@@ -73,13 +63,9 @@ end subroutine new_group_stiffness
 !> Set what the stiffness stands for
 subroutine attach(self, cells, gradient, pressure, multiplier)
    class(group_stiffness), intent(inout) :: self
-   !> Integration points
    type(cells_type), target, intent(in) :: cells
-   !> Gradients there
    type(gradient_type), target, intent(in) :: gradient
-   !> Projected pressures
    type(pressure_type), target, intent(in) :: pressure
-   !> Pressures that are unknowns
    type(multiplier_type), target, intent(in) :: multiplier
 
    self%cells => cells
@@ -118,7 +104,6 @@ end subroutine split
 !> Unknowns from displacements and pressures
 subroutine join(self, n, both, x)
    class(group_stiffness), intent(in) :: self
-   !> Unknowns that are displacements
    integer, intent(in) :: n
    !> Displacements and pressures
    real(wp), contiguous, intent(in) :: both(:)
@@ -261,7 +246,6 @@ end subroutine group_force
 !> Part of a group's bulk modulus that stays with the displacements
 pure real(wp) function kept(self, g)
    class(group_stiffness), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
 
    kept = min(stays*self%shear(g), 0.5_wp*self%bulk(g))
@@ -270,7 +254,6 @@ end function kept
 !> Share of a group's bulk modulus that acts on its pressures [-]
 pure real(wp) function beside(self, g)
    class(group_stiffness), intent(in) :: self
-   !> Group
    integer, intent(in) :: g
 
    beside = 1.0_wp - self%kept(g)/self%bulk(g)

@@ -57,10 +57,7 @@ module rk_held
       !> Stiffness under them
       type(constrained_matrix) :: whole
    contains
-      procedure :: set, resist
-      !> Residuals under the constraints, from forces
-      procedure :: constrain
-      procedure :: reaction, force => set_force
+      procedure :: set, resist, constrain, reaction, force => set_force
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
@@ -71,12 +68,10 @@ module rk_held
 
 contains
 
-!> Find the points
 subroutine new_held(self, scene, cells, surface, error)
    !> What is held, not allocated where nothing is
    type(held_type), allocatable, intent(out) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> What holds at their surface points
    type(surface_type), intent(in) :: surface
@@ -98,9 +93,7 @@ end subroutine new_held
 subroutine find_places(self, cloud, cells, surface, error)
    type(held_type), intent(inout) :: self
    type(cloud_type), intent(in) :: cloud
-   !> Integration points
    type(cells_type), intent(in) :: cells
-   !> What holds at their surface points
    type(surface_type), target, intent(in) :: surface
    !> Error handling: a set's expression that is not finite
    type(error_type), allocatable, intent(out) :: error
@@ -331,7 +324,6 @@ pure function set_force(self, set, held, x, about) result(force)
    integer, intent(in) :: set
    !> Forces on held points, shape (fields, nh) [force]
    real(wp), intent(in) :: held(:, :)
-   !> Unknowns, shape (n) [length]
    real(wp), intent(in) :: x(:)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)

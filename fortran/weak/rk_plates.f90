@@ -28,12 +28,7 @@ module rk_plates
       !> (nd, ms)
       integer, allocatable :: follows(:, :)
    contains
-      !> What a surface point is moved by
-      procedure :: motion
-      !> Blocks that the surface couples
-      procedure :: coupled
-      !> Stiffness and pull of the tendons
-      procedure :: add_tendons
+      procedure :: motion, coupled, add_tendons
    end type plates_type
 
    !> Stiffness across the direction of a tendon, of that of the penalty of its whole set; with 1e6
@@ -42,11 +37,9 @@ module rk_plates
 
 contains
 
-!> Find the plates
 subroutine new_plates(self, scene, cells, before)
    type(plates_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Source points, behind which the plates stand
    integer, intent(in) :: before
@@ -118,7 +111,6 @@ end function coupled
 subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)
    class(plates_type), intent(in) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Penalty times area of each, shape (ms) [force/length]
    real(wp), intent(in) :: penalty(:)

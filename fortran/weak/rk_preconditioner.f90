@@ -74,7 +74,6 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
    type(scene_type), intent(in) :: scene
    !> Nodal cells, or cells of Gauss points between source points
    type(cells_type), intent(in) :: cells
-   !> Conditions on the surface
    type(surface_type), intent(in) :: surface
    !> Shape functions at the cells' points
    type(shape_type), intent(in) :: inside
@@ -154,9 +153,7 @@ subroutine nodal_network(self, cells, surface, shear)
    type(network_type), intent(out) :: self
    !> Nodal cells
    type(cells_type), intent(in) :: cells
-   !> Conditions on the surface
    type(surface_type), intent(in) :: surface
-   !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
    integer, allocatable :: behind(:)
    real(wp), allocatable :: held(:, :, :)
@@ -199,9 +196,7 @@ subroutine corner_network(self, scene, cells, surface, shear)
    type(scene_type), intent(in) :: scene
    !> Cells of Gauss points
    type(cells_type), intent(in) :: cells
-   !> Conditions on the surface
    type(surface_type), intent(in) :: surface
-   !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
    type(corners_type) :: corners
    real(wp) :: xi(size(cells%point, 1)), share(2)
@@ -290,11 +285,8 @@ end function ascending
 pure subroutine find_penalties(held, cells, surface, shear, behind)
    !> Penalties, shape (2, 2, ms) [force/length]
    real(wp), allocatable, intent(out) :: held(:, :, :)
-   !> Nodal cells
    type(cells_type), intent(in) :: cells
-   !> Conditions on the surface
    type(surface_type), intent(in) :: surface
-   !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
    !> Cell behind each surface point, 0 if there is none, shape (ms)
    integer, intent(in) :: behind(:)
@@ -322,7 +314,6 @@ end subroutine find_penalties
 pure subroutine find_behind(behind, cells)
    !> Cells, shape (ms)
    integer, allocatable, intent(out) :: behind(:)
-   !> Nodal cells
    type(cells_type), intent(in) :: cells
    integer :: facing(2, size(cells%point, 1), size(cells%weight)), d, k, s
 
@@ -339,7 +330,6 @@ pure subroutine find_behind(behind, cells)
    end do
 end subroutine find_behind
 
-!> y = P^-1 x
 subroutine apply(self, x, y)
    class(preconditioner_type), intent(in) :: self
    !> Forces, shape (n)

@@ -29,9 +29,7 @@ module rk_recovery
       !> Shape functions there
       type(shape_type) :: shape
    contains
-      !> Gradient at a place, and of which cells' it is made
-      procedure :: at => gradient_at
-      procedure :: row
+      procedure :: at => gradient_at, row
    end type recovery_type
 
 contains
@@ -101,9 +99,7 @@ end function gradient_at
 !> Cells whose gradients make that at a collocation point or a probe, with their weights
 subroutine row(self, ip, x, nodes, values)
    class(recovery_type), target, intent(in) :: self
-   !> Collocation point nearest to the place
    integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Cells, shape (n)
    integer, pointer, contiguous, intent(out) :: nodes(:)

@@ -79,7 +79,6 @@ end subroutine stabilise
 subroutine share_bulk(mixture, cells, nc, local, projected, softness)
    !> Materials of the collocation points and, after them, of the integration points
    type(mixture_type), intent(in) :: mixture
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Number of collocation points
    integer, intent(in) :: nc

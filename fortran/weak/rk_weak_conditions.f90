@@ -44,14 +44,7 @@ module rk_weak_conditions
       real(wp), allocatable :: penalty(:)
    contains
       procedure :: set_varying, set_penalty, add_penalty, add_forces, held_energy
-      procedure :: force => set_force
-      !> Force of a pressure at a point, and the deformation gradient there
-      procedure :: pressure_force
-      procedure :: gradient_at
-      !> What is prescribed at a point
-      procedure :: held_at
-      !> Share of lifting and penalty in the forces on one side of a cut
-      procedure :: held_force
+      procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
 contains
@@ -61,7 +54,6 @@ subroutine set_conditions(self, scene, cells, shear, error)
    !> Surface with shape functions
    type(surface_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Shear modulus at each integration point [stress]
    real(wp), intent(in) :: shear(:)
@@ -98,7 +90,6 @@ end subroutine set_conditions
 !> What is prescribed at surface points
 subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Prescribed components, shape (fields, ms)
    logical, allocatable, intent(out) :: essential(:, :)
@@ -179,13 +170,10 @@ end function gradient_at
 !> Force of a pressure on the deformed surface at a point, on the components that are not prescribed
 pure function pressure_force(self, cells, s, p, x) result(force)
    class(surface_type), intent(in) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Surface point
    integer, intent(in) :: s
    !> Pressure [force/area]
    real(wp), intent(in) :: p
-   !> Unknowns, shape (n) [length]
    real(wp), intent(in) :: x(:)
    real(wp) :: force(3), c(3, 3)
    integer :: nd
@@ -200,7 +188,6 @@ end function pressure_force
 !> Set values and tractions that vary over the points, at full load of the ramp
 subroutine set_varying(self, cells, displacement, stress)
    class(surface_type), intent(inout) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Displacement of the essential components, shape (3, ms) [length]
    real(wp), intent(in) :: displacement(:, :)
@@ -224,7 +211,6 @@ end subroutine set_varying
 subroutine set_penalty(self, scene, cells, shear)
    class(surface_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Modulus at each integration point whose multiple the penalty is, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
@@ -343,7 +329,6 @@ end subroutine add_load
 !> or its moment where the set has moved to: what does work when it turns there
 function set_force(self, cells, set, state, value, traction, about) result(force)
    class(surface_type), intent(in) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Boundary set
    integer, intent(in) :: set
@@ -379,7 +364,6 @@ end function set_force
 !> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
 pure function held_at(self, s, state) result(u)
    class(surface_type), intent(in) :: self
-   !> Surface point
    integer, intent(in) :: s
    type(field_state), intent(in) :: state
    !> Displacement, shape (nd) [length]
@@ -422,9 +406,7 @@ end function held_energy
 !> Force on the body at a surface point, and the displacement there
 subroutine add_point_force(self, cells, s, state, held, traction, force, displacement)
    class(surface_type), intent(in) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Surface point
    integer, intent(in) :: s
    type(field_state), intent(in) :: state
    !> What is prescribed there, shape (nd) [length], [force/area]
@@ -461,9 +443,7 @@ end subroutine add_point_force
 
 !> Stress at a surface point, as the lifting has it
 pure function lifted_stress(cells, s, state) result(p)
-   !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Surface point
    integer, intent(in) :: s
    type(field_state), intent(in) :: state
    real(wp) :: p(3, 3)
@@ -480,7 +460,6 @@ end function lifted_stress
 !> the surface, not a force inside the body
 function held_force(self, cells, cut, state) result(force)
    class(surface_type), target, intent(in) :: self
-   !> Integration points
    type(cells_type), intent(in) :: cells
    !> Share of each source point, shape (ns) [-]
    real(wp), intent(in) :: cut(:)

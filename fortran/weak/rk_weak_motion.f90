@@ -33,11 +33,7 @@ module rk_weak_motion
       !> Factor of mass and penalty, the same in all time steps
       type(sparse_factor) :: factor
    contains
-      procedure :: start
-      procedure :: product
-      procedure :: loads
-      procedure :: solve
-      procedure :: limit
+      procedure :: start, product, loads, solve, limit
       final :: free_motion
    end type weak_motion
 
@@ -81,7 +77,6 @@ subroutine new_weak_motion(self, problem, error)
       & + self%motion%time_step**2*problem%constant, error)
 end subroutine new_weak_motion
 
-!> Give the factor back
 subroutine free_motion(self)
    type(weak_motion), intent(inout) :: self
 
@@ -136,7 +131,6 @@ end subroutine limit
 subroutine start(self, first, second, error)
    class(weak_motion), intent(inout) :: self
    real(wp), contiguous, intent(inout) :: first(:), second(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    real(wp), dimension(self%n) :: side, speed, image
 
@@ -158,7 +152,6 @@ subroutine product(self, what, x, y)
    class(weak_motion), intent(in) :: self
    character(len=*), intent(in) :: what
    real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
 
    associate (matrix => self%problem%matrix)
@@ -176,7 +169,6 @@ end subroutine product
 !> Solve with mass and penalty
 subroutine solve(self, y, x)
    class(weak_motion), intent(in) :: self
-   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: y(:)
    real(wp), contiguous, intent(inout) :: x(:)
 
@@ -191,7 +183,6 @@ subroutine project(self, displacement, x, error)
    logical, intent(in) :: displacement
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(out) :: error
    type(square_report) :: report
    real(wp) :: side(self%n), value(3, size(self%inertia))

@@ -26,10 +26,7 @@ module rk_answer
       integer :: count = 0
       type(array_type) :: array(most)
    contains
-      !> Add an array of any rank by its shape
-      procedure :: put, put_whole
-      !> Add a text
-      procedure :: put_text
+      procedure :: put, put_whole, put_text
    end type answer_type
 
 contains
@@ -51,14 +48,12 @@ subroutine put_whole(self, name, shape, value)
    class(answer_type), intent(inout) :: self
    character(len=*), intent(in) :: name
    integer, intent(in) :: shape(:)
-   !> Numbers, the first index of the shape running first
    integer, intent(in) :: value(*)
 
    call self%put(name, shape, real(value(:product(shape)), wp))
    self%array(self%count)%kind = 1
 end subroutine put_whole
 
-!> Add a text
 subroutine put_text(self, name, text)
    class(answer_type), intent(inout) :: self
    character(len=*), intent(in) :: name

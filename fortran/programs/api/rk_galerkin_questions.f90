@@ -15,7 +15,6 @@ module rk_galerkin_questions
 
 contains
 
-!> Answer a question
 subroutine ask_galerkin(problem, question, given, answer, error)
    class(discretisation_type), target, intent(in) :: problem
    character(len=*), intent(in) :: question
@@ -203,7 +202,6 @@ end subroutine answer_loads
 !> one
 subroutine answer_products(full, x, answer)
    type(galerkin_problem), intent(in) :: full
-   !> Displacements by their coefficients, shape (n, k)
    real(wp), contiguous, intent(in) :: x(:, :)
    type(answer_type), intent(inout) :: answer
    real(wp), pointer, contiguous :: psi(:, :)
@@ -244,7 +242,6 @@ end subroutine answer_products
 subroutine answer_place(full, probe, x, answer, error)
    type(galerkin_problem), intent(in) :: full
    integer, intent(in) :: probe
-   !> Displacements by their coefficients, shape (n, k)
    real(wp), contiguous, intent(in) :: x(:, :)
    type(answer_type), intent(inout) :: answer
    !> Error handling: a place without shape functions

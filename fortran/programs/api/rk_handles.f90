@@ -42,10 +42,7 @@ module rk_handles
       !> Reader of notes, not associated without one
       procedure(listener_interface), pointer, nopass :: listener => null()
    contains
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-      procedure :: note
+      procedure :: iteration, step, stopped, note
    end type states_type
 
    abstract interface
@@ -112,7 +109,6 @@ end subroutine open_slot
 
 !> Give a row back
 subroutine close_slot(slot)
-   !> Row
    type(slot_type), intent(inout) :: slot
 
    if (associated(slot%reduced)) deallocate (slot%reduced)
@@ -124,10 +120,8 @@ subroutine close_slot(slot)
    slot%handle = 0
 end subroutine close_slot
 
-!> Row of a handle
 subroutine find_slot(handle, slot, error)
    integer, intent(in) :: handle
-   !> Its row
    type(slot_type), pointer, intent(out) :: slot
    !> Error handling: a closed handle
    type(error_type), allocatable, intent(out) :: error
@@ -152,7 +146,6 @@ end subroutine iteration
 !> Keep a converged state; that at rest is not asked for
 subroutine step(self, st, x)
    class(states_type), intent(inout) :: self
-   !> Load step
    type(step_type), intent(in) :: st
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -176,7 +169,6 @@ end function stopped
 !> Hand a line on to the reader, who may ask to stop
 subroutine note(self, line, warning)
    class(states_type), intent(inout) :: self
-   !> What happened
    character(len=*), intent(in) :: line
    !> It deserves attention
    logical, intent(in) :: warning

@@ -21,7 +21,6 @@ module rk_session
 
 contains
 
-!> Open the scene of a deck
 subroutine open_session(path, text, overrides, model, listener, handle, error)
    !> Deck, or its name for messages
    character(len=*), intent(in) :: path
@@ -65,7 +64,6 @@ end subroutine open_session
 !> stay, and so does all of it where the change is refused
 subroutine update_session(handle, overrides, error)
    integer, intent(in) :: handle
-   !> Overrides "table.key=value"
    character(len=*), intent(in) :: overrides(:)
    !> Error handling: wrong values, and what an open scene cannot change
    type(error_type), allocatable, intent(out) :: error

@@ -13,14 +13,13 @@ program main
    use rk_model_file, only : read_model_cloud
    use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
-   use rk_output, only : output_type
+   use rk_output, only : output_type, search_type
    use rk_precision, only : i8, wp
    use rk_recorder, only : start_type
    use rk_refine, only : refine, refined_before, refinement_type
    use rk_resume, only : resume_points, resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
-   use rk_search, only : search_type
    use rk_summary, only : earlier_entries, is_finished, is_solved, set_aside, write_summary
    use rk_system, only : catch_signals, cpu_seconds, drop_previous, lock_folder, make_folder, &
       & peak_bytes, prepare_process, process_number, tell, version_text

@@ -38,7 +38,6 @@ module rk_cli
 
 contains
 
-!> Read the command line
 subroutine read_arguments(config, error)
    !> What was asked
    type(config_type), intent(out) :: config
@@ -124,7 +123,6 @@ subroutine read_arguments(config, error)
    if (len(config%out) == 0) config%out = 'out/'//stem(config%deck)
 end subroutine read_arguments
 
-!> One argument
 function argument(i) result(word)
    !> Its number
    integer, intent(in) :: i

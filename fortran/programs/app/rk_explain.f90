@@ -94,7 +94,6 @@ end subroutine explain
 !> Blocks of voxels between the source points, and where they became finer by themselves
 subroutine explain_blocks(deck, model, scene)
    type(deck_type), intent(in) :: deck
-   !> Points of the model file
    type(cloud_type), intent(in) :: model
    !> Scene with blocks
    type(scene_type), intent(in) :: scene

@@ -34,11 +34,7 @@ module rk_journal
       !> Name
       character(len=:), allocatable :: path
    contains
-      !> Start it, or go on behind its last whole record
-      procedure :: open => open_journal
-      procedure :: add_text, add_numbers
-      !> Close it, and remove it: it is needed no more
-      procedure :: remove => remove_journal
+      procedure :: open => open_journal, add_text, add_numbers, remove => remove_journal
       procedure, private :: check
    end type journal_type
 
@@ -67,7 +63,6 @@ contains
 !> Start a journal, or go on behind its last whole record
 subroutine open_journal(self, path, behind, error)
    class(journal_type), intent(inout) :: self
-   !> File
    character(len=*), intent(in) :: path
    !> Bytes that are whole, 0 for a new one
    integer(int64), intent(in) :: behind
@@ -78,7 +73,6 @@ subroutine open_journal(self, path, behind, error)
       & self%handle), error)
 end subroutine open_journal
 
-!> Add a text
 subroutine add_text(self, kind, text, error)
    !> Journal; nothing is added to a closed one
    class(journal_type), intent(inout) :: self
@@ -95,15 +89,12 @@ end subroutine add_text
 
 !> Add a table of numbers, and another one
 subroutine add_numbers(self, kind, values, more, error)
-   !> Journal; nothing is added to a closed one
    class(journal_type), intent(inout) :: self
-   !> Kind of the record
    integer(int64), intent(in) :: kind
    !> Numbers, shape (n)
    real(wp), contiguous, intent(in), target :: values(:)
    !> Further ones, shape (m, columns)
    real(wp), contiguous, intent(in), target :: more(:, :)
-   !> Error handling: a full disk
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return
@@ -113,7 +104,6 @@ subroutine add_numbers(self, kind, values, more, error)
    end associate
 end subroutine add_numbers
 
-!> Close a journal and remove it
 subroutine remove_journal(self)
    !> Journal; nothing happens to a closed one
    class(journal_type), intent(inout) :: self

@@ -18,8 +18,8 @@ module rk_output
    use rk_resume, only : journal_name, step_columns, step_numbers, to_space
    use rk_scene, only : scene_type
    use rk_states, only : field_state
-   use rk_system, only : interrupted, tell
    use rk_surface, only : lattice_places, surface_triangles
+   use rk_system, only : interrupted, tell
    use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
    use rk_units, only : probe_unit
@@ -27,7 +27,7 @@ module rk_output
    implicit none
    private
 
-   public :: output_type, step_record
+   public :: output_type, step_record, search_type
 
    !> A load step with its probes
    type :: step_record
@@ -69,16 +69,16 @@ module rk_output
       !> Load steps that the journal has already
       integer, private :: journaled = -1
    contains
-      procedure :: open => open_output, close => close_output
-      !> Give them their names
-      procedure :: publish
-      procedure :: iteration, step, stopped, loaded_states
-      !> A line to the log and, unless quiet, to the terminal
-      procedure :: say
-      !> What happens between steps, and warnings, to the log and the terminal
-      procedure :: note
-      procedure :: tell_verdict
+      procedure :: open => open_output, close => close_output, publish
+      procedure :: iteration, step, stopped, loaded_states, say, note, tell_verdict
    end type output_type
+   !> Receiver of a search for points, before a run has files: reports it on the terminal
+   type, extends(recorder_type) :: search_type
+      !> Below 0 nothing is printed
+      integer :: verbosity = 0
+   contains
+      procedure :: stopped => asked_to_stop, note => note_search
+   end type search_type
 
 contains
 
@@ -90,7 +90,6 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
    type(deck_type), intent(in) :: deck
-   !> Version of the program
    character(len=*), intent(in) :: version
    type(error_type), allocatable, intent(out) :: error
    !> Lines of history.csv of the run that goes on, each with its line feed
@@ -114,14 +113,11 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    associate (cloud => problem%scene%cloud)
       points = to_space(cloud%points)
       source = to_space(cloud%source)
-      call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
-         & deck%text, version, error)
-      if (allocated(error)) return
       place = lattice_places(cloud)
+      call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
+         & place, surface_triangles(place), deck%text, deck%overrides, approximation_text(deck), &
+         & version, error)
    end associate
-   call self%results%add_lattice(place, surface_triangles(place), error)
-   if (allocated(error)) return
-   call self%results%describe(deck%overrides, approximation_text(deck), error)
    if (allocated(error) .or. problem%linear) return
    call self%journal%open(folder//journal_name, whole, error)
    if (whole > 0) self%journaled = self%repeated
@@ -186,7 +182,6 @@ pure integer function loaded_states(self)
    loaded_states = count([(self%record(i)%step%step > 0, i=1, size(self%record))])
 end function loaded_states
 
-!> An iteration was done
 subroutine iteration(self, it)
    class(output_type), intent(inout) :: self
    type(iteration_type), intent(in) :: it
@@ -213,7 +208,6 @@ subroutine iteration(self, it)
    call self%say(trim(line), level=1)
 end subroutine iteration
 
-!> A load step converged
 subroutine step(self, st, x)
    class(output_type), intent(inout) :: self
    type(step_type), intent(in) :: st
@@ -245,12 +239,7 @@ subroutine step(self, st, x)
    call compute_fields(self%problem, state, fields)
    associate (numbers => step_numbers(st, [self%backward_error, self%misfit, self%rcond]), &
       & activation => self%problem%scene%common_activation(st%load))
-      if (allocated(st%carried)) then
-         call self%results%add_step(st%load, activation, fields, x, error, numbers, &
-            & step_columns(st))
-      else
-         call self%results%add_step(st%load, activation, fields, x, error, numbers)
-      end if
+      call self%results%add_step(st%load, activation, fields, x, numbers, step_columns(st), error)
       call keep(self, error)
       ! a state between two planned ones is found again
       if (st%step > self%journaled .and. st%planned) call self%journal%add_numbers(is_step, &
@@ -359,5 +348,23 @@ function numbers(values, digits) result(text)
    end do
    text = '('//text//')'
 end function numbers
+
+logical function asked_to_stop(self)
+   class(search_type), intent(inout) :: self
+
+   associate (unused => self)
+   end associate
+   asked_to_stop = interrupted()
+end function asked_to_stop
+
+!> Something happened on the way
+subroutine note_search(self, line, warning)
+   class(search_type), intent(inout) :: self
+   character(len=*), intent(in) :: line
+   !> It deserves attention, which the run that follows will ask for again
+   logical, intent(in) :: warning
+
+   if (self%verbosity >= 0 .and. .not. warning) call tell(line)
+end subroutine note_search
 
 end module rk_output

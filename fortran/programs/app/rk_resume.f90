@@ -125,15 +125,11 @@ end subroutine resume_points
 !> States of the run in a folder, that at load 0 first; none are allocated where there is no run
 subroutine read_run(folder, found, path, history, journal, damage, error)
    character(len=*), intent(in) :: folder
-   !> States
    type(restart_type), intent(out) :: found
    !> File they are from
    character(len=:), allocatable, intent(out) :: path
-   !> Lines of history.csv behind the first, each with its line feed
    character(len=:), allocatable, intent(out) :: history
-   !> Bytes of the journal that are whole, 0 where there is none
    integer(int64), intent(out) :: journal
-   !> What of the journal is left out because it was changed; blank where nothing is
    character(len=:), allocatable, intent(out) :: damage
    !> Error handling: a damaged file
    type(error_type), allocatable, intent(out) :: error
@@ -178,7 +174,6 @@ subroutine start_from(words, deck, problem, start, error)
    character(len=*), intent(in) :: words
    type(deck_type), intent(in) :: deck
    class(discretisation_type), intent(in) :: problem
-   !> Unknowns
    type(start_type), allocatable, intent(out) :: start
    !> Error handling: no such file or step, other points
    type(error_type), allocatable, intent(out) :: error
@@ -218,10 +213,8 @@ end subroutine start_from
 
 !> Refuse the file of another deck, and say where it differs
 subroutine compare_decks(found, deck, path, error)
-   !> Content of the file
    type(restart_type), intent(in) :: found
    type(deck_type), intent(in) :: deck
-   !> File
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
@@ -245,11 +238,9 @@ end subroutine compare_decks
 
 !> Refuse states of other points or another approximation
 subroutine compare_points(found, deck, problem, path, error)
-   !> Content of the file
    type(restart_type), intent(in) :: found
    type(deck_type), intent(in) :: deck
    class(discretisation_type), intent(in) :: problem
-   !> File
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
@@ -336,7 +327,6 @@ end function step_columns
 
 !> A planned step of a file
 function step_of(found, k) result(step)
-   !> Content of the file
    type(restart_type), intent(in) :: found
    !> Its number
    integer, intent(in) :: k

@@ -32,14 +32,11 @@ module rk_summary
 
 contains
 
-!> Write the summary
 subroutine write_summary(path, deck, problem, output, outcome, verdict, refinement, shape_s, &
    & total_s, threads, converged, message, earlier, error)
-   !> File
    character(len=*), intent(in) :: path
    type(deck_type), intent(in) :: deck
    class(discretisation_type), intent(in) :: problem
-   !> What was recorded
    type(output_type), intent(in) :: output
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
@@ -118,11 +115,8 @@ end subroutine write_summary
 
 !> Sets that are parts of the surface
 subroutine write_sets(json, cloud, unit)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Points
    type(cloud_type), intent(in) :: cloud
-   !> Unit of their extents
    character(len=*), intent(in) :: unit
    type(error_type), allocatable :: error
    real(wp) :: area, middle(cloud%nd)
@@ -243,7 +237,6 @@ end subroutine earlier_entries
 
 !> Entries of earlier stations that hold whatever is solved
 subroutine put_kept(json, earlier)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
    !> Entries of an earlier summary
    type(json_entry), intent(in) :: earlier(:)
@@ -254,11 +247,8 @@ subroutine put_kept(json, earlier)
    end do
 end subroutine put_kept
 
-!> Search for the points
 subroutine write_refinement(json, refinement, problem, verdict)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
-   !> Search
    type(refinement_type), intent(in) :: refinement
    !> Problem on the points that were found
    class(discretisation_type), intent(in) :: problem
@@ -299,9 +289,7 @@ end subroutine write_refinement
 
 !> An array of lines
 subroutine put_lines(json, key, text)
-   !> JSON inside an object
    type(json_type), intent(inout) :: json
-   !> Name of the array
    character(len=*), intent(in) :: key
    !> Lines, each with its line feed
    character(len=*), intent(in) :: text
@@ -320,7 +308,6 @@ end subroutine put_lines
 
 !> Error against the known solution
 subroutine write_norms(json, norms)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
    type(norms_type), intent(in) :: norms
 
@@ -334,10 +321,8 @@ end subroutine write_norms
 
 !> Load steps with probes
 subroutine write_steps(json, problem, output, verdict)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem
-   !> What was recorded
    type(output_type), intent(in) :: output
    !> Verdict with error bars
    type(verdict_type), intent(in) :: verdict
@@ -388,7 +373,6 @@ end subroutine write_steps
 
 !> Activation of each muscle, where some have one of their own
 subroutine write_activations(json, scene, load)
-   !> JSON inside the step
    type(json_type), intent(inout) :: json
    type(scene_type), intent(in) :: scene
    !> Load [-]
@@ -406,11 +390,9 @@ end subroutine write_activations
 
 !> Error bars of the probes of a step, and values that are printed otherwise than they are found
 subroutine write_bars(json, problem, record, bars)
-   !> JSON inside the step
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem
    type(step_record), intent(in) :: record
-   !> Error bars
    type(bars_type), intent(in) :: bars
    real(wp) :: bar(3, size(problem%scene%probe)), shown(3, size(problem%scene%probe))
    logical :: known(size(problem%scene%probe)), other(size(problem%scene%probe))
@@ -440,7 +422,6 @@ subroutine write_bars(json, problem, record, bars)
    call json%end_object()
 end subroutine write_bars
 
-!> How many numbers a probe has
 pure integer function numbers_of(problem, i)
    class(discretisation_type), intent(in) :: problem
    !> Probe
@@ -453,11 +434,8 @@ end function numbers_of
 
 !> A number, or several as an array
 subroutine put_values(json, name, values)
-   !> JSON inside an object
    type(json_type), intent(inout) :: json
-   !> Name of the entry
    character(len=*), intent(in) :: name
-   !> Numbers
    real(wp), intent(in) :: values(:)
 
    if (size(values) == 1) then
@@ -469,7 +447,6 @@ end subroutine put_values
 
 !> Verdict, its reasons and the second solution
 subroutine write_verdict(json, verdict)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
    type(verdict_type), intent(in) :: verdict
 
@@ -492,10 +469,8 @@ end subroutine write_verdict
 
 !> Exact solutions at full load
 subroutine write_exact(json, problem, output)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem
-   !> What was recorded
    type(output_type), intent(in) :: output
    type(error_type), allocatable :: no_root
    real(wp) :: exact, value
@@ -522,10 +497,8 @@ end subroutine write_exact
 
 !> Reference values at the loads that were solved
 subroutine write_references(json, problem, output)
-   !> JSON inside the summary
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem
-   !> What was recorded
    type(output_type), intent(in) :: output
    real(wp), allocatable :: load(:), value(:), reference(:)
    integer :: i, j, k

@@ -5,7 +5,6 @@ module rk_system
    use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
    private
@@ -48,14 +47,16 @@ module rk_system
          import :: c_int
          integer(c_int) :: yes
       end function c_interrupted
-      function c_peak_bytes() result(bytes) bind(c, name='rk_peak_bytes')
+      !> Peak memory of the program [byte]
+      function peak_bytes() result(bytes) bind(c, name='rk_peak_bytes')
          import :: c_double
          real(c_double) :: bytes
-      end function c_peak_bytes
-      function c_cpu_seconds() result(seconds) bind(c, name='rk_cpu_seconds')
+      end function peak_bytes
+      !> User and system time of the program so far [s]
+      function cpu_seconds() result(seconds) bind(c, name='rk_cpu_seconds')
          import :: c_double
          real(c_double) :: seconds
-      end function c_cpu_seconds
+      end function cpu_seconds
       function c_make_folder(path) result(why) bind(c, name='rk_make_folder')
          import :: c_char, c_ptr
          character(kind=c_char), intent(in) :: path(*)
@@ -78,19 +79,8 @@ logical function interrupted()
    interrupted = c_interrupted() /= 0
 end function interrupted
 
-!> Peak memory of the program [byte]
-real(wp) function peak_bytes()
-   peak_bytes = real(c_peak_bytes(), wp)
-end function peak_bytes
-
-!> User and system time of the program so far [s]
-real(wp) function cpu_seconds()
-   cpu_seconds = real(c_cpu_seconds(), wp)
-end function cpu_seconds
-
 !> Make a folder that can be written to
 subroutine make_folder(path, error)
-   !> Folder
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -142,7 +132,6 @@ end subroutine move_solution
 
 !> Remove what was set aside for results that have their names now
 subroutine drop_previous(path, all)
-   !> Folder
    character(len=*), intent(in) :: path
    !> Also the last finished solution, not only the summary of what was replaced
    logical, intent(in) :: all
@@ -159,14 +148,12 @@ subroutine tell(line)
    flush (output_unit, iostat=ignored)
 end subroutine tell
 
-!> Help text
 function usage_text() result(text)
    character(len=:), allocatable :: text
 
    text = to_fortran(c_usage_text())
 end function usage_text
 
-!> Version of the program
 function version_text() result(text)
    character(len=:), allocatable :: text
 

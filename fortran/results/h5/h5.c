@@ -285,12 +285,13 @@ const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
 
 /* An attribute of a group or dataset. Bytes become a text of fixed length and ASCII kind, the
  * only one that all VTK readers take; one number becomes a scalar, several become a list. */
-const char *rkh5_put_attribute(int64_t file, const char *object, const char *name, int kind, int n,
-   const void *values)
+const char *rkh5_put_attribute(int64_t file, const char *object, const char *name,
+   const CFI_cdesc_t *values)
 {
    listen();
-   hsize_t size = (hsize_t)n;
-   int scalar = n == 1 || kind == KIND_UINT1;
+   const int kind = kind_of(values->type);
+   hsize_t size = (hsize_t)values->dim[0].extent;
+   int scalar = size == 1 || kind == KIND_UINT1;
    hid_t space = scalar ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &size, NULL);
    hid_t type = H5Tcopy(kind == KIND_UINT1 ? H5T_C_S1 : type_of(kind));
    if (kind == KIND_UINT1) {
@@ -302,7 +303,7 @@ const char *rkh5_put_attribute(int64_t file, const char *object, const char *nam
    if (owner >= 0) attribute = H5Aexists(owner, name) > 0
       ? H5Aopen(owner, name, H5P_DEFAULT)
       : H5Acreate2(owner, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
-   int failed = attribute < 0 || H5Awrite(attribute, type, values) < 0;
+   int failed = attribute < 0 || H5Awrite(attribute, type, values->base_addr) < 0;
    if (attribute >= 0) H5Aclose(attribute);
    if (owner >= 0) H5Oclose(owner);
    H5Tclose(type);
@@ -311,7 +312,7 @@ const char *rkh5_put_attribute(int64_t file, const char *object, const char *nam
 }
 
 /* The only element of a text attribute */
-static int read_text(hid_t attribute, hid_t type, char *text, int size, int *length)
+static int read_text(hid_t attribute, hid_t type, char *text)
 {
    int variable = H5Tis_variable_str(type) > 0;
    size_t room = H5Tget_size(type);
@@ -325,23 +326,19 @@ static int read_text(hid_t attribute, hid_t type, char *text, int size, int *len
    H5Tset_cset(memory, H5Tget_cset(type));
    int failed = H5Aread(attribute, memory, variable ? (void *)&words : fixed) < 0;
    if (!failed) {
-      const char *found = variable ? (words ? words : "") : fixed;
-      /* strnlen is not in C11 */
-      const char *end = memchr(found, '\0', MAX_TEXT);
-      *length = end ? (int)(end - found) : MAX_TEXT;
-      memcpy(text, found, (size_t)(*length < size ? *length : size));
+      snprintf(text, MAX_TEXT + 1, "%s", variable ? (words ? words : "") : fixed);
    }
    if (variable && words) H5free_memory(words);
    H5Tclose(memory);
    return failed ? -1 : 0;
 }
 
-/* Text of fixed or variable length; `length` may exceed `size`: then the text was cut */
-const char *rkh5_get_text(int64_t file, const char *object, const char *name, char *text, int size,
-   int *length)
+/* Text of fixed or variable length, cut where it is too long; it holds until the next call */
+const char *rkh5_get_text(int64_t file, const char *object, const char *name, const char **text)
 {
+   static _Thread_local char found[MAX_TEXT + 1];
    listen();
-   *length = 0;
+   *text = found;
    hid_t attribute = H5Aopen_by_name(file, object, name, H5P_DEFAULT, H5P_DEFAULT);
    hid_t type = attribute < 0 ? -1 : H5Aget_type(attribute);
    hid_t space = attribute < 0 ? -1 : H5Aget_space(attribute);
@@ -354,7 +351,7 @@ const char *rkh5_get_text(int64_t file, const char *object, const char *name, ch
       complain("it is not a single string");
       failed = 1;
    }
-   if (!failed) failed = read_text(attribute, type, text, size, length) < 0;
+   if (!failed) failed = read_text(attribute, type, found) < 0;
    if (space >= 0) H5Sclose(space);
    if (type >= 0) H5Tclose(type);
    if (attribute >= 0) H5Aclose(attribute);

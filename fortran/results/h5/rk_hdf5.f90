@@ -9,7 +9,7 @@
 !> called through h5.c
 module rk_hdf5
    use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_int8_t, &
-      c_int64_t, c_loc, c_null_char, c_ptr
+      c_int64_t, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
    use rk_error, only : err_file, err_input, error_type, fatal_error
    use rk_precision, only : wp
@@ -17,10 +17,7 @@ module rk_hdf5
    implicit none
    private
 
-   public :: h5_type
-
-   !> Kinds of numbers, as in h5.c
-   integer(c_int), parameter :: kind_int = 2, kind_byte = 4
+   public :: h5_type, as_bytes
 
    !> An open file
    type :: h5_type
@@ -34,18 +31,12 @@ module rk_hdf5
       !> Whether a write has failed: such a file never takes its real name
       logical :: damaged = .false.
    contains
-      !> Start a new file under a temporary name
-      procedure :: create
-      procedure :: open_read, flush => flush_file, close => close_file, publish, has
-      !> Append along the last Fortran dimension; the first call creates the dataset
-      procedure :: append
-      procedure :: append_text
+      procedure :: create, open_read, flush => flush_file, close => close_file, publish, has
+      !> Append numbers to a dataset, or set them as an attribute; texts are bytes
+      procedure :: append, put_attribute
       !> Read a whole dataset
       generic :: read => read_reals, read_integers, read_text
       procedure, private :: read_reals, read_integers, read_text
-      !> Set an attribute of a group or dataset
-      generic :: put_attribute => put_integers, put_text
-      procedure, private :: put_integers, put_text
       procedure :: get_attribute
    end type h5_type
 
@@ -66,7 +57,6 @@ module rk_hdf5
          integer(c_int64_t), value :: file
       end function rkh5_flush
 
-      !> Close the file
       type(c_ptr) function rkh5_close(file) bind(c)
          import :: c_int64_t, c_ptr
          integer(c_int64_t), value :: file
@@ -111,24 +101,19 @@ module rk_hdf5
          integer(c_int8_t), allocatable, intent(inout) :: values(..)
       end function read_c_bytes
 
-      !> Set an attribute of a group or dataset: n numbers, or a text of n bytes
-      type(c_ptr) function rkh5_put_attribute(file, object, name, kind, n, values) bind(c)
-         import :: c_char, c_int, c_int64_t, c_ptr
+      type(c_ptr) function rkh5_put_attribute(file, object, name, values) bind(c)
+         import :: c_char, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
          character(kind=c_char), intent(in) :: object(*), name(*)
-         integer(c_int), value :: kind, n
-         type(c_ptr), value :: values
+         type(*), intent(in) :: values(..)
       end function rkh5_put_attribute
 
-      !> Text attribute; a text longer than `size` is cut, its full length is in `length`
-      type(c_ptr) function rkh5_get_text(file, object, name, text, size, length) &
-         bind(c)
-         import :: c_char, c_int, c_int64_t, c_ptr
+      !> Text attribute, which holds until the next call
+      type(c_ptr) function rkh5_get_text(file, object, name, text) bind(c)
+         import :: c_char, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
          character(kind=c_char), intent(in) :: object(*), name(*)
-         character(kind=c_char), intent(out) :: text(*)
-         integer(c_int), value :: size
-         integer(c_int), intent(out) :: length
+         type(c_ptr), intent(out) :: text
       end function rkh5_get_text
    end interface
 
@@ -136,7 +121,6 @@ contains
 
 !> Start a new file; nothing stands at `path` itself until `close`
 subroutine create(self, path, error)
-   !> File to be created
    class(h5_type), intent(inout) :: self
    !> Name the file takes when it is closed
    character(len=*), intent(in) :: path
@@ -161,9 +145,7 @@ end subroutine create
 
 !> Open an existing file for reading
 subroutine open_read(self, path, error)
-   !> File to be opened
    class(h5_type), intent(inout) :: self
-   !> Name of the file
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -221,7 +203,6 @@ subroutine publish(self, error)
       part_of(self%path))
 end subroutine publish
 
-!> Whether a dataset or group exists
 function has(self, name)
    class(h5_type), intent(in) :: self
    !> Path in the file, as "boundary/names"
@@ -245,22 +226,17 @@ subroutine append(self, name, values, error)
       c_text(name), values), error)
 end subroutine append
 
-!> Append a text as bytes
-subroutine append_text(self, name, text, error)
-   class(h5_type), intent(inout) :: self
-   !> Path in the file
-   character(len=*), intent(in) :: name
-   !> Text, UTF-8
+!> A text as it is stored
+pure function as_bytes(text) result(bytes)
+   !> Text, UTF-8; ASCII and not empty in attributes
    character(len=*), intent(in) :: text
-   type(error_type), allocatable, intent(inout) :: error
+   integer(c_int8_t), allocatable :: bytes(:)
 
-   call self%append(name, transfer(text, [0_c_int8_t]), error)
-end subroutine append_text
+   bytes = transfer(text, [0_c_int8_t])
+end function as_bytes
 
-!> Read real numbers
 subroutine read_reals(self, name, values, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    !> Numbers, of the rank that the dataset has
    real(wp), allocatable, intent(out) :: values(..)
@@ -271,12 +247,9 @@ subroutine read_reals(self, name, values, error)
       allocated(values), error)
 end subroutine read_reals
 
-!> Read integers
 subroutine read_integers(self, name, values, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers, of the rank that the dataset has
    integer, allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
@@ -285,12 +258,9 @@ subroutine read_integers(self, name, values, error)
       allocated(values), error)
 end subroutine read_integers
 
-!> Read a text stored as bytes
 subroutine read_text(self, name, text, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
-   !> Text, UTF-8
    character(len=:), allocatable, intent(out) :: text
    type(error_type), allocatable, intent(inout) :: error
    integer(c_int8_t), allocatable :: bytes(:)
@@ -304,7 +274,6 @@ end subroutine read_text
 !> Whether there is a dataset to be read, after no error
 logical function is_there(self, name, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    type(error_type), allocatable, intent(inout) :: error
 
@@ -318,7 +287,6 @@ end function is_there
 !> Turn the answer of C to a reading into an error
 subroutine check_read(self, name, why, fits, error)
    class(h5_type), intent(in) :: self
-   !> Path in the file
    character(len=*), intent(in) :: name
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
@@ -335,62 +303,36 @@ subroutine check_read(self, name, why, fits, error)
    end if
 end subroutine check_read
 
-!> Set whole numbers as an attribute
-subroutine put_integers(self, object, name, values, error)
+!> Set an attribute
+subroutine put_attribute(self, object, name, values, error)
    class(h5_type), intent(inout) :: self
    !> Group or dataset
    character(len=*), intent(in) :: object
-   !> Name of the attribute
    character(len=*), intent(in) :: name
-   !> Numbers, shape (n); one is stored as a scalar
-   integer, intent(in), contiguous, target :: values(:)
+   !> Whole numbers, one of which is stored as a scalar, or bytes, shape (n)
+   type(*), intent(in), contiguous :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
-      c_text(object), c_text(name), kind_int, size(values), c_loc(values)), error)
-end subroutine put_integers
+      c_text(object), c_text(name), values), error)
+end subroutine put_attribute
 
-!> Set a text as an attribute
-subroutine put_text(self, object, name, text, error)
-   class(h5_type), intent(inout) :: self
-   !> Group or dataset
-   character(len=*), intent(in) :: object
-   !> Name of the attribute
-   character(len=*), intent(in) :: name
-   !> Text, ASCII, not empty
-   character(len=*), intent(in), target :: text
-   type(error_type), allocatable, intent(inout) :: error
-
-   if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
-      c_text(object), c_text(name), kind_byte, len(text), c_loc(text)), error)
-end subroutine put_text
-
-!> Get a text attribute
 subroutine get_attribute(self, object, name, text, error)
    class(h5_type), intent(in) :: self
-   !> Group or dataset
    character(len=*), intent(in) :: object
-   !> Name of the attribute
    character(len=*), intent(in) :: name
    character(len=:), allocatable, intent(out) :: text
    type(error_type), allocatable, intent(inout) :: error
-   type(c_ptr) :: why
-   character(kind=c_char) :: buffer(4096)
-   integer(c_int) :: length
-   integer :: i
+   type(c_ptr) :: found, why
 
    if (allocated(error)) return
-   why = rkh5_get_text(self%handle, c_text(object), c_text(name), buffer, size(buffer), length)
+   why = rkh5_get_text(self%handle, c_text(object), c_text(name), found)
    if (c_associated(why)) then
       call fatal_error(error, err_input, self%path//": text attribute '"//name//"' of '"// &
          object//"': "//to_fortran(why))
-      return
+   else
+      text = to_fortran(found)
    end if
-   length = min(length, size(buffer))
-   allocate (character(len=length) :: text)
-   do i = 1, length
-      text(i:i) = buffer(i)
-   end do
 end subroutine get_attribute
 
 !> Where a write has failed, the file will not take its real name
@@ -398,7 +340,6 @@ subroutine check_write(self, name, why, error)
    class(h5_type), intent(inout) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
-   !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: what
@@ -420,7 +361,6 @@ pure function part_of(path) result(part)
    part = path//".part"
 end function part_of
 
-!> Text for C
 pure function c_text(text) result(chars)
    !> Fortran text
    character(len=*), intent(in) :: text

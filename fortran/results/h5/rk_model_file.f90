@@ -22,7 +22,6 @@ contains
 
 !> Read the model file of a deck; nothing happens for decks with a geometry of their own
 subroutine read_model_cloud(cloud, deck, out, error)
-   !> Points
    type(cloud_type), intent(out) :: cloud
    type(deck_type), intent(in) :: deck
    !> Output folder, looked into first
@@ -52,9 +51,7 @@ end subroutine read_model_cloud
 
 !> Read a model and check that its parts fit together
 subroutine read_model(cloud, path, error)
-   !> Cloud that was read
    type(cloud_type), intent(out) :: cloud
-   !> Name of the file
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: ignored
@@ -79,11 +76,8 @@ end subroutine read_model
 
 !> Read all datasets
 subroutine read_parts(cloud, file, path, error)
-   !> Cloud that was read
    type(cloud_type), intent(inout) :: cloud
-   !> Open file
    type(h5_type), intent(in) :: file
-   !> Name of the file
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: text
@@ -110,13 +104,9 @@ subroutine read_parts(cloud, file, path, error)
    if (.not. allocated(error)) call lines_of(text, cloud%set_names)
 end subroutine read_parts
 
-!> Read the grid of the voxels
 subroutine read_voxels(voxels, file, path, error)
-   !> Grid
    type(voxels_type), intent(inout) :: voxels
-   !> Open file
    type(h5_type), intent(in) :: file
-   !> Name of the file
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(inout) :: error
    real(wp), allocatable :: edges(:), origin(:)

@@ -13,7 +13,7 @@
 module rk_results
    use, intrinsic :: iso_fortran_env, only : int8
    use rk_error, only : err_input, error_type, fatal_error
-   use rk_hdf5, only : h5_type
+   use rk_hdf5, only : as_bytes, h5_type
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
@@ -28,28 +28,24 @@ module rk_results
    character(len=*), parameter :: vtk = "VTKHDF", own = "MyoRK"
 
    !> A result file being written
-   type :: results_type
-      private
-      !> The file
-      type(h5_type) :: file
+   type, extends(h5_type) :: results_type
       !> Number of points
-      integer :: npoint = 0
+      integer, private :: npoint = 0
       !> Number of coefficients, known from the first step on
-      integer :: ncoefficient = 0
+      integer, private :: ncoefficient = 0
       !> Steps written so far
-      integer :: nstep = 0
+      integer, private :: nstep = 0
       !> Load of the last step
-      real(wp) :: load = 0.0_wp
+      real(wp), private :: load = 0.0_wp
    contains
-      procedure :: open => open_results, describe, add_lattice, add_step, close => close_results
-      procedure :: publish
+      procedure :: open => open_results, add_step
    end type results_type
 
 contains
 
 !> Start the file with everything that does not change
-subroutine open_results(self, path, points, label, fiber, source, deck_text, version, error)
-   !> File to be started
+subroutine open_results(self, path, points, label, fiber, source, place, triangle, deck_text, &
+   overrides, approximation, version, error)
    class(results_type), intent(inout) :: self
    !> Name of the file once it is complete
    character(len=*), intent(in) :: path
@@ -61,11 +57,17 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    real(wp), intent(in), contiguous :: fiber(:, :)
    !> Undeformed source points, shape (3,ns) [length]
    real(wp), intent(in), contiguous :: source(:, :)
-   !> The deck as it was read
-   character(len=*), intent(in) :: deck_text
-   !> Version of the program
+   !> Place of each point in a lattice, shape (nd,np) or (nd,0)
+   integer, intent(in), contiguous :: place(:, :)
+   !> Points at the corners of the surface's triangles, or of those that fill a plane body, from 1,
+   !> shape (3,nt), nt possibly 0
+   integer, intent(in), contiguous :: triangle(:, :)
+   !> The deck as it was read, its overrides, each with its line feed, and the shape functions in
+   !> words, to which the coefficients belong
+   character(len=*), intent(in) :: deck_text, overrides, approximation
    character(len=*), intent(in) :: version
    type(error_type), allocatable, intent(out) :: error
+   integer(i8) :: np, i
 
    self%npoint = size(label)
    self%ncoefficient = 0
@@ -73,69 +75,34 @@ subroutine open_results(self, path, points, label, fiber, source, deck_text, ver
    call check_shape("points", shape(points), [3, self%npoint], error)
    call check_shape("fiber", shape(fiber), [3, self%npoint], error)
    if (allocated(error)) return
-   call self%file%create(path, error)
+   call self%create(path, error)
    if (allocated(error)) return
-   call write_geometry(self%file, points, error)
-   call self%file%append(vtk//"/PointData/label", label, error)
-   call self%file%append(vtk//"/PointData/fiber", fiber, error)
-   call self%file%append(own//"/source", source, error)
-   call self%file%append_text(own//"/deck", deck_text, error)
-   call self%file%put_attribute(own, "version", version, error)
+   np = size(points, 2, i8)
+   call self%append(vtk//"/Points", points, error)
+   call self%put_attribute(vtk, "Version", [2, 0], error)
+   call self%put_attribute(vtk, "Type", as_bytes("UnstructuredGrid"), error)
+   call self%append(vtk//"/NumberOfPoints", [np], error)
+   call self%append(vtk//"/NumberOfCells", [np], error)
+   call self%append(vtk//"/NumberOfConnectivityIds", [np], error)
+   call self%append(vtk//"/Connectivity", [(i, i = 0, np - 1)], error)
+   call self%append(vtk//"/Offsets", [(i, i = 0, np)], error)
+   call self%append(vtk//"/Types", spread(vtk_vertex, 1, size(points, 2)), error)
+   call self%append(vtk//"/PointData/label", label, error)
+   call self%append(vtk//"/PointData/fiber", fiber, error)
+   call self%append(own//"/source", source, error)
+   call self%append(own//"/deck", as_bytes(deck_text), error)
+   call self%put_attribute(own, "version", as_bytes(version), error)
+   if (size(place) > 0) call self%append(own//"/lattice", place, error)
+   if (size(triangle) > 0) call self%append(own//"/surface", triangle - 1, error)
+   ! no text is empty in the file
+   call self%append(own//"/overrides", as_bytes(overrides//new_line('a')), error)
+   call self%append(own//"/approximation", as_bytes(approximation), error)
 end subroutine open_results
 
-!> What the coefficients belong to, for runs that start from them
-subroutine describe(self, overrides, approximation, error)
-   class(results_type), intent(inout) :: self
-   !> Overrides of the deck, each with its line feed
-   character(len=*), intent(in) :: overrides
-   !> Shape functions in words
-   character(len=*), intent(in) :: approximation
-   type(error_type), allocatable, intent(out) :: error
-
-   ! no text is empty in the file
-   call self%file%append_text(own//"/overrides", overrides//new_line('a'), error)
-   call self%file%append_text(own//"/approximation", approximation, error)
-end subroutine describe
-
-!> How the points hang together; nothing is written of what is empty
-subroutine add_lattice(self, place, triangle, error)
-   class(results_type), intent(inout) :: self
-   !> Place of each point in a lattice, shape (nd,np) or (nd,0)
-   integer, intent(in), contiguous :: place(:, :)
-   !> Points at the corners of the surface's triangles, or of those that fill a plane body, from 1,
-   !> shape (3,nt)
-   integer, intent(in), contiguous :: triangle(:, :)
-   type(error_type), allocatable, intent(out) :: error
-
-   if (size(place) > 0) call self%file%append(own//"/lattice", place, error)
-   if (size(triangle) > 0) call self%file%append(own//"/surface", triangle - 1, error)
-end subroutine add_lattice
-
-!> The cloud as one part of an unstructured grid
-subroutine write_geometry(file, points, error)
-   !> File being written
-   type(h5_type), intent(inout) :: file
-   !> Points, shape (3,np) [length]
-   real(wp), intent(in), contiguous :: points(:, :)
-   type(error_type), allocatable, intent(inout) :: error
-   integer(i8) :: np, i
-
-   np = size(points, 2, i8)
-   call file%append(vtk//"/Points", points, error)
-   call file%put_attribute(vtk, "Version", [2, 0], error)
-   call file%put_attribute(vtk, "Type", "UnstructuredGrid", error)
-   call file%append(vtk//"/NumberOfPoints", [np], error)
-   call file%append(vtk//"/NumberOfCells", [np], error)
-   call file%append(vtk//"/NumberOfConnectivityIds", [np], error)
-   call file%append(vtk//"/Connectivity", [(i, i = 0, np - 1)], error)
-   call file%append(vtk//"/Offsets", [(i, i = 0, np)], error)
-   call file%append(vtk//"/Types", spread(vtk_vertex, 1, size(points, 2)), error)
-end subroutine write_geometry
-
 !> Append a converged state; the first one is the undeformed state
-subroutine add_step(self, load, activation, fields, coefficients, error, step, carried)
+subroutine add_step(self, load, activation, fields, coefficients, step, carried, error)
    class(results_type), intent(inout) :: self
-   !> Fraction of the full load, greater than that of the step before [-]
+   !> Fraction of the full load, greater than that of the step before, the time of the step [-]
    real(wp), intent(in) :: load
    !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
@@ -143,46 +110,18 @@ subroutine add_step(self, load, activation, fields, coefficients, error, step, c
    type(point_field), intent(in), target :: fields(:)
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   type(error_type), allocatable, intent(out) :: error
    !> Numbers of the step, as many as in every step
-   real(wp), intent(in), contiguous, optional :: step(:)
-   !> What it hands on, shape (ndof, columns)
-   real(wp), intent(in), contiguous, optional :: carried(:, :)
+   real(wp), intent(in), contiguous :: step(:)
+   !> What it hands on, shape (ndof, columns); a step whose successor begins with nothing but its
+   !> state has no columns
+   real(wp), intent(in), contiguous :: carried(:, :)
+   type(error_type), allocatable, intent(out) :: error
+   character(len=*), parameter :: steps = vtk//"/Steps/"
+   character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
+      "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
+      "PointDataOffsets/fiber"]
    real(wp), pointer, contiguous :: flat(:)
    integer :: k
-
-   call start_step(self, load, coefficients, error)
-   if (allocated(error)) return
-   if (present(step)) call self%file%append(own//"/step", reshape(step, [size(step), 1]), error)
-   if (present(carried)) then
-      ! a step whose successor begins with nothing but its state has no columns
-      if (size(carried) > 0) call self%file%append(own//"/carried", carried, error)
-   end if
-   do k = 1, size(fields)
-      associate (field => fields(k))
-         call check_shape(field%name, shape(field%value), [size(field%value, 1), self%npoint], &
-            error)
-         if (allocated(error)) return
-         if (size(field%value, 1) == 1) then
-            ! one number a point has no axis of its own in the file
-            flat(1:self%npoint) => fields(k)%value
-            call self%file%append(vtk//"/PointData/"//field%name, flat, error)
-         else
-            call self%file%append(vtk//"/PointData/"//field%name, field%value, error)
-         end if
-      end associate
-   end do
-   call finish_step(self, load, activation, coefficients, fields, error)
-end subroutine add_step
-
-!> Refuse what cannot follow the steps before
-subroutine start_step(self, load, coefficients, error)
-   class(results_type), intent(inout) :: self
-   !> Fraction of the full load [-]
-   real(wp), intent(in) :: load
-   !> Coefficients of the approximation, shape (ndof)
-   real(wp), intent(in), contiguous :: coefficients(:)
-   type(error_type), allocatable, intent(out) :: error
 
    if (self%nstep == 0) self%ncoefficient = size(coefficients)
    if (self%nstep > 0 .and. .not. load > self%load) then
@@ -191,97 +130,45 @@ subroutine start_step(self, load, coefficients, error)
       return
    end if
    call check_shape("coefficients", shape(coefficients), [self%ncoefficient], error)
-end subroutine start_step
-
-!> Write what stands beside the fields of a step
-subroutine finish_step(self, load, activation, coefficients, fields, error)
-   class(results_type), intent(inout) :: self
-   !> Fraction of the full load [-]
-   real(wp), intent(in) :: load
-   !> Activation of the muscle fibers [-]
-   real(wp), intent(in) :: activation
-   !> Coefficients of the approximation, shape (ndof)
-   real(wp), intent(in), contiguous :: coefficients(:)
-   !> Fields that were written
-   type(point_field), intent(in) :: fields(:)
-   type(error_type), allocatable, intent(inout) :: error
-
-   call add_state(self%file, load, activation, coefficients, error)
-   call add_offsets(self%file, load, int(self%nstep, i8)*self%npoint, fields, error)
+   call self%append(own//"/step", reshape(step, [size(step), 1]), error)
+   if (size(carried) > 0) call self%append(own//"/carried", carried, error)
+   do k = 1, size(fields)
+      associate (field => fields(k))
+         call check_shape(field%name, shape(field%value), [size(field%value, 1), self%npoint], &
+            error)
+         if (size(field%value, 1) == 1) then
+            ! one number a point has no axis of its own in the file
+            flat(1:size(field%value)) => fields(k)%value
+            call self%append(vtk//"/PointData/"//field%name, flat, error)
+         else
+            call self%append(vtk//"/PointData/"//field%name, field%value, error)
+         end if
+      end associate
+   end do
+   call self%append(own//"/load", [load], error)
+   call self%append(own//"/activation", [activation], error)
+   call self%append(own//"/coefficients", reshape(coefficients, [size(coefficients), 1]), error)
+   ! the row of the step: where readers find what belongs to it
+   call self%append(steps//"Values", [load], error)
+   call self%append(steps//"NumberOfParts", [1_i8], error)
+   do k = 1, size(fixed)
+      call self%append(steps//trim(fixed(k)), [0_i8], error)
+   end do
+   do k = 1, size(fields)
+      call self%append(steps//"PointDataOffsets/"//fields(k)%name, &
+         [int(self%nstep, i8)*self%npoint], error)
+   end do
    if (allocated(error)) return
 
    ! The number of steps comes last: a reader never sees half a step
    self%nstep = self%nstep + 1
    self%load = load
-   call self%file%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
-   call self%file%flush(error)
-end subroutine finish_step
-
-!> Complete the file and give it its name; after a failed write, or where it is to be left
-!> unfinished, it keeps the name `path.part`
-subroutine close_results(self, error, unfinished)
-   class(results_type), intent(inout) :: self
-   type(error_type), allocatable, intent(out) :: error
-   !> Keep the temporary name
-   logical, intent(in), optional :: unfinished
-
-   call self%file%close(error, unfinished)
-end subroutine close_results
-
-!> Give a closed file its name
-subroutine publish(self, error)
-   class(results_type), intent(inout) :: self
-   type(error_type), allocatable, intent(out) :: error
-
-   call self%file%publish(error)
-end subroutine publish
-
-!> What a later run needs to go on from this step
-subroutine add_state(file, load, activation, coefficients, error)
-   !> File being written
-   type(h5_type), intent(inout) :: file
-   !> Fraction of the full load [-]
-   real(wp), intent(in) :: load
-   !> Activation of the muscle fibers [-]
-   real(wp), intent(in) :: activation
-   !> Coefficients of the approximation, shape (ndof)
-   real(wp), intent(in), contiguous :: coefficients(:)
-   type(error_type), allocatable, intent(inout) :: error
-
-   call file%append(own//"/load", [load], error)
-   call file%append(own//"/activation", [activation], error)
-   call file%append(own//"/coefficients", reshape(coefficients, [size(coefficients), 1]), error)
-end subroutine add_state
-
-!> The row of /VTKHDF/Steps of a step: where the readers find what belongs to it
-subroutine add_offsets(file, load, first, fields, error)
-   !> File being written
-   type(h5_type), intent(inout) :: file
-   !> Time of the step
-   real(wp), intent(in) :: load
-   !> Index, from 0, of the step's first value in every field
-   integer(i8), intent(in) :: first
-   type(point_field), intent(in) :: fields(:)
-   type(error_type), allocatable, intent(inout) :: error
-   character(len=*), parameter :: steps = vtk//"/Steps/"
-   character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
-      "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
-      "PointDataOffsets/fiber"]
-   integer :: i
-
-   call file%append(steps//"Values", [load], error)
-   call file%append(steps//"NumberOfParts", [1_i8], error)
-   do i = 1, size(fixed)
-      call file%append(steps//trim(fixed(i)), [0_i8], error)
-   end do
-   do i = 1, size(fields)
-      call file%append(steps//"PointDataOffsets/"//fields(i)%name, [first], error)
-   end do
-end subroutine add_offsets
+   call self%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
+   call self%flush(error)
+end subroutine add_step
 
 !> An array must have the shape its file promises
 subroutine check_shape(name, found, wanted, error)
-   !> Name of the array
    character(len=*), intent(in) :: name
    !> Shape it has
    integer, intent(in) :: found(:)
