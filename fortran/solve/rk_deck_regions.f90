@@ -80,9 +80,9 @@ subroutine label_regions(cloud, tissue, deck, error)
       call fill(ip)
       if (allocated(error)) return
    end do
-   ! borders between the volumes of points leave nothing to mix
-   if (all(maxval(cloud%fraction, dim=1) >= 1.0_wp)) deallocate (cloud%fraction, &
-      & cloud%fraction_label)
+   ! volumes of source points hold those of several points: borders between these are mixed as well
+   if (all(cloud%label == cloud%label(1)) .and. all(maxval(cloud%fraction, dim=1) >= 1.0_wp)) &
+      & deallocate (cloud%fraction, cloud%fraction_label)
 
 contains
 

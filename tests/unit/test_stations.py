@@ -111,8 +111,7 @@ def test_a_file_called_like_a_key_is_not_that_key(
     """`build.fibers` is the name of the file of labels here."""
     deck = tmp_path / "body.toml"
     deck.write_text(
-        "[scene]\ndimension = 3\n\n[build]\n\n\n"
-        'labels = "build.fibers"\nfibers = "f.nii"\n'
+        '[scene]\ndimension = 3\n\n[build]\n\n\nlabels = "build.fibers"\nfibers = "f.nii"\n'
     )
     values = {"path": str(deck), "build": {}, "scene": {}}
     place = "" if line is None else f"{deck}:{line}: "

@@ -7,6 +7,7 @@ import pytest
 
 from myork import load_deck, run_deck
 from myork.cli import main
+from myork.stations.check import check_deck
 from myork.stations.new import KINDS, new_deck, schema_file
 
 

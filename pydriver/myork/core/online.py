@@ -103,9 +103,9 @@ def record(model: Model, cells: Cells) -> Record:
     sizes += [model.fibers.shape[1], slope.shape[1]]
     arrays = (wide, *cells[1:4], *cells[6:13], model.constant, model.constant_slope, volume, pieces)
     return Record(
-        np.concatenate(
-            [sizes, cells.first, cells.tissue, np.ravel(cells.pair, order="F")]
-        ).astype(np.int32),
+        np.concatenate([sizes, cells.first, cells.tissue, np.ravel(cells.pair, order="F")]).astype(
+            np.int32
+        ),
         np.concatenate([np.ravel(a, order="F") for a in (*arrays, model.fibers)]),
     )
 

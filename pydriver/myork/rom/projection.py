@@ -148,9 +148,7 @@ def cells_of(
 def _all_cells(parts: GalerkinParts, laws: Laws, h: F64) -> Cells:
     """All integration points as cells."""
     tissues = parts.tissue, parts.fraction, parts.fiber
-    return cells_of(
-        h, parts.weight, parts.local_bulk, parts.first, tissues, parts.layer, laws
-    )
+    return cells_of(h, parts.weight, parts.local_bulk, parts.first, tissues, parts.layer, laws)
 
 
 def project(

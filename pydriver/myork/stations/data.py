@@ -185,10 +185,8 @@ def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] 
     """
     folder = Path(data)
     if not folder.is_dir():
-        raise FileError(
-            f"{folder}: there is no such folder; --data wants the one your images are in"
-        )
-    values = load_deck(deck, overrides, command)
+        raise FileError(f"{folder}: there is no such folder; give --data the folder of your images")
+    values = load_deck(deck, overrides)
     found = []
     for key in PATHS:
         table, name = key.split(".")
