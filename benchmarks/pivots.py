@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import unseen, unseen_maps
+from benchmarks import unseen, unseen_layers, unseen_maps
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
 from benchmarks.truths.deck_parts import deck, force, held, probe
@@ -382,6 +382,17 @@ def _unseen(rows: Rows) -> dict[str, Any]:
     )
 
 
+def _layers(rows: Rows) -> dict[str, Any]:
+    """Answers to a target error on sheets of two materials."""
+    return _halves(
+        rows,
+        "Sheets of two materials",
+        "Random sheets whose materials meet across, along or at a corner, anywhere between points, "
+        "moduli 1:20 to 20:1; no points are named, and finite elements of two meshes that end at "
+        "the interface are the truth.",
+    )
+
+
 def _maps(rows: Rows) -> dict[str, Any]:
     """Answers of label maps as a user has them."""
     return _halves(
@@ -623,6 +634,7 @@ PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] 
     "newcomer": (_twenty_decks, _newcomer),
     "certify": (_boxes, _certify),
     "unseen": (unseen.rows, _unseen),
+    "layers": (unseen_layers.rows, _layers),
     "maps": (unseen_maps.rows, _maps),
     "race": (_race, None),
 }

@@ -2,11 +2,11 @@
 
     python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
 
-solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `maps` or `race`
-(`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`, a view of them,
-figures of its curves, and `results.json`, the rows, to `docs/results` or DIR. `myork bench NAME`
-writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, which the package has, it
-writes the page.
+solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `layers`,
+`maps` or `race` (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`,
+a view of them, figures of its curves, and `results.json`, the rows, to `docs/results` or DIR.
+`myork bench NAME` writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, which
+the package has, it writes the page.
 
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
@@ -66,7 +66,7 @@ _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
-VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "maps", "race")
+VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "layers", "maps", "race")
 #: Benchmarks of the package
 PACKAGED = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems

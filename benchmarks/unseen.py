@@ -231,10 +231,17 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
 
     Errors are relative to the largest of their kind, as what is `off` beyond the truth's doubt.
     """
+    numbers = NUMBERS[:6] if quick else NUMBERS
+    return answers({number: problem_of(number) for number in numbers}, _FILE, progress)
+
+
+def answers(
+    problems: Mapping[int, Problem], file: Path, progress: ProgressCallback
+) -> list[dict[str, Any]]:
+    """Rows of the problems by their numbers whose truths a file has."""
     found = []
-    for number in NUMBERS[:6] if quick else NUMBERS:
-        problem = problem_of(number)
-        truths = known(problem.name)
+    for number, problem in problems.items():
+        truths = known(problem.name, file)
         if truths is None:
             continue
         for accuracy in ACCURACIES:

@@ -44,7 +44,8 @@ def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
 @pytest.mark.parametrize(
     ("method", "form", "steps", "halvings"),
     [
-        *((method, GALERKIN, 1, 10) for method in ("rkpm-gauss", "rkpm-scni")),
+        ("rkpm-gauss", {**GALERKIN, "interface": 1.25}, 1, 10),
+        ("rkpm-scni", GALERKIN, 1, 10),
         *((method, COLLOCATION, 10, 6) for method in ("rkcm", "rkcm-mixed")),
     ],
 )

@@ -54,7 +54,8 @@ class Cells(NamedTuple):
             np.asfortranarray(self.fiber[:, entries]),
             np.asfortranarray(self.a_slope[:, kept]),
             np.asfortranarray(self.bulk_slope[kept]),
-            *(np.asfortranarray(a[..., kept]) for a in (self.layer, self.own)),
+            np.asfortranarray(self.layer[:, kept]),
+            np.asfortranarray(self.own[:, :, kept]),
             np.asfortranarray(self.own_slope[:, :, kept]),
             np.asfortranarray(self.pair[:, kept]),
         )
