@@ -18,7 +18,7 @@ module rk_deck_regions
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
    integer, parameter :: samples = 6
    !> Halvings of the way between two of them in the search for a border
-   integer, parameter :: bisections = 8
+   integer, parameter :: bisections = 12
 
 contains
 

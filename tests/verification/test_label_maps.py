@@ -70,6 +70,13 @@ def mapped(labels: str, **geometry: Any) -> dict[str, Any]:
     return bar({"labels": labels, **geometry}, [SOFT | {"label": 5}, STIFF | {"label": 9}])
 
 
+def check_same(found: np.ndarray, expected: np.ndarray, name: str = "") -> None:
+    """Which side a border itself belongs to moves the one found by 2^-13 of a sixth of a spacing,
+    here 2e-6 of the bar, of which half is four times as soft.
+    """
+    np.testing.assert_allclose(found, expected, 0, 1e-5 * np.abs(expected).max(), err_msg=name)
+
+
 WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
 
 
@@ -102,7 +109,7 @@ def test_whole_numbers_of_all_types(kind: type, order: str, suffix: str, tmp_pat
     path = save(
         tmp_path / f"half.{suffix}", halves().astype(kind), spaced(1, 0.5, 0.5), order=order
     )
-    np.testing.assert_array_equal(solved(mapped(path)).states.x, solved(bar({}, WHERE)).states.x)
+    check_same(solved(mapped(path)).states.x, solved(bar({}, WHERE)).states.x)
 
 
 def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
@@ -124,7 +131,7 @@ def test_maps_that_lie_otherwise(tmp_path: Path) -> None:
     expected = solved(bar({}, WHERE)).states.x
     for name, path in {**paths, "second": str(second)}.items():
         more = {"labels_origin": [0, 0, 4]} if name == "wide" else {}
-        np.testing.assert_array_equal(solved(mapped(path, **more)).states.x, expected, name)
+        check_same(solved(mapped(path, **more)).states.x, expected, name)
 
 
 def test_points_have_the_labels_of_the_voxels_that_they_lie_in(tmp_path: Path) -> None:

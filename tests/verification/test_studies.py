@@ -327,7 +327,7 @@ def test_segmentation_carried_to_force(
 def test_wrong_doubts(spindle: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="must not be negative"):
         uncertainty(spindle, tmp_path / "out", doubt=Doubt(shift=-1.0))
-    with pytest.raises(InputError, match="2 at least"):
+    with pytest.raises(InputError, match="at least 2 are needed"):
         uncertainty(spindle, tmp_path / "out", samples=1)
     with pytest.raises(FileError, match="no label map"):
         uncertainty(spindle, tmp_path / "out", fixed=["build.labels=none.nii"])
