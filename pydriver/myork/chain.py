@@ -12,12 +12,7 @@ from myork.summary import asked
 
 
 def segment_and_draw(
-    deck: str | Path,
-    out: str | Path,
-    *,
-    overrides: Sequence[str] = (),
-    threads: int | None = None,
-    progress: ProgressCallback = silent,
+    deck: str | Path, out: str | Path, *, progress: ProgressCallback = silent, **settings: Any
 ) -> dict[str, Any]:
     """Run `segment` and draw its labels upon the image.
 
@@ -26,7 +21,7 @@ def segment_and_draw(
     from myork.report.image_figures import draw_labels
     from myork.stations.segment import segment
 
-    found = segment(deck, out, overrides=overrides, threads=threads, progress=progress)
+    found = segment(deck, out, progress=progress, **settings)
     progress(f"labels on the image: {', '.join(map(str, draw_labels(Path(out))))}")
     return found
 

@@ -1,15 +1,16 @@
 """Grids of images: checks of the affine, equal grids, turning to the nearest world axes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import nibabel
 import numpy as np
+from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image, Labels
-from myork.types import F64
+from myork.types import F64, I32, Mask
 
 Grid = TypeVar("Grid", Image, Labels)
 
@@ -147,6 +148,13 @@ def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:
     """
     single = [axis for axis, count in enumerate(shape) if count == 1]
     return max(single or range(3), key=lambda axis: float(spacing[axis]) * (1.0 + 1e-6 * axis))
+
+
+def boxes_of(labels: I32) -> Iterator[tuple[tuple[slice, ...], Mask]]:
+    """The box of each label above zero, and where in it the label is."""
+    for number, box in enumerate(ndimage.find_objects(labels), start=1):
+        if box is not None:
+            yield box, labels[box] == number
 
 
 def length_factor(unit: str, key: str = "units.length") -> float:

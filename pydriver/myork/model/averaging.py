@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from myork.imaging.diffusion import dyads_of, full_tensors, lead_vector, tensor_components
+from myork.imaging.geometry import boxes_of
 from myork.records import Image
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32, Mask
@@ -79,10 +80,8 @@ def tensor_trust(logarithm: F64, usable: Mask, label: I32) -> F64:
     - `label`: label of each voxel, shape `(ni, nj, nk)`
     """
     trust = np.zeros(label.shape)
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        if box is None:
-            continue
-        here = usable[box] & (label[box] == number)
+    for box, own in boxes_of(label):
+        here = usable[box] & own
         if here.any():
             mean = logarithm[box][here][:, :3].mean(axis=1)
             away = np.abs(mean - np.median(mean))
@@ -133,10 +132,7 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
 def label_fibers(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[F64, Mask]:
     """Fibers of averages within each label, shape `(ni, nj, nk, 3)`, and where there are any."""
     fiber, known = np.zeros((*label.shape, 3)), np.zeros(label.shape, bool)
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        if box is None:
-            continue
-        here = label[box] == number
+    for box, here in boxes_of(label):
         weight = trust[box] * here
         sums, near = gathered(logarithm[box] * weight[..., np.newaxis], weight, sigma)
         usable = here & (near > LEAST_WEIGHT)
@@ -211,10 +207,8 @@ def _prediction_error(
         return values
 
     total = weights = 0.0
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        if box is None:
-            continue
-        weight = trust[box] * (label[box] == number)
+    for box, here in boxes_of(label):
+        weight = trust[box] * here
         values = logarithm[box] * weight[..., np.newaxis]
         sums, near = gathered(values, weight, sigma)
         others = near - left_out(weight)

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.diffusion import dyads_of, lead_vector, unit_vectors
-from myork.imaging.geometry import frame
+from myork.imaging.geometry import boxes_of, frame
 from myork.imaging.resampling import on_grid
 from myork.model.averaging import (
     LEAST_WEIGHT,
@@ -149,10 +149,7 @@ def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
       nothing was missing, shape `(ni, nj, nk)` [mm]
     """
     away = np.where((label != 0) & ~known, np.inf, 0.0)
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        if box is None:
-            continue
-        own = label[box] == number
+    for box, own in boxes_of(label):
         missing, source = own & ~known[box], own & known[box]
         if missing.any() and source.any():
             distance, nearest = ndimage.distance_transform_edt(

@@ -12,7 +12,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg
 
 from myork.errors import ConvergenceError
-from myork.imaging.geometry import canonical, frame
+from myork.imaging.geometry import boxes_of, canonical, frame
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
@@ -32,8 +32,7 @@ def flow_fibers(labels: Labels) -> Image:
     flow = np.zeros((*whole.data.shape, 3))
     for number in np.unique(whole.data[whole.data > 0]):
         pieces, _ = ndimage.label(whole.data == number)
-        for piece, box in enumerate(ndimage.find_objects(pieces), start=1):
-            here = pieces[box] == piece
+        for box, here in boxes_of(pieces):
             flow[box][here] = _flow(here, whole.spacing)
     length = np.linalg.norm(flow, axis=-1, keepdims=True)
     still = (whole.data > 0) & (length[..., 0] <= _LEAST * length.max(initial=0.0))

@@ -4,10 +4,21 @@ from importlib.resources import files
 from pathlib import Path
 
 from myork.errors import InputError
-from myork.files import write_text
+from myork.files import INPUTS, write_text
 
 _FOLDER = Path(__file__).parents[1] / "templates"
 
+#: Kinds that are another deck but for some of its lines
+_LIKE = {
+    "leg": (
+        INPUTS / "leg_section.toml",
+        {"steps = 5\nactivation = 0.95       # section 4.2.5": "activation = 0.2"},
+    ),
+    "reduced": (
+        _FOLDER / "muscle.toml",
+        {"[7, 7, 13]": "[5, 5, 9]", "steps = 3 ": "steps = 10", "[1, 2]    ": "[1, 2, 5] "},
+    ),
+}
 #: Kinds of decks
 KINDS = ("box", "annulus", "muscle", "labels", "images", "leg", "reduced")
 
@@ -32,6 +43,9 @@ def new_deck(kind: str, path: Path | None = None) -> Path:
     if path.exists():
         raise InputError(f"{path}: is there already; name another file with -o")
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = (_FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
+    source, changes = _LIKE.get(kind, (_FOLDER / f"{kind}.toml", {}))
+    text = source.read_text(encoding="utf-8")
+    for old, new in changes.items():
+        text = text.replace(old, new)
     write_text(path, f"#:schema {schema_file().as_uri()}\n{text}")
     return path
