@@ -15,6 +15,7 @@ from myork.errors import InputError
 from myork.report import make_report
 from myork.rom.study import run_rom
 from myork.stations.solve import run_deck
+from myork.summary import read_summary
 from tests.scenes import BEAM_TIP, RUBBER, beam, held, scene, solved, voxels
 
 
@@ -65,6 +66,12 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     # the search's own solution is the answer: its iterations are those of the run
     lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert len(lines) == summary["steps"][-1]["iterations"] > 0
+    # each lattice is told, the last is that of the answer
+    assert re.match(r"refine 1: \[\d+,\d+\] points, tip known to ", found["levels"][0])
+    lattice = [int(n) for n in re.findall(r"\d+", found["levels"][-1].split("]")[0])[1:]]
+    assert lattice == found["points"] and summary["source_points"] == np.prod(lattice)
+    assert read_summary(tmp_path)["refine"] == found and found["cpu_s"] > 0
+    assert found["reason"] in make_report(tmp_path).read_text(encoding="utf-8")
 
 
 CLAMP = {"u_x": 0.0, "u_y": 0.0}
@@ -169,21 +176,6 @@ def test_other_forms_take_the_points_at_which_a_search_begins() -> None:
         assert opened.deck["geometry"]["source"] == [33, 9]
         assert opened.deck["geometry"]["collocation"] == [65, 17]
         assert not opened.points_found and "refine" not in opened.deck
-
-
-@pytest.mark.slow
-def test_the_summary_tells_each_lattice(tmp_path: Path) -> None:
-    summary = run_deck(cantilever(accuracy=0.02, probe="tip"), tmp_path)
-    said = summary["refine"]
-    assert said["met"] and said["asked"] == 0.02 and said["cpu_s"] > 0
-    assert said["levels"][0].startswith("refine 1: [9,3] points, tip known to ")
-    lattice = re.match(r"refine \d+: \[(\d+),(\d+)\]", said["levels"][-1])
-    assert lattice is not None
-    assert summary["deck"]["geometry"]["source"] == [int(n) for n in lattice.groups()]
-    assert summary["source_points"] == int(lattice[1]) * int(lattice[2])
-    assert json.loads((tmp_path / "summary.json").read_text())["refine"] == said
-    page = make_report(tmp_path).read_text(encoding="utf-8")
-    assert said["reason"] in page
 
 
 def bar(**refine: Any) -> Scene:
