@@ -147,6 +147,7 @@ def test_a_repeated_column_is_refused(folder: Path) -> None:
     path.write_text(",".join([*head.split(",")[:-1], "load"]) + "\n" + rest)
     with pytest.raises(FileError, match="two columns of one name"):
         make_report(folder)
+    assert not (folder / "report.html").exists()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from myork.errors import FileError
-from myork.files import alone_in, whole_file, write_json
+from myork.files import alone_in, read_json, whole_file, write_json
 from myork.imaging.io import write_image
 from myork.model_file import write_model
 from myork.records import Image
@@ -44,6 +44,9 @@ def test_numbers_that_are_not_finite_become_null(tmp_path):
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
     assert json.loads(text) == {"a": [None, 1.5], "b": {"c": None}, "d": "é"}
     assert "é" in text
+    (tmp_path / "a.json").write_text("[1]")
+    with pytest.raises(FileError, match=r"a\.json: an object is needed, not list"):
+        read_json(tmp_path / "a.json")
 
 
 def lay(path: Path, how: str) -> Path:
