@@ -255,6 +255,12 @@ def test_an_inclined_tendon_pulls_along_its_direction():
     assert abs(found["force"] - found["side"]) > 1
 
 
+def test_pressure_follows_an_amplitude():
+    pump = {"name": "pump", "time": [0, 0.5, 1], "value": [0, 1, 0.5]}
+    found = solved(pressed({"pressure": 0.6, "amplitude": "pump"}, amplitude=[pump])).last()
+    assert found["stress"] == pytest.approx(-0.3, rel=1e-3)
+
+
 def test_a_tendon_follows_an_amplitude():
     """Pulled and let go it is where it was."""
     pulled = {**GUIDED, "tendon": 20, "direction": [0, 0, 1], "pull": 0.3}

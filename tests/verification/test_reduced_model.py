@@ -17,7 +17,7 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.check import compare
+from myork.rom.check import CellErrors, compare
 from myork.rom.map import map_model
 from myork.rom.marks import LOST, Marks
 from myork.rom.sampling import few_cells
@@ -596,3 +596,7 @@ def test_few_cells_keep_the_sums() -> None:
     assert len(cells) <= 7 and weights.min() > 0.0 and residual <= 1e-8
     off = rows[:, cells] @ weights - rows.sum(axis=1)
     assert np.linalg.norm(off) <= 1e-8 * np.linalg.norm(rows.sum(axis=1))
+    # of two samples that without failures is better
+    failing, rough, fine = CellErrors(1, 0.0, 0.0), CellErrors(0, 2e-3, 0.0), CellErrors(0, 1e-3, 1)
+    assert min(failing, rough, fine) is fine
+    assert rough.within(1e-3, 2e-3) and not failing.within(1.0, 1.0)
