@@ -71,10 +71,10 @@ def mapped(labels: str, **geometry: Any) -> dict[str, Any]:
 
 
 def check_same(found: np.ndarray, expected: np.ndarray, name: str = "") -> None:
-    """Which side a border itself belongs to moves the one found by 2^-13 of a sixth of a spacing,
-    here 2e-6 of the bar, of which half is four times as soft.
+    """A map's borders are known to a thousandth of a voxel, here 1e-4 of the bar, by whose end's
+    motion (1.25 to 1) the displacements change.
     """
-    np.testing.assert_allclose(found, expected, 0, 1e-5 * np.abs(expected).max(), err_msg=name)
+    np.testing.assert_allclose(found, expected, 0, 2e-4 * np.abs(expected).max(), err_msg=name)
 
 
 WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
@@ -85,9 +85,7 @@ WHERE = [SOFT | {"where": "x < 0.5"}, STIFF | {"where": "x >= 0.5"}]
 def test_halves_by_a_map_are_halves_by_an_expression(method: str, tmp_path: Path) -> None:
     path = save(tmp_path / "half.nii.gz", halves(), spaced(1, 0.5, 0.5))
     override = f"scene.method={method}"
-    np.testing.assert_array_equal(
-        solved(mapped(path), override).states.x, solved(bar({}, WHERE), override).states.x
-    )
+    check_same(solved(mapped(path), override).states.x, solved(bar({}, WHERE), override).states.x)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +175,7 @@ def test_materials_by_label_and_by_where_and_one_that_fills_the_rest(tmp_path: P
     for tables in (by_map, by_text):
         tables["set"] = [{"name": "bare", "on": "stiff", "side": "z1"}]
         tables["boundary"].append({"set": "bare", "traction": [0, 0, 0.1]})
-    np.testing.assert_array_equal(solved(by_map).states.x, solved(by_text).states.x)
+    check_same(solved(by_map).states.x, solved(by_text).states.x)
 
 
 def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
