@@ -107,7 +107,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
          call set_fibers(scene, k, direction, deck, at, error)
          call read_activation(scene, deck, at, k, error)
       else
-         call clear_fibers(scene, k)
+         where (spread(scene%tissue_of == k, 1, 3)) scene%cloud%fiber = 0.0_wp
          if (deck%has(at//'.fiber') .or. deck%has(at//'.fiber_angle')) call deck%complain( &
             & at//'.energy', 'has no I4, so that its fibers would do nothing', error)
       end if
@@ -242,16 +242,5 @@ subroutine set_fibers(scene, k, direction, deck, at, error)
       return
    end do
 end subroutine set_fibers
-
-!> No fibers where the material has none
-subroutine clear_fibers(scene, k)
-   type(scene_type), intent(inout) :: scene
-   integer, intent(in) :: k
-   integer :: ip
-
-   do ip = 1, size(scene%tissue_of)
-      if (scene%tissue_of(ip) == k) scene%cloud%fiber(:, ip) = 0.0_wp
-   end do
-end subroutine clear_fibers
 
 end module rk_deck_materials
