@@ -16,7 +16,7 @@ _SPEC.loader.exec_module(_LIST)
     ("file", "message"),
     [
         ("fortran/scene/rk_cloud.f90", "collocation point {i} has coordinates that are not finite"),
-        ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{from}"),
+        ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
         ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
         ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),
         ("pydriver/myork/studies/identify.py", "{path}: standard errors must be above 0"),
