@@ -58,6 +58,8 @@ module rk_verdict
    !> Distance from the rim of a prescribed set within which a stress is singular, and from which on
    !> it is regular, in spacings of source points
    real(wp), parameter :: rim_spacings(2) = [1.0_wp, 2.0_wp]
+   !> What the voxels may leave open for a search to an accuracy of 0.05 to get on [-]
+   real(wp), parameter :: of_search = 0.025_wp
    !> Bar of a probe below which it is zero among its kind [-]
    real(wp), parameter :: of_small = 0.01_wp
    !> Share of the volume in which J leaves the J of the pressure, and by how much
@@ -105,7 +107,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
 
    call weigh(self, problem, deck, model, with_companion, receiver, outcome)
    if (self%curable .and. .not. deck%has('refine')) self%reasons = self%reasons//'what helps: ' &
-      & //cure_of(problem)//new_line('a')
+      & //cure_of(problem, self%bars)//new_line('a')
 end subroutine judge
 
 !> Make the checks one after the other, as far as those before leave something to check
@@ -525,8 +527,10 @@ function rim_of(problem, i) result(text)
 end function rim_of
 
 !> What brings an answer and its second solution together
-function cure_of(problem) result(text)
+function cure_of(problem, bars) result(text)
    class(discretisation_type), intent(in) :: problem
+   !> Error bars, if the checks came that far
+   type(bars_type), intent(in) :: bars
    character(len=:), allocatable :: text
 
    if (problem%linear) then
@@ -534,8 +538,12 @@ function cure_of(problem) result(text)
    else if (index(problem%scene%method, 'rkpm') /= 1) then
       text = 'method "rkpm-gauss", whose bars come from fewer points, or more points'
    else if (allocated(problem%scene%cloud%block)) then
-      text = 'finer blocks (half of build.source_stride or of geometry.blocks), or ' &
-         & //'refine.accuracy = 0.05, which looks for them'
+      text = 'finer blocks (half of build.source_stride or of geometry.blocks)'
+      ! a search ends where the voxels leave more open than is asked for
+      if (allocated(bars%open)) then
+         if (maxval(bars%open) < of_search) text = text//', or refine.accuracy = 0.05, which ' &
+            & //'looks for them'
+      end if
    else if (allocated(problem%scene%cloud%lattice)) then
       text = 'more points (geometry.source), or accuracy = 0.02 in its place, which looks for them'
    else
