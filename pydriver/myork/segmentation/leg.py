@@ -321,9 +321,11 @@ def find_bones(anatomy: Image, body: Mask, fat: Image | None = None) -> Mask:
 
     Level sets part fat and marrow from dark; cortex is darker than the dark phase scatters. Beside
     an image of fat the anatomy may show fat as bright as muscle, or darker; a fraction of fat is
-    noise in cortex, but not its product with the signal.
+    noise in cortex, but not its mean with the signal, the geometric one.
     """
-    fatty = anatomy if fat is None else replace(fat, data=fat.data * anatomy.data)
+    fatty = anatomy
+    if fat is not None:
+        fatty = replace(fat, data=np.sqrt(np.maximum(fat.data * anatomy.data, 0.0)))
     bright = _phase(fatty, body, "bright")
     dark = body & ~bright
     if not dark.any():
