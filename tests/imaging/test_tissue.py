@@ -168,6 +168,18 @@ def test_a_limb_without_a_bone_is_doubted():
     assert not leg_tissues(image, body=disc(45.0)).doubts
 
 
+def test_bone_of_images_of_water_and_fat():
+    """Their sum shows fat and muscle alike, what little signal cortex has is mostly noise."""
+    whole = limb(muscle=1.0)[0]
+    clean = limb(muscle=0.05, noise=0.0)[0].data
+    clean[disc(7.0) & ~disc(5.0)] *= 0.1
+    noise = np.random.default_rng(2).normal(0.0, 2.0, (2, *clean.shape))
+    fat = np.hypot(clean + noise[0], noise[1]) / np.maximum(whole.data, 1e-9)
+    found = leg_tissues(whole, fat=Image(np.clip(fat, 0.0, 1.0) * disc(45.0), whole.affine))
+    assert dice(found.labels.data == 4, disc(7.0)) > 0.95
+    assert not found.doubts
+
+
 @pytest.mark.parametrize(
     ("keys", "doubt"),
     [

@@ -107,7 +107,7 @@ def leg_tissues(
             check_same_grid(other, anatomy)
     found_body = body is None
     body = outer_boundary(anatomy) if body is None else body
-    bone = find_bones(anatomy, body)
+    bone = find_bones(anatomy, body, fat)
     soft = body & ~bone
     inner = soft & ~_skin(body, anatomy.spacing[:2])
     memberships: dict[str, F64] = {}
@@ -131,9 +131,7 @@ def leg_tissues(
     border = _drawn_anew(shown.data, more, inner & ~sheets, fatty, anatomy.spacing)
     doubts = _doubts(shown, body, inner & ~sheets, border)
     if found_body:
-        doubts += _beyond(anatomy, body)
-        # fractions of fat show marrow as the fat that it is
-        doubts += _boneless(anatomy, body, bone) if fat is None else []
+        doubts += _beyond(anatomy, body) + _boneless(anatomy, body, bone)
     fatty = np.where(inner & ~sheets, border.fat, fatty)
     # A voxel that is bright in both images lies between fat and connective tissue.
     sheets &= ~fatty
@@ -318,12 +316,17 @@ def outer_boundary(anatomy: Image) -> Mask:
     return large_pieces(body, anatomy.name)
 
 
-def find_bones(anatomy: Image, body: Mask) -> Mask:
-    """Bones: bright marrow that a ring of very dark cortex closes off in every slice.
+def find_bones(anatomy: Image, body: Mask, fat: Image | None = None) -> Mask:
+    """Bones: fatty marrow that a ring of very dark cortex closes off in every slice.
 
-    Level sets part bright (fat, marrow) from dark; cortex is darker than the dark phase scatters.
+    Level sets part fat and marrow from dark; cortex is darker than the dark phase scatters. Beside
+    an image of fat the anatomy may show fat as bright as muscle, or darker; a fraction of fat is
+    noise in cortex, but not its mean with the signal, the geometric one.
     """
-    bright = _phase(anatomy, body, "bright")
+    fatty = anatomy
+    if fat is not None:
+        fatty = replace(fat, data=np.sqrt(np.maximum(fat.data * anatomy.data, 0.0)))
+    bright = _phase(fatty, body, "bright")
     dark = body & ~bright
     if not dark.any():
         return np.zeros(body.shape, dtype=bool)
