@@ -288,8 +288,9 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    words = [character(len=override_length) :: words, 'scene.method='//self%method]
    call lattice_words(deck, other, words)
    ! with more points both ways come too near each other, and a search from points that were given
-   ! would pay for what its answer lacks
-   if (can_hold(scene) .and. .not. (self%finer .or. deck%has('refine'))) &
+   ! would pay for what its answer lacks; in space the penalty lets singular rims give way, and bars
+   ! of glued bodies would double
+   if (can_hold(scene) .and. scene%cloud%nd == 2 .and. .not. (self%finer .or. deck%has('refine'))) &
       & words = [character(len=override_length) :: words, exactly]
 end subroutine choose_companion
 
