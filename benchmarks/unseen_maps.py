@@ -32,7 +32,7 @@ from myork.types import F64
 
 NUMBERS = range(32)
 #: Wall time of a solve [s]
-_LIMIT = 600.0
+_LIMIT = 300.0
 _SEED = 20261127
 _FILE = Path(__file__).parent / "truths" / "unseen_maps.json"
 _FAT = {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 100.0}

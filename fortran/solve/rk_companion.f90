@@ -32,6 +32,8 @@ module rk_companion
 
    !> Length of an override
    integer, parameter :: override_length = 512
+   !> Prescribed displacements of a companion beside an answer by the penalty
+   character(len=*), parameter :: exactly = 'galerkin.essential="transformation"'
    !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
    !> its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
@@ -134,8 +136,15 @@ subroutine solve_companion(self, problem, load, answer, deck, model, receiver, n
    end if
    points = model
    call choose_companion(self, problem%scene, deck, nearer, points, words)
-   if (.not. allocated(self%why_not)) &
-      & call solve_beside(self, problem, load, answer, deck, words, points, receiver)
+   if (allocated(self%why_not)) return
+   call solve_beside(self, problem, load, answer, deck, words, points, receiver)
+   if (.not. self%missed .or. words(size(words)) /= exactly) return
+   if (receiver%stopped()) return
+   ! sets that contradict each other where they meet, more unknowns than are factorised
+   self%missed = .false.
+   self%lost = .false.
+   deallocate (self%why_not)
+   call solve_beside(self, problem, load, answer, deck, words(:size(words) - 1), points, receiver)
 end subroutine solve_companion
 
 !> Solve a deck with other words than an answer's, and look at the same probes
@@ -280,7 +289,21 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    self%coarse = any(other < source .and. other - 1 <= few_cells)
    words = [character(len=override_length) :: words, 'scene.method='//self%method]
    call lattice_words(deck, other, words)
+   ! with more points both ways come too near each other, and a search from points that were given
+   ! would pay for what its answer lacks; in space the penalty lets singular rims give way, and bars
+   ! of glued bodies would double
+   if (can_hold(scene) .and. scene%cloud%nd == 2 .and. .not. (self%finer .or. deck%has('refine'))) &
+      & words = [character(len=override_length) :: words, exactly]
 end subroutine choose_companion
+
+!> Whether displacements that the penalty prescribes can hold exactly as well
+pure logical function can_hold(scene)
+   type(scene_type), intent(in) :: scene
+
+   can_hold = scene%method == 'rkpm-gauss' .and. scene%galerkin%essential == 'penalty' &
+      & .and. .not. allocated(scene%motion) .and. .not. any(scene%condition%tendon > 0.0_wp) &
+      & .and. .not. any(abs(scene%condition%pressure) > 0.0_wp)
+end function can_hold
 
 !> Half as many blocks in each direction, three quarters of them where they are few across the body
 !> or its tissues; voxels are merged where enough of them are left across
