@@ -92,7 +92,7 @@ module rk_online
       !> Residual, tangent, its factor, step
       real(wp), allocatable :: residual(:), tangent(:, :), factor(:, :), step(:)
       !> Volume: pairs of the form, changes, those that are linear in the step, their derivatives,
-      !> shapes (8, pairs), (8, pieces), (8, pieces), (8, s, pieces)
+      !> shapes (8, pairs + 1), (8, pieces), (8, pieces), (8, s, pieces)
       real(wp), allocatable :: pairs(:, :), y(:, :), along(:, :), dy(:, :, :)
       !> Rows that the factor's pivots exchange
       integer, allocatable :: pivot(:)
@@ -238,7 +238,7 @@ subroutine new_work(self, model)
    allocate (self%z(wide), self%force(wide), self%stiffness(wide, wide))
    allocate (self%residual(s), self%tangent(s, s))
    allocate (self%factor(model%r, model%r), self%step(model%r), self%pivot(model%r))
-   allocate (self%pairs(8, (s + 1)*(s + 2)/2), self%y(8, pieces), self%along(8, pieces))
+   allocate (self%pairs(8, (s + 1)*(s + 2)/2 + 1), self%y(8, pieces), self%along(8, pieces))
    allocate (self%dy(8, s, pieces))
 end subroutine new_work
 

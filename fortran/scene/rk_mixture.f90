@@ -75,7 +75,7 @@ module rk_mixture
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
-      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal
+      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal, has_layers
       !> Fraction of a tissue, and its fiber
       procedure :: part_of
       procedure :: fiber_of, energy, stress, strong, stress_curvature, strong_curvature
@@ -183,6 +183,14 @@ pure function layer_normal(self, ip) result(normal)
    normal = 0.0_wp
    if (allocated(self%normal)) normal = self%normal(:, ip)
 end function layer_normal
+
+!> Whether two tissues are layers anywhere
+pure logical function has_layers(self)
+   class(mixture_type), intent(in) :: self
+
+   has_layers = allocated(self%normal)
+   if (has_layers) has_layers = any(abs(self%normal) > 0.0_wp)
+end function has_layers
 
 !> Whether two tissues at a place are layers
 pure logical function is_layered(self, ip)
