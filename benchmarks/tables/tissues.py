@@ -227,4 +227,15 @@ def tissues(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
             anatomy = even(Section("", one, None, np.zeros(0, int)))[0]
             ours = leg_tissues(anatomy)
             score = "" if truth is None else f"{(ours.labels.data[truth] == MUSCLE).mean():.3f}"
-            yield (one.name, "1", f"{len(ours.doubts)} doubts", "", "", "", score, "", "", "")
+            yield (
+                Path(one.name).name,
+                "1",
+                f"{len(ours.doubts)} doubts",
+                "",
+                "",
+                "",
+                score,
+                "",
+                "",
+                "",
+            )

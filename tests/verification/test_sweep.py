@@ -413,9 +413,12 @@ def test_only_a_death_costs_a_point_a_message(
         raise error
 
     monkeypatch.setattr(run, "solve_point", solve_point)
+    said: list[str] = []
     with pytest.raises(caught) if caught else contextlib.nullcontext():
-        sweep(deck, ["material.rubber.mu=5,6"], tmp_path)
+        sweep(deck, ["material.rubber.mu=5,6"], tmp_path, progress=said.append)
     if caught is None:
+        # the reason of the first, whatever the number of the others
+        assert sum(line.startswith("failed at material.rubber.mu=5: ") for line in said) == 1
         (message,) = {row["message"] for row in rows_of(tmp_path)}
         assert "out of memory" in message and message.endswith(": killed")
         lines: list[str] = []

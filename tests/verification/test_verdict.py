@@ -340,3 +340,20 @@ def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
         summary = run_deck(tables | {"material": [stiff]}, tmp_path / str(unit))
         found.append(summary["companion"]["difference"])
     assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+def test_the_tissue_that_differs_is_named() -> None:
+    """Sheared by a traction on the softer half, which moves most and is two cells thick."""
+    rubber = {"model": "neo-hookean", "mu": 100, "K": 1e5}
+    tables = scene(
+        "rkpm-gauss", {"kind": "box", "size": [2, 1, 4], "source": [5, 3, 7]},
+        material=[
+            {"name": "tendon", **rubber},
+            {"name": "fat", **rubber, "mu": 1, "K": 1e3, "where": "x > 1"},
+        ],
+        boundary=[held("z0"), {"set": "x1", "traction": [0, 0.02, 0]}],
+        probe=[{"name": "shear", "quantity": "force", "set": "z0"}],
+    )  # fmt: skip
+    states, _ = solved(tables, ())
+    assert states.verdict == "doubtful"
+    assert states.reasons[0].endswith("with [3,5,4] points, most of it in fat")

@@ -263,7 +263,7 @@ class ReducedModel:
                 f"  at the {sure['points']} that it certifies: displacement {sure['u']:.1e} of the "
                 f"largest, force {sure['force']:.1e} at most"
                 if sure["points"]
-                else f"  none certified: no error estimate is below {head['tolerance']:g}",
+                else f"  certified: none, as no error is estimated below {head['tolerance']:g}",
                 f"  estimated over true error: {c['indicator_ratio']['min']:.2f} to "
                 f"{c['indicator_ratio']['max']:.2f}",
                 f"  {c['cpu_us_per_state']:.0f} us per state, {c['full_cpu_s_per_state']:.2f} s a "
