@@ -54,7 +54,7 @@ def real_gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
     record, grey = records["slice"], records["slice, grey"]
     spacing = record["truth"].spacing[:2]
     for axes, side in zip(panels[1], ("right", "left"), strict=False):
-        _outlines(axes, record, 0)
+        _outlines(axes, record, 0, image=False)
         places = np.argwhere(record[side]["here"])[:, :2]
         low, high = (places.min(axis=0) - 45) * spacing, (places.max(axis=0) + 45) * spacing
         axes.set(
@@ -79,9 +79,12 @@ def _two_slices(
     panels[0].legend(handles=handles, loc="lower left", fontsize="small")
 
 
-def _outlines(axes: Axes, record: Mapping[str, Any], k: int) -> None:
-    """A slice of the image with the true outline and the one that was found."""
-    _grey(axes, record["anatomy"], k)
+def _outlines(axes: Axes, record: Mapping[str, Any], k: int, image: bool = True) -> None:
+    """The true outline of a slice and the one that was found, upon the image unless it is real."""
+    if image:
+        _grey(axes, record["anatomy"], k)
+    else:
+        axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
     for name, colour, width in (("truth", "#FFD700", 2.2), ("found", COLOURS[1], 1.0)):
         labels = record[name]
         _outline(axes, labels.data[..., k], labels.spacing, colour, width)
