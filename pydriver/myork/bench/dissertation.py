@@ -240,8 +240,8 @@ _CHAPTER_4 = (
         Picture(
             pictures.real_gastrocnemius,
             "Medial gastrocnemius of real anatomy by three level sets, the published way: slices "
-            "15 and 30 of the surface, outlines on both calves of the T1 slice, and the Dice coefficient "
-            "of every slice",
+            "15 and 30 of the surface, outlines on both calves of the T1 slice, and the Dice "
+            "coefficient of every slice",
         ),
     ),
     Table(
