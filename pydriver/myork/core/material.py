@@ -12,7 +12,7 @@ from myork.core.deck import as_texts, table_defaults
 from myork.types import F64
 
 #: Keys of a `[[material]]` table that place the material in a body
-_PLACING = {"label", "fiber", "fiber_angle", "activation", "amplitude"}
+_PLACING = {"label", "where", "fiber", "fiber_angle", "activation", "amplitude"}
 
 
 class Material:
