@@ -642,4 +642,4 @@ def test_decks_know_the_parameters_of_named_materials(table, message):
 def test_where_a_material_lies_is_no_parameter() -> None:
     """`myork check` asks for the law of a table that fills a part of a box."""
     table = {"name": "gel", "model": "neo-hookean", "mu": 2.0, "K": 10.0, "where": "x > 1"}
-    assert energy(Material.of_table(table), 1.1 * np.eye(3)) > 0.0
+    assert cm.energy(cm.Material.of_table(table), [1.1 * np.eye(3)])[0] > 0.0
