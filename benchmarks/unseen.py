@@ -290,7 +290,7 @@ def _limits(problem: Problem) -> dict[str, Any]:
     else:
         found = []
         for share, meshes in ((0.8, problem.elements), (0.6, problem.elements[-1:])):
-            warp = partial(finer_ends, np.array(problem.tables["geometry"]["size"]), share)
+            warp = partial(_finer_ends, np.array(problem.tables["geometry"]["size"]), share)
             truths, rivals = solve_rivals(
                 problem._replace(elements=meshes), lambda line: None, warp
             )
@@ -321,7 +321,7 @@ def _even_stresses(problem: Problem) -> dict[str, list[float]]:
     }
 
 
-def finer_ends(size: F64, share: float, nodes: F64) -> F64:
+def _finer_ends(size: F64, share: float, nodes: F64) -> F64:
     """Nodes of a box moved towards its faces; those half way stay."""
     place = nodes / size
     return size * (place - share * np.sin(2 * np.pi * place) / (2 * np.pi))

@@ -57,12 +57,12 @@ class _Shape:
         tilt = rng.uniform(-0.25, 0.25, 2) * [not half, 1.0]
         self.name = f"{'half ' if half else ''}{kind}, {across} voxels across"
         self.half = half
-        shares = {
+        shares: dict[str, Callable[[F64], F64]] = {
             "cylinder": np.ones_like,
             "spindle": lambda t: 0.6 + 0.4 * np.sin(np.pi * t),
             "ellipsoid": lambda t: np.sqrt(1.0 - (0.8 * (2.0 * t - 1.0)) ** 2),
         }
-        share: Callable[[F64], F64] = shares[kind]
+        share = shares[kind]
         # the lattice of voxels meets the body anywhere, but a plane of symmetry
         lean = np.maximum(-tilt, 0.0) * self.length
         start = radii + lean + self.voxel * rng.uniform(0.0, 1.0, 2)
@@ -196,7 +196,7 @@ def _loads(rng: Rng, shape: _Shape) -> tuple[list[dict[str, Any]], str]:
     far: dict[str, dict[str, Any]] = {
         "pulled": held("top", u_z=pull),
         "pressed": held("top", u_z=-0.5 * pull),
-        "sheared": held("top", **{across: 1.5 * pull}),
+        "sheared": {**held("top"), across: 1.5 * pull},
         "traction": {"set": "top", "traction": push.tolist()},
         "slipped": {"set": "top", "u_z": pull},
         "twisted": {"set": "top", "rotation": 100.0 * pull, "axis": [0, 0, 1], "about": about},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from benchmarks.runner import sized_tables
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck, solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
-from benchmarks.unseen import finer_ends
 from myork import Scene
 from myork.bench.runs import lattice, read_deck
 from myork.core.deck import load_deck
@@ -192,9 +191,8 @@ def across() -> Rows:
             law = {"name": "m", "model": "neo-hookean", "mu": 10.0, "K": 10.0 * ratio}
             tables = deck(name, {"kind": "box", "size": size}, (law,), (near, far), probes)
             whole = read_deck(sized_tables(tables, [2] * len(size)))
-            warp = None if plane else partial(finer_ends, np.array(size), 0.8)
             found = [
-                solve_deck(whole, [round(n * edge) for edge in size], warp=warp, symmetric=True)
+                solve_deck(whole, [round(n * edge) for edge in size], symmetric=True)
                 for n in ((16, 32) if plane else (4, 8))
             ]
             errors: dict[str, list[float]] = {key: [] for key in wanted}
