@@ -159,13 +159,12 @@ void rk_add_stiffness(int fields, int nd, int points, const int64_t *restrict st
       }
    p.right = next;
    const int rows = fields * members;
-   if (fields == 3 && nd == 3 && kinds == 1) add_pairs(3, 3, 1, &p, rows, part);
-   else if (fields == 3 && nd == 3) add_pairs(3, 3, 3, &p, rows, part);
-   else if (fields == 2 && nd == 2 && kinds == 1) add_pairs(2, 2, 1, &p, rows, part);
-   else if (fields == 2 && nd == 2) add_pairs(2, 2, 2, &p, rows, part);
-   else if (fields == 1) add_pairs(1, nd, 1, &p, rows, part);
-   else if (fields == 2) add_pairs(2, nd, kinds, &p, rows, part);
-   else add_pairs(3, nd, kinds, &p, rows, part);
+   /* displacements have a component for each direction; other fields are one alone */
+   if (fields == 3 && kinds == 1) add_pairs(3, 3, 1, &p, rows, part);
+   else if (fields == 3) add_pairs(3, 3, 3, &p, rows, part);
+   else if (fields == 2 && kinds == 1) add_pairs(2, 2, 1, &p, rows, part);
+   else if (fields == 2) add_pairs(2, 2, 2, &p, rows, part);
+   else add_pairs(1, nd, 1, &p, rows, part);
 }
 
 /* Numbers of room that the stiffness of `points` points of a group with `members` source points needs */
