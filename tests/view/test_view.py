@@ -699,6 +699,7 @@ def test_it_ends_accepted(
     check = json.loads((tmp_path / "check.json").read_text())
     assert check["failed"] == 0 and check["points"] == 6
     assert check["force"]["max"] < 1e-3 and check["u"]["max_of_largest"] < 2e-3
+    assert check["certified"]["points"] == 6 and check["certified"]["u"] <= 1e-3
     (model,) = tmp_path.glob("*.rom.h5")
     rom = ReducedModel.load(model, threads=1)
     assert rom.certificate == check

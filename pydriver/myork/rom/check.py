@@ -218,7 +218,12 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     # near lost states nothing is certified
     tried = good & (answer.full < LOST)
     tried = tried if tried.any() else good
+    over_estimate = float(over[tried].max())
     sure = answer.certified
+    if not rom.certificate:
+        # what it will certify once these errors are its certificate
+        sure = answer.inside & good & (answer.full < LOST)
+        sure &= absolute * over_estimate <= rom.head["tolerance"]
     return {
         "points": len(values),
         "failed": int((~good).sum()),
@@ -226,7 +231,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
         "lost_unmarked": int((rom.marks.worst(tests.lost, widths_of(rom.parameters)) < LOST).sum()),
         "u": {**_spread(relative[good]), "max_of_largest": float(of_largest[good].max())},
         "force": _spread(wrong[good]),
-        "over_estimate": float(over[tried].max()),
+        "over_estimate": over_estimate,
         "certified": {
             "points": int(sure.sum()),
             "u": float(of_largest[sure].max(initial=0.0)),

@@ -418,9 +418,7 @@ class _Training:
         # more cells need not be better ones
         best = found[off.index(min(off))]
         if self.tests is not None:
-            # the second time it knows what it may certify
-            for _ in range(2):
-                best.set_certificate(measure(best, self.tests))
+            best.set_certificate(measure(best, self.tests))
         return best
 
     def rom(self, arrays: dict[str, Any], head: dict[str, Any], begin: float) -> ReducedModel:
