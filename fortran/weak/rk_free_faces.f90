@@ -99,7 +99,7 @@ subroutine new_free_faces(self, scene, error)
             if (abs(normal(d)) > 0.0_wp) cycle
             associate (own => line(:cloud%lattice(d) - 1, d))
                ends = [(moved(own, place(d, i), k), k=-1, 1, 2)]
-               if (ends(1) < own(0) .or. ends(2) > own(cloud%lattice(d) - 1)) cycle
+               if (ends(1) < own(1) .or. ends(2) > own(size(own))) cycle
             end associate
             pairs = pairs + 1
             self%pair(d, n) = pairs
