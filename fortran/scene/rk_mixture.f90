@@ -43,6 +43,8 @@ module rk_mixture
 
    !> Share of the largest lambda of a body that counts for none [-]
    real(wp), parameter :: least = 1.0e-6_wp
+   !> Shear modulus over the bulk modulus below which a place is as incompressible as its tissue [-]
+   real(wp), parameter :: trace = 1.0e-5_wp
    !> Two tissues are layers where each has at least this fraction [-]
    real(wp), parameter :: least_layer = 0.01_wp
 
@@ -288,7 +290,7 @@ end function bulk
 pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
-   real(wp) :: compliance
+   real(wp) :: compliance, shear
    integer :: e
 
    if (allocated(self%pair)) then
@@ -296,16 +298,18 @@ pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
       return
    end if
    compliance = 0.0_wp
-   associate (first => self%first(ip) + 1, last => self%first(ip + 1))
-      bulk = self%scene%tissue(self%tissue(first))%material%bulk
-      if (first == last) return
-      do e = first, last
-         compliance = compliance &
-            & + self%fraction(e)/self%scene%tissue(self%tissue(e))%material%bulk
-      end do
-   end associate
-   ! all incompressible: the first one is infinite
-   if (compliance > 0.0_wp) bulk = 1.0_wp/compliance
+   bulk = 0.0_wp
+   shear = 0.0_wp
+   do e = self%first(ip) + 1, self%first(ip + 1)
+      associate (material => self%scene%tissue(self%tissue(e))%material)
+         compliance = compliance + self%fraction(e)/material%bulk
+         bulk = max(bulk, material%bulk)
+         shear = max(shear, material%shear)
+      end associate
+   end do
+   ! a trace of another tissue does not make one compressible that is not
+   if (bulk > huge(1.0_wp) .and. .not. compliance*shear > trace) return
+   bulk = 1.0_wp/compliance
 end function bulk_at_one_pressure
 
 !> Shear modulus of a deformed state at a place, without fibers [stress]

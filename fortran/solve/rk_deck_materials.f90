@@ -95,7 +95,8 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
          if (regions) then
             call deck%complain(at//merge('.label', '.where', deck%has(at//'.label')), &
-               & 'no point lies there, or later materials fill it', error)
+               & 'no point lies there, or later materials fill it: more points across it ' &
+               & //'(geometry.source) see a thin one', error)
          else
             call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
                & error)

@@ -102,6 +102,11 @@ contains
          call look(from, to)
       end if
       if (allocated(error)) return
+      if (.not. part(own) > 0.0_wp) call deck%complain('material.'//to_text(own)//'.where', &
+         & 'is thinner than can be seen at ' &
+         & //to_text(cloud%points(:, ip))//': more points across it (geometry.source), or a ' &
+         & //'thicker sheet with moduli in proportion', error)
+      if (allocated(error)) return
       cloud%fraction(:, ip) = part/sum(part)
    end subroutine fill
 
@@ -120,15 +125,16 @@ contains
       to(:cloud%nd) = min(q(:cloud%nd) + 0.5_wp*step(:cloud%nd), high(:cloud%nd))
    end subroutine cell
 
-   !> Whether the corners of a volume have the material of its point
+   !> Whether the corners of a volume, and the middles of its edges and faces, have the material of
+   !> its point
    logical function is_whole(from, to, own)
       real(wp), intent(in) :: from(3), to(3)
       integer, intent(in) :: own
       integer :: i
 
       is_whole = .true.
-      do i = 0, 2**cloud%nd - 1
-         is_whole = is_whole .and. material_in(merge(to, from, btest(i, [0, 1, 2]))) == own
+      do i = 0, 3**cloud%nd - 1
+         is_whole = is_whole .and. material_in(from + 0.5_wp*mod(i/[1, 3, 9], 3)*(to - from)) == own
       end do
    end function is_whole
 

@@ -406,3 +406,44 @@ def test_layers_have_the_tangent_of_their_stress(open_scene, source):
         material=materials, boundary=[held("x0", len(source))],
     )  # fmt: skip
     check_weak_tangent(open_scene(tables))
+
+
+@pytest.mark.parametrize("cut", [0.36, 0.47])
+def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(
+    open_scene: Any, cut: float
+) -> None:
+    """Fractions of 1e-12 at the reach of an interface made moduli of 1e13, by which no step
+    converged. K of a million times the shear modulus is as good as infinite.
+    """
+
+    def force(bulk: float) -> Any:
+        law = {"model": "neo-hookean"}
+        tables = scene(
+            "rkpm-gauss", {"kind": "box", "size": [1, 1], "source": [17, 17]},
+            material=[
+                dict(law, name="a", mu=1.0, K=bulk),
+                dict(law, name="b", mu=20.0, K=30.0, where=f"y > {cut}"),
+            ],
+            boundary=[held("y0", 2), {"set": "y1", "u_x": 0.1, "u_y": 0.05}],
+            probe=[{"name": "force", "quantity": "force", "set": "y1"}],
+        )  # fmt: skip
+        opened = open_scene(tables)
+        states = opened.solve(error=False)
+        return opened.probes(states.x[-1:], states.load[-1:])[0, 0, :2]
+
+    np.testing.assert_allclose(force(np.inf), force(1e6), rtol=1e-4)
+
+
+def test_a_sheet_that_points_hardly_see_is_refused(open_scene: Any) -> None:
+    """Points lie in it, and a sixth of their volume's width is six times as much."""
+    law = {"model": "neo-hookean", "mu": 1.0, "K": 30.0}
+    tables = scene(
+        "rkpm-gauss", {"kind": "box", "size": [1, 1], "source": [9, 9]},
+        material=[
+            {"name": "gel", **law},
+            {"name": "sheet", **law, "mu": 1e3, "where": "abs(x - 0.5) < 0.002"},
+        ],
+        boundary=[held("y0", 2)],
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"material\.sheet\.where: .*thinner than can be seen at"):
+        open_scene(tables)
