@@ -291,7 +291,7 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    call lattice_words(deck, other, words)
    ! with more points both ways come too near each other, and a search from points that were given
    ! would pay for what its answer lacks; in space the penalty lets singular rims give way, and bars
-   ! of glued bodies would double; fewer points than two in a narrow set of one's own hold too little
+   ! of glued bodies would double; few points in a narrow set of one's own hold too little
    if (can_hold(scene) .and. scene%cloud%nd == 2 .and. deck%count('set') == 0 &
       & .and. .not. (self%finer .or. deck%has('refine'))) &
       & words = [character(len=override_length) :: words, exactly]
