@@ -58,6 +58,8 @@ module rk_verdict
    !> Distance from the rim of a prescribed set within which a stress is singular, and from which on
    !> it is regular, in spacings of source points
    real(wp), parameter :: rim_spacings(2) = [1.0_wp, 2.0_wp]
+   !> A change that is none [-]
+   real(wp), parameter :: least_change = 1.0e-12_wp
    !> What the voxels may leave open for a search to an accuracy of 0.05 to get on [-]
    real(wp), parameter :: of_search = 0.025_wp
    !> Bar of a probe below which it is zero among its kind [-]
@@ -452,7 +454,9 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
          ! at the surface the other form may be the one that is off
          if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
          if (self%companion%coarse) upper = huge(1.0_wp)
-         worst = maxloc(bars%change/lower, dim=1)
+         ! where voxels leave more open than may be, any change is too much
+         worst = maxloc(merge(max(bars%change, least_change)/max(lower, least_change), -1.0_wp, &
+            & bars%change >= 0.0_wp), dim=1)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
          if (any(bars%change >= 0.0_wp)) then
             reference = from
@@ -461,9 +465,15 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
             if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
                & //'of the same displacements'
             rim = rim_of(problem, worst)
-            call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
-               & //problem%scene%probe(worst)%name//' differs by # of its size'//reference//rim, &
-               & curable=len(rim) == 0)
+            if (lower(worst) > 0.0_wp .or. bars%change(worst) > upper(worst)) then
+               call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
+                  & //problem%scene%probe(worst)%name//' differs by # of its size'//reference &
+                  & //rim, curable=len(rim) == 0)
+            else
+               call found%compare(bars%open(worst), [0.0_wp, huge(1.0_wp)], 'the surface of the ' &
+                  & //'voxels leaves # of the size of probe '//problem%scene%probe(worst)%name &
+                  & //' open', curable=.true.)
+            end if
          end if
          do i = 1, size(bars%change)
             if (ieee_is_nan(bars%change(i))) then
