@@ -27,7 +27,7 @@ module rk_laminate
    implicit none
    private
 
-   public :: layers_type
+   public :: layers_type, add_volume
 
    !> Most iterations for the jump, and most halvings of one of them
    integer, parameter :: most = 30, halvings = 12

@@ -28,13 +28,13 @@ module rk_mixture
    use rk_error, only : error_type, fatal_error, err_input
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
-   use rk_laminate, only : layers_type
+   use rk_laminate, only : add_volume, layers_type
    use rk_kernel, only : kernel_quintic, window_product
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
-   use rk_tensor, only : add_cross_form, cofactor
+   use rk_tensor, only : cofactor
    use rk_text, only : to_text
    implicit none
    private
@@ -468,8 +468,8 @@ pure subroutine layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
    !> The part of this tissue alone
    integer, intent(in), optional :: tissue
    type(layers_type) :: layers
-   real(wp) :: cof(3, 3), bulk
-   integer :: b, i, k
+   real(wp) :: bulk
+   integer :: k
 
    call find_layers(self, ip, f, load, layers)
    if (present(c4)) c4 = layers%tangent()
@@ -481,16 +481,9 @@ pure subroutine layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
    p = layers%stress(k)
    if (.not. volumetric) return
    bulk = self%bulk_at_one_pressure(ip)
-   cof = cofactor(f)
    p = p + merge(1.0_wp, self%part_of(ip, self%tissue(self%first(ip) + max(k, 1))), k == 0) &
-      & *bulk*(layers%whole - 1.0_wp)*cof
-   if (.not. present(c4)) return
-   call add_cross_form(bulk*(layers%whole - 1.0_wp), f, c4)
-   do b = 1, 3
-      do i = 1, 3
-         c4(:, :, i, b) = c4(:, :, i, b) + bulk*cof(i, b)*cof
-      end do
-   end do
+      & *bulk*(layers%whole - 1.0_wp)*cofactor(f)
+   if (present(c4)) call add_volume(bulk, f, c4)
 end subroutine layered_stress
 
 !> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]

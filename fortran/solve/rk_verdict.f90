@@ -58,7 +58,7 @@ module rk_verdict
    !> Distance from the rim of a prescribed set within which a stress is singular, and from which on
    !> it is regular, in spacings of source points
    real(wp), parameter :: rim_spacings(2) = [1.0_wp, 2.0_wp]
-   !> A change that is none [-]
+   !> Changes below this count as zero [-]
    real(wp), parameter :: least_change = 1.0e-12_wp
    !> What the voxels may leave open for a search to an accuracy of 0.05 to get on [-]
    real(wp), parameter :: of_search = 0.025_wp

@@ -66,7 +66,7 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     # the search's own solution is the answer: its iterations are those of the run
     lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert len(lines) == summary["steps"][-1]["iterations"] > 0
-    # each lattice is told, the last is that of the answer
+    # each lattice has its line, the last is that of the answer
     assert re.match(r"refine 1: \[\d+,\d+\] points, tip known to ", found["levels"][0])
     lattice = [int(n) for n in re.findall(r"\d+", found["levels"][-1].split("]")[0])[1:]]
     assert lattice == found["points"] and summary["source_points"] == np.prod(lattice)
