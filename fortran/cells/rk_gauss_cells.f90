@@ -5,18 +5,22 @@
 !> middle, without a pressure that varies along their width: in groups of three cells volume goes
 !> from cell to cell almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J
 !> from 0.08 to 4.0). In the plane such groups do no harm, but of five cells there is one in the
-!> middle.
+!> middle, and 3 x 3 are groups of their own as in space: one for all of them resists hardly any
+!> change of volume (a square held at a side and pressed on top: 38 % off, 1 % with nine).
 !>
-!> Faces that the border of a named set cuts have finer points, which lie on one side of it each.
+!> Faces that the border of a named set cuts, or a traction jumps on, have finer points, which lie on
+!> one side of it each.
 module rk_gauss_cells
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
+   use rk_conditions, only : conditions_at
    use rk_error, only : error_type, fatal_error, err_input
    use rk_gauss, only : gauss_rule
    use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
    use rk_named_sets, only : sets_of
    use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
+   use rk_scene, only : scene_type
    implicit none
    private
 
@@ -26,6 +30,9 @@ module rk_gauss_cells
    integer, parameter :: group_size = 2
    !> Parts of a face in each direction where the border of a set cuts it, by space dimension
    integer, parameter :: parts(3) = [1, 64, 12]
+   !> Force on a face that its points may miss, of the largest on any face: a jump anywhere between
+   !> them moves a part of it, smooth tractions are met to less [-]
+   real(wp), parameter :: of_traction = 0.01_wp
 
    !> A Gauss rule from -1 to 1: places and weights, shape (n)
    type :: rule_type
@@ -51,16 +58,13 @@ module rk_gauss_cells
 contains
 
 !> Gauss points in the cells between the source points of a lattice
-subroutine gauss_cells(self, cloud, count, degree, error)
+subroutine gauss_cells(self, scene, error)
    type(cells_type), intent(out) :: self
-   !> Cloud with a lattice
-   type(cloud_type), intent(in) :: cloud
-   !> Gauss points in each direction of a cell
-   integer, intent(in) :: count
-   !> Degree of the polynomials that lifted values reproduce
-   integer, intent(in) :: degree
+   !> Scene, whose cloud has a lattice
+   type(scene_type), target, intent(in) :: scene
    !> Error handling: no lattice
    type(error_type), allocatable, intent(out) :: error
+   type(cloud_type), pointer :: cloud
    type(lattice_type) :: lattice
    type(rule_type) :: rule, fine
    real(wp), allocatable :: xi(:, :), x(:, :), area(:, :)
@@ -68,8 +72,13 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    integer :: groups(3), pairs(3), ones(3), cell(3), next(3), from(3), to(3), at(3), points(3)
    integer, allocatable :: number(:)
    logical, allocatable :: cut(:, :)
-   integer :: nd, np, i, j, d, k, end, faces, ms, mf, own
+   logical :: whole
+   integer :: nd, np, i, j, d, k, end, faces, ms, mf, own, count, degree
 
+   cloud => scene%cloud
+   count = scene%galerkin%gauss
+   ! tractions of functions of order p have the degree p - 1, which lifted values then reproduce
+   degree = min(scene%approximation%order, count) - 1
    if (.not. allocated(cloud%lattice)) then
       call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus, ' &
          & //'or a model of voxels: '//trim(merge( &
@@ -86,13 +95,14 @@ subroutine gauss_cells(self, cloud, count, degree, error)
    allocate (rule%node(count), rule%share(count))
    call gauss_rule(rule%node, rule%share)
    fine = composed(rule, parts(nd))
-   call find_cut(cloud, lattice, fine, cut, error)
+   call find_cut(scene, lattice, rule, fine, cut, error)
    if (allocated(error)) return
    own = count**nd
    points = 1
    points(:nd) = count
    associate (cells => lattice%cells)
-      call arrange(cells, nd == 3, pairs, ones, groups)
+      whole = nd == 3 .or. all(cells(:nd) == 3)
+      call arrange(cells, whole, pairs, ones, groups)
       np = product(cells)*own
       mf = sum([(product(cells) - product(cells)/cells(d), d=1, nd)])*count**(nd - 1)
       faces = sum([(2*product(cells)/cells(d), d=1, nd)])*count**(nd - 1) &
@@ -104,12 +114,12 @@ subroutine gauss_cells(self, cloud, count, degree, error)
       allocate (self%part(faces), source=1.0_wp)
       allocate (self%lift_point(faces*own), self%lift(faces*own))
       self%lift_first = [(own*k, k=0, faces)]
-      if (nd == 3 .and. any(ones > 0)) allocate (self%thin(nd, product(groups)))
+      if (whole .and. any(ones > 0)) allocate (self%thin(nd, product(groups)))
       self%first(1) = 0
       np = 0
       do i = 1, product(groups)
          call find_group(i)
-         if (allocated(self%thin)) self%thin(:, i) = to == from .and. cells > 1
+         if (allocated(self%thin)) self%thin(:, i) = to(:nd) == from(:nd) .and. cells(:nd) > 1
          do j = 1, product(to - from + 1)
             np = np + 1
             number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
@@ -197,9 +207,17 @@ contains
    !> Reproducing kernel of Legendre polynomials up to the degree, in each direction
    elemental real(wp) function kernel(x, y)
       real(wp), intent(in) :: x, y
+      real(wp) :: p(0:1), q(0:1)
+      integer :: n
 
+      p = [0.0_wp, 1.0_wp]
+      q = p
       kernel = 0.5_wp
-      if (degree > 0) kernel = kernel + 1.5_wp*x*y
+      do n = 1, degree
+         p = [p(1), ((2*n - 1)*x*p(1) - (n - 1)*p(0))/n]
+         q = [q(1), ((2*n - 1)*y*q(1) - (n - 1)*q(0))/n]
+         kernel = kernel + 0.5_wp*(2*n + 1)*p(1)*q(1)
+      end do
    end function kernel
 
 end subroutine gauss_cells
@@ -289,52 +307,119 @@ pure subroutine face_points(self, cell, axis, end, rule, xi, x, area)
    end associate
 end subroutine face_points
 
-!> Faces on the surface whose finer points do not all lie in the same sets
-subroutine find_cut(cloud, lattice, fine, cut, error)
-   !> Cloud with a lattice
-   type(cloud_type), intent(in) :: cloud
+!> Faces on the surface whose finer points do not all lie in the same sets, or whose own points miss
+!> the traction on it
+subroutine find_cut(scene, lattice, rule, fine, cut, error)
+   type(scene_type), intent(in) :: scene
    !> Its cells
    type(lattice_type), intent(in) :: lattice
-   type(rule_type), intent(in) :: fine
+   !> Rules of a face, and of one with finer points
+   type(rule_type), intent(in) :: rule, fine
    !> Whether each face of each cell is cut, shape (2 nd, cells)
    logical, allocatable, intent(out) :: cut(:, :)
-   !> Error handling: a set's expression that is not finite
+   !> Error handling: an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: at(:, :), area(:, :), xi(:, :), x(:, :), outward(:, :)
+   real(wp), allocatable :: at(:, :), area(:, :)
    integer, allocatable :: side_of(:)
-   logical, allocatable :: within(:, :), outer(:, :)
-   integer :: c, cell(3), d, end, k, n, each
+   logical, allocatable :: within(:, :), outer(:, :), missed(:)
+   integer :: c, cell(3), d, end, k, each
 
-   associate (nd => lattice%nd, cells => lattice%cells)
+   associate (nd => lattice%nd, cells => lattice%cells, cloud => scene%cloud)
       allocate (cut(2*nd, product(cells)), source=.false.)
-      if (.not. allocated(cloud%region)) return
+      if (.not. (allocated(cloud%region) .or. any_varying(scene))) return
       allocate (outer(2*nd, product(cells)))
       do c = 1, size(outer, 2)
          cell = digits_of(c - 1, cells)
          outer(:, c) = [((cell(d) == end*(cells(d) - 1), end=0, 1), d=1, nd)]
       end do
+      call points_of(fine)
       each = size(fine%node)**(nd - 1)
-      allocate (at(nd, each*count(outer)), area(nd, each*count(outer)))
-      allocate (side_of(size(at, 2)))
+      call sets_of(cloud, at, area, side_of, nearest_points(cloud%points, at), within, error)
+      if (allocated(error)) return
+      missed = [(any(any(within(:, k:k + each - 1), dim=2) &
+         & .and. .not. all(within(:, k:k + each - 1), dim=2)), k=1, size(at, 2), each)]
+      if (any_varying(scene)) call compare_tractions()
+      if (allocated(error)) return
+      cut = unpack(missed, outer, .false.)
+   end associate
+
+contains
+
+   !> Points of a rule on all outer faces
+   subroutine points_of(rule)
+      type(rule_type), intent(in) :: rule
+      real(wp), allocatable :: xi(:, :), x(:, :), outward(:, :)
+      integer :: c, d, k, n, each
+
+      each = size(rule%node)**(lattice%nd - 1)
+      n = each*count(outer)
+      if (allocated(at)) deallocate (at, area, side_of)
+      allocate (at(lattice%nd, n), area(lattice%nd, n), side_of(n))
       n = 0
       do c = 1, size(outer, 2)
-         do k = 1, 2*nd
+         do k = 1, size(outer, 1)
             if (.not. outer(k, c)) cycle
             d = (k + 1)/2
-            end = k + 1 - 2*d
-            call lattice%face_points(digits_of(c - 1, cells), d, end, fine, xi, x, outward)
+            associate (end => k + 1 - 2*d)
+               call lattice%face_points(digits_of(c - 1, lattice%cells), d, end, rule, xi, x, &
+                  & outward)
+               side_of(n + 1:n + each) = set_number(scene%cloud%polar, d, end)
+            end associate
             at(:, n + 1:n + each) = x
             area(:, n + 1:n + each) = outward
-            side_of(n + 1:n + each) = set_number(cloud%polar, d, end)
             n = n + each
          end do
       end do
-      call sets_of(cloud, at, area, side_of, nearest_points(cloud%points, at), within, error)
+   end subroutine points_of
+
+   !> Faces on which the two rules differ
+   subroutine compare_tractions()
+      real(wp), allocatable :: exact(:, :), own(:, :), largest
+
+      allocate (largest)
+      call integrate(size(fine%node)**(lattice%nd - 1), exact, largest)
       if (allocated(error)) return
-      cut = unpack([(any(any(within(:, k:k + each - 1), dim=2) &
-         & .and. .not. all(within(:, k:k + each - 1), dim=2)), k=1, n, each)], outer, .false.)
-   end associate
+      call points_of(rule)
+      call sets_of(scene%cloud, at, area, side_of, nearest_points(scene%cloud%points, at), &
+         & within, error)
+      if (.not. allocated(error)) call integrate(size(rule%node)**(lattice%nd - 1), own)
+      if (allocated(error)) return
+      missed = missed .or. norm2(exact - own, dim=1) > of_traction*largest
+   end subroutine compare_tractions
+
+   !> Forces on the faces, and the largest of them
+   subroutine integrate(each, force, largest)
+      !> Points of a face
+      integer, intent(in) :: each
+      !> Forces of all load factors, shape (3 factors, faces) [force]
+      real(wp), allocatable, intent(out) :: force(:, :)
+      real(wp), intent(out), optional :: largest
+      real(wp), dimension(scene%programme%count(), 3) :: value, traction
+      logical :: fixed(3)
+      integer :: i
+
+      allocate (force(size(traction), size(at, 2)/each), source=0.0_wp)
+      do i = 1, size(at, 2)
+         call conditions_at(scene%cloud, scene%condition, within(scene%condition%set, i), &
+            & at(:, i), fixed, value, traction, error)
+         if (allocated(error)) return
+         associate (own => force(:, 1 + (i - 1)/each))
+            own = own + norm2(area(:, i))*reshape(traction, [size(traction)])
+         end associate
+      end do
+      if (present(largest)) largest = maxval(norm2(force, dim=1))
+   end subroutine integrate
+
 end subroutine find_cut
+
+!> Whether any traction is an expression of the place
+pure logical function any_varying(scene) result(any_)
+   type(scene_type), intent(in) :: scene
+   integer :: c, i
+
+   any_ = any([((scene%condition(c)%traction(i)%given(), i=1, scene%cloud%nd), &
+      & c=1, size(scene%condition))])
+end function any_varying
 
 !> A rule on equal parts of the line from -1 to 1
 pure function composed(rule, parts) result(fine)
@@ -353,11 +438,11 @@ pure function composed(rule, parts) result(fine)
 end function composed
 
 !> Groups of cells in one direction, which lie symmetrically: a mirrored body is the same one
-elemental subroutine arrange(cells, in_space, pairs, ones, groups)
+elemental subroutine arrange(cells, whole, pairs, ones, groups)
    !> Cells in this direction
    integer, intent(in) :: cells
-   !> Body in three dimensions
-   logical, intent(in) :: in_space
+   !> Cells that are left over make groups of their own
+   logical, intent(in) :: whole
    !> Groups of two before the single cells; 0 where there are none of these
    integer, intent(out) :: pairs
    !> Single cells
@@ -367,8 +452,8 @@ elemental subroutine arrange(cells, in_space, pairs, ones, groups)
 
    ones = 0
    groups = max(1, cells/group_size)
-   if (mod(cells, 2) == 1 .and. (in_space .or. cells == 5)) then
-      ones = merge(mod(cells, 4), 1, in_space)
+   if (mod(cells, 2) == 1 .and. (whole .or. cells == 5)) then
+      ones = merge(mod(cells, 4), 1, whole)
       groups = ones + (cells - ones)/group_size
    else if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0) then
       ! an odd cell is in the middle group of an odd number of groups

@@ -24,12 +24,15 @@
 !>
 !> Reference: thesis section 4.2.2
 module rk_mixture
+   use rk_cloud, only : cloud_type
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_error, only : error_type, fatal_error, err_input
+   use rk_expression, only : expression_type
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
    use rk_laminate, only : add_volume, layers_type
    use rk_kernel, only : kernel_quintic, window_product
+   use rk_lattice, only : digits_of, lattice_frame
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
@@ -47,6 +50,9 @@ module rk_mixture
    real(wp), parameter :: trace = 1.0e-5_wp
    !> Two tissues are layers where each has at least this fraction [-]
    real(wp), parameter :: least_layer = 0.01_wp
+   !> Part of an activation by which the mean of the corners of a spacing is off the middle, above
+   !> which it is not linear there [-]
+   real(wp), parameter :: bent_level = 1.0e-3_wp
 
    !> Tissues at places in compressed rows
    type :: mixture_type
@@ -648,6 +654,8 @@ subroutine find_level(scene, tissue, point, place, level, error)
    associate (given => scene%tissue(tissue)%level)
       if (given%given()) then
          call given%at(place, level, error)
+         if (.not. allocated(error) .and. allocated(scene%cloud%lattice)) &
+            & call spread_level(scene%cloud, given, place, level, error)
          if (allocated(error) .or. (level >= 0.0_wp .and. level <= 1.0_wp)) return
          call fatal_error(error, err_input, given%where//": '"//given%text//"' is " &
             & //to_text(level)//' at '//to_text(place)//', but must be between 0 and 1')
@@ -656,5 +664,59 @@ subroutine find_level(scene, tissue, point, place, level, error)
       end if
    end associate
 end subroutine find_level
+
+!> Mean of a part over a spacing around a place of a lattice: a jump between points then acts on as
+!> much volume as it should. What is linear there stays as it is
+subroutine spread_level(cloud, given, place, level, error)
+   !> Cloud with a lattice
+   type(cloud_type), intent(in) :: cloud
+   type(expression_type), intent(in) :: given
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Part there; then its mean [-]
+   real(wp), intent(inout) :: level
+   !> Error handling: an expression without a value nearby
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp), dimension(size(place)) :: q, half
+   real(wp) :: low(3), step(3), corners
+
+   call lattice_frame(cloud, low, step)
+   q = place
+   if (cloud%polar) q = [norm2(place), atan2(place(2), place(1))]
+   ! as far to either side, so that a slope has no part in the mean
+   associate (before => q - low(:size(q)), spacing => step(:size(q)))
+      half = max(0.0_wp, min(0.5_wp*spacing, before, spacing*(cloud%lattice - 1) - before))
+   end associate
+   ! the midpoints of two parts each way are half as far away
+   call mean_of(2, 2.0_wp*half, corners)
+   if (allocated(error)) return
+   if (abs(corners - level) > bent_level) call mean_of(merge(24, 8, size(place) == 2), half, level)
+
+contains
+
+   !> Mean over equal parts of a box, by their midpoints
+   subroutine mean_of(parts, reach, mean)
+      !> Parts in each direction
+      integer, intent(in) :: parts
+      !> Half the width of the box, shape (nd)
+      real(wp), intent(in) :: reach(:)
+      real(wp), intent(out) :: mean
+      real(wp) :: at(size(place)), value
+      integer :: k, n
+
+      n = parts**size(place)
+      mean = 0.0_wp
+      do k = 0, n - 1
+         associate (digit => digits_of(k, spread(parts, 1, 3)))
+            at = q + reach*((2.0_wp*digit(:size(place)) + 1.0_wp)/parts - 1.0_wp)
+         end associate
+         if (cloud%polar) at = at(1)*[cos(at(2)), sin(at(2))]
+         call given%at(at, value, error)
+         if (allocated(error)) return
+         mean = mean + value/n
+      end do
+   end subroutine mean_of
+
+end subroutine spread_level
 
 end module rk_mixture

@@ -62,7 +62,7 @@ end subroutine add_set
 
 !> Sets of places of the surface that are no boundary entries
 subroutine sets_of(cloud, place, outward, side, near, within, error)
-   !> Cloud with regions
+   !> Cloud, which may have regions
    type(cloud_type), intent(in) :: cloud
    !> Places, shape (nd, ms) [length]
    real(wp), intent(in) :: place(:, :)
@@ -78,14 +78,16 @@ subroutine sets_of(cloud, place, outward, side, near, within, error)
    type(error_type), allocatable, intent(out) :: error
    logical :: met(size(criteria))
    real(wp) :: normal(cloud%nd)
-   integer :: k, n, s
+   integer :: k, n, regions, s
 
    n = cloud%sides()
-   allocate (within(n + size(cloud%region), size(side)))
+   regions = 0
+   if (allocated(cloud%region)) regions = size(cloud%region)
+   allocate (within(n + regions, size(side)))
    do s = 1, size(side)
       within(:n, s) = [(k, k=1, n)] == side(s)
       normal = outward(:, s)/norm2(outward(:, s))
-      do k = 1, size(cloud%region)
+      do k = 1, regions
          call cloud%region(k)%look(place(:, s), normal, side(s), cloud%label(near(s)), met, error)
          if (allocated(error)) return
          within(n + k, s) = all(met)

@@ -57,6 +57,9 @@ module rk_bars
    real(wp), parameter :: least_of_value = 1.0e-3_wp, least_of_size = 1.0e-6_wp
    !> Least size of a probe, of that of its kind, and of a stress inside the body [-]
    real(wp), parameter :: share_of_kind = 0.1_wp, share_inside = 0.3_wp
+   !> Least force of their kind, of the mean stress on the area of a set: where nothing pulls, all
+   !> forces balance to zero [-]
+   real(wp), parameter :: share_balanced = 0.01_wp
    !> Least size at the end of a programme, of the largest on the way: loads that are taken off
    !> again leave what iterations leave [-]
    real(wp), parameter :: share_of_peak = 1.0e-3_wp
@@ -173,7 +176,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
    type(point_state) :: local
    real(wp) :: stresses(size(problem%scene%cloud%points, 2)), displacement, stress, force, share, &
       & own, kind, slope(3)
-   integer :: i, set
+   integer :: e, i, set
 
    displacement = 0.0_wp
    force = 0.0_wp
@@ -186,8 +189,10 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
       stress = size_of(stresses, scene%cloud%volume)
       do set = 1, size(scene%cloud%set_names)
          if (problem%fields < scene%cloud%nd) exit
-         if (any(scene%condition%set == set) .or. any(scene%probe%set == set)) force = max(force, &
-            & norm2(problem%set_force(set, state, 1.0_wp)))
+         if (.not. (any(scene%condition%set == set) .or. any(scene%probe%set == set))) cycle
+         force = max(force, norm2(problem%set_force(set, state, 1.0_wp)), share_balanced*stress &
+            & *sum(scene%cloud%area, mask=[(scene%cloud%in_set(e, set), &
+            & e=1, size(scene%cloud%area))]))
       end do
       do i = 1, size(value, 2)
          call probe_value(problem, probes, i, state, value(:, i), whole(i), apart(i))

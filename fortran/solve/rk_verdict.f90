@@ -162,12 +162,7 @@ subroutine weigh(self, problem, deck, model, with_companion, receiver, outcome)
    end if
    adrift = self%state == refused
    outcome%warnings = outcome%warnings//self%reasons
-   if (allocated(outcome%broken)) then
-      if (any(outcome%broken)) then
-         call self%object(doubtful, broken_text(problem, outcome))
-         outcome%warnings = outcome%warnings//broken_text(problem, outcome)//new_line('a')
-      end if
-   end if
+   call judge_broken(self, problem, outcome)
    ! of which the run has warned on its way
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)
    call new_bars(self%bars, problem, outcome%load, outcome%x, error)
@@ -311,8 +306,34 @@ subroutine warn_of_volume(problem, outcome, receiver)
       & //'points before you read J or F', receiver)
 end subroutine warn_of_volume
 
-!> Places of output that are turned inside out or whose stress is not finite, in words: as a rule
-!> the corner of a fixed face, which is singular, but whoever reads the fields meets it
+!> Places of output that are turned inside out or whose stress is not finite. Corners of fixed faces
+!> are singular, whatever the points: a few places there are reported, and do not count
+subroutine judge_broken(self, problem, outcome)
+   type(verdict_type), intent(inout) :: self
+   class(discretisation_type), intent(in) :: problem
+   type(outcome_type), intent(inout) :: outcome
+   character(len=:), allocatable :: found
+   integer, allocatable :: bad(:)
+   integer :: i
+
+   if (.not. allocated(outcome%broken)) return
+   if (.not. any(outcome%broken)) return
+   found = broken_text(problem, outcome)
+   outcome%warnings = outcome%warnings//found//new_line('a')
+   bad = pack([(i, i=1, size(outcome%broken))], outcome%broken)
+   associate (cloud => problem%scene%cloud)
+      if (.not. matters(problem, outcome%broken) .and. all([(rim_near(problem, &
+         & cloud%points(:, bad(i)), rim_spacings(2)*cloud%mean_spacing()) > 0, &
+         & i=1, size(bad))])) then
+         self%reasons = self%reasons//'not counted, as it is at the rim of a fixed set and far ' &
+            & //'from the probes: '//found//new_line('a')
+      else
+         call self%object(doubtful, found)
+      end if
+   end associate
+end subroutine judge_broken
+
+!> Those places in words
 function broken_text(problem, outcome) result(text)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(in) :: outcome
@@ -507,34 +528,46 @@ function rim_of(problem, i) result(text)
    !> Probe
    integer, intent(in) :: i
    character(len=:), allocatable :: text
-   real(wp) :: away(problem%scene%cloud%nd), h
-   integer :: e, k, of
-   logical :: free
+   integer :: of
 
    text = ''
-   associate (scene => problem%scene, cloud => problem%scene%cloud)
+   associate (scene => problem%scene, h => problem%scene%cloud%mean_spacing())
       if (.not. scene%probe(i)%at_a_place() .or. kind_of_probe(scene%probe(i)) /= 'stress') return
-      h = cloud%mean_spacing()
-      of = 0
-      free = .false.
-      do e = 1, size(cloud%boundary_point)
-         away = scene%probe(i)%point(:cloud%nd) - cloud%points(:, cloud%boundary_point(e))
-         if (norm2(away) > rim_spacings(1)*h) cycle
-         do k = 1, size(scene%condition)
-            if (cloud%in_set(e, scene%condition(k)%set) .and. all(scene%condition(k) &
-               & %fixed(:cloud%nd))) exit
-         end do
-         if (k <= size(scene%condition)) then
-            of = scene%condition(k)%set
-         else
-            free = .true.
-         end if
-      end do
-      if (of > 0 .and. free) text = ': it lies at the rim of '//trim(cloud%set_names(of)) &
+      of = rim_near(problem, scene%probe(i)%point(:scene%cloud%nd), rim_spacings(1)*h)
+      if (of > 0) text = ': it lies at the rim of '//trim(scene%cloud%set_names(of)) &
          & //', where the stress is singular; move it inside the body, at least ' &
          & //to_text(rim_spacings(2)*h, 2)//' '//scene%length_unit//' away from the rim'
    end associate
 end function rim_of
+
+!> Set whose rim lies within a distance of a place: its points are constrained in all components,
+!> others of the surface are not; 0 where there is none
+integer function rim_near(problem, place, distance) result(of)
+   class(discretisation_type), intent(in) :: problem
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   !> Distance [length]
+   real(wp), intent(in) :: distance
+   integer :: e, k
+   logical :: free
+
+   of = 0
+   free = .false.
+   associate (cloud => problem%scene%cloud, condition => problem%scene%condition)
+      do e = 1, size(cloud%boundary_point)
+         if (norm2(place - cloud%points(:, cloud%boundary_point(e))) > distance) cycle
+         do k = 1, size(condition)
+            if (cloud%in_set(e, condition(k)%set) .and. all(condition(k)%fixed(:cloud%nd))) exit
+         end do
+         if (k <= size(condition)) then
+            of = condition(k)%set
+         else
+            free = .true.
+         end if
+      end do
+   end associate
+   if (.not. free) of = 0
+end function rim_near
 
 !> What brings an answer and its second solution together
 function cure_of(problem, bars) result(text)

@@ -120,8 +120,7 @@ subroutine new_galerkin(self, scene, error)
       call nodal_cells(self%cells, scene%cloud, error)
       if (.not. allocated(error)) call split_cells(self%cells)
    else if (scene%method == 'rkpm-gauss') then
-      call gauss_cells(self%cells, scene%cloud, scene%galerkin%gauss, &
-         & min(scene%approximation%order - 1, 1), error)
+      call gauss_cells(self%cells, scene, error)
    else
       call nodal_cells(self%cells, scene%cloud, error)
    end if
