@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.arrays import UNREADABLE, dataset, fitted, index, raw, real, whole
+from myork.arrays import UNREADABLE, dataset
 from myork.console import as_html
 from myork.errors import FileError, InputError, optional
 from myork.files import whole_file
@@ -39,8 +39,6 @@ _CONSTANT = ("label", "fiber")
 # In the largest plane of a lattice, for each point
 _MOST_CELLS = 100
 REDUCED_FILE = "reduced_fields.npz"
-#: Beyond this a number is damage, or of no use in a picture
-_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -485,15 +483,6 @@ class ReducedFields(NamedTuple):
     surface: I32
 
 
-_REDUCED = {
-    "points": real("points", 3, least=-_LARGEST, most=_LARGEST),
-    "modes": whole("models"),
-    "displacement": real("models + 1", "points", 3, least=-_LARGEST, most=_LARGEST),
-    "stress": raw("f", np.float64, "models + 1", "points"),
-    "surface": index("triangles", 3, of="points"),
-}
-
-
 def write_reduced(folder: Path, fields: ReducedFields) -> None:
     """Write the file of a folder."""
     with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
@@ -507,8 +496,6 @@ def read_reduced(path: Path) -> ReducedFields:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            found = {name: content[name] for name in _REDUCED}
-            sizes = {"triangles": len(found["surface"])}
-        return ReducedFields(**fitted(_REDUCED, found, sizes))
-    except (*UNREADABLE, InputError, EOFError, zipfile.BadZipFile, zlib.error) as reason:
+            return ReducedFields(**{name: content[name] for name in ReducedFields._fields})
+    except (*UNREADABLE, EOFError, zipfile.BadZipFile, zlib.error) as reason:
         raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None

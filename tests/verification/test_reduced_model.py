@@ -487,6 +487,15 @@ def test_marks_of_full_solves_nearby() -> None:
 def test_where_the_full_model_is_unstable_nothing_is_certified(deck: Path, tmp_path: Path) -> None:
     """The straight block leaves its axis where A10 is small: marked, and not trained on."""
     ranges = {"material.muscle.A10": (4.0, 9.0), "load.activation": (0.0, 1.0)}
+    # numbers, shapes and types are under the checksum
+    for change in (np.negative, lambda a: a.reshape(a.shape[::-1]), lambda a: a.view(np.int64)):
+        shutil.copy(trained, damaged)
+        with h5py.File(damaged, "r+") as file:
+            values = file["online/h"][()]
+            del file["online/h"]
+            file["online/h"] = change(values)
+        with pytest.raises(FileError, match="its content is damaged"):
+            ReducedModel.load(damaged)
     change = ["scene.method=rkpm-gauss", "approximation.order=1", "boundary.z1.u_z=0"]
     rom = ReducedModel.train(deck, ranges, full_solves=24, tests=8, threads=1, overrides=change)
     assert (rom.marks.mark == LOST).any() and rom.certificate["failed"] == 0

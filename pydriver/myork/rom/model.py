@@ -223,13 +223,9 @@ class ReducedModel:
         """Read a model from its file.
 
         - raises FileError: there is no such file, or it is damaged
-        - raises InputError: what it holds is no reduced model of this version
+        - raises InputError: it is of another version
         """
-        arrays = read_arrays(Path(path))
-        try:
-            return cls(arrays, threads)
-        except InputError as reason:
-            raise InputError(f"{path}: {reason}; train it again") from None
+        return cls(read_arrays(Path(path)), threads)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to a file."""

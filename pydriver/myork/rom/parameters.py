@@ -13,8 +13,6 @@ _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
 )
-#: What a parameter may be
-KINDS = ("activation", "sigma_max", "fiber_angle", "modulus", "load", "rotation")
 #: Displacements that a condition prescribes
 PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
@@ -30,7 +28,7 @@ class Parameter(NamedTuple):
     #: Range of the training
     low: float
     high: float
-    kind: str  #: One of `KINDS`
+    kind: str  #: `activation`, `sigma_max`, `fiber_angle`, `modulus`, `load` or `rotation`
     tissues: tuple[int, ...]  #: Materials that it changes, from 0; none for a load or a rotation
     end: float = 1.0  #: Last value of its amplitude, by which the value of the key is multiplied
 
