@@ -166,20 +166,10 @@ def _explain(options: argparse.Namespace, console: Console) -> None:
 
 
 def _check(options: argparse.Namespace, console: Console) -> None:
-    _passed(
-        _load("stations.check:check_deck")(
-            options.deck, options.out, overrides=_overrides(options), quick=options.quick,
-            progress=silent if options.verbosity < 0 else print,
-        )
+    found = _load("stations.check:check_deck")(
+        options.deck, options.out, overrides=_overrides(options), quick=options.quick,
+        progress=silent if options.verbosity < 0 else print,
     )  # fmt: skip
-
-
-def _selftest(options: argparse.Namespace, console: Console) -> None:
-    progress = silent if options.verbosity < 0 else print
-    _passed(_load("selftest:run_selftest")(options.out, progress=progress))
-
-
-def _passed(found: Sequence[Any]) -> None:
     failed = [check.name for check in found if check.passed is False]
     if failed:
         raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
@@ -234,16 +224,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
 
 
 def _report(options: argparse.Namespace, console: Console) -> str:
-    if len(options.folders) > 1:
-        return f"report: {_load('report:compare_runs')(options.folders, options.out)}"
-    folder = options.folders[0]
-    for model in sorted(folder.glob("*.rom.h5"))[:1]:
-        try:
-            _load("view.still:keep_states")(model, folder)
-        except MyorkError as reason:
-            # the run is reported all the same
-            print(f"myork: {reason}; the report holds no states of it", file=sys.stderr)
-    page: Path = _load("report:make_report")(folder)
+    page: Path = _load("report:make_report")(options.folder)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         text, page = page.read_text(encoding="utf-8"), options.out / page.name
@@ -516,12 +497,6 @@ _COMMANDS = {
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         out="folder of the results; default out/demo",
     ),
-    "selftest": _Command(
-        _selftest,
-        "checks of the installation in a minute: known answers, threads, files, both programs",
-        "  myork selftest\n  myork selftest --out out/selftest",
-        out="folder that keeps what the checks wrote; default none",
-    ),
     "segment": _Command(
         _station("chain:segment_and_draw", "labels and fibers in {out}"),
         "images to label map, fibers and scores",
@@ -619,11 +594,6 @@ _COMMANDS = {
             _option("-o --output", "FILE", "file of the model", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
             _option("--full-solves", "N", "full solves at most", int, default=60),
-            _option(
-                "--snapshots", "DIR",
-                "folders with solutions of the deck, whose states are not solved again", Path,
-                nargs="+", default=[],
-            ),
             _option("--tests", "N", "further full solves as a test", int, default=16),
             _seed(),
         ),
@@ -805,11 +775,10 @@ _COMMANDS = {
     ),
     "report": _Command(
         _report,
-        "HTML page of an output folder or a sweep, or of several runs side by side",
+        "HTML page of an output folder or a sweep",
         "  myork report out/muscle_block\n"
-        "  myork report out/muscle_block_sweep\n"
-        "  myork report out/coarse out/fine --out out/compared",
-        (_option("folders", "DIR", "output folder of a command", Path, nargs="+"),),
+        "  myork report out/muscle_block_sweep",
+        (_option("folder", "DIR", "output folder of a command", Path),),
         "put a copy of the page there",
     ),
     "export": _Command(

@@ -61,7 +61,6 @@ def run_demo(
             progress(str(reason))
     progress("station 5/5  pages")
     states = sample(out / _MODEL, threads=threads or 1, progress=progress)
-    write_json(out / "states.json", states)
     write_text(out / _PAGE, page_of(states))
     report = make_report(out)
     summary = read_summary(out)

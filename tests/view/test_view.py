@@ -28,8 +28,7 @@ from PIL import Image
 from myork import ReducedModel
 from myork.cli import main
 from myork.core.deck import text_of_tables
-from myork.errors import FileError, InputError
-from myork.report import make_report
+from myork.errors import InputError
 from myork.stations.solve import run_deck
 from myork.view import server as server_module
 from myork.view import still
@@ -615,35 +614,6 @@ def test_a_body_too_large_for_a_page(trained: Path, monkeypatch: pytest.MonkeyPa
         still.sample(trained)
 
 
-def test_report_with_states(
-    open_page: Any, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A report beside a model holds states of it: no server, the same forces."""
-    folder = tmp_path / "run"
-    run_deck(trained.with_name("block.toml"), folder, error=False, threads=1)
-    shutil.copy(trained, folder)
-    assert main(["report", str(folder)]) == 0
-    page = open_page((folder / "report.html").as_uri())
-    page.wait_for_function("shown.answers > 0")
-    rom = ReducedModel.load(trained, threads=1)
-    seen = []
-    for values in ((0.0, 0.3, 30.0), (0.8, -0.2, 30.0), (0.4, 0.05, 30.0)):
-        for number, value in enumerate(values):
-            slide(page, number, value)
-        force = rom.batch(np.array([values])).force[0]
-        assert float(page.inner_text("#probe0")) == pytest.approx(force, rel=6e-4, abs=1e-3)
-        assert page.inner_text("#verdict") == "✓ accepted"
-        seen.append(picture(page))
-    assert (seen[0] != seen[1]).any() and (seen[0] < 200).any()
-    assert page.locator("#curves circle").count() == 3
-    (folder / trained.name).write_bytes(b"no model")
-    assert main(["report", str(folder)]) == 0
-    assert "the report holds no states of it" in capsys.readouterr().err
-    (folder / "states.json").write_text('{"title": "x"}')
-    with pytest.raises(FileError, match="another file is damaged"):
-        make_report(folder)
-
-
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_it_ends_cleanly(trained: Path, tmp_path: Path, sign: signal.Signals) -> None:
     server, address = start(trained, TMPDIR=str(tmp_path))
@@ -722,5 +692,4 @@ def test_it_ends_accepted(
     assert bar < off < 1.02 * bar
     assert page.inner_text("#bar0") == f"± {off:.2g}"
     report = open_page((tmp_path / "report.html").as_uri())
-    report.wait_for_function("shown.answers > 0")
     assert report.inner_text("h1").endswith("✓ numerical error accepted phantom data")

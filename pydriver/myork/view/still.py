@@ -1,4 +1,4 @@
-"""States of a reduced model in a page that needs no server, and beside a run for its report."""
+"""States of a reduced model in a page that needs no server."""
 
 import base64
 from itertools import product
@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import write_json, write_text
+from myork.files import write_text
 from myork.report.frame import render
 from myork.rom.parameters import spread_points
 from myork.types import F64
@@ -39,12 +39,6 @@ def still_page(
         raise InputError(f"--still {page}: the name of a page ends in .html")
     write_text(page, page_of(sample(path, threads=threads, progress=progress)))
     return page
-
-
-def keep_states(path: Path, folder: Path) -> Path:
-    """Write `states.json` into the folder of a run, from which its report takes states."""
-    write_json(folder / "states.json", sample(path))
-    return folder / "states.json"
 
 
 def page_of(content: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Pages of sweeps and of several runs: effects that are known, failures, runs that disagree."""
+"""Pages of sweeps: effects that are known, failures."""
 
 import json
 from collections.abc import Callable
@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork.errors import FileError, InputError
-from myork.report import compare_runs, make_report
+from myork.errors import FileError
+from myork.report import make_report
 from myork.report.sweep_page import Column, Fit, read_sweep, tornado_figure, trend_figure
-from myork.stations.solve import run_deck
-from tests.report.pages import Page, change_summary
-from tests.scenes import RUBBER, box, held, scene
+from tests.report.pages import Page
 
 
 def force_of(sigma: float, angle: float) -> float:
@@ -99,63 +97,3 @@ def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
     file.write_text(first + "\n")
     with pytest.raises(FileError, match="no point is finished"):
         make_report(swept)
-
-
-def copy_of(folder: Path, name: str, change: Callable[[dict[str, Any]], object]) -> Path:
-    other = folder.parent / name
-    other.mkdir()
-    (other / "summary.json").write_text((folder / "summary.json").read_text())
-    change_summary(other, change)
-    return other
-
-
-@pytest.mark.slow
-def test_runs_side_by_side(folder: Path, open_page: Callable[[str], Any]) -> None:
-    near = copy_of(folder, "near", lambda s: s["steps"][-1]["probes"].update(reaction=-3.0 * 1.008))
-    far = copy_of(folder, "far", lambda s: s["steps"][-1]["probes"].update(reaction=-3.3))
-    change_summary(far, lambda s: s["deck"].update(load={"steps": 20}))
-    text = Page(compare_runs([folder, near])).text
-    assert "reaction from −3.024 to −3.000 N: 0.79 % apart" in text
-    assert "All numbers agree within their error bars" in text
-    assert "Nothing: all keys have the same values." in text
-    path = compare_runs([folder, near, far], folder / "page")
-    assert path == folder / "page" / "compare.html"
-    page = Page(path)
-    assert page.sections == ["answers", "curves", "decks", "cost"]
-    assert "Further apart than their error bars: reaction" in page.text
-    assert "load.steps" in page.text and "−10 %" in page.text
-    shown = open_page(path.as_uri())
-    assert shown.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
-
-
-def test_what_cannot_be_compared(folder: Path) -> None:
-    with pytest.raises(InputError, match="two folders or more"):
-        compare_runs([folder])
-    with pytest.raises(FileError, match="is named twice"):
-        compare_runs([folder, folder])
-    empty = copy_of(folder, "empty", lambda s: s.update(steps=[]))
-    with pytest.raises(FileError, match="empty: has no load steps"):
-        compare_runs([folder, empty])
-
-
-def solved(folder: Path, move: float, size: list[float]) -> Path:
-    """A rubber block of this size, one end of which is held and the other moved."""
-    n = len(size)
-    tables = scene(
-        "auto", box(*[4] * n, size=size, places=[6] * n), material=[RUBBER],
-        boundary=[held("x0", n), held("x1", n, u_x=move)],
-    )  # fmt: skip
-    run_deck(tables, folder, threads=1, error=False)
-    return folder
-
-
-@pytest.mark.slow
-def test_bodies_stand_side_by_side(tmp_path: Path) -> None:
-    """Plane or in space, in one scale; a plane body is not put beside one in space."""
-    cubes = [solved(tmp_path / name, move, [1, 1, 1]) for name, move in (("a", 0.1), ("b", 0.4))]
-    sheets = [solved(tmp_path / name, move, [2, 1]) for name, move in (("c", 0.2), ("d", 0.6))]
-    for number, pair in enumerate((cubes, sheets)):
-        page = Page(compare_runs(pair, tmp_path / f"page{number}"))
-        assert "bodies" in page.sections and "the same for all" in page.text
-    mixed = Page(compare_runs([cubes[0], sheets[0]], tmp_path / "page2"))
-    assert "bodies" not in mixed.sections
