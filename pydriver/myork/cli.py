@@ -307,7 +307,7 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
         options.deck, options.vary, options.out or Path("out", f"{options.deck.stem}_sweep"),
         samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
         model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
-        part=options.part, extend=options.extend, progress=print if options.dry_run else console,
+        extend=options.extend, progress=print if options.dry_run else console,
     )  # fmt: skip
     return "" if options.dry_run else f"table: {table}"
 
@@ -658,11 +658,6 @@ _COMMANDS = {
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
             _option("--model", "FILE", "reduced model that answers (.rom.h5)", Path),
             _flag("--dry-run", "print what would be solved and what it costs, and exit"),
-            _option(
-                "--part", "K/N",
-                "only every N-th point from the K-th, as a job of an array; the same line without "
-                "it gathers what parts have found",
-            ),
             _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         "folder of the results; default out/<deck>_sweep",

@@ -3,8 +3,6 @@
 import json
 import os
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -64,9 +62,7 @@ def lay(path: Path, how: str) -> Path:
 
 def _store(folder: Path) -> Store:
     """Store of a sweep of two points that nothing reads back."""
-    head = {"points": [[0], [1]], "calls": []}
-    inputs: Any = SimpleNamespace(head=head, columns=set(), check=lambda: None)
-    return Store(folder, inputs, {"units": {}})
+    return Store(folder, {"points": [[0], [1]], "calls": []}, {"units": {}})
 
 
 ZEROS = Image(np.zeros((2, 2, 2)), np.eye(4))
