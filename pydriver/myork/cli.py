@@ -265,7 +265,7 @@ def _rom_train(options: argparse.Namespace, console: Console) -> str:
     path = options.output or folder / f"{options.deck.stem}.rom.h5"
     rom = _load("rom.train:train")(
         options.deck, options.vary, tolerance=options.tolerance, full_solves=options.full_solves,
-        tests=options.tests, snapshots=options.snapshots, seed=options.seed, out=folder,
+        tests=options.tests, seed=options.seed, out=folder,
         overrides=_overrides(options), threads=options.threads, progress=console,
     )  # fmt: skip
     rom.save(path)

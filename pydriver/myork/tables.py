@@ -14,8 +14,6 @@ from myork.errors import InputError
 
 #: Entries of a checked deck that are no tables
 NOT_TABLES = {"path", "folder", "sha256", "probe_units", "result_units"}
-#: Differences that are named
-_MOST = 4
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -136,17 +134,6 @@ def differing_keys(
         for key in sorted({*left, *right})
         if left.get(key) != right.get(key)
     }
-
-
-def in_words(different: Mapping[str, tuple[Any, Any]]) -> str:
-    """Differences as text: keys, with both values where these are plain."""
-    named = []
-    for key, (one, other) in list(different.items())[:_MOST]:
-        plain = all(isinstance(v, (int, float, str, bool)) for v in (one, other))
-        named.append(f"{key} ({one}, not {other})" if plain else key)
-    if len(different) > _MOST:
-        named.append(f"{len(different) - _MOST} other keys")
-    return ", ".join(named)
 
 
 def read_only(tables: Any) -> Any:
