@@ -339,11 +339,7 @@ def _sensitivity(options: argparse.Namespace, console: Console) -> str:
 
 
 def _identify(options: argparse.Namespace, console: Console) -> str:
-    found, out = _study(
-        options, console, "identify", options.data, options.free, dry_run=options.dry_run
-    )
-    if options.dry_run:
-        return ""
+    found, out = _study(options, console, "identify", options.data, options.free)
     lines = [
         "{}: {:.5g}, 95 % from {:.5g} to {:.5g}".format(key, entry["value"], *entry["interval"])
         for key, entry in found["parameters"].items()
@@ -692,7 +688,6 @@ _COMMANDS = {
                 "parameter to be fitted; KEY alone takes the range of the training",
                 required=True,
             ),
-            _flag("--dry-run", "solve each measurement once, print what the fit costs, and exit"),
         ),
         _OUT_STUDY,
     ),

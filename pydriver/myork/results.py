@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -280,30 +279,6 @@ class Results:
                     units |= dict.fromkeys(found, known.get(name, ""))
             rows.append(row)
         table = pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
-        table.attrs["units"] = units
-        return table
-
-    def to_frame(self, step: int = -1) -> Any:
-        """Points of a step with all fields, as a table.
-
-        - `step`: number of the step; negative numbers count from the last one
-        - returns `pandas.DataFrame`: a row a point: `x`, `y`, `z` at rest, and the fields, a column
-          a component: `u_x`, `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of
-          these columns.
-        - raises InstallationError: Pandas is missing
-        """
-        pandas = optional("pandas", "pandas")
-        columns = dict(zip("xyz", self.points.T, strict=True))
-        units = dict.fromkeys("xyz", self.units["length"])
-        for name in self.fields:
-            values = self.field(name, step)
-            ends = [""] if values.ndim == 1 else [
-                "_" + "".join(pair) for pair in product(_parts(name), repeat=values.ndim - 1)
-            ]  # fmt: skip
-            found = zip(ends, values.reshape(len(values), -1).T, strict=True)
-            columns |= {f"{name}{end}": column for end, column in found}
-            units |= {f"{name}{end}": self._unit(name) for end in ends}
-        table = pandas.DataFrame(columns, index=pandas.RangeIndex(self.npoint, name="point"))
         table.attrs["units"] = units
         return table
 
