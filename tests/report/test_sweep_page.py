@@ -1,4 +1,4 @@
-"""Pages of sweeps: effects that are known, failures."""
+"""Pages of sweeps: trends, failures."""
 
 import json
 from collections.abc import Callable
@@ -10,7 +10,7 @@ import pytest
 
 from myork.errors import FileError
 from myork.report import make_report
-from myork.report.sweep_page import Column, Fit, read_sweep, tornado_figure, trend_figure
+from myork.report.sweep_page import Column, trend_figure
 from tests.report.pages import Page
 
 
@@ -42,41 +42,15 @@ def swept(tmp_path: Path) -> Path:
 def test_sweep_page(swept: Path, open_page: Callable[[str], Any]) -> None:
     path = make_report(swept)
     page = Page(path)
-    assert page.sections == ["trends", "effects", "surfaces", "failures", "points"]
+    assert page.sections == ["trends", "failures", "points"]
     for wanted in (
         "Sweep: Block", "29 accepted", "1 failed", "1 to do", "31 points by full solutions",
         "m.sigma_max from", "60.0 CPU s in all, 2.00 s per point", "J below <0>", "force [N]",
     ):  # fmt: skip
         assert wanted in page.text, wanted
-    assert len(page.images) == 3
+    assert len(page.images) == 1
     shown = open_page(path.as_uri())
     assert shown.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
-
-
-def test_effects_are_those_of_the_function(swept: Path) -> None:
-    sweep = read_sweep(swept)
-    fit = Fit.of(sweep.keys, sweep.probes[0])
-    assert fit is not None and fit.degree == 2 and fit.predicted > 1.0 - 1e-9
-    places = [np.array(key.values) for key in sweep.keys]
-    low, high = (np.array([end(place) for place in places]) for end in (np.min, np.max))
-    middle = 0.5 * (low + high)
-    for j, ends in enumerate(fit.effects()):
-        for value, end in zip(ends, (low, high), strict=True):
-            at = middle.copy()
-            at[j] = end[j]
-            assert value == pytest.approx(force_of(at[0], at[1]), abs=1e-9)
-    assert fit.strongest() == [0, 1]
-    axes = tornado_figure([fit]).axes[0]
-    assert [label.get_text() for label in axes.get_yticklabels()][-1] == "m.sigma_max"
-
-
-def test_noise_is_not_predicted() -> None:
-    rng = np.random.default_rng(0)
-    key = Column("a", "", rng.random(40).tolist(), [])
-    noise = Column("b", "", rng.normal(size=40).tolist(), [])
-    fit = Fit.of([key], noise)
-    assert fit is not None and fit.predicted < 0.3
-    assert Fit.of([key], Column("c", "", [1.0] * 40, [])) is None
 
 
 def test_words_stand_side_by_side() -> None:
@@ -84,7 +58,6 @@ def test_words_stand_side_by_side() -> None:
     probe = Column("force", "N", [1.0, 2.0, 1.1], [0.1, np.nan, 0.1])
     axes = trend_figure([key], probe, ["accepted", "doubtful", "accepted"]).axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["rkcm", "rkpm-gauss"]
-    assert Fit.of([key], probe) is None
 
 
 def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
