@@ -214,7 +214,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
     out = options.out or Path("out", "reproduce")
     names = {table.name for table in _load("bench.reproduce:find_tables")(options.names)}
     content = _load("bench.reproduce:reproduce")(
-        options.names, out, data=options.data, progress=console,
+        options.names, out, progress=console,
         show=silent if options.verbosity < 0 else print,
     )  # fmt: skip
     ended = {row["table"] for row in content["rows"] if "ended" in row} & names
@@ -757,7 +757,6 @@ _COMMANDS = {
                 "6.8, figure-5.2 or all; a bare number is the table, or the figure where there is "
                 "no such table", nargs="*",
             ),
-            _DATA,
             _flag("--list", "name all, with their decks and costs, and end"),
         ),
         "folder of reproduce.json, reproduce.md, reproduce.html and pictures; tables there stay; "
