@@ -300,5 +300,4 @@ def _run(folder: RunFolder) -> Iterator[Markup]:
         yield tables.run_table(summary)
     timings = summary.get("timings_s", {})
     if timings:
-        yield figure(figures.timing_figure(timings), "Wall time of the full solution.")
         yield tables.timing_table(timings, summary.get("memory_peak_bytes"))

@@ -14,7 +14,7 @@ from myork.core.changing import ChangingScene
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
-from myork.model_file import model_bytes, model_of_bytes, write_model
+from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.rom.marks import ACCEPTED, DOUBTFUL, LOST
 from myork.rom.parameters import Parameter
@@ -211,16 +211,3 @@ class FullModel:
 def _less(one: LoadParts, other: LoadParts) -> LoadParts:
     """What one prescribes more than the other."""
     return LoadParts(*(a - b for a, b in zip(one, other, strict=True)))
-
-
-def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:
-    """The points of a model as one array: the bytes of its file."""
-    return {"cloud": np.frombuffer(model_bytes(cloud), np.uint8)}
-
-
-def full_model_of(arrays: Mapping[str, Any], head: Mapping[str, Any], threads: int) -> FullModel:
-    """The full model that a reduced one was made of."""
-    cloud = None
-    if "cloud" in arrays:
-        cloud = model_of_bytes(np.asarray(arrays["cloud"]).tobytes(), "the reduced model's 'cloud'")
-    return FullModel(head["deck"], head["overrides"], cloud, threads or None)

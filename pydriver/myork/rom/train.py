@@ -17,7 +17,7 @@ from myork.core.online import triples
 from myork.core.scene import Scene
 from myork.core.threads import thread_count
 from myork.errors import ConvergenceError, InputError
-from myork.model_file import read_model
+from myork.model_file import model_bytes, read_model
 from myork.rom.check import (
     CellErrors,
     Tests,
@@ -27,7 +27,7 @@ from myork.rom.check import (
     solve_tests,
     started,
 )
-from myork.rom.full import FullModel, cloud_arrays
+from myork.rom.full import FullModel
 from myork.rom.marks import LOST, Marks
 from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
@@ -163,7 +163,8 @@ def train(
         training.run(tests)
         sha256 = load_deck(deck, overrides, "solve")["sha256"]
         head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": sha256}
-        rom = training.model(head, {} if cloud is None else cloud_arrays(cloud), begin)
+        points = {} if cloud is None else {"cloud": np.frombuffer(model_bytes(cloud), np.uint8)}
+        rom = training.model(head, points, begin)
     return rom
 
 
