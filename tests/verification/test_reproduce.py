@@ -179,7 +179,7 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
             continue
         assert row["ratio"] == pytest.approx(row["ours"] / row["published"])
         assert row["far"] == (abs(row["ratio"] - 1) > FAR)
-        assert row["cpu_s"] > 0 and row["memory_bytes"] > 1e6
+        assert row["cpu_s"] > 0
         if row["table"] == "4.1":
             assert row["ours"] == row["published"]
         if row["table"] == "figure-5.2":

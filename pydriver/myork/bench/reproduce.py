@@ -374,7 +374,7 @@ def reproduce(
       there already, from this version, stay
     - `show`: called with the text of each table that is finished
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
-      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note`,
+      `ratio`, `cpu_s` (of the runs that the row reads), `note`,
       `call` (start of the call) and, where there is no number, `ended`
     - raises InputError: a name is unknown
     """
@@ -401,7 +401,7 @@ def reproduce(
 
 
 def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback) -> None:
-    """Run what a table reads and `records` lacks; each with its processor time and memory."""
+    """Run what a table reads and `records` lacks; each with its processor time."""
     for run in entry.runs.values():
         if run not in records:
             records[run] = _record(run, progress)
@@ -447,25 +447,13 @@ def _earlier(file: Path) -> list[dict[str, Any]]:
 
 
 def _record(run: Run, progress: ProgressCallback) -> Record:
-    """What a run computes, its processor time and its memory, that of the command included."""
+    """What a run computes, and its processor time."""
     before = _spent()
-    with contextlib.suppress(OSError):
-        # the peak of this process begins anew, and with it that of a child, which inherits it
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     try:
         record = dict(RUNS[run.kind](run, progress))
     except MyorkError as reason:
         record = {"ended": f"{type(reason).__name__}: {reason}"}
-    memory = max(record.get("memory_peak_bytes", 0), _peak_bytes())
-    return record | {"cpu_s": _spent() - before, "memory_bytes": memory}
-
-
-def _peak_bytes() -> float:
-    """Largest memory of this process since its peak began anew."""
-    with contextlib.suppress(OSError, StopIteration):
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-        return 1024.0 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM")))
-    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return record | {"cpu_s": _spent() - before}
 
 
 def _spent() -> float:
@@ -493,7 +481,6 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
         "ours": ours,
         "ratio": ratio,
         "cpu_s": sum(record["cpu_s"] for record in unique),
-        "memory_bytes": max(record["memory_bytes"] for record in unique),
         "far": published is not None and (ratio is None or abs(ratio - 1.0) > FAR),
         "note": row.note or entry.note,
         **({} if ended is None else {"ended": ended}),
@@ -540,12 +527,11 @@ def _text(entry: Table, rows: Sequence[Mapping[str, Any]], out: Path) -> str:
     """A table as the command prints it and as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
     lines += ["```", *_runs_text(entry), "```", ""]
-    lines += ["| row | published | ours | ratio | CPU [s] | memory [MB] |"]
-    lines += ["|---|---|---|---|---|---|"]
+    lines += ["| row | published | ours | ratio | CPU [s] |"]
+    lines += ["|---|---|---|---|---|"]
     lines += [
         f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
-        f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} | "
-        f"{row['memory_bytes'] / 1e6:.0f} |"
+        f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} |"
         for row in rows
     ]
     for file, caption in _shown(entry, out):
@@ -590,7 +576,6 @@ def row_columns() -> Columns:
         ("ours", "ours"),
         ("ratio", "ratio"),
         ("CPU [s]", "cpu_s"),
-        ("memory [MB]", lambda row: round(row["memory_bytes"] / 1e6)),
     )
 
 
@@ -611,8 +596,8 @@ def _markdown(
         f"{len(by_table)} tables and figures. {len(far)} of them are more than "
         f"{100 * FAR:.0f} % off (*), with the reason below the table; {times} of these are "
         "times of another machine. CPU seconds "
-        "and memory, that of the command itself included, are of the runs that a row reads. `myork "
-        "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
+        "are of the runs that a row reads. `myork reproduce --list` "
+        "names decks and costs of all; figures without numbers are at its end.",
         "",
     ]
     return "\n".join([*lines, *(_text(TABLES[name], rows, out) for name, rows in by_table.items())])

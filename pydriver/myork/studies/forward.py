@@ -199,7 +199,7 @@ def ranges_of(
     """Ranges from texts `KEY=LOW:HIGH`, or `KEY` alone for the range of the training."""
     found = {}
     for item in items:
-        name, ends = item.strip(), []
+        name, ends = item.strip(), list[float]()
         if "=" in item:
             name, ends = numbers_in(item, "KEY=LOW:HIGH", option)
         key = forward.key_of(name)

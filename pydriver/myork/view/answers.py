@@ -16,7 +16,7 @@ from myork.rom.marks import LOST, NEAR_LOST
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
 from myork.summary import read_summary
-from myork.tables import differing_keys
+from myork.tables import decks_agree
 from myork.types import F64
 
 #: Fields by name, with a title and the kind of their unit
@@ -296,7 +296,7 @@ class Answers:
         apart = {*(p.key for p in self.rom.parameters), *_OTHER_KEYS}
         try:
             summary = read_summary(folder)
-            if differing_keys(summary["deck"], self._full.scene.deck, _TABLES, apart):
+            if not decks_agree(summary["deck"], self._full.scene.deck, _TABLES, apart):
                 return None
             last = summary["steps"][-1]
             size, error = (np.linalg.norm(last[k][name]) for k in ("probes", "probe_errors"))
