@@ -291,11 +291,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
 
 def _rom_check(options: argparse.Namespace, console: Console) -> str:
     out, rom = _out(options, options.file), _model(options)
-    ranges = _load("rom.parameters:parse_vary")(options.vary)
-    ranges |= {key: (value, value) for key, value in _numbers(options).items()}
-    found = _load("rom.check:compare")(
-        rom, rom.full_model(), options.points, options.seed, console, ranges
-    )
+    found = _load("rom.check:compare")(rom, rom.full_model(), options.points, options.seed, console)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "check.json", found)
     rom.set_certificate(found)
@@ -618,16 +614,9 @@ _COMMANDS = {
     "rom check": _Command(
         _rom_check,
         "a reduced model against full solves at parameters that it was not trained on",
-        "  myork rom check block.rom.h5 --points 20 --out out/block\n"
-        "  myork rom check block.rom.h5 --vary load.activation=0.3:1 --set sigma_max=70",
+        "  myork rom check block.rom.h5 --points 20 --out out/block",
         (
             _FILE,
-            _vary(
-                "LOW:HIGH",
-                "parameter with its range, such as load.activation=0.3:1, in place of that of "
-                "the training",
-            ),
-            _VALUE,
             _option("--points", "N", "full solves", _THREADS, default=20),
             _seed(1),
         ),

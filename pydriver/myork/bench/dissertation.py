@@ -662,7 +662,7 @@ _ERRORS = {
 }
 
 
-def _path(path: LoadPath, numbers: tuple[str, str], title: str, cost: float) -> tuple[Table, Table]:
+def _path(path: LoadPath, numbers: tuple[str, str], cost: float) -> tuple[Table, Table]:
     """The tables of times and errors of a path of loads, which have one run."""
     runs = {"path": Run("path", path.deck, path.overrides, path)}
     times = [
@@ -685,21 +685,15 @@ def _path(path: LoadPath, numbers: tuple[str, str], title: str, cost: float) -> 
             Row(f"r = {r}, e1 with states of unit norm", None, ("path", f"unit {r}.e1")),
         ]
     return (
-        Table(numbers[0], f"CPU time, {title}", runs, tuple(times), cost, _TIMES),
-        Table(numbers[1], f"Errors, {title}", runs, tuple(errors), cost, _ERRORS[numbers[1]]),
+        Table(numbers[0], f"CPU time, {path.name}", runs, tuple(times), cost, _TIMES),
+        Table(numbers[1], f"Errors, {path.name}", runs, tuple(errors), cost, _ERRORS[numbers[1]]),
     )
 
 
 _PATH_TABLES = tuple(
     table
-    for path, numbers, title, cost in zip(
-        PATHS,
-        (("6.3", "6.4"), ("6.5", "6.6"), ("6.7", "6.8"), ("6.9", "6.10")),
-        ("sheared block", "inflated tube", "muscle block", "medial gastrocnemius"),
-        (65, 50, 100, 450),
-        strict=True,
-    )
-    for table in _path(path, numbers, title, cost)
+    for path, n, cost in zip(PATHS, (3, 5, 7, 9), (65, 50, 100, 450), strict=True)
+    for table in _path(path, (f"6.{n}", f"6.{n + 1}"), cost)
 )
 
 

@@ -89,11 +89,6 @@ def _solved(scene: Scene, progress: ProgressCallback) -> tuple[States, float]:
     return states, states.solve_s if "dynamics" in scene.deck else seconds
 
 
-def times_faster(ratio: float) -> str:
-    """A speed-up in words: one decimal where it is small."""
-    return f"{ratio:.1f}" if ratio < 10.0 else f"{ratio:.0f}"
-
-
 def _with_steps(
     deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
 ) -> Sequence[str]:
@@ -174,7 +169,7 @@ def _study(
         gradients = "" if model["e2"] is None else f"  e2 {model['e2']:.2e}"
         progress(
             f"model {number}/{len(wanted)}  r {r}  e1 {model['e1']:.2e}{gradients}"
-            f"  speed-up {times_faster(model['speedup_vs_full'])}"
+            f"  speed-up {model['speedup_vs_full']:.1f}"
         )
     study = {
         "snapshots": len(seen),

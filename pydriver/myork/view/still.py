@@ -37,13 +37,9 @@ def still_page(
     """
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--still {page}: the name of a page ends in .html")
-    write_text(page, page_of(sample(path, threads=threads, progress=progress)))
+    states = sample(path, threads=threads, progress=progress)
+    write_text(page, render("view.html", **states))
     return page
-
-
-def page_of(content: dict[str, Any]) -> str:
-    """The page of states that `sample` has found."""
-    return render("view.html", **content)
 
 
 def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent) -> dict[str, Any]:
