@@ -79,6 +79,7 @@ TABLES = {
     "forms": ("walls", "mixed", "across"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),
+    "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
     "relaxation": ("t2_maps",),
     "shading_fields": ("shading_fields", "shading_doubts"),

@@ -42,7 +42,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report"},
-    {"bench", "chain", "selftest", "sweeps", "studies", "view"},
+    {"bench", "chain", "sweeps", "studies", "view"},
     {"demo"},
     {"cli"},
     {"__main__"},

@@ -1,6 +1,5 @@
 """Arrays by a table that says what each must be; it holds for what is written and what is read."""
 
-import re
 from collections.abc import Mapping
 from itertools import accumulate
 from typing import Any, NamedTuple
@@ -18,8 +17,6 @@ UNREADABLE = (
 )  # fmt: skip
 
 _LEAST, _MOST = np.iinfo(np.int32).min, np.iinfo(np.int32).max
-#: A size in a shape: "points", "cells + 1", "8 pieces"
-_SIZE = re.compile(r"(?:(\d+) )?(\D+?)(?: \+ (\d+))?")
 
 
 class Rule(NamedTuple):
@@ -27,13 +24,12 @@ class Rule(NamedTuple):
 
     kinds: str  #: Kinds of numbers that it may have, as in `numpy.dtype.kind`
     dtype: type  #: Type that it is given
-    #: Numbers, or names of sizes, `"points"`, `"cells + 1"`, `"8 pieces"`: a size that is not known
-    #: is that of the first array that has it, and at least one
+    #: Numbers, or names of sizes, as `"points"`: one that is not known is that of the first array
+    #: that has it, and at least one
     shape: tuple[int | str, ...]
-    #: Range of its numbers; a size: that of an index into as many
+    #: Range of its numbers; a size: that of an index from zero into as many
     least: float = -np.inf
     most: float | str = np.inf
-    step: str = ""  #: Name of the size by which numbers that rise from zero may rise at most
 
 
 def real(*shape: int | str, least: float = -np.inf, most: float = np.inf) -> Rule:
@@ -46,19 +42,9 @@ def whole(*shape: int | str, least: float = _LEAST, most: float = _MOST) -> Rule
     return Rule("iu", np.int32, shape, least, most)
 
 
-def index(*shape: int | str, of: str, first: int = 0) -> Rule:
-    """Indices into as many as a size says, from zero or one."""
-    return Rule("iu", np.int32, shape, first, f"{of} + {first}")
-
-
-def offsets(count: str, into: str, step: str) -> Rule:
-    """Where the entries of each begin, and where the last ones end."""
-    return Rule("iu", np.int32, (f"{count} + 1",), 0, f"{into} + 1", step)
-
-
-def raw(kinds: str, dtype: type, *shape: int | str) -> Rule:
-    """Values of a kind of which none is wrong."""
-    return Rule(kinds, dtype, shape)
+def index(*shape: int | str, of: str) -> Rule:
+    """Indices from zero into as many as a size says."""
+    return Rule("iu", np.int32, shape, 0, of)
 
 
 def attribute(file: h5py.File, name: str) -> str:
@@ -122,9 +108,9 @@ def fitted(
 def _check_shape(name: str, found: Any, rule: Rule, known: dict[str, int]) -> None:
     """Refuse another shape or kind of numbers, and note sizes that were not known."""
     if found.dtype.kind not in rule.kinds:
-        words = {"iuf": "numbers", "iu": "whole numbers"}.get(rule.kinds, np.dtype(rule.dtype).name)
+        words = {"iuf": "numbers", "iu": "whole numbers"}[rule.kinds]
         raise InputError(f"'{name}' must hold {words}, not {found.dtype.name}")
-    wanted = [_size(item, known) for item in rule.shape]
+    wanted = [known.get(n) if isinstance(n, str) else n for n in rule.shape]
     if len(found.shape) == len(wanted):
         for k, item in enumerate(rule.shape):
             if wanted[k] is None and found.shape[k] > 0:
@@ -137,46 +123,25 @@ def _check_shape(name: str, found: Any, rule: Rule, known: dict[str, int]) -> No
         )
 
 
-def _size(item: int | str, known: Mapping[str, int]) -> int | None:
-    """A size of a shape; None where it is not known."""
-    if isinstance(item, int):
-        return item
-    match = _SIZE.fullmatch(item)
-    assert match is not None
-    times, name, more = match.groups()
-    return int(times or 1) * known[name] + int(more or 0) if name in known else None
-
-
 def _checked(name: str, found: Any, rule: Rule, known: Mapping[str, int]) -> NDArray[Any]:
     """Numbers of the wanted type, with an error where one is out of range."""
     values = np.asarray(found)
     if rule.dtype is np.float64:
         with np.errstate(over="ignore"):
             values = values.astype(float, copy=False)
-        good = np.isfinite(values) & (values >= rule.least)
-    elif rule.dtype is np.int32:
-        good = values >= rule.least
-    else:
-        return values.astype(rule.dtype, copy=False)
-    count = _size(rule.most, known) if isinstance(rule.most, str) else None
-    most = rule.most if count is None else count - 1
-    good &= values <= most
-    if rule.step:
-        steps = np.diff(values.astype(float), prepend=0.0)
-        good &= (steps >= 0) & (steps <= known[rule.step] * (np.arange(len(steps)) > 0))
+    most = known[rule.most] - 1 if isinstance(rule.most, str) else rule.most
+    good = (values >= rule.least) & (values <= most) & np.isfinite(values)
     if not good.all():
         at = np.unravel_index(int(np.argmin(good)), good.shape)
         entry = ", ".join(str(int(k)) for k in at)
         raise InputError(
-            f"'{name}' must hold {_words(rule, most, known)}, but entry "
+            f"'{name}' must hold {_words(rule, most)}, but entry "
             f"{entry if len(at) == 1 else f'({entry})'} is {values[at]:.10g}"
         )
     return values.astype(rule.dtype, copy=False)
 
 
-def _words(rule: Rule, most: Any, known: Mapping[str, int]) -> str:
-    if rule.step:
-        return f"numbers that rise from 0 to at most {most} by at most {known[rule.step]}"
+def _words(rule: Rule, most: Any) -> str:
     if isinstance(rule.most, str):
         return f"indices from {rule.least} to {most}"
     if rule.dtype is np.int32:

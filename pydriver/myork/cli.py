@@ -166,20 +166,10 @@ def _explain(options: argparse.Namespace, console: Console) -> None:
 
 
 def _check(options: argparse.Namespace, console: Console) -> None:
-    _passed(
-        _load("stations.check:check_deck")(
-            options.deck, options.out, overrides=_overrides(options), quick=options.quick,
-            progress=silent if options.verbosity < 0 else print,
-        )
+    found = _load("stations.check:check_deck")(
+        options.deck, options.out, overrides=_overrides(options), quick=options.quick,
+        progress=silent if options.verbosity < 0 else print,
     )  # fmt: skip
-
-
-def _selftest(options: argparse.Namespace, console: Console) -> None:
-    progress = silent if options.verbosity < 0 else print
-    _passed(_load("selftest:run_selftest")(options.out, progress=progress))
-
-
-def _passed(found: Sequence[Any]) -> None:
     failed = [check.name for check in found if check.passed is False]
     if failed:
         raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
@@ -224,7 +214,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
     out = options.out or Path("out", "reproduce")
     names = {table.name for table in _load("bench.reproduce:find_tables")(options.names)}
     content = _load("bench.reproduce:reproduce")(
-        options.names, out, data=options.data, progress=console,
+        options.names, out, progress=console,
         show=silent if options.verbosity < 0 else print,
     )  # fmt: skip
     ended = {row["table"] for row in content["rows"] if "ended" in row} & names
@@ -234,16 +224,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
 
 
 def _report(options: argparse.Namespace, console: Console) -> str:
-    if len(options.folders) > 1:
-        return f"report: {_load('report:compare_runs')(options.folders, options.out)}"
-    folder = options.folders[0]
-    for model in sorted(folder.glob("*.rom.h5"))[:1]:
-        try:
-            _load("view.still:keep_states")(model, folder)
-        except MyorkError as reason:
-            # the run is reported all the same
-            print(f"myork: {reason}; the report holds no states of it", file=sys.stderr)
-    page: Path = _load("report:make_report")(folder)
+    page: Path = _load("report:make_report")(options.folder)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         text, page = page.read_text(encoding="utf-8"), options.out / page.name
@@ -284,7 +265,7 @@ def _rom_train(options: argparse.Namespace, console: Console) -> str:
     path = options.output or folder / f"{options.deck.stem}.rom.h5"
     rom = _load("rom.train:train")(
         options.deck, options.vary, tolerance=options.tolerance, full_solves=options.full_solves,
-        tests=options.tests, snapshots=options.snapshots, seed=options.seed, out=folder,
+        tests=options.tests, seed=options.seed, out=folder,
         overrides=_overrides(options), threads=options.threads, progress=console,
     )  # fmt: skip
     rom.save(path)
@@ -310,11 +291,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
 
 def _rom_check(options: argparse.Namespace, console: Console) -> str:
     out, rom = _out(options, options.file), _model(options)
-    ranges = _load("rom.parameters:parse_vary")(options.vary)
-    ranges |= {key: (value, value) for key, value in _numbers(options).items()}
-    found = _load("rom.check:compare")(
-        rom, rom.full_model(), options.points, options.seed, console, ranges
-    )
+    found = _load("rom.check:compare")(rom, rom.full_model(), options.points, options.seed, console)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "check.json", found)
     rom.set_certificate(found)
@@ -326,7 +303,7 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
         options.deck, options.vary, options.out or Path("out", f"{options.deck.stem}_sweep"),
         samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
         model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
-        part=options.part, extend=options.extend, progress=print if options.dry_run else console,
+        extend=options.extend, progress=print if options.dry_run else console,
     )  # fmt: skip
     return "" if options.dry_run else f"table: {table}"
 
@@ -358,11 +335,7 @@ def _sensitivity(options: argparse.Namespace, console: Console) -> str:
 
 
 def _identify(options: argparse.Namespace, console: Console) -> str:
-    found, out = _study(
-        options, console, "identify", options.data, options.free, dry_run=options.dry_run
-    )
-    if options.dry_run:
-        return ""
+    found, out = _study(options, console, "identify", options.data, options.free)
     lines = [
         "{}: {:.5g}, 95 % from {:.5g} to {:.5g}".format(key, entry["value"], *entry["interval"])
         for key, entry in found["parameters"].items()
@@ -516,12 +489,6 @@ _COMMANDS = {
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         out="folder of the results; default out/demo",
     ),
-    "selftest": _Command(
-        _selftest,
-        "checks of the installation in a minute: known answers, threads, files, both programs",
-        "  myork selftest\n  myork selftest --out out/selftest",
-        out="folder that keeps what the checks wrote; default none",
-    ),
     "segment": _Command(
         _station("chain:segment_and_draw", "labels and fibers in {out}"),
         "images to label map, fibers and scores",
@@ -619,11 +586,6 @@ _COMMANDS = {
             _option("-o --output", "FILE", "file of the model", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
             _option("--full-solves", "N", "full solves at most", int, default=60),
-            _option(
-                "--snapshots", "DIR",
-                "folders with solutions of the deck, whose states are not solved again", Path,
-                nargs="+", default=[],
-            ),
             _option("--tests", "N", "further full solves as a test", int, default=16),
             _seed(),
         ),
@@ -652,16 +614,9 @@ _COMMANDS = {
     "rom check": _Command(
         _rom_check,
         "a reduced model against full solves at parameters that it was not trained on",
-        "  myork rom check block.rom.h5 --points 20 --out out/block\n"
-        "  myork rom check block.rom.h5 --vary load.activation=0.3:1 --set sigma_max=70",
+        "  myork rom check block.rom.h5 --points 20 --out out/block",
         (
             _FILE,
-            _vary(
-                "LOW:HIGH",
-                "parameter with its range, such as load.activation=0.3:1, in place of that of "
-                "the training",
-            ),
-            _VALUE,
             _option("--points", "N", "full solves", _THREADS, default=20),
             _seed(1),
         ),
@@ -688,11 +643,6 @@ _COMMANDS = {
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
             _option("--model", "FILE", "reduced model that answers (.rom.h5)", Path),
             _flag("--dry-run", "print what would be solved and what it costs, and exit"),
-            _option(
-                "--part", "K/N",
-                "only every N-th point from the K-th, as a job of an array; the same line without "
-                "it gathers what parts have found",
-            ),
             _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         "folder of the results; default out/<deck>_sweep",
@@ -727,7 +677,6 @@ _COMMANDS = {
                 "parameter to be fitted; KEY alone takes the range of the training",
                 required=True,
             ),
-            _flag("--dry-run", "solve each measurement once, print what the fit costs, and exit"),
         ),
         _OUT_STUDY,
     ),
@@ -797,7 +746,6 @@ _COMMANDS = {
                 "6.8, figure-5.2 or all; a bare number is the table, or the figure where there is "
                 "no such table", nargs="*",
             ),
-            _DATA,
             _flag("--list", "name all, with their decks and costs, and end"),
         ),
         "folder of reproduce.json, reproduce.md, reproduce.html and pictures; tables there stay; "
@@ -805,11 +753,10 @@ _COMMANDS = {
     ),
     "report": _Command(
         _report,
-        "HTML page of an output folder or a sweep, or of several runs side by side",
+        "HTML page of an output folder or a sweep",
         "  myork report out/muscle_block\n"
-        "  myork report out/muscle_block_sweep\n"
-        "  myork report out/coarse out/fine --out out/compared",
-        (_option("folders", "DIR", "output folder of a command", Path, nargs="+"),),
+        "  myork report out/muscle_block_sweep",
+        (_option("folder", "DIR", "output folder of a command", Path),),
         "put a copy of the page there",
     ),
     "export": _Command(

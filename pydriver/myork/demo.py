@@ -37,11 +37,12 @@ def run_demo(
     """
     from myork.core.deck import load_deck
     from myork.report import make_report
+    from myork.report.frame import render
     from myork.stations.build import build
     from myork.stations.segment import segment
     from myork.stations.solve import run_deck
     from myork.summary import read_summary
-    from myork.view.still import page_of, sample
+    from myork.view.still import sample
 
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -61,8 +62,7 @@ def run_demo(
             progress(str(reason))
     progress("station 5/5  pages")
     states = sample(out / _MODEL, threads=threads or 1, progress=progress)
-    write_json(out / "states.json", states)
-    write_text(out / _PAGE, page_of(states))
+    write_text(out / _PAGE, render("view.html", **states))
     report = make_report(out)
     summary = read_summary(out)
     verdict = summary["verdict"]

@@ -6,9 +6,8 @@ import io
 import json
 import math
 import os
-import stat
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,28 +21,17 @@ INPUTS = Path(str(resources.files("myork") / "inputs" / "mg_muscle.toml")).paren
 def open_output(path: Path, *, new: bool) -> int:
     """Open a name for output: all output of the driver is opened here, or below a name made here.
 
-    Whoever can write to the folder may have put a link or a pipe there; what it leads to is not
-    ours to write.
+    Whoever can write to the folder may have put a link there; what it leads to is not ours to
+    write.
 
     - `path`: the file
-    - `new`: whether it shall be empty; else it is opened as it is, and made where it is missing
+    - `new`: whether it shall be a new one, in place of what has the name; else it is opened as it
+      is, and made where it is missing
     - returns descriptor for reading and writing
-    - raises FileError: the name is that of a link, a pipe or a folder
-    - raises OSError: it cannot be opened for another reason
+    - raises OSError: it cannot be opened, or the name of a file that is kept is that of a link
     """
-    with suppress(FileNotFoundError):
-        found = path.lstat()
-        what = ""
-        if stat.S_ISLNK(found.st_mode):
-            what = "a symbolic link"
-        elif not stat.S_ISREG(found.st_mode):
-            what = "not a regular file"
-        elif not new and found.st_nlink > 1:
-            what = "a second name of another file"
-        if what:
-            raise FileError(f"{path}: it is {what}; remove it or choose another folder")
-        if new:
-            path.unlink()
+    if new:
+        path.unlink(missing_ok=True)
     flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
     return os.open(path, flags | (os.O_EXCL if new else 0), 0o666)
 

@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.arrays import UNREADABLE, dataset, fitted, index, raw, real, whole
+from myork.arrays import UNREADABLE, dataset
 from myork.console import as_html
 from myork.errors import FileError, InputError, optional
 from myork.files import whole_file
@@ -39,8 +38,6 @@ _CONSTANT = ("label", "fiber")
 # In the largest plane of a lattice, for each point
 _MOST_CELLS = 100
 REDUCED_FILE = "reduced_fields.npz"
-#: Beyond this a number is damage, or of no use in a picture
-_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -285,30 +282,6 @@ class Results:
         table.attrs["units"] = units
         return table
 
-    def to_frame(self, step: int = -1) -> Any:
-        """Points of a step with all fields, as a table.
-
-        - `step`: number of the step; negative numbers count from the last one
-        - returns `pandas.DataFrame`: a row a point: `x`, `y`, `z` at rest, and the fields, a column
-          a component: `u_x`, `F_xy`, `cauchy_zz`, `J`. Its `attrs["units"]` holds the units of
-          these columns.
-        - raises InstallationError: Pandas is missing
-        """
-        pandas = optional("pandas", "pandas")
-        columns = dict(zip("xyz", self.points.T, strict=True))
-        units = dict.fromkeys("xyz", self.units["length"])
-        for name in self.fields:
-            values = self.field(name, step)
-            ends = [""] if values.ndim == 1 else [
-                "_" + "".join(pair) for pair in product(_parts(name), repeat=values.ndim - 1)
-            ]  # fmt: skip
-            found = zip(ends, values.reshape(len(values), -1).T, strict=True)
-            columns |= {f"{name}{end}": column for end, column in found}
-            units |= {f"{name}{end}": self._unit(name) for end in ends}
-        table = pandas.DataFrame(columns, index=pandas.RangeIndex(self.npoint, name="point"))
-        table.attrs["units"] = units
-        return table
-
     def to_xarray(self, *names: str) -> Any:
         """Fields of all steps as labelled arrays.
 
@@ -485,15 +458,6 @@ class ReducedFields(NamedTuple):
     surface: I32
 
 
-_REDUCED = {
-    "points": real("points", 3, least=-_LARGEST, most=_LARGEST),
-    "modes": whole("models"),
-    "displacement": real("models + 1", "points", 3, least=-_LARGEST, most=_LARGEST),
-    "stress": raw("f", np.float64, "models + 1", "points"),
-    "surface": index("triangles", 3, of="points"),
-}
-
-
 def write_reduced(folder: Path, fields: ReducedFields) -> None:
     """Write the file of a folder."""
     with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
@@ -507,8 +471,6 @@ def read_reduced(path: Path) -> ReducedFields:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            found = {name: content[name] for name in _REDUCED}
-            sizes = {"triangles": len(found["surface"])}
-        return ReducedFields(**fitted(_REDUCED, found, sizes))
-    except (*UNREADABLE, InputError, EOFError, zipfile.BadZipFile, zlib.error) as reason:
+            return ReducedFields(**{name: content[name] for name in ReducedFields._fields})
+    except (*UNREADABLE, EOFError, zipfile.BadZipFile, zlib.error) as reason:
         raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None

@@ -1,4 +1,4 @@
-"""Decks as Python data: their TOML text, what differs in two, tables that cannot be changed."""
+"""Decks as Python data: their TOML text, whether two agree, tables that cannot be changed."""
 
 import json
 import math
@@ -14,8 +14,6 @@ from myork.errors import InputError
 
 #: Entries of a checked deck that are no tables
 NOT_TABLES = {"path", "folder", "sha256", "probe_units", "result_units"}
-#: Differences that are named
-_MOST = 4
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -88,18 +86,17 @@ def _toml(value: Any, place: str) -> str:
     raise InputError(f"tables: {place}: a {type(value).__name__} is not a value of a deck")
 
 
-def differing_keys(
+def decks_agree(
     one: Mapping[str, Any],
     other: Mapping[str, Any],
-    tables: Collection[str] | None = None,
-    apart: Collection[str] = (),
-) -> dict[str, tuple[Any, Any]]:
-    """Values of two decks where they differ, by key.
+    tables: Collection[str],
+    apart: Collection[str],
+) -> bool:
+    """Whether two decks have the same values.
 
     - `one`, `other`: values of decks, defaults filled in
-    - `tables`: tables that are looked at; default all
-    - `apart`: keys `table.key`, last words of keys and tables that are not
-    - returns values of both by key, None where one has no such key
+    - `tables`: tables that are looked at
+    - `apart`: keys `table.key` and last words of keys that are not
     """
 
     def flat(value: Any, name: str) -> dict[str, Any]:
@@ -123,30 +120,8 @@ def differing_keys(
             found |= flat(item, f"{name}.{key}")
         return found
 
-    sides = []
-    for deck in (one, other):
-        found: dict[str, Any] = {}
-        for table in deck if tables is None else tables:
-            if table in deck and table not in NOT_TABLES:
-                found |= flat(deck[table], table)
-        sides.append(found)
-    left, right = sides
-    return {
-        key: (left.get(key), right.get(key))
-        for key in sorted({*left, *right})
-        if left.get(key) != right.get(key)
-    }
-
-
-def in_words(different: Mapping[str, tuple[Any, Any]]) -> str:
-    """Differences as text: keys, with both values where these are plain."""
-    named = []
-    for key, (one, other) in list(different.items())[:_MOST]:
-        plain = all(isinstance(v, (int, float, str, bool)) for v in (one, other))
-        named.append(f"{key} ({one}, not {other})" if plain else key)
-    if len(different) > _MOST:
-        named.append(f"{len(different) - _MOST} other keys")
-    return ", ".join(named)
+    # a table that is missing has no entries
+    return all(flat(one.get(name, []), name) == flat(other.get(name, []), name) for name in tables)
 
 
 def read_only(tables: Any) -> Any:

@@ -3,7 +3,6 @@
 Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
 """
 
-import json
 import os
 import re
 import shutil
@@ -16,10 +15,9 @@ from pathlib import Path
 import pytest
 
 import myork
-from myork import _core, cli, run_deck, selftest
+from myork import _core, cli, run_deck
 from myork.bench import BENCHES
-from myork.cli import main
-from myork.errors import FileError, InstallationError, cure_of
+from myork.errors import InstallationError, cure_of
 from myork.stations import solve
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
@@ -248,36 +246,6 @@ def test_explain_tells_of_images_before_there_is_a_model(name, words, inputs, tm
     assert cli.main(["explain", str(inputs / f"{name}.toml"), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert all(text in said for text in words)
-
-
-@pytest.mark.slow
-def test_this_installation_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["selftest", "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    kept = json.loads((tmp_path / "out" / "selftest.json").read_text())
-    assert [check["name"] for check in kept["checks"] if check["passed"] is not True] == []
-    assert said.count(" ok ") == len(kept["checks"]) >= 13
-    # both programs are named with their libraries
-    assert "openblas" in kept["facts"]["libraries of Python"]
-    assert "hdf5" in kept["facts"]["of myork-solve"]
-    assert said.splitlines()[-1].endswith("the installation works")
-
-
-@pytest.mark.slow
-def test_what_fails_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def unreadable(folder: Path) -> tuple[bool, str]:
-        raise FileError(f"{folder}: damaged")
-
-    monkeypatch.setattr(selftest, "check_deck", lambda *given, **more: [])
-    monkeypatch.setattr(selftest, "_PATCH", 0.0)
-    monkeypatch.setattr(selftest, "_files", unreadable)
-    assert main(["selftest"]) == 1
-    said = capsys.readouterr()
-    assert "FileError" in said.out and "damaged" in said.out
-    assert "patch, rkpm-gauss" in said.err and "results and report" in said.err
-    assert "known answer" not in said.err
 
 
 #: Another version, which no machine has

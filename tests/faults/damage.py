@@ -3,7 +3,6 @@
 An edit is (what is done, where, with what). Places beyond the end count on from the beginning.
 """
 
-import contextlib
 import io
 import re
 import warnings
@@ -16,8 +15,6 @@ import pydicom
 from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
 from nibabel.nifti1 import header_dtype
-
-from myork.rom import store
 
 Edit = tuple[str, int, Any]
 Way = Callable[[bytes, int, Any], bytes]
@@ -183,24 +180,9 @@ def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
                     file.create_dataset(name, (2**40, 8), chunks=(1000, 8), dtype=float)
                 elif (new := _other(values, what)) is not None:
                     file[name] = new
-            sign(file)
         return stream.getvalue()
     except Exception:  # other edits left no such file, or there is no such array
         reject()
-
-
-def sign(file: h5py.File) -> None:
-    """Write the checksum of a reduced model anew; of what has no numbers there is none."""
-    arrays: dict[str, np.ndarray] = {}
-
-    def keep(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.shape != (2**40, 8):
-            arrays[name] = np.asarray(item[()])
-
-    with contextlib.suppress(TypeError, ValueError, OSError):
-        if "sha256" in file.attrs:
-            file.visititems(keep)
-            file.attrs["sha256"] = np.bytes_(store._checksum(arrays))
 
 
 def _attribute(content: bytes, place: int, what: Any) -> bytes:
@@ -208,26 +190,12 @@ def _attribute(content: bytes, place: int, what: Any) -> bytes:
     stream = io.BytesIO(content)
     try:
         with h5py.File(stream, "r+") as file:
-            names = sorted(set(file.attrs) - {"sha256"})
+            names = sorted(file.attrs)
             name = names[place % len(names)]
             del file.attrs[name]
             if what is not None:
                 file.attrs[name] = what
     except Exception:  # other edits left no such file
-        reject()
-    return stream.getvalue()
-
-
-def _inside(content: bytes, place: int, what: tuple[str, Edit]) -> bytes:
-    """Damage to a text or to a file that an array of a reduced model holds."""
-    stream, (name, edit) = io.BytesIO(content), what
-    try:
-        with h5py.File(stream, "r+") as file:
-            new = damaged(file[name][()].tobytes(), [edit])
-            del file[name]
-            file[name] = np.bytes_(new) if name == "head" else np.frombuffer(new, np.uint8)
-            sign(file)
-    except Exception:  # other edits left no such file, or there is no such array
         reject()
     return stream.getvalue()
 
@@ -256,7 +224,6 @@ _WAYS: dict[str, Way] = {
     "element": _element,
     "array": _array,
     "attribute": _attribute,
-    "inside": _inside,
     # what a table of known damage names
     "put": lambda content, _, what: content.replace(*what),
     "all": lambda content, _, what: what,
@@ -293,9 +260,4 @@ ARRAY = _edits("array", st.sampled_from(sorted(ARRAYS)) | _NUMBER)
 MODEL = st.one_of(
     _edits("array", st.sampled_from([*sorted(ODD_ARRAYS), *MOVES]) | _NUMBER),
     _edits("attribute", st.sampled_from(ATTRIBUTES)),
-)
-ROM = st.one_of(
-    MODEL,
-    _edits("inside", st.tuples(st.just("head"), BYTES | TEXT)),
-    _edits("inside", st.tuples(st.just("cloud"), MODEL)),
 )

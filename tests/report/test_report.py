@@ -49,7 +49,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     page = Page(path)
     assert tuple(page.sections) == SECTIONS
     assert page.targets == [f"#{key}" for key in SECTIONS]
-    assert len(page.images) == 9
+    assert len(page.images) == 8
     for image in page.images:
         assert len(image["alt"] or "") > 20
         kind, data = str(image["src"]).split(",", 1)

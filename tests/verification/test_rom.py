@@ -1,8 +1,6 @@
 """Reduced models: modes, projection, and what they lose against the full model."""
 
 import json
-import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import myork
-from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import InputError, RefusedError
 from myork.results import REDUCED_FILE, read_reduced
@@ -178,7 +175,7 @@ def test_pressures_that_are_unknowns_are_not_reduced():
             scene.reduce(modes)
 
 
-# ---- snapshots of a solve that has been made -----------------------------------------------------
+# ---- fields beside the summary -------------------------------------------------------------------
 
 STUDY = {
     **BLOCK,
@@ -191,36 +188,14 @@ STUDY = {
 }
 
 
-@pytest.fixture(scope="module")
-def solution(tmp_path_factory):
-    """Folder in which the full model was solved, and the study of a folder without it."""
-    out = tmp_path_factory.mktemp("solution")
+def test_the_last_fields_lie_beside_the_summary(tmp_path):
+    """Those of the full model are the solve's; as many modes as states come to the same."""
     # the block locks, so that its answer is refused; its states are snapshots all the same
     with pytest.raises(RefusedError):
-        myork.run_deck(STUDY, out, threads=1)
-    return out, myork.run_rom(STUDY, tmp_path_factory.mktemp("empty"), threads=1)
-
-
-@pytest.fixture
-def study_of(solution, tmp_path):
-    """Study in a copy of the folder; the lines that it says."""
-    shutil.copytree(solution[0], tmp_path / "out")
-
-    def study(tables=STUDY, change=lambda out: None, **options):
-        change(tmp_path / "out")
-        lines = []
-        options = {"threads": 1, **options}
-        found = myork.run_rom(tables, tmp_path / "out", progress=lines.append, **options)
-        return found, lines
-
-    return study
-
-
-def test_the_last_fields_lie_beside_the_summary(study_of, tmp_path):
-    """Those of the full model are the solve's; as many modes as states come to the same."""
-    study_of()
-    found = read_reduced(tmp_path / "out" / REDUCED_FILE)
-    with myork.Results(tmp_path / "out") as results:
+        myork.run_deck(STUDY, tmp_path, threads=1)
+    myork.run_rom(STUDY, tmp_path, threads=1)
+    found = read_reduced(tmp_path / REDUCED_FILE)
+    with myork.Results(tmp_path) as results:
         u, stress = results.field("u"), results.field("principal_stress")[:, 0]
         assert_allclose(found.points, results.points, atol=1e-14)
     assert found.modes.tolist() == [1, 3]
@@ -228,89 +203,6 @@ def test_the_last_fields_lie_beside_the_summary(study_of, tmp_path):
     assert_allclose(found.stress[0], stress, atol=1e-9 * np.abs(stress).max())
     off = np.abs(found.displacement[1:] - u).max(axis=(1, 2)) / np.abs(u).max()
     assert off[1] < 1e-5 < off[0] < 0.5
-
-
-def plain_numbers(study):
-    """What a study found, without timings and where the snapshots come from."""
-    timed = {"offline_s", "online_s", "online_s_per_state", "speedup_vs_full"}
-    timed |= {"seconds", "seconds_per_state", "origin"}
-    return [
-        {key: value for key, value in part.items() if key not in timed}
-        for part in (study["full"], *study["models"])
-    ]
-
-
-def test_snapshots_of_a_solve_are_read(solution, study_of, monkeypatch):
-    """Nothing is solved again; the answers and the timings are those of the solve."""
-    monkeypatch.setattr(Scene, "solve", lambda *_, **__: pytest.fail("solved again"))
-    study, _ = study_of()
-    assert study["full"]["origin"] == "results.vtkhdf" and solution[1]["full"]["origin"] == ""
-    for old, new in zip(plain_numbers(solution[1]), plain_numbers(study), strict=True):
-        assert old.keys() == new.keys()
-        for key in old.keys() - {"e1", "e2", "stress_error", "force_error", "probes"}:
-            assert old[key] == new[key], key
-        for name, values in old["probes"].items():
-            assert_allclose(new["probes"][name], values, rtol=1e-9, atol=1e-12)
-    assert study["models"][0]["e1"] == pytest.approx(solution[1]["models"][0]["e1"], rel=1e-6)
-    timings = json.loads((solution[0] / "summary.json").read_text())["timings_s"]
-    assert study["full"]["seconds"] == timings["total"] - timings["shape"] - timings["output"]
-    # other modes are no other full model, nor is what the deck says already
-    for same in ("rom.modes=[2]", "load.steps=3"):
-        assert study_of(overrides=[same])[0]["full"]["origin"] == "results.vtkhdf"
-
-
-def change_summary(**entries):
-    def change(out):
-        path = out / "summary.json"
-        path.write_text(json.dumps({**json.loads(path.read_text()), **entries}))
-
-    return change
-
-
-def cut(name, size=None):
-    """Cut a file, or take it away."""
-
-    def change(out):
-        content = (out / name).read_bytes()[:size]
-        (out / name).unlink()
-        if size:
-            (out / name).write_bytes(content)
-
-    return change
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"overrides": ["load.activation=0.25", "load.steps=4"]},
-         r"differs in load\.activation \(0\.3, not 0\.25\), load\.steps \(3, not 4\)$"),
-        ({"tables": {**STUDY, "title": "other"}}, r"differs in title \(scene, not other\)$"),
-        ({"threads": 2}, "has threads 1, not 2"),
-        ({"change": change_summary(converged=False)}, "the solve in it did not converge"),
-        ({"change": change_summary(version="0.0")}, r"has version 0\.0, not"),
-        ({"change": cut("summary.json")}, "there is no summary.json"),
-        ({"change": cut("results.vtkhdf")}, "cannot be used: .*results.vtkhdf: no such file"),
-        ({"change": cut("results.vtkhdf", 5000)}, "cannot be used: .*results.vtkhdf"),
-    ],
-)  # fmt: skip
-def test_what_is_not_of_this_scene_is_solved(study_of, options, why):
-    study, lines = study_of(**options)
-    assert study["full"]["origin"] == ""
-    assert any(re.search(f"full model is solved: .*{why}", line) for line in lines), lines
-
-
-def test_states_of_other_materials_or_points_are_refused(study_of):
-    """Where only the deck is right: a model file may have changed under it."""
-    stiffer = {**STUDY, "material": [{**BLOCK["material"][0], "K": 101.0}]}
-    wider = {**STUDY, "geometry": {**BLOCK["geometry"], "size": [1, 1.001, 2]}}
-    for tables in (stiffer, wider):
-        change = change_summary(deck=load_deck(tables))
-        study, lines = study_of(tables, change)
-        assert study["full"]["origin"] == ""
-        assert any(
-            "is not of these points and materials" in line or "its points are not" in line
-            for line in lines
-        ), lines
 
 
 # ---- modes (6.13)-(6.26), (6.32) -----------------------------------------------------------------

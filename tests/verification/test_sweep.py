@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
-from myork.sweeps import plan as plans
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
 from tests.scenes import box, held, scene, wait_for
@@ -227,8 +225,6 @@ def test_a_sweep_is_extended_in_its_folder(
         assert len(calls) == 5 and [row["call"] for row in rows_of(out)] == ["1", "1", "2", "2"]
     with pytest.raises(InputError, match=r"other keys, points or --set: add these points"):
         sweep(deck, ["material.rubber.mu=6"], out)
-    with pytest.raises(InputError, match=r"has no parts"):
-        sweep(deck, ["material.rubber.mu=6"], out, extend=True, part="1/2")
     for other in ({"overrides": ["material.rubber.K=900"]}, {"vary": ["material.rubber.K=900"]}):
         with pytest.raises(InputError, match=r"is of another sweep"):
             sweep(deck, out=out, extend=True, **{"vary": second, **other})
@@ -287,7 +283,7 @@ def write_inputs(folder: Path) -> None:
 def test_a_sweep_is_of_the_contents_of_its_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, deck: str, file: str
 ) -> None:
-    """What a file held at the start it holds at the end, or the sweep says that it does not."""
+    """A sweep goes on with what its files held, wherever they are, and with nothing else."""
     made, out, more = tmp_path / "made", tmp_path / "out", {"push.csv": "#", "labels.nii": "\0"}
     write_inputs(made)
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
@@ -296,14 +292,15 @@ def test_a_sweep_is_of_the_contents_of_its_files(
     before = (made / file).read_bytes()
     changed = before + more.get(file, "\n").encode()
 
-    def change_after_one(line: str) -> None:
+    def stop_after_one(line: str) -> None:
         if line.startswith("point 1/"):
-            (made / file).write_bytes(changed)
+            raise KeyboardInterrupt
 
-    with pytest.raises(InputError, match=rf"{file}.* has changed while the sweep ran") as while_it:
-        sweep(made / deck, vary, out, progress=change_after_one)
-    assert "put the earlier file back" in str(while_it.value) and len(rows_of(out)) == 1
-    with pytest.raises(InputError, match=rf"from before .*{file}.* changed: put the earlier file"):
+    with pytest.raises(KeyboardInterrupt):
+        sweep(made / deck, vary, out, progress=stop_after_one)
+    (made / file).write_bytes(changed)
+    name = "deck" if file == deck else rf".*{file}"
+    with pytest.raises(InputError, match=rf"from before {name} changed: put the earlier file"):
         sweep(made / deck, vary, out)
     assert len(rows_of(out)) == 1
     # the same contents in another place
@@ -321,49 +318,22 @@ def test_files_that_are_varied_are_known_by_their_contents(tmp_path: Path, here:
     pulls = [float(row["pull"]) for row in rows_of(out)]
     assert pulls[0] > 1.5 * pulls[1] > 0.0
     (made / "pull.csv").write_text("0, 0.15\n1, 0.15\n")
-    with pytest.raises(InputError, match=r"pull\.csv \(table\.push\.file = pull\.csv\) changed"):
+    with pytest.raises(InputError, match=r"before table\.push\.file = pull\.csv changed"):
         sweep(made / "deck.toml", vary, out)
 
 
-def test_a_refused_gather_leaves_nothing_behind(deck: Path, tmp_path: Path, here: None) -> None:
-    vary, out = ["material.rubber.mu=5,10"], tmp_path / "out"
-    for part in ("1/2", "2/2"):
-        sweep(deck, vary, out, part=part)
-    there = {path for path in out.rglob("*") if path.name != ".lock"}
-    with pytest.raises(InputError, match=r"part_1_of_2/points\.jsonl: is of another sweep"):
-        sweep(deck, ["material.rubber.mu=5,11"], out)
-    assert {path for path in out.rglob("*") if path.name != ".lock"} == there
-    sweep(deck, vary, out)
-    assert len(rows_of(out)) == 2
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda line: line.replace('"point": 1', '"point": 0'),
-        lambda line: line.replace('"point": 1', '"point": -1'),
-        lambda line: line.replace('"failed"', '"accepted"'),
-        lambda line: line.replace('"probes": {}', '"probes": {"pull": 3.0}'),
-        lambda line: line.replace('"cpu_s": 1.0', '"cpu_s": 1.5'),
-        lambda line: line[: len(line) // 2],
-        lambda line: "[" * 100_000,
-        lambda line: "3",
-    ],
-)
+@pytest.mark.parametrize("damage", ['{"point": 1, "ver', "3", "{}"])
 def test_points_that_are_read_back_are_checked(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
-    damage: Callable[[str], str],
-) -> None:  # fmt: skip
+    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, damage: str
+) -> None:
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
     monkeypatch.setattr(run, "solve_point", lambda *call: solved)
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     path = tmp_path / "points.jsonl"
     *before, last = path.read_text().splitlines()
-    assert damage(last) != last
-    for line, said in ((damage(last), "is not what a sweep wrote"), (before[-1], "second time")):
-        path.write_text("\n".join([*before, line]) + "\n")
-        with pytest.raises(InputError, match=rf"points\.jsonl:3: .*{said}; remove the line"):
-            sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+    path.write_text("\n".join([*before, damage]) + "\n")
+    with pytest.raises(InputError, match=r"points\.jsonl:3: is not what a sweep wrote; remove"):
+        sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     path.write_text("\n".join(before) + "\n")
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
     assert path.read_text().splitlines() == [*before, last]
@@ -426,19 +396,6 @@ def test_only_a_death_costs_a_point_a_message(
         assert "nan" not in "".join(lines)
 
 
-def test_inputs_that_have_not_changed_are_not_read_again(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plan = make_plan(["material.rubber.mu=5,6"])._replace(deck=deck)
-    own = plans.Inputs(plan, tmp_path)
-    assert "another sweep" in own.refusal(tmp_path, {**own.head, "inputs": ["deck"]})
-    monkeypatch.setattr(plans, "_digest", lambda path: "another")
-    own.check()
-    deck.touch()
-    with pytest.raises(InputError, match="has changed"):
-        own.check()
-
-
 def test_the_folder_of_a_sweep_keeps_the_whole_name(
     deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -494,26 +451,3 @@ def test_a_scheduler_that_is_killed(deck: Path, tmp_path: Path) -> None:
     sweep(deck, vary, out, workers=1)
     assert (out / "points.jsonl").read_text().startswith(before)
     assert {row["verdict"] for row in rows_of(out)} == {"accepted"} and len(rows_of(out)) == 4
-
-
-def test_parts_find_what_one_process_finds(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    """Each job of an array runs its share, one of them twice; then the line gathers."""
-    vary = ["material.rubber.mu=5:20:5"]
-    whole, out = tmp_path / "whole", tmp_path / "an array"
-    sweep(deck, vary, whole)
-    for number in (1, 2, 2):
-        sweep(deck, vary, out, part=f"{number}/2")
-    assert len(rows_of(out / "part_1_of_2")) == 3 and len(rows_of(out / "part_2_of_2")) == 2
-    monkeypatch.setattr("myork.sweeps.run._full", None)
-    sweep(deck, vary, out)
-    numbers = [{k: v for k, v in row.items() if k != "cpu_s"} for row in rows_of(whole)]
-    assert [{k: v for k, v in row.items() if k != "cpu_s"} for row in rows_of(out)] == numbers
-    assert main(["sweep", str(deck), "--vary", vary[0], "--dry-run", "--out", str(out)]) == 0
-    assert "5 finished points took" in capsys.readouterr().out
-    with pytest.raises(InputError, match=r"is of another sweep"):
-        sweep(deck, ["material.rubber.mu=5,6"], tmp_path / "an array" / ".." / "an array")
-    with pytest.raises(InputError, match=r"--part 3/2: K/N is needed"):
-        sweep(deck, vary, out, part="3/2")

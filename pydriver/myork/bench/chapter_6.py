@@ -60,7 +60,7 @@ class LoadPath(NamedTuple):
 
 
 _SHEAR = LoadPath(
-    "shear (tables 6.3, 6.4)",
+    "sheared block",
     "shear_3d",
     (*lattice((17, 5, 5)), "load.steps=50"),
     (1, 5, 20),
@@ -71,7 +71,7 @@ _SHEAR = LoadPath(
     (89.156, 84.661, 81.274),
 )
 _TUBE = LoadPath(
-    "tube (tables 6.5, 6.6)",
+    "inflated tube",
     "tube",
     lattice((17, 101)),
     (2, 5, 10),
@@ -82,7 +82,7 @@ _TUBE = LoadPath(
     (98.735, 98.637, 98.493),
 )
 _BLOCK = LoadPath(
-    "muscle block (tables 6.7, 6.8)",
+    "muscle block",
     "muscle_block",
     (*RKCM, 'material.curve="published"', "load.steps=10"),
     (1, 2, 10),
@@ -100,7 +100,7 @@ MG_SIZE = (
     "build.source_stride=[2,4,1]",
 )
 _GASTROCNEMIUS = LoadPath(
-    "medial gastrocnemius (tables 6.9, 6.10)",
+    "medial gastrocnemius",
     "mg_muscle",
     (*RKCM, 'solver.newton="full"', *MG_SIZE),
     (5, 10),

@@ -153,44 +153,6 @@ _AGED_NOTE = (
     "is why fat and connective tissue do not contract"
 )
 
-#: The published way: three level sets from clusters, grey values and (e1, e2, e3) of the fibers
-_LEVEL_SETS = ("image.regions=8", "image.start=kmeans")
-_SURFACE = ("images/mg_tracts", "image.mu=0.1", "image.tolerance=0.001", "bias.method=none")
-_SLICE = ("images/calf_reference", *_SURFACE[1:3], "bias.method=level-sets")
-_FIBERS = "image.fiber_channels=aligned"
-_REAL = {
-    name: Run("anatomy", deck, (*words, *more), snr)
-    for name, (deck, *words), more, snr in (
-        ("surface", _SURFACE, (*_LEVEL_SETS, _FIBERS), "SNR 5"),
-        ("surface, SNR 25", _SURFACE, (*_LEVEL_SETS, _FIBERS), "SNR 25"),
-        (
-            "surface, seeds",
-            _SURFACE,
-            ("image.regions=3", "image.start=seeds", "image.fiber_channels=dyad"),
-            "SNR 5",
-        ),
-        ("surface, grey", _SURFACE, _LEVEL_SETS, "SNR 5"),
-        ("slice", _SLICE, (*_LEVEL_SETS, _FIBERS), "SNR 5"),
-        ("slice, grey", _SLICE, _LEVEL_SETS, "SNR 5"),
-    )
-}
-_REAL_NOTE = (
-    "the published images are not public, and none with diffusion tensors and an outline of a "
-    "medial gastrocnemius are at hand, so that a part is simulated. Surface: measured are the "
-    "muscle's shape and its fiber directions (MG.stl and 395 tracts of "
-    "bartbols/muscle_architecture_DTI), in 33 slices; simulated are tensors along these fibers, a "
-    "T1 image in which all muscle is alike (SNR 25), a soleus on the whole deep side and fat "
-    "around both. T1 slice: measured are the image and the outlines "
-    "(dafne-imaging/dafne-evaluation); simulated are tensors, with the phantom's direction in "
-    "each outlined muscle. SNR of tensors is the mean diffusivity over their noise: at 5 a "
-    "voxel's direction is off by 28° in the median before smoothing, at 25 by 6°. Three level "
-    "sets start at clusters in channels of grey values and (e1, e2, e3), as published, and each "
-    "piece of a region goes to the muscle that most of it is, which is the best that grouping by "
-    "hand can do; `seeds` has a region for each muscle, started at five seeds, and for fat. "
-    "Without fibers the same finds muscle, but no border between two of them. The lowest slices, "
-    "of which few pixels are muscle, are the worst"
-)
-
 _CHAPTER_4 = (
     _constants(
         "4.1",
@@ -208,42 +170,6 @@ _CHAPTER_4 = (
         },
     ),
     Table("4.3", "Young and old gastrocnemius", _AGED_RUNS, _AGED, 90, _AGED_NOTE),
-    Table(
-        "figure-4.5",
-        "Medial gastrocnemius of real anatomy against its outline",
-        _REAL,
-        tuple(
-            Row(name, value, ("surface", f"surface.{key}"))
-            for name, value, key in (
-                ("DC, mean of 33 slices", 0.8744, "dice"),
-                ("PCC, mean of 33 slices", 0.8740, "pcc"),
-                ("DC of slice 15", 0.90, "dice_15"),
-                ("PCC of slice 15", 0.89, "pcc_15"),
-                ("DC of slice 30", 0.84, "dice_30"),
-                ("PCC of slice 30", 0.84, "pcc_30"),
-            )
-        )
-        + tuple(
-            Row(f"DC, {name}", value, (run, key))
-            for name, value, run, key in (
-                ("tensors of SNR 25", None, "surface, SNR 25", "surface.dice"),
-                ("seeds, dyads of the fibers", None, "surface, seeds", "surface.dice"),
-                ("without fibers", None, "surface, grey", "surface.dice"),
-                ("T1 slice, right calf", 0.8744, "slice", "right.dice"),
-                ("T1 slice, left calf", 0.8744, "slice", "left.dice"),
-                ("T1 slice, right calf, without fibers", None, "slice, grey", "right.dice"),
-                ("T1 slice, left calf, without fibers", None, "slice, grey", "left.dice"),
-            )
-        ),
-        60,
-        _REAL_NOTE,
-        Picture(
-            pictures.real_gastrocnemius,
-            "Medial gastrocnemius of real anatomy by three level sets, the published way: slices "
-            "15 and 30 of the surface, outlines on both calves of the T1 slice, and the Dice "
-            "coefficient of every slice",
-        ),
-    ),
     Table(
         "figure-4.7",
         "Segmented medial gastrocnemius against manual labels, means over the slices",
@@ -736,7 +662,7 @@ _ERRORS = {
 }
 
 
-def _path(path: LoadPath, numbers: tuple[str, str], title: str, cost: float) -> tuple[Table, Table]:
+def _path(path: LoadPath, numbers: tuple[str, str], cost: float) -> tuple[Table, Table]:
     """The tables of times and errors of a path of loads, which have one run."""
     runs = {"path": Run("path", path.deck, path.overrides, path)}
     times = [
@@ -759,21 +685,15 @@ def _path(path: LoadPath, numbers: tuple[str, str], title: str, cost: float) -> 
             Row(f"r = {r}, e1 with states of unit norm", None, ("path", f"unit {r}.e1")),
         ]
     return (
-        Table(numbers[0], f"CPU time, {title}", runs, tuple(times), cost, _TIMES),
-        Table(numbers[1], f"Errors, {title}", runs, tuple(errors), cost, _ERRORS[numbers[1]]),
+        Table(numbers[0], f"CPU time, {path.name}", runs, tuple(times), cost, _TIMES),
+        Table(numbers[1], f"Errors, {path.name}", runs, tuple(errors), cost, _ERRORS[numbers[1]]),
     )
 
 
 _PATH_TABLES = tuple(
     table
-    for path, numbers, title, cost in zip(
-        PATHS,
-        (("6.3", "6.4"), ("6.5", "6.6"), ("6.7", "6.8"), ("6.9", "6.10")),
-        ("sheared block", "inflated tube", "muscle block", "medial gastrocnemius"),
-        (65, 50, 100, 450),
-        strict=True,
-    )
-    for table in _path(path, numbers, title, cost)
+    for path, n, cost in zip(PATHS, (3, 5, 7, 9), (65, 50, 100, 450), strict=True)
+    for table in _path(path, (f"6.{n}", f"6.{n + 1}"), cost)
 )
 
 
@@ -825,7 +745,10 @@ TABLES = {
 #: Figures without a number in figure or text, and where their content is seen
 WITHOUT_NUMBERS = {
     "3.1 to 3.9, 4.1 to 4.4": "level sets on images: docs/imaging.md, `myork segment`",
-    "4.6": "a second slice of the author's images, part of figure-4.5",
+    "4.5, 4.6": (
+        "two slices of the author's images, whose numbers are rows of figure-4.7; real anatomy: "
+        "`python benchmarks/runner.py real_anatomy DATA`"
+    ),
     "4.8, 4.9, 4.11 to 4.17": (
         "images, normals and shape functions: docs/imaging.md, docs/clouds.md"
     ),

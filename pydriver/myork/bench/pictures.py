@@ -33,86 +33,35 @@ def gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Two slices with the muscle found and the true one, and the Dice coefficient of each slice."""
     record = records["enriched"]
     figure = Figure(figsize=(12.0, 4.0), layout="constrained")
-    panels = figure.subplots(1, 3, width_ratios=[1, 1, 1.3])
-    _two_slices(panels, record, record)
-    _dice_by_slice(panels[2], {"phantom, level sets": record}, 0.8)
-    return figure
-
-
-def real_gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Slices of both anatomies with outlines, and the Dice coefficient of each slice."""
-    figure = Figure(figsize=(12.0, 7.6), layout="constrained")
-    panels = figure.subplots(2, 3, width_ratios=[1, 1, 1.4])
-    record = records["surface"]
-    _two_slices(panels[0], record, record["surface"])
-    ways = {
-        "surface, with fibers": record["surface"],
-        "surface, without": records["surface, grey"]["surface"],
-    }
-    _dice_by_slice(panels[0, 2], ways, 0.0, panels[1, 2])
-    panels[1, 2].set_axis_off()
-    record, grey = records["slice"], records["slice, grey"]
-    spacing = record["truth"].spacing[:2]
-    for axes, side in zip(panels[1], ("right", "left"), strict=False):
-        _outlines(axes, record, 0, image=False)
-        places = np.argwhere(record[side]["here"])[:, :2]
-        low, high = (places.min(axis=0) - 45) * spacing, (places.max(axis=0) + 45) * spacing
-        axes.set(
-            xlim=(low[0], high[0]), ylim=(low[1], high[1]),
-            title=f"T1 slice, {side} calf: Dice {record[side]['dice']:.3f},\n"
-            f"without fibers {grey[side]['dice']:.3f}",
-        )  # fmt: skip
-    return figure
-
-
-def _two_slices(
-    panels: Sequence[Axes], record: Mapping[str, Any], score: Mapping[str, Any]
-) -> None:
-    """The published slices with both outlines."""
-    for axes, number in zip(panels, _DICE_OF_SLICES, strict=False):
-        _outlines(axes, record, score["slices"][number])
-        axes.set_title(f"slice at {number}/33 of the height: Dice {score[f'dice_{number}']:.3f}")
+    *panels, last = figure.subplots(1, 3, width_ratios=[1, 1, 1.3])
+    for axes, number in zip(panels, _DICE_OF_SLICES, strict=True):
+        k = record["slices"][number]
+        _grey(axes, record["anatomy"], k)
+        for name, colour, width in (("truth", "#FFD700", 2.2), ("found", COLOURS[1], 1.0)):
+            labels = record[name]
+            _outline(axes, labels.data[..., k], labels.spacing, colour, width)
+        dice = record[f"dice_{number}"]
+        axes.set_title(f"slice at {number}/33 of the height: Dice {dice:.3f}")
     handles = [
         Line2D([], [], color="#FFD700", linewidth=2.2, label="true outline"),
         Line2D([], [], color=COLOURS[1], linewidth=1.0, label="level sets"),
     ]
     panels[0].legend(handles=handles, loc="lower left", fontsize="small")
-
-
-def _outlines(axes: Axes, record: Mapping[str, Any], k: int, image: bool = True) -> None:
-    """The true outline of a slice and the one that was found, upon the image unless it is real."""
-    if image:
-        _grey(axes, record["anatomy"], k)
-    else:
-        axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
-    for name, colour, width in (("truth", "#FFD700", 2.2), ("found", COLOURS[1], 1.0)):
-        labels = record[name]
-        _outline(axes, labels.data[..., k], labels.spacing, colour, width)
-
-
-def _dice_by_slice(
-    axes: Axes, ways: Mapping[str, Mapping[str, Any]], least: float, beside: Axes | None = None
-) -> None:
-    """The Dice coefficient of each slice beside the published ones; the legend may be `beside`."""
-    for (name, score), style in zip(ways.items(), ("o-", "v:"), strict=False):
-        slices = np.array(score["dice_by_slice"], float)
-        height = (np.arange(slices.size) + 0.5) / slices.size * 33 + 0.5
-        axes.plot(height, slices, style, color=COLOURS[0], label=name)
-    axes.plot(
+    slices = np.array(record["dice_by_slice"], float)
+    height = (np.arange(slices.size) + 0.5) / slices.size * 33 + 0.5
+    last.plot(height, slices, "o-", color=COLOURS[0], label="phantom, level sets")
+    last.plot(
         list(_DICE_OF_SLICES), list(_DICE_OF_SLICES.values()), "s", color=COLOURS[1],
         label="published, single slices",
     )  # fmt: skip
-    axes.axhline(_DICE, color=COLOURS[1], linestyle="--", label="published, mean of 33 slices")
-    axes.set(
+    last.axhline(_DICE, color=COLOURS[1], linestyle="--", label="published, mean of 33 slices")
+    last.set(
         xlabel="height, as number of the published slice [-]", ylabel="Dice coefficient [-]",
-        ylim=(least, 1.005),
+        ylim=(0.8, 1.005),
     )  # fmt: skip
-    axes.grid(color="#E5E5E5")
-    handles, names = axes.get_legend_handles_labels()
-    if beside is None:
-        axes.legend(handles, names, frameon=False, fontsize="small", loc="lower left")
-    else:
-        beside.legend(handles, names, frameon=False, loc="upper left")
+    last.grid(color="#E5E5E5")
+    last.legend(frameon=False, fontsize="small", loc="lower left")
+    return figure
 
 
 def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:

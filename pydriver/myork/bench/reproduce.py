@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from myork.bench.anatomies import seeds_inside, slice_of_calves, surface
 from myork.bench.chapter_6 import MODES, LoadPath
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Row, Run, Table
 from myork.bench.linear import Study, study_rates
@@ -42,7 +41,6 @@ from myork.bench.phantoms import (
 from myork.bench.runs import outcome_text, read_deck, solve_case
 from myork.bench.tables import Columns, entry_of, table
 from myork.console import ProgressCallback, silent
-from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
@@ -51,10 +49,8 @@ from myork.records import Labels
 from myork.results import Results
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import PathStates, reduced_path
-from myork.segmentation.images import segment_images
-from myork.segmentation.scores import dice, label_scores
+from myork.segmentation.scores import dice
 from myork.stations.build import build
-from myork.stations.data import data_overrides
 from myork.stations.segment import segment
 from myork.types import F64
 
@@ -123,10 +119,10 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
             "found": _gastrocnemius(read_labels(out / "segmentation.nii.gz")),
             "truth": _gastrocnemius(read_labels(out / "truth.nii.gz")),
         }
-    return record | _by_slice(found["segmentation"]["scores"]["medial_gastrocnemius"])
+    return record | by_slice(found["segmentation"]["scores"]["medial_gastrocnemius"])
 
 
-def _by_slice(score: Record) -> dict[str, Any]:
+def by_slice(score: Record) -> dict[str, Any]:
     """Means over slices, and those at the places of the dissertation's slices 15 and 30 of 33."""
     count = len(score["dice_by_slice"])
     places = {number: round((number - 0.5) / 33 * count - 0.5) for number in (15, 30)}
@@ -137,43 +133,6 @@ def _by_slice(score: Record) -> dict[str, Any]:
         record[key] = float(np.nanmean(slices)) if np.isfinite(slices).any() else np.nan
         record |= {f"{key}_{number}": float(slices[k]) for number, k in places.items()}
     return record
-
-
-def _anatomy(run: Run, progress: ProgressCallback, data: Path | None = None) -> Record:
-    """Scores of the medial gastrocnemius in real anatomy, by `image` of a deck with its files.
-
-    Without `image.start = "seeds"` each piece of a region goes to the muscle that most of it is,
-    which is the best that grouping by hand can do.
-    """
-    path = INPUTS / f"{run.deck}.toml"
-    if data is None:
-        return {"absent": f"no number without --data DIR, a folder with the files of {path.name}"}
-    deck = load_deck(path, [*run.overrides, *data_overrides(path, data, run.overrides)])
-    make = surface if "surface" in deck["build"] else slice_of_calves
-    real = make(deck, float(str(run.more).removeprefix("SNR ")))
-    by_seeds = deck["image"]["start"] == "seeds"
-    found = segment_images(
-        real.images if by_seeds else replace(real.images, reference=real.truth),
-        {**deck["image"], "split": "pieces"},
-        bias=deck["bias"]["method"],
-        muscles=seeds_inside(real.truth) if by_seeds else (),
-        progress=progress,
-    )
-    # labels are numbered as those of the truth, by either way
-    own = [*real.wanted.values()]
-    scores = label_scores(
-        found.labels.data, real.truth.data, {side: (n, [n]) for side, n in real.wanted.items()}
-    )
-    sides = {
-        side: _by_slice(scores[side]) | {"here": real.truth.data == n}
-        for side, n in real.wanted.items()
-    }
-    return {
-        **sides,
-        "anatomy": found.images.anatomy,
-        "found": _only(found.labels, own),
-        "truth": _only(real.truth, own),
-    }
 
 
 def _only(labels: Labels, numbers: Sequence[int]) -> Labels:
@@ -318,13 +277,12 @@ def _dense_iteration(scene: Scene, start: F64) -> float:
     return time.process_time() - before
 
 
-#: What a kind of run computes: a record with the quantities of its rows, or why they are `absent`
+#: What a kind of run computes: a record with the quantities of its rows
 RUNS: dict[str, Callable[..., Record]] = {
     "deck": _deck,
     "solve": _solve,
     "rates": _rates,
     "segment": _segment,
-    "anatomy": _anatomy,
     "tissue": _tissue,
     "aged": _aged,
     "fibers": _fibers,
@@ -406,7 +364,6 @@ def reproduce(
     names: Sequence[str],
     out: Path,
     *,
-    data: Path | None = None,
     progress: ProgressCallback = silent,
     show: Callable[[str], None] = silent,
 ) -> dict[str, Any]:
@@ -415,10 +372,9 @@ def reproduce(
     - `names`: as of `find_tables`
     - `out`: folder of `reproduce.json`, `reproduce.md` and `reproduce.html`; other tables that are
       there already, from this version, stay
-    - `data`: folder with the files that decks of real images name, in any folders of it
     - `show`: called with the text of each table that is finished
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
-      `ratio`, `cpu_s` (of the runs that the row reads), `memory_bytes` (their largest), `note`,
+      `ratio`, `cpu_s` (of the runs that the row reads), `note`,
       `call` (start of the call) and, where there is no number, `ended`
     - raises InputError: a name is unknown
     """
@@ -433,10 +389,10 @@ def reproduce(
                 f"table {number}/{len(wanted)}  {entry.name} {entry.title}, "
                 f"about {entry.cost_s:g} s{long}"
             )
-            compute(entry, records, progress, data)
+            compute(entry, records, progress)
             rows = [row | {"call": content["date"]} for row in rows_of(entry, records)]
             _draw(entry, records, out)
-            show(_text(entry, rows))
+            show(_text(entry, rows, out))
             content["rows"] = [row for row in content["rows"] if row["table"] != entry.name]
             content["rows"] += rows
             # after each one: a later one that is stopped costs nothing that was computed
@@ -444,23 +400,18 @@ def reproduce(
     return content
 
 
-def compute(
-    entry: Table,
-    records: dict[Run, Record],
-    progress: ProgressCallback,
-    data: Path | None = None,
-) -> None:
-    """Run what a table reads and `records` lacks; each with its processor time and memory."""
+def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback) -> None:
+    """Run what a table reads and `records` lacks; each with its processor time."""
     for run in entry.runs.values():
         if run not in records:
-            records[run] = _record(run, progress, data)
+            records[run] = _record(run, progress)
 
 
 def _draw(entry: Table, records: Mapping[Run, Record], out: Path) -> None:
     """Draw a table's picture; one of an earlier call goes where there is none now."""
     file = out / _picture(entry.name)
     found = {name: records[run] for name, run in entry.runs.items()}
-    if entry.picture is None or any({"ended", "absent"} & set(one) for one in found.values()):
+    if entry.picture is None or any("ended" in one for one in found.values()):
         file.unlink(missing_ok=True)
         return
     file.parent.mkdir(exist_ok=True)
@@ -495,27 +446,14 @@ def _earlier(file: Path) -> list[dict[str, Any]]:
     ]
 
 
-def _record(run: Run, progress: ProgressCallback, data: Path | None) -> Record:
-    """What a run computes, its processor time and its memory, that of the command included."""
+def _record(run: Run, progress: ProgressCallback) -> Record:
+    """What a run computes, and its processor time."""
     before = _spent()
-    with contextlib.suppress(OSError):
-        # the peak of this process begins anew, and with it that of a child, which inherits it
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     try:
-        more = {"data": data} if run.kind == "anatomy" else {}
-        record = dict(RUNS[run.kind](run, progress, **more))
+        record = dict(RUNS[run.kind](run, progress))
     except MyorkError as reason:
         record = {"ended": f"{type(reason).__name__}: {reason}"}
-    memory = max(record.get("memory_peak_bytes", 0), _peak_bytes())
-    return record | {"cpu_s": _spent() - before, "memory_bytes": memory}
-
-
-def _peak_bytes() -> float:
-    """Largest memory of this process since its peak began anew."""
-    with contextlib.suppress(OSError, StopIteration):
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-        return 1024.0 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM")))
-    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return record | {"cpu_s": _spent() - before}
 
 
 def _spent() -> float:
@@ -530,9 +468,8 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
     read = [records[entry.runs[name]] for name in names]
     values = [entry_of(record, key) for record, key in zip(read, keys, strict=True)]
     ended = next((record["ended"] for record in read if "ended" in record), None)
-    absent = next((record["absent"] for record in read if "absent" in record), None)
     ours = None
-    if ended is None and absent is None:
+    if ended is None:
         ours = float(values[0] if len(values) == 1 else values[0] / values[1])
     published = row.published() if callable(row.published) else row.published
     ratio = None if ours is None or published is None else ours / published
@@ -544,11 +481,8 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
         "ours": ours,
         "ratio": ratio,
         "cpu_s": sum(record["cpu_s"] for record in unique),
-        "memory_bytes": max(record["memory_bytes"] for record in unique),
-        "far": published is not None
-        and absent is None
-        and (ratio is None or abs(ratio - 1.0) > FAR),
-        "note": absent or row.note or entry.note,
+        "far": published is not None and (ratio is None or abs(ratio - 1.0) > FAR),
+        "note": row.note or entry.note,
         **({} if ended is None else {"ended": ended}),
     }
 
@@ -589,18 +523,20 @@ def _heading(name: str) -> str:
     return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
 
 
-def _text(entry: Table, rows: Sequence[Mapping[str, Any]]) -> str:
-    """A table as the command prints it."""
-    wide = max(len(row["row"]) for row in rows)
-    lines = [f"{_heading(entry.name)}: {entry.title}"]
-    lines += [f"  {line}" for line in _runs_text(entry)]
-    lines.append(f"  {'':<{wide}} {'published':>11} {'ours':>11} {'ratio':>9} {'CPU [s]':>8}")
-    for row in rows:
-        lines.append(
-            f"  {row['row']:<{wide}} {_number(row['published']):>11} {_number(row['ours']):>11} "
-            f"{_mark(row):>9} {_number(row['cpu_s'], 3):>8}"
-        )
-    return "\n".join([*lines, *(f"  {note}" for note in _notes(rows)), ""])
+def _text(entry: Table, rows: Sequence[Mapping[str, Any]], out: Path) -> str:
+    """A table as the command prints it and as `reproduce.md` has it."""
+    lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
+    lines += ["```", *_runs_text(entry), "```", ""]
+    lines += ["| row | published | ours | ratio | CPU [s] |"]
+    lines += ["|---|---|---|---|---|"]
+    lines += [
+        f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
+        f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} |"
+        for row in rows
+    ]
+    for file, caption in _shown(entry, out):
+        lines += ["", f"![{caption}]({file})", "", f"*{caption}*"]
+    return "\n".join([*lines, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
 
 
 def _write(out: Path, content: dict[str, Any]) -> None:
@@ -640,7 +576,6 @@ def row_columns() -> Columns:
         ("ours", "ours"),
         ("ratio", "ratio"),
         ("CPU [s]", "cpu_s"),
-        ("memory [MB]", lambda row: round(row["memory_bytes"] / 1e6)),
     )
 
 
@@ -661,25 +596,11 @@ def _markdown(
         f"{len(by_table)} tables and figures. {len(far)} of them are more than "
         f"{100 * FAR:.0f} % off (*), with the reason below the table; {times} of these are "
         "times of another machine. CPU seconds "
-        "and memory, that of the command itself included, are of the runs that a row reads. `myork "
-        "reproduce --list` names decks and costs of all; figures without numbers are at its end.",
+        "are of the runs that a row reads. `myork reproduce --list` "
+        "names decks and costs of all; figures without numbers are at its end.",
         "",
     ]
-    for name, rows in by_table.items():
-        lines += [f"## {_heading(name).capitalize()}: {TABLES[name].title}", ""]
-        lines += ["```", *_runs_text(TABLES[name]), "```", ""]
-        lines += ["| row | published | ours | ratio | CPU [s] | memory [MB] |"]
-        lines += ["|---|---|---|---|---|---|"]
-        lines += [
-            f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
-            f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} | "
-            f"{row['memory_bytes'] / 1e6:.0f} |"
-            for row in rows
-        ]
-        for file, caption in _shown(TABLES[name], out):
-            lines += ["", f"![{caption}]({file})", "", f"*{caption}*"]
-        lines += ["", *(line for note in _notes(rows) for line in (f"{_sentence(note)}", ""))]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(_text(TABLES[name], rows, out) for name, rows in by_table.items())])
 
 
 def _sentence(text: str) -> str:

@@ -54,32 +54,25 @@ def run_command(words: Sequence[str | Path], limit: float) -> Ending:
     """Run a command with one thread; it is ended after a wall time of `limit` [s]."""
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     started = time.perf_counter()
-    child = subprocess.Popen(
-        [str(word) for word in words],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        encoding="utf-8",
-        errors="replace",
-        env={**os.environ, **one},
-        start_new_session=True,
-    )
     try:
-        said, complaint = child.communicate(timeout=limit)
-    except BaseException as reason:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.communicate()
-        if not isinstance(reason, subprocess.TimeoutExpired):
-            raise
-        return Ending(
-            "time limit", f"not finished within {limit:g} s", time.perf_counter() - started
+        done = subprocess.run(
+            [str(word) for word in words],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            env={**os.environ, **one},
+            timeout=limit,
+            check=False,
         )
+    except subprocess.TimeoutExpired:
+        return Ending("time limit", f"not finished within {limit:g} s", limit)
     seconds = time.perf_counter() - started
     outcomes = {0: "done", 1: "not converged", 2: "refused"}
-    outcome = "crashed" if child.returncode < 0 else outcomes.get(child.returncode, "failed")
-    message = complaint.strip() or "\n".join(said.strip().splitlines()[-2:])
-    if child.returncode < 0:
-        message = f"{signal.Signals(-child.returncode).name} {message}"
+    outcome = "crashed" if done.returncode < 0 else outcomes.get(done.returncode, "failed")
+    message = done.stderr.strip() or "\n".join(done.stdout.strip().splitlines()[-2:])
+    if done.returncode < 0:
+        message = f"{signal.Signals(-done.returncode).name} {message}"
     return Ending(outcome, message, seconds)
 
 

@@ -1,5 +1,5 @@
 """One self-contained page from the files in an output folder; reads, never solves."""
 
-from myork.report.page import compare_runs, make_report
+from myork.report.page import make_report
 
-__all__ = ["compare_runs", "make_report"]
+__all__ = ["make_report"]

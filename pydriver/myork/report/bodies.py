@@ -1,4 +1,4 @@
-"""Pictures of bodies: surfaces, alone and side by side, plane bodies and planes through them.
+"""Pictures of bodies: surfaces, reduced ones beside full ones, plane bodies, planes through them.
 
 A `Deformation` is the last state of a run; `units` are those of its summary, keys `length` and
 `stress`.
@@ -85,16 +85,6 @@ def surface_figure(
             ncols=2,
         )  # fmt: skip
     return figure
-
-
-def compared_figure(
-    deformations: Sequence[Deformation], names: Sequence[str], units: Mapping[str, str]
-) -> Figure:
-    """Bodies side by side, all plane or all in space: displacement and stress, a column a run.
-
-    One view and one scale for all.
-    """
-    return board(_compared(deformations, names, units), _length(units))[0]
 
 
 def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) -> Figure:

@@ -250,25 +250,3 @@ def _column(models: Sequence[Mapping[str, Any]], key: str) -> F64:
     """Values for a logarithmic axis: what is missing or zero becomes a gap."""
     values = np.array([model.get(key) or np.nan for model in models], dtype=float)
     return np.where(values > 0.0, values, np.nan)
-
-
-def timing_figure(timings: Mapping[str, Any]) -> Figure:
-    """Wall time of each stage as one bar."""
-    figure = Figure(figsize=(11.0, 1.5), layout="constrained")
-    axes = figure.subplots()
-    stages = {key: value for key, value in timings.items() if key != "total" and value}
-    rest = (timings.get("total") or 0.0) - sum(stages.values())
-    if rest > 0.0:
-        stages["other"] = rest
-    start = 0.0
-    for number, (stage, seconds) in enumerate(stages.items()):
-        axes.barh(
-            0, seconds, left=start, color=COLOURS[number % len(COLOURS)], edgecolor="white",
-            label=f"{stage} {seconds:.3g} s",
-        )  # fmt: skip
-        start += seconds
-    axes.set(yticks=[], xlabel="wall time [s]", xlim=(0.0, start or 1.0))
-    axes.legend(ncols=len(stages), loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
-    return figure

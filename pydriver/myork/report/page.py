@@ -1,18 +1,17 @@
 """The page: sections for whatever a folder holds, in one HTML file without external parts."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from myork.errors import FileError, InputError, MyorkError
-from myork.files import read_json, write_text
+from myork.errors import FileError, MyorkError
+from myork.files import write_text
 from myork.records import Image, Labels
 from myork.report import bodies, figures, image_figures, tables
-from myork.report.compare import compare_page
-from myork.report.frame import Page, Section, figure, folded, render
+from myork.report.frame import Page, Section, figure, folded
 from myork.report.numbers import fraction, number, probe_units
 from myork.report.sketch import NO_VALUE
 from myork.report.sources import RunFolder, read_folder
@@ -20,7 +19,6 @@ from myork.report.story import is_phantom, story
 from myork.report.sweep_page import SWEEP_FILE, read_sweep, sweep_page
 from myork.summary import failures
 
-_NAME = "report.html"
 #: Probes that are compared with those of reduced models
 _MOST = 3
 #: What arrows and crosses of a picture are
@@ -39,36 +37,18 @@ def make_report(folder: str | Path) -> Path:
     path = Path(folder)
     swept = (path / SWEEP_FILE).is_file()
     # what cannot be read is refused there
-    content = read_sweep(path) if swept else read_folder(path)
-    return _written(path / _NAME, sweep_page if swept else _page, content)
-
-
-def compare_runs(folders: Sequence[str | Path], out: str | Path | None = None) -> Path:
-    """Write `compare.html`: two or more runs side by side.
-
-    - `folders`: output folders of `solve`; the first is what the others are compared with
-    - `out`: folder of the page; default the first of them
-    """
-    runs = [read_folder(Path(folder)) for folder in folders]
-    if len(runs) < 2:
-        raise InputError("a comparison needs two folders or more")
-    return _written(Path(out or folders[0]) / "compare.html", compare_page, runs)
-
-
-def _written(path: Path, make: Callable[[Any], Page], content: Any) -> Path:
-    """Write a page, or refuse where the numbers of its files do not fit together."""
+    content: Any = read_sweep(path) if swept else read_folder(path)
     try:
-        text = make(content).text()
+        text = (sweep_page(content) if swept else _page(content)).text()
     except MyorkError:
         raise
     except Exception as reason:
         raise FileError(
-            f"{path.parent}: summary.json or another file is damaged, or the report "
-            f"itself failed: {reason!r}; run the command again"
+            f"{path}: summary.json or another file is damaged, or the report itself failed: "
+            f"{reason!r}; run the command again"
         ) from reason
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, text)
-    return path
+    write_text(path / "report.html", text)
+    return path / "report.html"
 
 
 def _page(folder: RunFolder) -> Page:
@@ -82,7 +62,6 @@ def _page(folder: RunFolder) -> Page:
             Section("planes", "Inside the body", _planes(folder)),
             Section("probes", "Forces and other probes", _probes(folder)),
             Section("rom", "Reduced models", _rom(folder)),
-            Section("touch", "The reduced model with sliders", _touch(folder)),
             Section("convergence", "Convergence", _convergence(folder)),
             Section("run", "The run", _run(folder)),
         ),
@@ -303,13 +282,6 @@ def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> I
         yield shown if k == best else folded(Markup("The same with {}").format(modes), shown)
 
 
-def _touch(folder: RunFolder) -> Iterator[Markup]:
-    """States of a reduced model beside the run, with sliders."""
-    path = folder.path / "states.json"
-    if path.is_file():
-        yield render("sliders.html", **read_json(path))
-
-
 def _convergence(folder: RunFolder) -> Iterator[Markup]:
     """Iterations of all steps."""
     if {"step", "load"} <= set(folder.history):
@@ -325,8 +297,7 @@ def _run(folder: RunFolder) -> Iterator[Markup]:
     """Method, solver, timings."""
     summary = folder.summary
     if "method" in summary:
-        yield tables.run_table([summary])
+        yield tables.run_table(summary)
     timings = summary.get("timings_s", {})
     if timings:
-        yield figure(figures.timing_figure(timings), "Wall time of the full solution.")
         yield tables.timing_table(timings, summary.get("memory_peak_bytes"))

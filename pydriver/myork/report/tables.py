@@ -20,14 +20,11 @@ _STAGES = {
 }
 
 
-def run_table(summaries: Sequence[Mapping[str, Any]], names: Sequence[str] = ()) -> Markup:
-    """What was solved and how: method, sizes, solver, backward error.
-
-    A column a summary; `names` are their heads, none for a single run.
-    """
-    rows = [[name, *(cell(own) for own in summaries)] for name, cell in _FACTS.items()]
-    shown = [row for row in rows if any(cell != DASH for cell in row[1:])]
-    return Markup('<div class="facts">{}</div>').format(table(("", *names) if names else (), shown))
+def run_table(summary: Mapping[str, Any]) -> Markup:
+    """What was solved and how: method, sizes, solver, backward error."""
+    rows = [(name, cell(summary)) for name, cell in _FACTS.items()]
+    shown = [row for row in rows if row[1] != DASH]
+    return Markup('<div class="facts">{}</div>').format(table((), shown))
 
 
 def _of(key: str, digits: int = 4) -> Callable[[Mapping[str, Any]], Markup]:

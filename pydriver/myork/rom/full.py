@@ -14,11 +14,10 @@ from myork.core.changing import ChangingScene
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
-from myork.model_file import model_bytes, model_of_bytes, write_model
+from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.rom.marks import ACCEPTED, DOUBTFUL, LOST
-from myork.rom.parameters import Parameter, value_of
-from myork.rom.snapshots import solution_of, stored_states
+from myork.rom.parameters import Parameter
 from myork.tables import override_text
 from myork.types import F64
 
@@ -30,12 +29,6 @@ _PATIENCE = 12
 #: Halvings of a load step from rest, and near states that are lost: where the branch ends, more of
 #: them only cost
 _HALVINGS, _FEW_HALVINGS = 5, 2
-#: Tables of a deck of which its states depend, and keys in them on which they do not
-_TABLES = (
-    "scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load",
-    "amplitude",
-)  # fmt: skip
-_OTHER_KEYS = {"file", "steps", "at", "max_halvings", "essential"}
 
 
 class FullState(NamedTuple):
@@ -49,7 +42,7 @@ class FullState(NamedTuple):
     mass: F64
     cpu_s: float  #: Processor time of the solve [s]
     started: bool = False  #: Whether the iteration began at a guess of the state and not at rest
-    mark: int = 0  #: What the full model says of the last state, see `Marks`; 0 if it was read
+    mark: int = 0  #: What the full model says of the last state, see `Marks`
 
 
 class FullModel:
@@ -163,18 +156,6 @@ class FullModel:
             mark = LOST
         return self._state(scene, states.x, states.load, cpu, started)._replace(mark=mark)
 
-    def read(self, parameters: Sequence[Parameter], folder: Path) -> tuple[F64, FullState]:
-        """States of the results in a folder, with the values of their parameters.
-
-        - raises InputError: they are of another deck, of other points or of another approximation
-        """
-        summary = solution_of(folder)
-        values = np.array([value_of(p, summary["deck"]) for p in parameters])
-        scene = self._at(parameters, values)
-        apart = {*(p.key for p in parameters), *_OTHER_KEYS}
-        x, load, _ = stored_states(scene, folder, summary, _TABLES, apart)
-        return values, self._state(scene, x, load, float(summary["cpu_s"]), False)
-
     def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
         """The scene at values; it is opened once for all that an open scene can change."""
         wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
@@ -230,16 +211,3 @@ class FullModel:
 def _less(one: LoadParts, other: LoadParts) -> LoadParts:
     """What one prescribes more than the other."""
     return LoadParts(*(a - b for a, b in zip(one, other, strict=True)))
-
-
-def cloud_arrays(cloud: PointCloud) -> dict[str, Any]:
-    """The points of a model as one array: the bytes of its file."""
-    return {"cloud": np.frombuffer(model_bytes(cloud), np.uint8)}
-
-
-def full_model_of(arrays: Mapping[str, Any], head: Mapping[str, Any], threads: int) -> FullModel:
-    """The full model that a reduced one was made of."""
-    cloud = None
-    if "cloud" in arrays:
-        cloud = model_of_bytes(np.asarray(arrays["cloud"]).tobytes(), "the reduced model's 'cloud'")
-    return FullModel(head["deck"], head["overrides"], cloud, threads or None)

@@ -10,7 +10,7 @@ from myork.types import F64, I64
 #: ellipticity is lost at some points; where the equilibrium is unstable, or was not found, there
 #: are several states or none, and which one a solve ends in is chance.
 ACCEPTED, DOUBTFUL, LOST = 1, 2, 3
-#: Their names; nothing is known by a model whose states were all read from folders
+#: Their names; no solve has the first one
 NAMES = ("unknown", "accepted", "doubtful", "lost")
 #: What speaks against an answer near lost states
 NEAR_LOST = "full solves nearby are unstable or found no state"

@@ -12,7 +12,8 @@ from myork.console import as_html
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import InputError
-from myork.rom.full import FullModel, full_model_of
+from myork.model_file import model_of_bytes
+from myork.rom.full import FullModel
 from myork.rom.marks import DOUBTFUL, LOST, NAMES, NEAR_LOST, Marks
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
 from myork.rom.parameters import Parameter, short_names, widths_of
@@ -223,13 +224,9 @@ class ReducedModel:
         """Read a model from its file.
 
         - raises FileError: there is no such file, or it is damaged
-        - raises InputError: what it holds is no reduced model of this version
+        - raises InputError: it is of another version
         """
-        arrays = read_arrays(Path(path))
-        try:
-            return cls(arrays, threads)
-        except InputError as reason:
-            raise InputError(f"{path}: {reason}; train it again") from None
+        return cls(read_arrays(Path(path)), threads)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to a file."""
@@ -411,7 +408,11 @@ class ReducedModel:
 
     def full_model(self) -> FullModel:
         """The full model that this one was made of."""
-        return full_model_of(self._arrays, self.head, self._solver.threads)
+        cloud, head = None, self.head
+        if "cloud" in self._arrays:
+            content = np.asarray(self._arrays["cloud"]).tobytes()
+            cloud = model_of_bytes(content, "the reduced model's 'cloud'")
+        return FullModel(head["deck"], head["overrides"], cloud, self._solver.threads or None)
 
     def _indicate(self, conditions: Conditions, answer: Answer) -> F64:
         """Size of a Newton step in more modes, relative."""

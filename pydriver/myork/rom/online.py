@@ -38,8 +38,6 @@ class Regression:
 
         n, p = points.shape
         self._scale = scale
-        if not np.isfinite(points / scale).all():
-            raise InputError("states of the training lie too far outside its range")
         # a polynomial below that the points determine: those of rays lie in few planes
         degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
         while True:

@@ -1,6 +1,5 @@
 """Parameters of a trained reduced model: keys of the deck with their ranges."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,8 +12,6 @@ _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
 )
-#: What a parameter may be
-KINDS = ("activation", "sigma_max", "fiber_angle", "modulus", "load", "rotation")
 #: Displacements that a condition prescribes
 PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
 #: Constants of the materials on which the energy depends linearly, beside K
@@ -30,7 +27,7 @@ class Parameter(NamedTuple):
     #: Range of the training
     low: float
     high: float
-    kind: str  #: One of `KINDS`
+    kind: str  #: `activation`, `sigma_max`, `fiber_angle`, `modulus`, `load` or `rotation`
     tissues: tuple[int, ...]  #: Materials that it changes, from 0; none for a load or a rotation
     end: float = 1.0  #: Last value of its amplitude, by which the value of the key is multiplied
 
@@ -45,52 +42,44 @@ class Parameter(NamedTuple):
         return {"load": 1, "rotation": 2}.get(self.kind, 0)
 
 
-def parse_vary(items: Sequence[str], option: str = "--vary") -> dict[str, tuple[float, float]]:
-    """Ranges from texts `KEY=LOW:HIGH` of an option."""
-    found: dict[str, tuple[float, float]] = {}
-    for item in items:
-        match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+)", item)
-        try:
-            assert match is not None
-            found[match[1]] = (float(match[2]), float(match[3]))
-        except (AssertionError, ValueError):
-            raise InputError(
-                f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1"
-            ) from None
-    return found
-
-
-def number_in(item: str, text: str) -> float:
-    """A finite number of an item of the option `--vary`."""
+def number_in(item: str, text: str, option: str = "--vary") -> float:
+    """A finite number of an item of an option."""
     try:
         value = float(text)
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f"--vary {item}: {text.strip()!r} is not a number")
+        raise InputError(f"{option} {item}: {text.strip()!r} is not a number")
     return value
+
+
+def numbers_in(item: str, form: str, option: str = "--vary") -> tuple[str, list[float]]:
+    """Key and numbers of an item of an option, as many as a form such as `KEY=LOW:HIGH` has."""
+    key, _, text = item.partition("=")
+    words = text.split(":")
+    if not key.strip() or len(words) != form.count(":") + 1:
+        raise InputError(f"{option} {item}: {form} is needed")
+    return key.strip(), [number_in(item, word, option) for word in words]
+
+
+def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges from texts `KEY=LOW:HIGH` of the option `--vary`."""
+    pairs = (numbers_in(item, "KEY=LOW:HIGH") for item in items)
+    return {key: (low, high) for key, (low, high) in pairs}
 
 
 def grid_in(item: str) -> tuple[str, F64]:
     """Key and values of an item `KEY=LOW:HIGH:N` of the option `--vary`."""
-    key, _, text = item.partition("=")
-    words = text.split(":")
-    if len(words) != 3 or not words[2].strip().isdigit() or int(words[2]) < 1:
-        raise InputError(f"--vary {item}: KEY=LOW:HIGH:N is needed, as in load.activation=0:1:21")
-    low, high = (number_in(item, word) for word in words[:2])
-    return key.strip(), np.linspace(low, high, int(words[2]))
+    key, (low, high, count) = numbers_in(item, "KEY=LOW:HIGH:N")
+    if count < 1 or count % 1:
+        raise InputError(f"--vary {item}: N must be a whole number above 0, not {count:g}")
+    return key, np.linspace(low, high, int(count))
 
 
 def numbers_of(items: Sequence[str]) -> dict[str, float]:
-    """Numbers from texts `KEY=VALUE`."""
-    found = {}
-    for item in items:
-        key, _, value = item.partition("=")
-        try:
-            found[key.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--set {item}: a number is needed") from None
-    return found
+    """Numbers from texts `KEY=VALUE` of the option `--set`."""
+    pairs = (numbers_in(item, "KEY=VALUE", "--set") for item in items)
+    return {key: value for key, (value,) in pairs}
 
 
 def as_parameters(

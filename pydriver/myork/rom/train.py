@@ -17,7 +17,7 @@ from myork.core.online import triples
 from myork.core.scene import Scene
 from myork.core.threads import thread_count
 from myork.errors import ConvergenceError, InputError
-from myork.model_file import read_model
+from myork.model_file import model_bytes, read_model
 from myork.rom.check import (
     CellErrors,
     Tests,
@@ -27,7 +27,7 @@ from myork.rom.check import (
     solve_tests,
     started,
 )
-from myork.rom.full import FullModel, cloud_arrays
+from myork.rom.full import FullModel
 from myork.rom.marks import LOST, Marks
 from myork.rom.model import ReducedModel
 from myork.rom.modes import LARGE, Draft, joined, make_draft, states_beyond, values_beyond
@@ -71,7 +71,6 @@ def train(
     tolerance: float = 1e-3,
     full_solves: int = 60,
     tests: int = 16,
-    snapshots: Sequence[str | Path] = (),
     seed: int = 0,
     out: str | Path | None = None,
     overrides: Sequence[str] = (),
@@ -92,8 +91,6 @@ def train(
       the test
     - `full_solves`: full solves of the training at most, the corners included
     - `tests`: further full solves of the test; without them the training does not end before
-    - `snapshots`: folders with solutions of the deck at other values of the parameters, of which
-      all states are taken; what they hold is not solved again
     - `out`: folder in which the model file of the deck is looked for first
     - raises InputError: a parameter or the deck is wrong for a reduced model
     - raises ConvergenceError: too few full solves converged
@@ -163,12 +160,11 @@ def train(
             scene = opened.enter_context(full.open())
         setting, head = make_setting(scene, kinds, values, full, threads or thread_count(), opened)
         training = _Training(full, scene, setting, tolerance, full_solves, seed, progress)
-        for folder in snapshots:
-            training.read(Path(folder))
         training.run(tests)
         sha256 = load_deck(deck, overrides, "solve")["sha256"]
         head |= {"deck": full.text, "overrides": list(overrides), "deck_sha256": sha256}
-        rom = training.model(head, {} if cloud is None else cloud_arrays(cloud), begin)
+        points = {} if cloud is None else {"cloud": np.frombuffer(model_bytes(cloud), np.uint8)}
+        rom = training.model(head, points, begin)
     return rom
 
 
@@ -214,21 +210,10 @@ class _Training:
         self.lifts = np.zeros((0, scene.dofs))
         self.cpu: list[float] = []
         self.started_cpu: list[float] = []
-        self.failed = self.read_states = 0
+        self.failed = 0
         self.failed_cpu = 0.0
         self.tests: Tests | None = None
         self.draft: Draft | None = None
-
-    def read(self, folder: Path) -> None:
-        """Take the states of a folder."""
-        values, state = self.full.read(self.setting.parameters, folder)
-        before = 0 if self.snapshots is None else len(self.snapshots.x)
-        self.snapshots = joined(self.snapshots, self.setting.parameters, state, values)
-        self.read_states += len(self.snapshots.x) - before
-        self.progress(
-            f"{folder}: {len(self.snapshots.x) - before} states, the last one at "
-            f"{self.named(values)}"
-        )
 
     def run(self, tests: int) -> None:
         """Solve until the test is met or no solves are left."""
@@ -433,7 +418,6 @@ class _Training:
             },
             "full_solves": len(self.cpu) + len(self.started_cpu),
             "started_solves": len(self.started_cpu),
-            "read_states": self.read_states,
             "failed_full_solves": self.failed,
             "solves_cpu_s": sum(self.cpu) + sum(self.started_cpu) + self.failed_cpu,
             "full_cpu_s": float(np.mean(self.cpu or [0.0])),

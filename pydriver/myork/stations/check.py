@@ -33,28 +33,18 @@ class Check(NamedTuple):
 
 
 class Checks(list[Check]):
-    """Checks in their order, each with a line of progress.
+    """Checks in their order, each with a line of progress."""
 
-    - `progress`: called with the line
-    - `failures`: what a check may raise where it does not hold
-    - `detail`: of such an exception
-    """
-
-    def __init__(
-        self,
-        progress: ProgressCallback,
-        *failures: type[Exception],
-        detail: Callable[[Exception], str] = str,
-    ) -> None:
+    def __init__(self, progress: ProgressCallback) -> None:
         super().__init__()
-        self._progress, self._failures, self._detail = progress, failures, detail
+        self._progress = progress
 
     def note(self, name: str, run: Callable[..., tuple[bool | None, str]], *given: Any) -> None:
         """Make a check of what is given."""
         try:
             passed, detail = run(*given)
-        except self._failures as reason:
-            passed, detail = False, self._detail(reason)
+        except ConvergenceError as reason:
+            passed, detail = False, str(reason)
         self.append(Check(name, passed, detail))
         word = {True: "ok", False: "FAILED", None: "-"}[passed]
         self._progress(f"{name:<22} {word:<7} {detail}")
@@ -77,7 +67,7 @@ def check_deck(
     """
     folder = None if out is None else Path(out)
     values = load_deck(deck, overrides, "solve")
-    found = Checks(progress, ConvergenceError)
+    found = Checks(progress)
     with Scene(deck, overrides, folder, threads=1) as scene:
         found.note("tangent", _tangent, scene)
         for table in values.get("material", []):

@@ -13,7 +13,7 @@ from myork.core.deck import deck_key
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
-from myork.rom.parameters import numbers_of, parse_vary
+from myork.rom.parameters import numbers_in, numbers_of
 from myork.rom.probes import places_of
 from myork.types import F64, Mask
 
@@ -199,12 +199,13 @@ def ranges_of(
     """Ranges from texts `KEY=LOW:HIGH`, or `KEY` alone for the range of the training."""
     found = {}
     for item in items:
-        given = parse_vary([item], option) if "=" in item else {item.strip(): None}
-        ((name, ends),) = given.items()
+        name, ends = item.strip(), list[float]()
+        if "=" in item:
+            name, ends = numbers_in(item, "KEY=LOW:HIGH", option)
         key = forward.key_of(name)
         low, high = ends or forward.range_of(key) or (0.0, 0.0)
         if not (np.isfinite([low, high]).all() and low < high):
-            raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, as in load.activation=0:1")
+            raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, LOW below HIGH")
         if key in found:
             raise InputError(f"{option} {item}: the key is named twice; give it once")
         found[key] = (low, high)

@@ -19,10 +19,6 @@ from myork.types import F64
 _STARTS, _BEST = 64, 3
 #: Step of the differences, of a range: above the tolerance of the states, below curvature
 _STEP = 1e-3
-#: Iterations of a fit, each with the states of its differences, as forecasts count them
-_ROUNDS = 6
-#: Rounds that move far
-_DISTANT = 3
 _CONFIDENCE = 0.95
 #: Parameters whose estimates go together as far as this are not distinguished by the data
 _TOGETHER = 0.98
@@ -47,7 +43,6 @@ def identify(
     fixed: Sequence[str] = (),
     seed: int = 0,
     threads: int | None = None,
-    dry_run: bool = False,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
     """Values of parameters by least squares.
@@ -60,9 +55,7 @@ def identify(
     - `free`: keys that are wanted, `KEY=LOW:HIGH` each; `KEY` takes the range of the training
     - `out`: folder of `identify.json`, `.csv` (measured and fitted) and `.png`
     - `fixed`: `KEY=VALUE` each: other parameters, or overrides of the deck
-    - `dry_run`: solve each measurement once, for a forecast of the cost, and write nothing
-    - returns what `identify.json` holds: values with intervals, correlations, warnings; of a dry
-      run the forecast, `states` and `cpu_s`
+    - returns what `identify.json` holds: values with intervals, correlations, warnings
     - raises InputError: a key or the data are wrong
     - raises ConvergenceError: a state that the fit asks for could not be found
     """
@@ -78,11 +71,6 @@ def identify(
         if not ranges:
             raise InputError("name the parameters to fit: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
-        if not forward.is_reduced or dry_run:
-            forecast = _forecast(forward, measured, ranges)
-            progress("about {states} states, {cpu_s:.2g} CPU s".format(**forecast))
-        if dry_run:
-            return forecast
         summary, fitted = _fit(forward, measured, ranges, seed, progress)
     out.mkdir(parents=True, exist_ok=True)
     rows = zip(measured.conditions.tolist(), measured.values, fitted, strict=True)
@@ -151,29 +139,6 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
         if not (errors[np.isfinite(values)] > 0.0).all():
             raise InputError(f"{path}: standard errors must be above 0")
     return _Data(keys, conditions, names, values, errors)
-
-
-def _forecast(
-    forward: Forward, data: _Data, ranges: dict[str, tuple[float, float]]
-) -> dict[str, Any]:
-    """States that a fit asks for, and their processor time [s].
-
-    All measurements are solved at half the largest values, and one beside it: the first rounds of
-    a fit move as far as the former, the others are near to states that are known.
-    """
-    low, high = np.array(list(ranges.values())).T
-    # zero, where a range about it has its middle, may be the body at rest, which costs nothing
-    middle = 0.5 * np.where(low * high < 0.0, np.where(-low > high, low, high), low + high)
-    rows = np.hstack([data.conditions, np.tile(middle, (len(data.values), 1))])
-    forward.ask([*data.keys, *ranges], rows)
-    far = forward.cpu_s / len(rows)
-    beside = rows[:1] + np.concatenate([np.zeros(len(data.keys)), _STEP * (high - low)])
-    forward.ask([*data.keys, *ranges], beside)
-    near = forward.cpu_s - far * len(rows)
-    rounds = (_BEST if forward.is_reduced else 1) * _ROUNDS * (1 + len(ranges)) + 1
-    states = len(rows) * (rounds + (_STARTS if forward.is_reduced else 0))
-    distant = min(_DISTANT * len(rows), states)
-    return {"states": states, "cpu_s": distant * far + (states - distant) * near}
 
 
 def _fit(

@@ -124,96 +124,68 @@ def _samples(
     return [tuple(float(v) for v in row) for row in low + unit * (high - low)]
 
 
-class Inputs:
-    """Identity of a sweep: two sweeps of the same contents are the same, wherever the files are.
+def identity(
+    plan: Plan, out: Path, model: Path | None = None, model_probes: Sequence[str] = ()
+) -> dict[str, Any]:
+    """What a sweep is of: two of the same contents are the same, wherever the files are.
 
     - `plan`: points and their deck
     - `out`: folder of the sweep, in which the model file of the deck is looked for first
     - `model`, `model_probes`: reduced model that answers, and names of the probes that it knows
+    - returns digests of the files by what they are (`inputs`), overrides, keys, points, and how
+      many of these there were after each call that added some
     - raises InputError: two columns of the table would have one name
     - raises FileError: a file cannot be read
     """
+    paths = {"deck": plan.deck} | ({} if model is None else {"--model": model})
+    # what is read and found depends on words and whole numbers: files, methods, names
+    chosen = {
+        tuple(value for value in point if not isinstance(value, float)): number
+        for number, point in reversed(list(enumerate(plan.points)))
+    }
+    for number in chosen.values():
+        try:
+            one = plan.tables(number)
+        except MyorkError:
+            # words that do not go together: these points fail with the message
+            continue
+        probes = one["probe"]
+        if model is None:
+            paths |= _files(one, out)
+        else:
+            probes = [probe for probe in probes if probe["name"] in model_probes]
+        _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
+    return {
+        "inputs": {name: _digest(path) for name, path in paths.items()},
+        "overrides": list(plan.overrides),
+        "keys": list(plan.keys),
+        "points": [list(point) for point in plan.points],
+        "calls": list(plan.calls or (len(plan.points),)),
+    }
 
-    def __init__(
-        self, plan: Plan, out: Path, model: Path | None = None, model_probes: Sequence[str] = ()
-    ) -> None:
-        self._paths = {"deck": plan.deck} | ({} if model is None else {"--model": model})
-        # what is read and found depends on words and whole numbers: files, methods, names
-        chosen = {
-            tuple(value for value in point if not isinstance(value, float)): number
-            for number, point in reversed(list(enumerate(plan.points)))
-        }
-        for number in chosen.values():
-            try:
-                one = plan.tables(number)
-            except MyorkError:
-                # words that do not go together: these points fail with the message
-                continue
-            probes = one["probe"]
-            if model is None:
-                self._paths |= _files(one, out)
-            else:
-                probes = [probe for probe in probes if probe["name"] in model_probes]
-            _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
-        self._marks = {name: _mark(path) for name, path in self._paths.items()}
-        self._digests = {name: _digest(path) for name, path in self._paths.items()}
-        #: Digests of the files by what they are, overrides, keys, points, and how many of these
-        #: there were after each call that added some
-        self.head: dict[str, Any] = {
-            "inputs": self._digests,
-            "overrides": list(plan.overrides),
-            "keys": list(plan.keys),
-            "points": [list(point) for point in plan.points],
-            "calls": list(plan.calls or (len(plan.points),)),
-        }
 
-    def check(self) -> None:
-        """Refuse to go on where a file is not what it was at the start.
-
-        - raises InputError: another content
-        - raises FileError: the file is gone
-        """
-        for name, path in self._paths.items():
-            mark = _mark(path)
-            if mark == self._marks[name]:
-                continue
-            if _digest(path) != self._digests[name]:
-                raise InputError(
-                    f"{path} ({name}) has changed while the sweep ran; the points that were "
-                    "finished before are kept: put the earlier file back and run the same line "
-                    "again, or sweep into another folder"
-                )
-            self._marks[name] = mark
-
-    def refusal(self, path: Path, other: Any) -> str:
-        """Why the points in a file are not of this sweep, by its first line; "" where they are."""
-        if other == self.head or self._extends(other):
-            return ""
-        anew = f"or sweep into another folder than {path.parent}"
-        kinds = ("overrides", "keys", "points")
-        inputs = other.get("inputs", {}) if isinstance(other, dict) else {}
-        if (
-            not isinstance(inputs, dict)
-            or not inputs
-            or any(other.get(kind) != self.head[kind] for kind in kinds)
-        ):
-            return (
-                f"{path}: is of another sweep, with other keys, points or --set: add these points "
-                f"with --extend where only points differ, remove it, {anew}"
-            )
-        changed = [n for n in self._digests if inputs.get(n) != self._digests[n]]
-        names = ", ".join(f"{self._paths[name]} ({name})" for name in changed)
+def refusal(head: Mapping[str, Any], other: Any, path: Path) -> str:
+    """Why the points in a file are not of a sweep, by the identities of both; "" where they are."""
+    calls = head["calls"]
+    # a sweep may be another one with more points
+    before = [{**head, "points": head["points"][:n], "calls": calls[: i + 1]}
+              for i, n in enumerate(calls)]  # fmt: skip
+    if other in before:
+        return ""
+    anew = f"or sweep into another folder than {path.parent}"
+    if not isinstance(other, dict) or any(
+        other.get(kind) != head[kind] for kind in ("overrides", "keys", "points")
+    ):
         return (
-            f"{path}: is of another sweep, from before {names or 'its files'} changed: put the "
-            f"earlier file back, {anew}"
+            f"{path}: is of another sweep, with other keys, points or --set: add these points "
+            f"with --extend where only points differ, remove it, {anew}"
         )
-
-    def _extends(self, other: Any) -> bool:
-        """Whether this sweep is another one with more points."""
-        calls = self.head["calls"]
-        before = [{"points": self.head["points"][:n], "calls": calls[: i + 1]}
-                  for i, n in enumerate(calls)]  # fmt: skip
-        return any(other == {**self.head, **earlier} for earlier in before)
+    known = other.get("inputs", {})
+    changed = [name for name, digest in head["inputs"].items() if known.get(name) != digest]
+    return (
+        f"{path}: is of another sweep, from before {', '.join(changed) or 'its files'} changed: "
+        f"put the earlier file back, {anew}"
+    )
 
 
 def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
@@ -243,15 +215,6 @@ def _check_columns(
                     f"column of {taken[column]}: rename the probe"
                 )
             taken[column] = f"the probe {probe['name']}"
-
-
-def _mark(path: Path) -> tuple[int, ...]:
-    """What changes with the content of a file, for a look that costs nothing."""
-    try:
-        found = path.stat()
-    except OSError as reason:
-        raise FileError(f"{path}: cannot be read: {reason.strerror or reason}") from None
-    return (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
 
 
 def _digest(path: Path) -> str:

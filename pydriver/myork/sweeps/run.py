@@ -31,7 +31,7 @@ from myork.files import alone_in
 from myork.rom.model import ReducedModel
 from myork.rom.probes import places_of
 from myork.stations.explain import explain_deck
-from myork.sweeps.plan import Inputs, Plan, make_plan
+from myork.sweeps.plan import Plan, identity, make_plan
 from myork.sweeps.store import Store, has_parquet, read_head, read_points
 from myork.types import F64
 
@@ -58,7 +58,6 @@ def sweep(
     model: str | Path | None = None,
     overrides: Sequence[str] = (),
     dry_run: bool = False,
-    part: str | None = None,
     extend: bool = False,
     progress: ProgressCallback = silent,
 ) -> Path:
@@ -77,8 +76,6 @@ def sweep(
     - `model`: reduced model (`.rom.h5`) that answers in place of the full one
     - `overrides`: overrides of the deck for all points
     - `dry_run`: only say what would be solved, and what it costs
-    - `part`: "K/N": only every N-th point from the K-th, in a folder of its own within `out`; a
-      call without `part` gathers what parts have found
     - `extend`: add these points to those of the sweep in the folder; the column `call` of the table
       is the number of the call that added a point
     - returns the table `sweep.csv`
@@ -92,8 +89,6 @@ def sweep(
         # a line that adds nothing goes on with all that the folder's sweep is of
         if extend or len(longer.calls) == len(earlier.get("calls", ())):
             plan = longer
-    if len(plan.calls) > 1 and part is not None:
-        raise InputError("a sweep that is extended has no parts: leave --part out")
     full = [deck_key(plan.deck, key, overrides) for key in plan.keys]
     for k, key in enumerate(full):
         if key in full[:k]:
@@ -106,38 +101,27 @@ def sweep(
     workers = workers or os.cpu_count() or 1
     where = "the reduced model" if model else f"Dask at {dask}" if dask else f"{workers} processes"
     progress(f"{len(plan.points)} points of {', '.join(plan.keys)} by {where}")
-    if part and (model or dask):
-        raise InputError("parts of a sweep are solved by full models, without Dask")
-    share = range(len(plan.points)) if part is None else _share(part, len(plan.points))
     rom = None if model is None else ReducedModel.load(model)
     if rom is not None:
         values = _model_values(plan, rom, Path(model or ""))
-    inputs = Inputs(
+    head = identity(
         plan, out, None if model is None else Path(model),
         () if rom is None else [probe["name"] for probe in rom.head["probes"]],
     )  # fmt: skip
     if dry_run:
-        for line in (*_preview(plan), *_cost(plan, out, inputs)):
+        for line in (*_preview(plan), *_cost(plan, out, head)):
             progress(line)
         return out / "sweep.csv"
-    # jobs of an array write side by side
-    folder = out if part is None else out / f"part_{part.replace('/', '_of_')}"
     about = {
         "title": one["title"],
         "units": _units(one),
         "model": None if model is None else Path(model).name,
     }
-    with alone_in(folder):
-        store = Store(folder, inputs, about)
-        # parts were gathered before a sweep was extended
-        parts = out.glob("part_*_of_*/points.jsonl") if part is None and len(plan.calls) < 2 else ()
-        for path in sorted(parts):
-            for number, row in read_points(path, inputs).items():
-                if number not in store.rows:
-                    store.add(row)
-        left = [number for number in share if number not in store.rows]
-        if len(left) < len(share):
-            progress(f"{len(share) - len(left)} points are done already")
+    with alone_in(out):
+        store = Store(out, head, about)
+        left = [number for number in range(len(plan.points)) if number not in store.rows]
+        if store.rows:
+            progress(f"{len(store.rows)} points are done already")
         try:
             if rom is not None:
                 _reduced(rom, values, left, store)
@@ -168,22 +152,10 @@ def _units(deck: Mapping[str, Any]) -> dict[str, str]:
     return {name: deck["probe_units"][deck["probe"][i]["name"]] for name, (i, _) in names.items()}
 
 
-def _share(part: str, count: int) -> range:
-    """Numbers of the points of a part, such as "3/16": every sixteenth, from the third.
-
-    Neighbours in a grid cost alike, so that parts of points far apart end together.
-    """
-    found = re.fullmatch(r"(\d+)/(\d+)", part)
-    number, parts = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not 1 <= number <= parts:
-        raise InputError(f"--part {part}: K/N is needed, K from 1 to N, as in 3/16")
-    return range(number - 1, count, parts)
-
-
-def _cost(plan: Plan, out: Path, inputs: Inputs) -> list[str]:
+def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
     """What all points cost: by those that are finished, else by the counts of the middle one."""
     count = len(plan.points)
-    times = [row["cpu_s"] for row in read_points(out / "points.jsonl", inputs).values()]
+    times = [row["cpu_s"] for row in read_points(out / "points.jsonl", head).values()]
     # a point whose process died has none
     finished = [seconds for seconds in times if np.isfinite(seconds)]
     if finished:

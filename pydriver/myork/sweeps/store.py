@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import zlib
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
@@ -12,11 +11,11 @@ from typing import Any
 
 from myork.errors import InputError
 from myork.files import open_output, whole_file, write_csv, write_json, write_text
-from myork.sweeps.plan import LAST_COLUMNS, Inputs
+from myork.sweeps.plan import LAST_COLUMNS, refusal
 
 
 def read_head(path: Path) -> Any:
-    """What the points in a file are of, as `Inputs.head`; None without it."""
+    """Identity of the sweep whose points are in a file; None without it."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             return json.loads(file.readline())["sweep"]
@@ -24,27 +23,27 @@ def read_head(path: Path) -> Any:
         return None
 
 
-def read_points(path: Path, inputs: Inputs) -> dict[int, dict[str, Any]]:
+def read_points(path: Path, head: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
     """Finished points of a file by their numbers; none where there is no file.
 
+    - `head`: identity of the sweep
     - raises InputError: the points are of another sweep, or a line is not what a sweep writes
     """
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     # a killed run may leave half a line at the end
     lines = text[: text.rfind("\n") + 1].split("\n")[1:-1]
-    if not lines:
-        return {}
-    if refusal := inputs.refusal(path, read_head(path)):
-        raise InputError(refusal)
+    if lines and (reason := refusal(head, read_head(path), path)):
+        raise InputError(reason)
     rows: dict[int, dict[str, Any]] = {}
     for number, line in enumerate(lines, 2):
-        row = _checked(line)
-        if row is None or row["point"] in rows:
-            what = "is not what a sweep wrote" if row is None else "has a point for the second time"
+        try:
+            row = json.loads(line)
+            rows[int(row["point"])] = row
+        except (ValueError, LookupError, TypeError):
             raise InputError(
-                f"{path}:{number}: {what}; remove the line, and its point is solved again"
-            )
-        rows[row["point"]] = row
+                f"{path}:{number}: is not what a sweep wrote; remove the line, and its point is "
+                "solved again"
+            ) from None
     return rows
 
 
@@ -54,32 +53,28 @@ class Store:
     Nothing is written before the first point.
 
     - `folder`: folder of the sweep
-    - `inputs`: what the sweep is of. Points of another one in the same folder are refused.
+    - `head`: identity of the sweep. Points of another one in the same folder are refused.
     - `about`: what `sweep.json` says of it
     """
 
-    def __init__(self, folder: Path, inputs: Inputs, about: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, head: Mapping[str, Any], about: Mapping[str, Any]) -> None:
         self._path = folder / "points.jsonl"
         self._folder = folder
-        self._inputs = inputs
+        self._head = head
         self._about = about
         self._begun = False
-        self.rows = read_points(self._path, inputs)
+        self.rows = read_points(self._path, head)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Keep a finished point; it is on the disk when this returns.
-
-        - raises InputError: a file that points read is not what it was when the sweep began
-        """
-        self._inputs.check()
+        """Keep a finished point; it is on the disk when this returns."""
         if not self._begun:
-            head = json.dumps({"sweep": self._inputs.head}) + "\n"
-            write_text(self._path, head + "".join(map(_line, self.rows.values())))
+            lines = [{"sweep": self._head}, *self.rows.values()]
+            write_text(self._path, "".join(f"{json.dumps(line)}\n" for line in lines))
             write_json(self._folder / "sweep.json", self._about)
             self._begun = True
         self.rows[row["point"]] = row
         with os.fdopen(open_output(self._path, new=False), "a", encoding="utf-8") as file:
-            file.write(_line(row))
+            file.write(f"{json.dumps(row)}\n")
             file.flush()
             os.fsync(file.fileno())
 
@@ -95,7 +90,7 @@ class Store:
         columns |= {
             f"{name}_error": [row["errors"].get(name, math.nan) for row in rows] for name in bars
         }
-        calls = self._inputs.head["calls"]
+        calls = self._head["calls"]
         for row in rows:
             row["call"] = bisect_right(calls, row["point"]) + 1
         for name in LAST_COLUMNS:
@@ -109,22 +104,6 @@ class Store:
 def has_parquet() -> bool:
     """Whether tables are written as Parquet as well."""
     return find_spec("pyarrow") is not None
-
-
-def _line(row: Mapping[str, Any]) -> str:
-    """A finished point and its checksum."""
-    text = json.dumps(row)
-    return f'{text[:-1]}, "check": {zlib.crc32(text.encode())}}}\n'
-
-
-def _checked(line: str) -> dict[str, Any] | None:
-    """The point of a line; None where the line is not as it was written."""
-    try:
-        row = json.loads(line)
-        del row["check"]
-    except (ValueError, LookupError, TypeError, RecursionError):
-        return None
-    return row if _line(row) == f"{line}\n" else None
 
 
 def _cell(value: Any) -> Any:

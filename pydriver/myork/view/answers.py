@@ -16,6 +16,7 @@ from myork.rom.marks import LOST, NEAR_LOST
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.probes import probe_columns
 from myork.summary import read_summary
+from myork.tables import decks_agree
 from myork.types import F64
 
 #: Fields by name, with a title and the kind of their unit
@@ -42,6 +43,12 @@ _POINTS, _CURVES = 31, 5
 #: Per cent of the values of sample states at either end that have the colour of the end: stresses
 #: of few places are many times those of all others
 _TAIL = 2.0
+#: Tables of a deck of which its states depend, and keys in them on which they do not
+_TABLES = (
+    "scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load",
+    "amplitude",
+)  # fmt: skip
+_OTHER_KEYS = {"file", "steps", "at", "max_halvings", "essential"}
 
 
 class Shown(NamedTuple):
@@ -286,15 +293,16 @@ class Answers:
 
     def _full_error(self, folder: Path, name: str) -> float | None:
         """Relative error bar of a force in the folder of the model; none where none is of it."""
+        apart = {*(p.key for p in self.rom.parameters), *_OTHER_KEYS}
         try:
-            # refuses what is of another deck but for the parameters
-            self.rom.full_model().read(self.rom.parameters, folder)
             summary = read_summary(folder)
+            if not decks_agree(summary["deck"], self._full.scene.deck, _TABLES, apart):
+                return None
             last = summary["steps"][-1]
             size, error = (np.linalg.norm(last[k][name]) for k in ("probes", "probe_errors"))
-        except (MyorkError, OSError, LookupError, ValueError, TypeError):
+        except (MyorkError, LookupError, TypeError):
             return None
-        if summary["verdict"]["state"] == "refused" or not size > 0.0:
+        if not summary["converged"] or summary["verdict"]["state"] == "refused" or not size > 0.0:
             return None
         return float(error / size)
 

@@ -1,4 +1,4 @@
-"""States of a reduced model in a page that needs no server, and beside a run for its report."""
+"""States of a reduced model in a page that needs no server."""
 
 import base64
 from itertools import product
@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import write_json, write_text
+from myork.files import write_text
 from myork.report.frame import render
 from myork.rom.parameters import spread_points
 from myork.types import F64
@@ -37,19 +37,9 @@ def still_page(
     """
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--still {page}: the name of a page ends in .html")
-    write_text(page, page_of(sample(path, threads=threads, progress=progress)))
+    states = sample(path, threads=threads, progress=progress)
+    write_text(page, render("view.html", **states))
     return page
-
-
-def keep_states(path: Path, folder: Path) -> Path:
-    """Write `states.json` into the folder of a run, from which its report takes states."""
-    write_json(folder / "states.json", sample(path))
-    return folder / "states.json"
-
-
-def page_of(content: dict[str, Any]) -> str:
-    """The page of states that `sample` has found."""
-    return render("view.html", **content)
 
 
 def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent) -> dict[str, Any]:
