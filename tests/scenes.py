@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import signal
@@ -24,6 +25,7 @@ from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
+from myork.stations.explain import explain_deck
 from myork.stations.solve import find_executable
 from myork.types import F64
 
@@ -36,6 +38,8 @@ else:
 RUBBER = {**materials.RUBBER, "K": 1e3}
 #: Smooth, and soft enough for all forms
 MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
+#: Planes of symmetry at three sides of a box
+PLANES = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
 #: Approximation of a linear basis
 LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
 
@@ -148,8 +152,18 @@ def sheared(
             {"set": "x1", "traction": [0.5] * nd},
         ],
         galerkin={"gauss": 2, "essential": "transformation"},
-        probe=[{"name": side, "quantity": "force", "set": side} for side in sides],
+        probe=forces(*sides),
     ) | tables  # fmt: skip
+
+
+def forces(*sets: str, of: str = "force") -> list[dict[str, Any]]:
+    """Probes of the forces on sets, or of another quantity, by the names of the sets."""
+    return [{"name": name, "quantity": of, "set": name} for name in sets]
+
+
+def places(point: Any, *quantities: str) -> list[dict[str, Any]]:
+    """Probes of quantities at a point, by the names of the quantities."""
+    return [{"name": name, "quantity": name, "point": list(point)} for name in quantities]
 
 
 def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, Any]:
@@ -255,6 +269,19 @@ def execute(
     )  # fmt: skip
     path = out / "summary.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}, done
+
+
+def explained(deck: Path, *overrides: str) -> str:
+    """What `myork explain` says of a deck."""
+    lines: list[str] = []
+    explain_deck(deck, overrides=overrides, progress=lines.append)
+    return "\n".join(lines)
+
+
+def history(out: Path) -> list[dict[str, str]]:
+    """Iterations of a run by the names of their columns."""
+    with (out / "history.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:

@@ -239,11 +239,7 @@ def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "what"),
     [
-        ({"name": "k"}, "table.k: needs one of the keys x, file"),
-        ({"name": "k", "x": [0, 1]}, "table.k.value: missing"),
-        ({"name": "k", "x": [0, 1], "value": [1]}, "must have as many items as x, 2, not 1"),
         ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
-        ({"name": "k", "x": [0], "file": "k.csv"}, "cannot be given beside x"),
         ({"name": "sin", "x": [0], "value": [1]}, "is already used in expressions"),
         ({"name": "pi", "x": [0], "value": [1]}, "is already used in expressions"),
         ({"name": "2k", "x": [0], "value": [1]}, "must consist of letters, digits and _"),

@@ -199,15 +199,6 @@ def test_history_is_a_table(sample: Path, tmp_path: Path) -> None:
     assert np.isnan(table["f_y_error"][1])
 
 
-def test_geometry_is_stored_once(sample: Path) -> None:
-    with h5py.File(sample) as file:
-        vtk = file["VTKHDF"]
-        assert vtk["Points"].shape == vtk["PointData/fiber"].shape == (125, 3)
-        assert vtk["PointData/u"].shape == (4 * 125, 3)
-        assert vtk.attrs["Type"] == b"UnstructuredGrid"
-        assert vtk["PointData/u"].compression == "gzip"
-
-
 def test_summary_beside_the_results(sample: Path, tmp_path: Path) -> None:
     (tmp_path / "results.vtkhdf").write_bytes(sample.read_bytes())
     with Results(tmp_path) as results, pytest.raises(FileError, match=r"summary\.json: cannot"):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from benchmarks.truths import bodies
-from myork import Results, Scene, run_deck
+from myork import Scene, run_deck
 from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
 from myork.model_file import read_model, write_model
@@ -369,7 +369,6 @@ def test_annulus(inputs: Path) -> None:
         "boundary.inner.u_x=1": "cannot be given beside u_x",
         "scene.dimension=3": "annulus needs scene.dimension = 2, not 3",
         "probe.radial_stress.quantity=u_z": "u_z is always zero in two dimensions",
-        "boundary.inner.u_z=1": "only for scene.dimension = 3; here scene.dimension = 2",
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",
         "probe.radial_stress.point=[-0.1,7]": "(-0.1, 7) lies outside the annulus",
         "boundary.inner.set=z0": "'z0' is not a side of this annulus; there are inner, outer, x0",
@@ -386,16 +385,6 @@ def test_radial_displacements_are_for_round_sides() -> None:
     message = "^tables: boundary.y0.radial: only on the sets inner and outer$"
     with pytest.raises(InputError, match=message):
         Scene.from_tables(tables)
-
-
-def test_fiber_angle_gives_the_fiber(tmp_path: Path) -> None:
-    """From the last axis towards x, in the deck's own words."""
-    turned = BARE | {"fiber_angle": 30}
-    words = ["load.steps=1", *RIGHT]
-    run_deck(MARKED | {"material": [turned]}, tmp_path / "out", overrides=words, verbosity=-1)
-    with Results(tmp_path / "out") as results:
-        fiber = results.fiber
-    np.testing.assert_allclose(fiber, np.broadcast_to([0.5, 0, 0.75**0.5], fiber.shape), 1e-6)
 
 
 @pytest.mark.parametrize(("full", "loads"), [(0.01, [0.5, 1.0]), (0.005, [1.0]), (0.0, [])])

@@ -20,7 +20,7 @@ from myork.bench.dissertation import Run
 from myork.bench.materials import MUSCLE
 from myork.bench.page import write_page
 from myork.bench.reproduce import RUNS
-from myork.bench.runs import PUBLISHED_BLOCK, lattice, read_deck, solve_case
+from myork.bench.runs import lattice, read_deck, solve_case
 from myork.bench.tables import Columns, plot, table
 from myork.console import silent
 from myork.core.material import Material, stress
@@ -59,22 +59,6 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
     html = (tmp_path / "bench.html").read_text(encoding="utf-8")
     assert "Toy &amp; more" in html and "x&lt;y" in html and "&lt;chip&gt;" in html
     assert html.count("<img alt=") == 1 and "myork bench toy --quick" in html
-
-
-def test_sentences_stand_below_their_rows(tmp_path: Path) -> None:
-    """A column of sentences would push the others off the page; `words` of the text are code."""
-    long = "refused: " + 10 * "words "
-    entry = {
-        "caption": "cases",
-        "head": ["case", "says", "error"],
-        "rows": [["one", long, 0.5], ["two", "", 0.25]],
-    }
-    toy = {"title": "Toy", "about": "Runs `a.toml` <b>.\n\nTwice.", "tables": [entry]}
-    write_page(tmp_path / "bench.html", {**RECORD, "benches": {"toy": toy}})
-    html = (tmp_path / "bench.html").read_text(encoding="utf-8")
-    assert f'<td class="note" colspan="2">says: {long}</td>' in html
-    assert html.count('class="note"') == 1 and html.count('<th scope="col">') == 2
-    assert "<code>a.toml</code> &lt;b&gt;.</p><p>Twice." in html
 
 
 def test_tables_and_curves_show_what_cases_have() -> None:
@@ -194,18 +178,6 @@ def test_all_forms_have_one_sheet() -> None:
         choice = (*lattice((17, 5)), f"scene.method={form}", *words, "load.steps=2")
         case = solve_case("shear_2d", choice)
         assert abs(case["probes"]["shear_stress"] / wanted - 1) < most, (form, words)
-
-
-def test_all_forms_have_one_block() -> None:
-    """Straight fibers at full activation: 3e-4 between collocation and the others was measured."""
-    words = (*lattice((5, 5, 9)), "load.steps=4", *PUBLISHED_BLOCK, 'material.curve="smooth"')
-    choices = (("rkcm", STRONG), ("rkcm-mixed", STRONG), ("rkpm-gauss", LINEAR),
-               ("rkpm-scni", LINEAR))  # fmt: skip
-    found = [solve_case("muscle_block", (*words, f"scene.method={form}", *choice))["probes"]
-             for form, choice in choices]  # fmt: skip
-    for probe in ("stress_zz", "reaction"):
-        values = [probes[probe] for probes in found]
-        assert values == pytest.approx([values[0]] * 4, rel=1e-3)
 
 
 def test_cost_is_read_off_behind_the_last_miss() -> None:

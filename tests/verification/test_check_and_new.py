@@ -18,13 +18,6 @@ def test_new_decks_are_right(kind: str, tmp_path: Path) -> None:
     assert path.read_text().startswith(f"#:schema {schema_file().as_uri()}\n#")
 
 
-def test_decks_that_are_others_but_for_some_lines(tmp_path: Path) -> None:
-    leg, reduced = (load_deck(new_deck(k, tmp_path / k), (), "rom") for k in ("leg", "reduced"))
-    assert leg["load"]["activation"] == 0.2 and leg["phantom"]["growth"] == 15
-    assert reduced["geometry"]["source"] == [5, 5, 9] and reduced["load"]["steps"] == 10
-    assert reduced["rom"]["modes"] == [1, 2, 5]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["box", "annulus", "muscle"])
 def test_new_decks_are_accepted(kind: str, tmp_path: Path) -> None:

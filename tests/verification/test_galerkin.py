@@ -15,7 +15,7 @@ from benchmarks.truths.measures import oscillation
 from myork.core.scene import Scene
 from myork.errors import InputError
 from tests import scenes
-from tests.scenes import LINEAR, RUBBER, annulus, box, held, scene, sheared, solved
+from tests.scenes import LINEAR, RUBBER, annulus, box, forces, held, places, scene, sheared, solved
 
 MUSCLE = {**scenes.MUSCLE, "fiber": [0.5, 0.0, 0.87]}
 WEAK = ["rkpm-gauss", "rkpm-scni"]
@@ -73,7 +73,7 @@ def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
     tables = scene(
         method, box(6, 6, places=(7, 7)), approximation=LINEAR, material=[RUBBER],
         boundary=[held("y0", 2), held("y1", 2, u_x=0.5)],
-        probe=[{"name": "J", "quantity": "J", "point": [1.0, 1.0]}],
+        probe=places([1.0, 1.0], "J"),
     )  # fmt: skip
     opened = open_scene(tables)
     found = solved(opened)
@@ -140,25 +140,6 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
             assert max(states.iterations[2:]) < states.iterations[0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bulk", ["1e3", "inf"])
-def test_gauss_points_of_voxels_have_one_answer_however_their_tangent_is_solved(bulk):
-    """Formed or not, with blocks that the surface cuts, held at one end and moved at the other."""
-    tables = scene(
-        "rkpm-gauss", {"kind": "model"}, approximation=LINEAR, material=[{**RUBBER, "label": 1}],
-        boundary=[held("bottom"), held("top", u_x=0.3)],
-    )  # fmt: skip
-    cloud = scenes.staircase()
-    words = (f"material.K={bulk}", "solver.tolerance=1e-8")
-    exact, found = (
-        solved(tables, *words, f"galerkin.direct_limit={limit}", cloud=cloud).states.x[-1]
-        for limit in (60000, 0)
-    )
-    n = min(len(exact), len(found))
-    assert abs(found[:n] - exact[:n]).max() < 1e-6 * abs(exact[:n]).max()
-    assert not np.array_equal(found, exact)
-
-
 def iterations(inputs, out, *overrides):
     """Of minimal residuals, in all Newton steps of each load step."""
     words = ("geometry.source=[5,5,9]", "galerkin.direct_limit=0", "approximation.support=1.82")
@@ -188,10 +169,6 @@ def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
 
 
 # ---- displacements that hold exactly at source points: galerkin.essential = "transformation" -----
-
-
-def force_probes(sets):
-    return [{"name": name, "quantity": "force", "set": name} for name in sets]
 
 
 def test_values_follow_amplitudes_and_rotations(open_scene):
@@ -227,7 +204,7 @@ def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
     """Three sets, corners that two of them hold; the forces of the planes balance the wall's."""
     walls = [{"set": "inner", "radial": 0.5}, {"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0}]
     tables = sheared(2, "rkpm-gauss", boundary=walls, geometry=annulus(4, 13, places=(4, 13)))
-    tables["probe"] = force_probes(wall["set"] for wall in walls)
+    tables["probe"] = forces(*(wall["set"] for wall in walls))
     opened = open_scene(tables)
     found = solved(opened)
     x, u = opened.points(), found.fields.u
@@ -235,9 +212,9 @@ def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
     assert_allclose(u[inner, :2], 0.5 * x[inner] / 6, atol=1e-13)
     assert np.abs(u[np.isclose(x[:, 0], 0), 0]).max() < 1e-13
     assert np.abs(u[np.isclose(x[:, 1], 0), 1]).max() < 1e-13
-    forces = np.array([force[-1] for force in found.probes.values()])
-    assert_allclose(forces.sum(axis=0)[:2], 0, atol=1e-7 * np.abs(forces).max())
-    assert np.abs(forces[0]).max() > 1
+    pull = np.array([force[-1] for force in found.probes.values()])
+    assert_allclose(pull.sum(axis=0)[:2], 0, atol=1e-7 * np.abs(pull).max())
+    assert np.abs(pull[0]).max() > 1
 
 
 def test_force_is_the_derivative_of_the_energy():
@@ -278,7 +255,7 @@ def test_voxel_bodies(method):
     """Nodal cells hold what is above their points at the ends of the body, blocks their corners."""
     tables = sheared(3, method, geometry={}, boundary=[held("bottom"), held("top", u_z=0.3)])
     tables["material"] = [{**RUBBER, "label": 1}]
-    tables["probe"] = force_probes(("bottom", "top"))
+    tables["probe"] = forces("bottom", "top")
     found = {}
     for essential in ("penalty", "transformation"):
         tables["galerkin"] = {"essential": essential}
@@ -294,7 +271,7 @@ def test_points_of_a_part_of_a_side_are_held(open_scene):
     tables = sheared(2, "rkpm-gauss", n=9)
     tables["set"] = [{"name": "right", "side": "y1", "where": "x > 0.45"}]
     tables["boundary"][1:] = [{"set": "right", "u_x": 0.1, "u_y": 0.1}]
-    tables["probe"] = force_probes(("y0", "right", "y1"))
+    tables["probe"] = forces("y0", "right", "y1")
     opened = open_scene(tables)
     found = solved(opened)
     x, u = opened.points(), found.fields.u
@@ -328,13 +305,14 @@ def test_stress_on_a_free_face_neither_alternates_nor_pulls(open_scene):
     .88 at these points and 13^3. Finite elements (Q2/P1, 6^3 and 8^3) have .970 and .961; the
     traction of the recovered stress vanishes to the end of its iteration.
     """
-    at, components = [1.0, 0.5, 1.0], ["xx", "yy", "zz", "xy", "yz", "xz"]
+    at = [1.0, 0.5, 1.0]
+    components = [f"cauchy_{c}" for c in ("xx", "yy", "zz", "xy", "yz", "xz")]
     found = []
     for n in ([7, 7, 13], [9, 9, 9], [11, 11, 11]):
         tables = scene(
             "auto", box(*n, size=[1, 1, 2]), boundary=[held("z0"), held("z1", u_x=0.5056)],
             material=[{"name": "m", "model": "mooney-rivlin", "C1": 4.0, "C2": 1.0, "K": 3e3}],
-            probe=[{"name": c, "quantity": f"cauchy_{c}", "point": at} for c in components],
+            probe=places(at, *components),
         )  # fmt: skip
         opened = open_scene(tables)
         answer = solved(opened)

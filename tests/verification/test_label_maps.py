@@ -275,10 +275,6 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
             "material.stiff.label: missing, and so is `where`: only the first",
         ),
         (
-            bar({"labels_origin": [0, 0, 0]}, [SOFT]),
-            "geometry.labels_origin: needs labels beside it",
-        ),
-        (
             bar({}, [SOFT | {"label": 1}, STIFF | {"where": "x > 0"}]),
             "in a box labels are those of a label map, geometry.labels",
         ),
@@ -370,10 +366,3 @@ def test_annulus() -> None:
 )
 def test_what_does_not_fit_is_refused(material: list[dict[str, Any]], what: str) -> None:
     assert what in refused(pulled(material))
-
-
-def test_models_have_labels() -> None:
-    tables = pulled([CORK | {"where": "x < 1"}])
-    tables["geometry"] = {"kind": "model"}
-    with pytest.raises(InputError, match="where: only for geometry.kind = box or annulus"):
-        load_deck(tables)

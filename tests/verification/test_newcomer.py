@@ -1,15 +1,13 @@
 """Decks of a new user, and finite elements beside them."""
 
-import numpy as np
 import pytest
 
 from benchmarks.problems import BY_NAME, DECKS
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
-from benchmarks.truths.deck_parts import deck, held, probe
+from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.voxel_bodies import body_cloud
 from myork import Scene
-from myork.bench.materials import RUBBER
 from myork.bench.runs import read_deck, solve_case
 
 pytestmark = pytest.mark.nightly
@@ -49,23 +47,6 @@ def test_a_body_that_nothing_pulls_at_is_in_balance() -> None:
         moved = scene.probes(states.x, states.load)[-1, 0, 0]
     assert states.verdict == "accepted" and states.force_imbalance < 1e-6
     assert moved < -0.2
-
-
-def test_finite_elements_turn_sets() -> None:
-    """A bar whose ends turn alike turns as a whole; one whose end turns resists."""
-    turn = {"rotation": 40.0, "axis": [0, 0, 2], "about": [0.5, 0.5, 0]}
-    ends = ({"set": "z0", **turn}, {"set": "z1", **turn})
-    corner = probe("corner", "u_x", (1, 1, 1))
-    torque = {"name": "torque", "quantity": "torque_z", "set": "z1", "about": [0.5, 0.5, 2]}
-    geometry = {"kind": "box", "size": [1, 1, 2], "source": [3, 3, 5], "collocation": [5, 5, 9]}
-    found = {}
-    for name, lower in (("whole", ends[0]), ("one end", held("z0"))):
-        tables = deck(name, geometry, (RUBBER,), (lower, ends[1]), (corner, torque))
-        found[name] = solve_deck(read_deck(tables), (2, 2, 2))["probes"]
-    angle = np.radians(40.0)
-    wanted = 0.5 * (np.cos(angle) - np.sin(angle)) - 0.5
-    assert found["whole"]["corner"] == [pytest.approx(wanted, rel=1e-6)]
-    assert abs(found["whole"]["torque"][0]) < 1e-6 * found["one end"]["torque"][0]
 
 
 def test_errors_of_an_answer() -> None:

@@ -7,7 +7,6 @@ entry (measured 5e-13 to 8e-10), so 1e-7 fails on any wrong term and not on roun
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from benchmarks.truths.compiled import hessian
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from tests.dense import SOLVERS
-from tests.scenes import derivative, execute
+from tests.scenes import derivative, execute, history
 
 TOLERANCE = 1e-7
 
@@ -84,11 +83,6 @@ def converged(deck: Path, out: Path, *overrides: str) -> None:
     """The iteration does: an answer may be refused none the less."""
     summary, done = execute(deck, out, "--no-error", sets=overrides)
     assert summary["converged"], done.stderr
-
-
-def history(out: Path) -> list[dict[str, str]]:
-    with (out / "history.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def last_steps(out: Path, tolerance: float) -> list[float]:

@@ -194,38 +194,20 @@ SHEET = scene(
 LINEAR = {key: SHEET[key] for key in ("scene", "geometry", "boundary")} | {
     "linear": {"problem": "elasticity", "E": 10, "nu": 0.3}
 }
-INSIDE = {"point": [0.5, 0.5, 1]}
+BLOCK = block("rkpm-gauss", [3, 3, 3], 50.0)
 CUT = {"quantity": "section_force", "normal": [0, 0, 1]}
-OF_FIELDS = {"quantity": "expression", **INSIDE}
-
-
-@pytest.mark.parametrize(
-    ("probe", "message"),
-    [
-        ({"quantity": "torque_z"}, "missing, a text is needed for quantity ="),
-        ({"quantity": "torque_z", "point": [0, 0, 0]}, "probe.p.set: missing"),
-        ({"quantity": "section_force", **INSIDE}, "probe.p.normal: missing"),
-        ({**CUT, "set": "z1"}, "probe.p.set: only for"),
-        ({"quantity": "force", "set": "z1", "about": [0, 0, 0]}, "probe.p.about: only for"),
-        ({**CUT, "point": [0.5, 0.5, 3]}, "outside"),
-        ({**CUT, **INSIDE, "normal": [0, 0, 0]}, "normal"),
-        ({"quantity": "cauchy_xx", "set": "z1"}, "probe.p.set: only for"),
-        (OF_FIELDS, "probe.p.expression: missing"),
-        ({"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
-        ({**OF_FIELDS, "expression": "u_w + 1"}, "unknown name 'u_w' at position 1; names are x, "),
-        ({**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
-        ({**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
-        ({"quantity": "J", "expression": "J", **INSIDE}, "probe.p.expression: only for quantity"),
-    ],
-)
-def test_a_probe_that_is_not_whole_is_refused(probe, message):
-    tables = block("rkpm-gauss", [3, 3, 3], 50.0)
-    assert message in refused(tables | {"probe": [{"name": "p", **probe}]})
+OF_FIELDS = {"quantity": "expression", "point": [0.5, 0.5, 1]}
 
 
 @pytest.mark.parametrize(
     ("tables", "probe", "message"),
     [
+        (BLOCK, {**CUT, "point": [0.5, 0.5, 3]}, "outside"),
+        (BLOCK, {"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
+        (BLOCK, {**OF_FIELDS, "expression": "u_w + 1"},
+         "unknown name 'u_w' at position 1; names are x, "),
+        (BLOCK, {**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
+        (BLOCK, {**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
         (SHEET, {"quantity": "torque_x", "set": "x1"}, "torque_x is always zero in two dimensions"),
         (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]},
          "unknown name 'J'"),

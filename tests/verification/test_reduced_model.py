@@ -17,10 +17,9 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.check import CellErrors, compare
+from myork.rom.check import compare
 from myork.rom.map import map_model
-from myork.rom.marks import LOST, Marks
-from myork.rom.sampling import few_cells
+from myork.rom.marks import LOST
 from tests.scenes import contracting
 
 BLOCK = contracting(
@@ -461,28 +460,6 @@ def test_what_has_no_effect_at_the_end_is_not_varied(tmp_path: Path) -> None:
         ReducedModel.train(deck, RANGES)
 
 
-def test_without_a_test_that_is_the_reason(deck: Path, tmp_path: Path) -> None:
-    ranges = {"load.activation": (0.0, 0.5)}
-    rom = ReducedModel.train(
-        deck, ranges, full_solves=6, tests=0, threads=1, overrides=["boundary.z1.u_z=0.1"]
-    )
-    assert rom.solve(activation=0.2).doubts == ["not tested: the model was trained with --tests 0"]
-    assert rom.describe().count("not tested") == 1
-    assert "does not assure the tolerance" not in rom.solve(activation=0.2).describe()
-
-
-def test_marks_of_full_solves_nearby() -> None:
-    """The worst of one more than there are parameters, in widths of the ranges."""
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 10.0], [1.0, 10.0]])
-    marks = Marks(corners, np.array([1, 1, 2, 3]))
-    at, scale = np.array([[0.1, 1.0], [0.9, 9.0]]), np.array([1.0, 10.0])
-    assert marks.worst(at, scale).tolist() == [2, 3] and marks.least(at, scale).tolist() == [1, 1]
-    marks = marks.added(np.array([0.2, 2.0]), 3)
-    assert marks.worst(at, scale).tolist() == [3, 3]
-    none = Marks(np.zeros((0, 2)), np.zeros(0, int))
-    assert none.worst(at, scale).tolist() == none.least(at, scale).tolist() == [0, 0]
-
-
 @pytest.mark.slow
 def test_where_the_full_model_is_unstable_nothing_is_certified(deck: Path, tmp_path: Path) -> None:
     """The straight block leaves its axis where A10 is small: marked, and not trained on."""
@@ -584,19 +561,3 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "load.activation: a range needs LOW <= HIGH, not 0.8 and 0.7" in capsys.readouterr().err
     assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
     assert "no value for load.activation" in capsys.readouterr().err
-
-
-def test_few_cells_keep_the_sums() -> None:
-    """Sums of sixty cells by a few with positive weights, some of them the same cell."""
-    random = np.random.default_rng(3)
-    rows = random.standard_normal((40, 6)) @ random.uniform(0.0, 1.0, (6, 60))
-    rows = np.vstack([rows, np.full(60, 1.0)])
-    rows[:, 40:] = rows[:, :20]
-    cells, weights, residual = few_cells(rows, 1e-8, 60)
-    assert len(cells) <= 7 and weights.min() > 0.0 and residual <= 1e-8
-    off = rows[:, cells] @ weights - rows.sum(axis=1)
-    assert np.linalg.norm(off) <= 1e-8 * np.linalg.norm(rows.sum(axis=1))
-    # of two samples that without failures is better
-    failing, rough, fine = CellErrors(1, 0.0, 0.0), CellErrors(0, 2e-3, 0.0), CellErrors(0, 1e-3, 1)
-    assert min(failing, rough, fine) is fine
-    assert rough.within(1e-3, 2e-3) and not failing.within(1.0, 1.0)

@@ -11,7 +11,6 @@ import pyvista
 
 from myork.bench import phantoms
 from myork.bench import reproduce as module
-from myork.bench.chapter_6 import PATHS, LoadPath
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Run
 from myork.bench.reproduce import FAR, RUNS, find_tables, list_tables, reproduce
 from myork.bench.runs import read_deck, solve_case
@@ -52,14 +51,6 @@ def test_rows_read_what_there_is() -> None:
             assert run.kind in RUNS
             there = (INPUTS / f"{run.deck}.toml").is_file() or hasattr(phantoms, run.deck)
             assert there, (table.name, run.deck)
-
-
-@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.deck)
-def test_published_times_give_the_published_shares(path: LoadPath) -> None:
-    """Numbers were copied right: shares follow from times to their last digit, which is cut off."""
-    assert path.full_min is not None
-    shares = [100 * (1 - minutes / path.full_min) for minutes in path.reduced_min]
-    assert shares == pytest.approx(path.saved, abs=1.1e-3)
 
 
 @pytest.mark.slow

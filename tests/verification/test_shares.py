@@ -15,9 +15,8 @@ from myork.errors import InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud, Voxels
 from tests import scenes
-from tests.scenes import check_strong_rows, check_weak_tangent, held, scene, solved, voxels
+from tests.scenes import PLANES, check_strong_rows, check_weak_tangent, held, scene, solved, voxels
 
-PLANES = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
 
 

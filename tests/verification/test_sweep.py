@@ -25,7 +25,6 @@ from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
-from myork.sweeps import plan as plans
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
 from tests.scenes import box, held, scene, wait_for
@@ -424,19 +423,6 @@ def test_only_a_death_costs_a_point_a_message(
         lines: list[str] = []
         sweep(deck, ["material.rubber.mu=5,6"], tmp_path, dry_run=True, progress=lines.append)
         assert "nan" not in "".join(lines)
-
-
-def test_inputs_that_have_not_changed_are_not_read_again(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plan = make_plan(["material.rubber.mu=5,6"])._replace(deck=deck)
-    own = plans.Inputs(plan, tmp_path)
-    assert "another sweep" in own.refusal(tmp_path, {**own.head, "inputs": ["deck"]})
-    monkeypatch.setattr(plans, "_digest", lambda path: "another")
-    own.check()
-    deck.touch()
-    with pytest.raises(InputError, match="has changed"):
-        own.check()
 
 
 def test_the_folder_of_a_sweep_keeps_the_whole_name(

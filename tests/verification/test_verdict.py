@@ -146,15 +146,9 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     assert np.isnan(states.work_mismatch) and not states.warnings
     tip, bar = found["tip"][0][0], found["tip"][1][0]
     assert abs(tip - TIP) < bar < 0.02 * TIP
+    # half of the load is known as well in proportion
+    assert states.probe_errors[0, 0, 0] == pytest.approx(0.5 * bar)
     assert np.all(np.abs(found["root"][0] - [0, -1, 0]) <= found["root"][1])
-
-
-@pytest.mark.slow
-def test_a_muscle_that_locks_is_refused(inputs: Path) -> None:
-    """Its stress is right and its forces balance: only the displacements tell."""
-    overrides = ("scene.method=rkcm", "load.steps=2", *lattice([5, 5, 9]))
-    states, _ = solved(inputs / "muscle_block.toml", overrides)
-    assert states.verdict == "refused" and states.force_imbalance < 1e-10
 
 
 @pytest.mark.slow
@@ -276,12 +270,6 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
     assert summary["steps"][-1]["probe_errors"] == {} and "companion" not in summary
 
 
-def test_bars_of_steps_grow_with_the_load() -> None:
-    states, _ = solved(cantilever(), (*GAUSS, *lattice([17, 5])))
-    first, last = states.probe_errors[:, 0, 0]
-    assert first == pytest.approx(0.5 * last)
-
-
 def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
     """3P/(2D) = 75 N/m² in the middle of the cantilever, and the force -P."""
     overrides = ("geometry.source=[17,5]", "geometry.collocation=[33,9]")
@@ -321,14 +309,6 @@ def test_an_error_bar_beyond_the_value_is_said() -> None:
     assert states.verdict == "accepted" and abs(value) < bar
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
     assert not any("zero" in text for text in states.warnings)
-
-
-def test_a_cure_is_named_once() -> None:
-    """Off equilibrium, unbalanced and away from the weak form: one sentence says what helps."""
-    states, _ = solved(cantilever("rkcm", 17, 5), ())
-    text = "; ".join(states.reasons)
-    assert "the stress does" in text and "do not balance" in text and "differs by" in text
-    assert text.count("what helps") == 1 and "take method" not in text
 
 
 def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
