@@ -20,7 +20,7 @@ from numpy.testing import assert_allclose
 from benchmarks.truths.deck_parts import held
 from myork import Scene
 from myork.bench import materials
-from myork.core.deck import table_defaults
+from myork.core.deck import table_defaults, text_of_tables
 from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.model.cloud import build_cloud
@@ -156,14 +156,25 @@ def sheared(
     ) | tables  # fmt: skip
 
 
-def forces(*sets: str, of: str = "force") -> list[dict[str, Any]]:
-    """Probes of the forces on sets, or of another quantity, by the names of the sets."""
-    return [{"name": name, "quantity": of, "set": name} for name in sets]
+def forces(*sets: str) -> list[dict[str, Any]]:
+    """Probes of the forces on sets, by the names of the sets."""
+    return probes(*(f"{name} force {name}" for name in sets))
 
 
 def places(point: Any, *quantities: str) -> list[dict[str, Any]]:
     """Probes of quantities at a point, by the names of the quantities."""
     return [{"name": name, "quantity": name, "point": list(point)} for name in quantities]
+
+
+def probes(*lines: str) -> list[dict[str, Any]]:
+    """Probes by name, quantity and what they are of: a set, or the coordinates of a point."""
+    found: list[dict[str, Any]] = []
+    for name, quantity, *place in map(str.split, lines):
+        try:
+            found.append({"name": name, "quantity": quantity, "point": [float(x) for x in place]})
+        except ValueError:
+            found.append({"name": name, "quantity": quantity, "set": place[0]})
+    return found
 
 
 def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, Any]:
@@ -176,10 +187,7 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
         method, box(*(source or (17, 5)), size=[4, 1]), load={"steps": 2},
         material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
         boundary=[held("x0", 2), {"set": "x1", "traction": [0, 1]}],
-        probe=[
-            {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
-            {"name": "root", "quantity": "force", "set": "x0"},
-        ],
+        probe=probes("tip u_y 4 0.5", "root force x0"),
     ) | tables  # fmt: skip
 
 
@@ -193,7 +201,7 @@ def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> 
     return scene(
         "auto", box(*source, size=[4, 1], places=places), material=[RUBBER],
         boundary=[held("x0", 2), {"set": "x1", "traction": [0, load]}],
-        probe=[{"name": "tip", "quantity": "u_y", "point": [4, 0.5]}],
+        probe=probes("tip u_y 4 0.5"),
     ) | tables  # fmt: skip
 
 
@@ -253,6 +261,18 @@ def refused(
     with pytest.raises(InputError) as caught:
         Scene.from_tables(tables, cloud, overrides=overrides).close()
     return str(caught.value)
+
+
+def deck_file(path: Path, tables: Mapping[str, Any]) -> Path:
+    """Write tables as a deck."""
+    path.write_text(text_of_tables(tables), encoding="utf-8")
+    return path
+
+
+def myork(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own; `more` goes to `subprocess.run`."""
+    usual: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 300}
+    return subprocess.run([sys.executable, "-m", "myork", *map(str, words)], **usual | more)
 
 
 def execute(

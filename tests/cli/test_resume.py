@@ -13,7 +13,6 @@ import pytest
 
 from myork import Results, Scene
 from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.stations.solve import run_deck
 from myork.summary import read_summary
@@ -333,9 +332,8 @@ def test_a_state_of_other_points_is_refused(tmp_path):
         scene.solve(start=tmp_path / "nowhere.vtkhdf")
 
 
-def test_both_commands_know_the_options(tmp_path):
-    deck = tmp_path / "deck.toml"
-    deck.write_text(text_of_tables({**RUBBER, "load": {"steps": 2}}), encoding="utf-8")
+def test_both_commands_know_the_options(tmp_path, write_deck):
+    deck = write_deck({**RUBBER, "load": {"steps": 2}})
     options = ["solve", str(deck), "--out", str(tmp_path / "out"), "--threads", "1", "-q"]
     assert main([*options, "--no-error"]) == 0
     assert main([*options, "--no-error", "--resume"]) == 0

@@ -396,9 +396,7 @@ def path_in(tables: dict[str, Any], address: str) -> str:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), WRONG)
-def test_wrong_line(
-    write: Write, editor_schema: jsonschema.Draft4Validator, old: str, new: str, message: str
-) -> None:
+def test_wrong_line(write, editor_schema, old, new, message):
     """One complaint, at the last of the lines that replace a good one or at the table that lacks
     it; editors complain there as well, or about the entry or table around it.
     """

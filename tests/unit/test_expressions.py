@@ -11,7 +11,7 @@ import pytest
 from myork import Scene
 from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
-from tests.scenes import box, execute, refused, scene, solved
+from tests.scenes import box, execute, probes, refused, scene, solved
 
 
 def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
@@ -54,11 +54,7 @@ def test_eccentric_traction_bends() -> None:
     """A traction that is odd about the axis has no resultant, and turns the end."""
     held = {"set": "x0", "u_x": 0, "u_y": 0}
     tables = plate([held, {"set": "x1", "traction": ["0.1*(0.5 - y)", 0]}])
-    tables["probe"] = [
-        {"name": "pull", "quantity": "force_x", "set": "x1"},
-        {"name": "low", "quantity": "u_x", "point": [1, 0]},
-        {"name": "high", "quantity": "u_x", "point": [1, 1]},
-    ]
+    tables["probe"] = probes("pull force_x x1", "low u_x 1 0", "high u_x 1 1")
     pull, low, high = probes_of(tables)[:, 0]
     assert abs(pull) < 1e-12
     assert low > 1e-3 > -1e-3 > high

@@ -429,24 +429,17 @@ SOFT = cm.Material("soft", 50.0, "neo-hookean")
 IMPOSSIBLE = [
     *((MUSCLE.replace(**changes), ["'muscle'", *words]) for changes, *words in (
         ({"K": 0.0}, "K = 0", "greater than 0"),
-        ({"K": -5.0}, "K = -5", "greater than 0"),
-        ({"K": math.nan}, "K = NaN", "finite"),
         ({"K": math.inf}, "K = inf", "volumetric=False"),
-        ({"A11": math.nan}, "A11 = NaN", "finite"),
         ({"A03": math.inf}, "A03 = Inf", "finite"),
         ({"A01": -6.43}, "A10 + A01 = 0", "positive"),
         ({"sigma_max": -1.0}, "sigma_max = -1", "at least 0"),
-        ({"sigma_max": math.nan}, "sigma_max = NaN", "finite"),
-        ({"lambda_o": 0.0}, "lambda_o = 0", "greater than 0"),
         ({"gamma1": -0.1}, "gamma1 = -0.1", "at least 0"),
-        ({"gamma2": 0.0}, "gamma2 = 0", "greater than 0"),
         ({"curve": "rough"}, "curve = 'rough'", "'smooth'"),
         ({"model": "musle"}, "model = 'musle'"),
     )),
     # parameters that a model does not have, or has to have
     *((FULL.replace(**changes), ["'full'", *words]) for changes, *words in (
         ({"A40": 1.0}, "A40 is not known here", "A10", "A03", "K"),
-        ({"sigma_max": 30.0}, "sigma_max is not known here"),
         ({"model": "muscle", "stiffness": "high"}, "stiffness is not known here", "gamma1"),
         ({"A10": "high"}, "A10 = 'high' must be a number"),
     )),

@@ -22,10 +22,7 @@ def block(method: str = "auto", **changes: Any) -> dict[str, Any]:
         material=[{**MUSCLE, "fiber": [0.3, 0, 1]}],
         boundary=[held("z0"), held("z1", u_z=0.2, amplitude="pull")],
         amplitude=[{"name": "pull", "time": [0, 0.4, 0.7, 1], "value": [0, 1, 1, 0.5]}],
-        probe=[
-            {"name": "plate", "quantity": "u_z", "point": [0.5, 0.5, 1]},
-            {"name": "pull", "quantity": "force_z", "set": "z1"},
-        ],
+        probe=scenes.probes("plate u_z 0.5 0.5 1", "pull force_z z1"),
     )  # fmt: skip
     return tables | {"approximation": METHODS.get(method, {})} | changes
 
@@ -139,10 +136,7 @@ def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
         boundary=[{"set": "z0", **motion}, {"set": "z1", **motion}],
         amplitude=[{"name": "turn", "time": [0, 0.5, 1], "value": [0, 1, 0.8]}],
         load={"steps": 1 if method != "rkcm" else 8},
-        probe=[
-            {"name": "inside", "quantity": "u", "point": place.tolist()},
-            {"name": "stress", "quantity": "cauchy_xy", "point": place.tolist()},
-        ],
+        probe=scenes.probes("inside u 0.3 0.6 0.4", "stress cauchy_xy 0.3 0.6 0.4"),
     )
     states, probes, *_ = scenes.solved(deck)
     for load, part in ((0.5, 1.0), (1.0, 0.8)):

@@ -8,17 +8,13 @@ from numpy.testing import assert_allclose
 
 from myork import Scene
 from myork.errors import InputError
-from tests.scenes import box, held, refused, scene, solved
+from tests.scenes import box, held, probes, refused, scene, solved
 
 TABLES = scene(
     "rkcm", box(3, 3, 4, size=[1, 1, 2], places=(4, 4, 6)),
     material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 100.0}],
     boundary=[held("z0"), held("z1", u_z=0.2)], load={"steps": 2},
-    probe=[
-        {"name": "bottom", "quantity": "force", "set": "z0"},
-        {"name": "top", "quantity": "force", "set": "z1"},
-        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
-    ],
+    probe=probes("bottom force z0", "top force z1", "middle u 0.5 0.5 1"),
 )  # fmt: skip
 #: Planes of symmetry at three sides
 SLIP = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "zxy"]

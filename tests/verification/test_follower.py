@@ -8,7 +8,7 @@ from scipy.integrate import solve_bvp
 
 from myork import Scene, run_deck
 from myork.errors import ConvergenceError
-from tests.scenes import PLANES, box, explained, held, history, refused, scene, solved
+from tests.scenes import PLANES, box, explained, held, history, probes, refused, scene, solved
 
 SOFT = {"name": "rubber", "model": "neo-hookean", "mu": 2, "K": 200}
 
@@ -22,12 +22,9 @@ def pressed(end, method="rkpm-gauss", **tables):
         material=[{"name": "rubber", "model": "neo-hookean", "mu": 2, "K": 20}],
         boundary=[*PLANES, {"set": "z1", **end}], load={"steps": 2},
         probe=[
-            {"name": "below", "quantity": "force_z", "set": "z0"},
-            {"name": "above", "quantity": "force_z", "set": "z1"},
+            *probes("below force_z z0", "above force_z z1", "stress cauchy_zz 0.5 0.5 1"),
+            *probes("wide u_x x1", "down u_z z1"),
             {"name": "inside", "point": [0.5, 0.5, 1], **CUT},
-            {"name": "stress", "quantity": "cauchy_zz", "point": [0.5, 0.5, 1]},
-            {"name": "wide", "quantity": "u_x", "set": "x1"},
-            {"name": "down", "quantity": "u_z", "set": "z1"},
         ],
     ) | tables  # fmt: skip
 
@@ -163,12 +160,9 @@ def tendon(end, method="auto", **tables):
         method, LONG, material=[MUSCLE], boundary=[held("z0"), end],
         load={"steps": 2, "activation": 0.3},
         probe=[
-            {"name": "force", "quantity": "force_z", "set": "z1"},
-            {"name": "side", "quantity": "force_x", "set": "z1"},
-            {"name": "base", "quantity": "force_z", "set": "z0"},
+            *probes("force force_z z1", "side force_x z1", "base force_z z0"),
+            *probes("u_x u_x z1", "u_z u_z z1"),
             {"name": "cut", "point": [0.5, 0.5, 1.6], **CUT},
-            {"name": "u_x", "quantity": "u_x", "set": "z1"},
-            {"name": "u_z", "quantity": "u_z", "set": "z1"},
         ],
     ) | tables  # fmt: skip
 
@@ -250,14 +244,11 @@ def test_an_inclined_tendon_pulls_along_its_direction():
     assert abs(found["force"] - found["side"]) > 1
 
 
-def test_pressure_follows_an_amplitude():
+def test_pressures_and_tendons_follow_an_amplitude():
+    """Pressed half as much at the end; pulled and let go it is where it was."""
     pump = {"name": "pump", "time": [0, 0.5, 1], "value": [0, 1, 0.5]}
     found = solved(pressed({"pressure": 0.6, "amplitude": "pump"}, amplitude=[pump])).last()
     assert found["stress"] == pytest.approx(-0.3, rel=1e-3)
-
-
-def test_a_tendon_follows_an_amplitude():
-    """Pulled and let go it is where it was."""
     pulled = {**GUIDED, "tendon": 20, "direction": [0, 0, 1], "pull": 0.3}
     way = {"name": "pull", "time": [0, 0.5, 1], "value": [0, 1, 0]}
     tables = tendon({**pulled, "amplitude": "pull"}, load={"steps": 2}, amplitude=[way])

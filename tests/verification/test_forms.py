@@ -15,19 +15,7 @@ from benchmarks.truths import manufactured
 from benchmarks.truths.measures import observed_order
 from myork.bench import exact
 from tests import scenes
-from tests.scenes import (
-    LINEAR,
-    MUSCLE,
-    PLANES,
-    RUBBER,
-    annulus,
-    box,
-    forces,
-    held,
-    scene,
-    sheared,
-    solved,
-)
+from tests.scenes import LINEAR, MUSCLE, RUBBER, annulus, box, held, scene, sheared, solved
 
 RIGID = {**RUBBER, "K": np.inf}
 STRONG = ["rkcm", "rkcm-mixed"]
@@ -168,7 +156,7 @@ def test_homogeneous_states_are_exact(open_scene, method, n, bulk, ends, near_f,
     tables = scene(
         method, box(*[n] * len(ends)), material=[RUBBER],
         boundary=[
-            *PLANES[: len(ends)],
+            *scenes.PLANES[: len(ends)],
             *({"set": f"{axis}1", f"u_{axis}": end - 1} for axis, end in given.items()),
         ],
         load={"steps": 5},
@@ -337,7 +325,7 @@ def test_a_symmetry_plane_beside_a_held_wall_carries_its_force(method):
         boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0}, {"set": "inner", "radial": 6}],
         solver={"weight_essential": "ns-c4", "weight_traction": 1},
         mixed={"volume_weight": 3}, galerkin={"gauss": 3},
-        probe=[*forces("x0", of="force_x"), *forces("y0", of="force_y")],
+        probe=scenes.probes("x force_x x0", "y force_y y0"),
     )  # fmt: skip
     assert list(solved(tables).last().values()) == pytest.approx([-15.588823 * 12] * 2, rel=5e-4)
 

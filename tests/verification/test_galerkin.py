@@ -3,8 +3,6 @@ hold exactly at source points, and iterations on tangents that are not formed.
 """
 
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -143,11 +141,9 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
 def iterations(inputs, out, *overrides):
     """Of minimal residuals, in all Newton steps of each load step."""
     words = ("geometry.source=[5,5,9]", "galerkin.direct_limit=0", "approximation.support=1.82")
-    log = subprocess.run(
-        [sys.executable, "-m", "myork", "solve", inputs / "muscle_fibers.toml", "-v", "--no-error",
-         "--method", "rkpm-scni", "--out", out,
-         *(f"--set={key}" for key in (*CUBIC, *words, *overrides))],
-        check=True, capture_output=True, text=True,
+    log = scenes.myork(
+        "solve", inputs / "muscle_fibers.toml", "-v", "--no-error", "--method", "rkpm-scni",
+        "--out", out, *(f"--set={key}" for key in (*CUBIC, *words, *overrides)), check=True,
     )  # fmt: skip
     steps = re.split(r"\nstep +\d", log.stdout + log.stderr)
     found = [[int(n) for n in re.findall(r"minres .* in (\d+) iterations", s)] for s in steps]

@@ -135,9 +135,7 @@ def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
         (6.0, 8.0, -1.0, 1e3, [9, 51]),
     ],
 )
-def test_stress_on_the_walls_is_as_right_as_the_run_says(
-    inner: float, outer: float, moved: float, bulk: float, source: list[int]
-) -> None:
+def test_stress_on_the_walls_is_as_right_as_the_run_says(inner, outer, moved, bulk, source):
     """With a support of 2.5 the walls were 20 and 6 % off at the planes of symmetry, accepted."""
     exact = wall_stresses(inner, outer, moved, bulk)
     found = solved(sized_tables(tube_deck(inner, outer, moved, bulk), source), error=True)
@@ -157,9 +155,7 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(
         (10.0, 11.0, 2.0, 1e4, [5, 51], 4e-5),
     ],
 )
-def test_force_of_few_points(
-    inner: float, outer: float, moved: float, bulk: float, source: list[int], bound: float
-) -> None:
+def test_force_of_few_points(inner, outer, moved, bulk, source, bound):
     """What presses on the bore is carried by the cut. With boxes as supports and the penalty of
     other bodies these forces were 2e-4 to 2e-3 off.
     """

@@ -58,9 +58,7 @@ def test_rows_read_what_there_is() -> None:
     ("muscle", "published"),
     [(phantoms.YOUNG, (98.93, 2.83, 20.86 + 37.3)), (phantoms.OLD, (61.89, 6.15, 29.15 + 31.2))],
 )
-def test_volumes_are_those_of_table_4_3(
-    muscle: phantoms.Muscle, published: tuple[float, ...]
-) -> None:
+def test_volumes_are_those_of_table_4_3(muscle, published):
     """Muscle and fat by the phantom's parameters to their three digits; the layer is as thick as
     one number for both muscles allows: 3 % of all connective tissue.
     """

@@ -16,7 +16,7 @@ from myork.errors import InputError, RefusedError
 from myork.results import REDUCED_FILE, read_reduced
 from myork.rom import study
 from myork.rom.basis import proper_orthogonal_modes, unit_states
-from tests.scenes import box, held
+from tests.scenes import box, held, probes
 from tests.scenes import scene as tables_of
 
 BLOCK = tables_of(
@@ -183,10 +183,7 @@ def test_one_solve_leaves_nothing_to_save(tmp_path):
 STUDY = {
     **BLOCK,
     "load": {"steps": 3, "activation": 0.3},
-    "probe": [
-        {"name": "pull", "quantity": "force", "set": "z1"},
-        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
-    ],
+    "probe": probes("pull force z1", "middle u 0.5 0.5 1"),
     "rom": {"modes": [1, 3]},
 }
 

@@ -15,13 +15,9 @@ from myork.errors import InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud, Voxels
 from tests import scenes
-from tests.scenes import PLANES, check_strong_rows, check_weak_tangent, held, scene, solved, voxels
+from tests.scenes import check_strong_rows, check_weak_tangent, held, scene, solved, voxels
 
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
-
-
-def pull(on: str) -> list[dict[str, Any]]:
-    return [{"name": "F", "quantity": "force_z", "set": on}]
 
 
 def rubbers(*mu: float, bulk: float) -> list[dict[str, Any]]:
@@ -51,13 +47,9 @@ def test_uniaxial_tension_is_exact_however_full_the_voxels_are(end, method) -> N
     """Linear displacements leave no force on any point; the section is the sum of its shares."""
     share = np.random.default_rng(3).uniform(0.3, 1.3, (4, 3))
     tables = scene(
-        method, {}, material=[RUBBER], boundary=[*PLANES, {"set": "z1", **end}],
+        method, {}, material=[RUBBER], boundary=[*scenes.PLANES, {"set": "z1", **end}],
         solver={"tolerance": 1e-10},
-        probe=[
-            *pull("z0"),
-            {"name": "s", "quantity": "cauchy_zz", "point": [1.0, 0.7, 1.1]},
-            {"name": "u", "quantity": "u_z", "point": [0.5, 0.7, 3.0]},
-        ],
+        probe=scenes.probes("F force_z z0", "s cauchy_zz 1 0.7 1.1", "u u_z 0.5 0.7 3"),
     )  # fmt: skip
     found = solved(tables, cloud=brick(share, 6)).last()
     stress = exact.uniaxial(exact.Polynomial.from_deck(RUBBER), 1 + found["u"] / 3.0)
@@ -73,7 +65,7 @@ def test_force_of_a_cylinder_off_the_lattice() -> None:
     """Without contraction across, the force is that of the section of the label map."""
     tables = scene(
         # E = 2 mu
-        "rkpm-scni", {}, material=rubbers(3.0, bulk=2 / 3), probe=pull("top"),
+        "rkpm-scni", {}, material=rubbers(3.0, bulk=2 / 3), probe=scenes.probes("F force_z top"),
         boundary=[held("bottom"), held("top", u_z=2e-5)],
     )  # fmt: skip
     errors = []
@@ -101,8 +93,8 @@ def test_tissues_beside_each_other_within_voxels(method) -> None:
         fraction=np.column_stack([1.0 - fraction, fraction]),
     )
     tables = scene(
-        method, {}, material=rubbers(3.0, 12.0, bulk=1e3), probe=pull("z1"),
-        boundary=[*PLANES, {"set": "z1", "u_z": 3e-5}],
+        method, {}, material=rubbers(3.0, 12.0, bulk=1e3), probe=scenes.probes("F force_z z1"),
+        boundary=[*scenes.PLANES, {"set": "z1", "u_z": 3e-5}],
     )  # fmt: skip
     # by labels alone it would be 7.6 % less
     right = 1e-5 * 3 * 0.25 * (3.0 * (1 - part) + 12.0 * part).sum()
@@ -151,7 +143,7 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
     muscle = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "sigma_max": 30}
     soft = {"model": "neo-hookean", "K": 200.0}
     tables = scene(
-        "auto", {}, boundary=[held("z0"), held("z1")], probe=pull("z1"),
+        "auto", {}, boundary=[held("z0"), held("z1")], probe=scenes.probes("F force_z z1"),
         material=[
             muscle | {"activation": 0.1, "label": 1},
             {"name": "fat", "mu": 1.0, "label": 2, **soft},
@@ -173,7 +165,7 @@ def test_a_label_without_fractions_leaves_no_error_bar() -> None:
     cloud = replace(cloud, label=label, fraction=fraction, label_names={1: "fat", 2: "tendon"})
     soft = {"model": "neo-hookean", "K": 200.0}
     tables = scene(
-        "auto", {}, boundary=[held("z0"), held("z1", u_z=0.1)], probe=pull("z1"),
+        "auto", {}, boundary=[held("z0"), held("z1", u_z=0.1)], probe=scenes.probes("F force_z z1"),
         material=[dict(soft, name=f"m{k}", mu=m, label=k) for k, m in ((1, 1), (2, 4), (3, 2))],
     )  # fmt: skip
     found = solved(tables, cloud=cloud, error=True)
@@ -327,7 +319,7 @@ def squeezed(bulk, layers):
     tables = scene(
         "rkpm-scni", {}, boundary=[held("bottom"), held("top", u_z=-0.05)],
         material=[{"name": f"tissue {k}", "K": bulk[k], "label": k + 1, **soft} for k in (0, 1)],
-        probe=[{"name": "F", "quantity": "force_z", "set": "top"}],
+        probe=scenes.probes("F force_z top"),
     )  # fmt: skip
     return solved(tables, cloud=voxels(data, 10 / 6)).last()["F"]
 
@@ -408,9 +400,7 @@ def test_layers_have_the_tangent_of_their_stress(open_scene, source):
 
 
 @pytest.mark.parametrize("cut", [0.36, 0.47])
-def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(
-    open_scene: Any, cut: float
-) -> None:
+def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(open_scene, cut):
     """Fractions of 1e-12 at the reach of an interface made moduli of 1e13, by which no step
     converged. K of a million times the shear modulus is as good as infinite.
     """

@@ -43,9 +43,7 @@ def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, d
     ("points", "share", "work"),
     [((17, 5), 0.2, -0.8), pytest.param((33, 9), 0.3, -0.7, marks=pytest.mark.slow)],
 )
-def test_collocation_that_bends_is_refused(
-    method: str, points: tuple[int, int], share: float, work: float
-) -> None:
+def test_collocation_that_bends_is_refused(method, points, share, work):
     """Least squares of second derivatives lose the bending, and stresses as much of the work: both
     are linear in the part that is there. Off equilibrium no bar is given.
     """
@@ -82,9 +80,7 @@ def test_another_branch_gives_no_bars() -> None:
 
 @pytest.mark.parametrize(("pressed", "unstable"), [(0.24, False), (0.27, True)])
 @pytest.mark.parametrize("accuracy", [None, 0.05])
-def test_a_straight_sheet_that_buckles_is_unstable(
-    pressed: float, unstable: bool, accuracy: float | None
-) -> None:
+def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, accuracy):
     """Pressed by an end that may move aside, it stays straight at any load. A push of 1e-4 of what
     presses moves the end by hundredths of the height before it buckles, by tenths after.
     """
@@ -164,9 +160,7 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
          {"radial_stress": -15.588823}),
     ],
 )  # fmt: skip
-def test_right_answers_are_accepted_and_covered(
-    inputs: Path, deck: str, overrides: tuple[str, ...], reference: dict[str, float]
-) -> None:
+def test_right_answers_are_accepted_and_covered(inputs, deck, overrides, reference):
     states, found = solved(inputs / f"{deck}.toml", overrides)
     assert states.verdict == "accepted", states.reasons
     for name, wanted in reference.items():
@@ -188,9 +182,7 @@ def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> No
 @pytest.mark.parametrize(
     ("place", "wanted", "verdict"), [((2, 0.5), 63.749, "accepted"), ((0.2, 0.1), 73.9, "doubtful")]
 )
-def test_collapsed_corners_do_not_make_other_stresses_small(
-    inputs: Path, place: tuple[float, float], wanted: float, verdict: str
-) -> None:
+def test_collapsed_corners_do_not_make_other_stresses_small(inputs, place, wanted, verdict):
     """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points."""
     where = f"probe.shear_stress.point={list(place)}"
     overrides = ("scene.method=rkpm-gauss", "load.steps=1", where)

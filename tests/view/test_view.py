@@ -27,7 +27,6 @@ from PIL import Image
 
 from myork import ReducedModel
 from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.report import make_report
 from myork.stations.solve import run_deck
@@ -35,16 +34,13 @@ from myork.view import server as server_module
 from myork.view import still
 from myork.view.answers import FIELDS, Answers, verdict_of
 from myork.view.server import _Server
-from tests.scenes import contracting, wait_for
+from tests.scenes import contracting, deck_file, probes, wait_for
 
 pytestmark = pytest.mark.nightly
 
 DECK = contracting(
     3, 3, 5, title="block <of> muscle",
-    probe=[
-        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
-        {"name": "reaction", "quantity": "force_z", "set": "z1"},
-    ],
+    probe=probes("middle u 0.5 0.5 1", "reaction force_z z1"),
 )  # fmt: skip
 RANGES = {
     "load.activation": (0.0, 0.8),
@@ -55,11 +51,9 @@ RANGES = {
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("view")
-    deck = folder / "block.toml"
-    deck.write_text(text_of_tables(DECK))
+    deck = deck_file(tmp_path_factory.mktemp("view") / "block.toml", DECK)
     rom = ReducedModel.train(deck, RANGES, full_solves=12, tests=2, threads=1)
-    return rom.save(folder / "block.rom.h5")
+    return rom.save(deck.with_name("block.rom.h5"))
 
 
 @pytest.fixture(scope="module")
@@ -130,9 +124,7 @@ def picture(page: Any) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
 
 
-def test_force_shown_is_that_of_rom_solve(
-    open_page: Any, address: str, trained: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     page = open_page(address)
     page.wait_for_function("shown.answers > 0")
     for number, value in enumerate((0.4, 0.13, 33.0)):
@@ -254,9 +246,7 @@ def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
         assert facts["verdict"] == "accepted"
 
 
-def test_the_error_of_the_full_model_is_in_that_of_the_force(
-    answers: Answers, trained: Path, tmp_path: Path
-) -> None:
+def test_the_error_of_the_full_model_is_in_that_of_the_force(answers, trained, tmp_path):
     """Where it was solved beside the model, from the same deck at any values of the parameters."""
     assert answers.about()["bar"]["full"] is None
     found = {}
@@ -283,8 +273,7 @@ def test_rounding_is_zero(answers: Answers) -> None:
 
 def test_angles_of_fibers_move(tmp_path: Path) -> None:
     """A scene whose fibers turn is another one; its fields are those of the state."""
-    deck = tmp_path / "turning.toml"
-    deck.write_text(text_of_tables(DECK))
+    deck = deck_file(tmp_path / "turning.toml", DECK)
     key = "material.muscle.fiber_angle"
     ranges = {key: (5.0, 25.0), "load.activation": (0.0, 0.5)}
     rom = ReducedModel.train(deck, ranges, full_solves=8, tests=0, threads=1)
@@ -500,20 +489,12 @@ def test_an_honest_client_beside_a_crowd(address: str, path: str, host: str, sta
         (False, 1e-3, 0.9, [], "refused"),
     ],
 )
-def test_verdicts(
-    converged: bool, indicator: float, j: float, outside: list[str], verdict: str
-) -> None:
+def test_verdicts(converged, indicator, j, outside, verdict):
     found, reasons = verdict_of(converged, indicator, j, outside)
     assert found == verdict and bool(reasons) == (verdict != "accepted")
 
 
-def test_a_page_without_a_server(
-    open_page: Any,
-    answers: Answers,
-    trained: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_page_without_a_server(open_page, answers, trained, tmp_path, capsys):
     """Sampled states are the model's, values between them are linear, and both is said."""
     file = tmp_path / "block.html"
     assert main(["view", str(trained), "--still", str(file), "-q"]) == 0
@@ -573,9 +554,7 @@ def test_a_page_without_a_server(
         ("none/block.html", "TMP/none/block.html: cannot be written: No such file or directory"),
     ],
 )
-def test_where_no_page_is_written(
-    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, message: str
-) -> None:
+def test_where_no_page_is_written(trained, tmp_path, capsys, name, message):
     assert main(["view", str(trained), "--still", str(tmp_path / name), "-q"]) == 2
     assert message.replace("TMP", str(tmp_path)) in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
@@ -596,9 +575,7 @@ def test_a_body_too_large_for_a_page(trained: Path, monkeypatch: pytest.MonkeyPa
         still.sample(trained)
 
 
-def test_report_with_states(
-    open_page: Any, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_report_with_states(open_page, trained, tmp_path, capsys):
     """A report beside a model holds states of it: no server, the same forces."""
     folder = tmp_path / "run"
     run_deck(trained.with_name("block.toml"), folder, error=False, threads=1)
@@ -655,9 +632,7 @@ def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "at most 65535" in capsys.readouterr().err
 
 
-def test_it_ends_accepted(
-    open_page: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_ends_accepted(open_page, tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path), "--threads", "1"]) == 0
     said = capsys.readouterr().out
     summary = json.loads((tmp_path / "summary.json").read_text())
