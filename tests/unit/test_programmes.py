@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from myork import Scene, run_deck
 from tests import scenes
@@ -114,15 +115,6 @@ def test_each_muscle_has_an_activation_of_its_own() -> None:
     assert probes[0, 1] > solved(common)[1][0, 1] / 2
 
 
-def rotated(point: np.ndarray, axis: np.ndarray, about: np.ndarray, degrees: float) -> np.ndarray:
-    """Rodrigues' rotation of a point."""
-    n = axis / np.linalg.norm(axis)
-    d = point - about
-    angle = np.radians(degrees)
-    turned = d * np.cos(angle) + np.cross(n, d) * np.sin(angle) + n * (n @ d) * (1 - np.cos(angle))
-    return about + turned
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
     axis, about, angle = np.array([1.0, 2, -0.5]), np.array([0.2, 0, 1.5]), 150.0
@@ -141,7 +133,8 @@ def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
     states, probes, *_ = scenes.solved(deck)
     for load, part in ((0.5, 1.0), (1.0, 0.8)):
         step = int(np.flatnonzero(states.load == load)[0])
-        expected = rotated(place, axis, about, part * angle) - place + [0.3 * part, 0, 0]
+        turn = Rotation.from_rotvec(part * angle * axis / np.linalg.norm(axis), degrees=True)
+        expected = about + turn.apply(place - about) - place + [0.3 * part, 0, 0]
         np.testing.assert_allclose(probes["inside"][step], expected, atol=1e-6)
         assert abs(probes["stress"][step, 0]) < 1e-5
 

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from benchmarks.truths import bodies
 from myork.bench import exact
@@ -346,15 +347,13 @@ def confined_stress(stretch, mu, bulk):
 
 def series_force(length, pull, soft, stiff):
     """Force of two confined layers in series, the soft one of this length, both 1 long."""
-    low, high = 1.0 - 0.99 * abs(pull) / length, 1.0 + 0.99 * abs(pull) / length
-    for _ in range(60):
-        stretch = 0.5 * (low + high)
+
+    def apart(stretch):
         other = (1.0 + pull - stretch * length) / (1.0 - length)
-        if confined_stress(stretch, *soft) < confined_stress(other, *stiff):
-            low = stretch
-        else:
-            high = stretch
-    return confined_stress(stretch, *soft)
+        return confined_stress(stretch, *soft) - confined_stress(other, *stiff)
+
+    reach = 0.99 * abs(pull) / length
+    return confined_stress(brentq(apart, 1.0 - reach, 1.0 + reach, xtol=1e-14), *soft)
 
 
 @pytest.mark.parametrize("pull", [0.1, -0.1])

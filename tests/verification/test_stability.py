@@ -2,11 +2,11 @@
 
 A case is one run of a program in a process of its own, under a time limit. What counts as wrong is
 an answer that is off and does not say so, a crash, and a run without an end. An error of more than
-twice what it was before counts as worse. The fast cases are tests;
+twice what it was before counts as worse.
 
     python tests/verification/test_stability.py
 
-runs all, prints those that end otherwise than known and how many end in which way, and writes each
+prints those that end otherwise than known and how many end in which way, and writes each
 case to `docs/results/hard_cases.md` and the errors by which later ones are judged to
 `tests/verification/hard_measured.json`: look at them before they are committed.
 """
@@ -74,7 +74,7 @@ def run_case(case: Case, limit: float) -> dict[str, Any]:
     return record
 
 
-@pytest.mark.parametrize("case", [one for one in CASES if one.fast], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_hard_case(case: Case) -> None:
     record = run_case(case, PATIENCE)
     assert record["end"] == case.wanted, (
