@@ -193,10 +193,7 @@ def test_quiet_shows_no_progress(solver, deck, tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_waits_for_the_clean_end(solver, deck, tmp_path, number):
-    """The executable is told once, finishes its step and writes; then the command ends.
-
-    It is told by SIGTERM: in what a shell starts in the background SIGINT is ignored.
-    """
+    """The executable is told once, by SIGTERM, which no shell ignores: it finishes and writes."""
     written = tmp_path / "last_state"
     fake = solver(
         "told = []\n"

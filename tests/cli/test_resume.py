@@ -137,9 +137,7 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, name):
 
 @pytest.mark.slow
 def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
-    """A changed bit in a journal of five steps: what stands before it is gone on with, to the same
-    end; never is a state resumed that nobody has solved.
-    """
+    """What stands before a changed bit is gone on with to the same end, or all is refused."""
     coarse = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
     deck = write_deck({**RUBBER, "geometry": coarse, "load": {"steps": 10}})
     whole, killed, out = (tmp_path / name for name in ("whole", "killed", "out"))
@@ -257,9 +255,7 @@ def programme(pull: list[float], excite: list[float], steps: int, method: str) -
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_two_programmes_are_the_long_one(tmp_path, method):
-    """Stretched, then excited: in one run, and in two of which the second begins loaded, at the
-    state in which the first ended; it finds that from rest as well.
-    """
+    """Stretched, then excited: in one run, in two, or in the second alone from rest."""
 
     def solve(name: str, deck: dict, begin: Path | None = None) -> Path:
         run_deck(deck, tmp_path / name, threads=1, error=False, start=begin)

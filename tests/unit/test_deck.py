@@ -338,26 +338,16 @@ WRONG = [
     ("steps = 4", "steps = 1979-05-27", "load.steps: must be an integer, not a date or time"),
     ("steps = 4", "steps = [4]", "load.steps: must be an integer, not an array of 1"),
     ("steps = 4", "steps = {a = 1}", "load.steps: must be an integer, not a table"),
-    ("K = 5000", 'K = "big"', "material.muscle.K: must be a number, not the text 'big'"),
     ('name = "fat"', 'name = " "', "material.2.name: must not be empty"),
-    ("size = [1, 1, 2]", 'size = [1, 1, "2"]', "geometry.size: item 3 must be a number, not"),
-    ("source = [5, 5, 9]", "source = [5, 5, 9.5]", "geometry.source: item 3 must be an intege"),
     # ranges
     ("K = 5000", "K = nan", "material.muscle.K: must be a positive number or inf, not nan"),
     ("K = 5000", "K = -inf", "material.muscle.K: must be a positive number or inf, not -inf"),
-    ("activation = 0.5", "activation = 1.5", "load.activation: must be at least 0 and at most"),
     ("label = 2", "label = 3000000000", "material.fat.label: must be below 2147483648 in size"),
-    ("size = [1, 1, 2]", "size = [1, 0, 2]", "geometry.size: item 2 must be greater than 0, not"),
     # choices
-    ("dimension = 3", "dimension = 4", "scene.dimension: must be one of 1, 2, 3, not 4"),
     ('weight_essential = "c4"', 'weight_essential = "c5"', "solver.weight_essential: must be "),
     # lengths
     ("size = [1, 1, 2]", "size = [1, 2]", "geometry.size: must have 3 items (scene.dimension"),
-    ("point = [0.5, 0.5, 1]", "point = []", "probe.mid.point: must not be empty"),
     ("value = [1, 2]", "value = [1]", "reference.value: must have as many items as activatio"),
-    ("size = [1, 1, 2]", "size = []", "geometry.size: must not be empty"),
-    ("size = [1, 1, 2]", "size = [1, 1, 2, 3]", "geometry.size: must have 3 items (scene.dimensi"),
-    ('name = "fat"', 'name = ""', "material.2.name: must not be empty"),
     # where other keys decide
     ("K = 4e3", "K = 1\ngamma1 = 1", "material.fat.gamma1: only for model = muscle; here mod"),
     ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is taken already, by case.t"),
@@ -377,7 +367,7 @@ WRONG = [
 #: What only the reader sees: it compares entries and knows the dimension
 UNSEEN = {
     'name = " "', "K = nan", "label = 3000000000", 'weight_essential = "c5"', "size = [1, 2]",
-    "size = [1, 1, 2, 3]", "value = [1]", 'set = "z0"', 'name = "muscle"',
+    "value = [1]", 'set = "z0"', 'name = "muscle"',
     "label = 1", "point = [0.5, 0.5, 1]", 'quantity = "force"',
 }  # fmt: skip
 
@@ -397,9 +387,7 @@ def path_in(tables: dict[str, Any], address: str) -> str:
 
 @pytest.mark.parametrize(("old", "new", "message"), WRONG)
 def test_wrong_line(write, editor_schema, old, new, message):
-    """One complaint, at the last of the lines that replace a good one or at the table that lacks
-    it; editors complain there as well, or about the entry or table around it.
-    """
+    """One complaint, at the wrong line or the table that lacks one; editors complain there."""
     assert BLOCK.count(f"{old}\n") == 1
     text = BLOCK.replace(f"{old}\n", f"{new}\n" if new else "")
     lines = complaints(write(text))
@@ -676,8 +664,12 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
             yield key, deck(own, condition, **{key: right}), "only for|needs"
 
 
-def test_every_declaration_is_enforced(make_schema: ModuleType) -> None:
-    """Types, ranges, choices, lengths and conditions of all keys: each is broken once."""
+def test_every_declaration_is_enforced(
+    make_schema: ModuleType, editor_schema: jsonschema.Draft4Validator
+) -> None:
+    """Types, ranges, choices, lengths and conditions of all keys: each is broken once. Editors see
+    values that are wrong by themselves, but for texts that may be numbers.
+    """
     schema = make_schema.read_schema(ROOT / "fortran" / "deck" / "schema.toml")
     count, wrong = 0, []
     for name in schema.keys() - {""}:
@@ -691,6 +683,9 @@ def test_every_declaration_is_enforced(make_schema: ModuleType) -> None:
             place = rf"^tables: {name}(\.[^.: ]+)?\.{key}"
             if not re.search(f"{place}: .*({said})", text, re.M):
                 wrong.append((key, tables, said, text))
+            if said in ("must be", "must have") and not key.startswith("weight_"):
+                seen = [error.absolute_path for error in editor_schema.iter_errors(tables)]
+                assert any(path[0] == name and key in path for path in seen if path), tables
     assert count > 500 and not wrong
 
 

@@ -207,8 +207,7 @@ WHOLE = [
 
 
 def test_work_is_stored_energy_and_what_activation_adds() -> None:
-    """Work of the plate while the activation stands is what the energy changes by; while the plate
-    stands, activation alone changes it."""
+    """Energy changes by the work of the plate, and by activation alone while the plate stands."""
     deck = block(load={"steps": 40}, probe=WHOLE)
     deck["material"][0] |= {"activation": 0.3, "amplitude": "excite"}
     deck["amplitude"] = [

@@ -91,9 +91,7 @@ def test_wrong_shapes_are_refused(open_scene):
 
 
 def test_essential_conditions_beat_tractions_at_edges(open_scene):
-    """A dead load on one face, rollers on three others that share edges with it: the shared
-    points keep both, each for its component, and the state is homogeneous with P_xx = 5.
-    """
+    """Points that a dead load shares with rollers keep both: homogeneous, with P_xx = 5."""
     load = {"set": "x1", "traction": [5.0, 0.0, 0.0]}
     walls = [*SLIP, {"set": "y1", "u_y": 0}, {"set": "z1", "u_z": 0}]
     side = {"name": "side", "quantity": "force", "set": "x1"}
@@ -151,9 +149,7 @@ def test_every_load_is_met_exactly_also_after_halvings(open_scene):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
-    """Every question is about the state it names: the same bits whatever was asked or solved in
-    between, and those that a scene of its own gives. So are residuals and rows.
-    """
+    """The same bits whatever was asked or solved before, and those of a scene of its own."""
     probe = {"name": "stress", "quantity": "cauchy_zz", "point": [0.4, 0.5, 1.2]}
     tables = {**TABLES, "probe": [*TABLES["probe"], probe]}
     override = f'scene.method="{method}"'

@@ -165,9 +165,7 @@ def test_equal_stencils_are_evaluated_once():
 
 
 def test_shared_stencils_do_not_change_values():
-    """A cloud moved by 1e-3 spacings shares no stencil: its values differ from the grid's to
-    first order in the move, and the difference grows tenfold with a move ten times as large.
-    """
+    """Points moved apart share no stencil: values differ to first order in the move."""
     source, spacing = grid(2, 9)
     place = source
     shared = dense(shape_functions(source, 3.3 * spacing, place, order=2), len(source))
@@ -257,9 +255,7 @@ def ring(radial=6, angular=13):
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_windows_of_radius_and_angle(kernel):
-    """They reproduce polynomials with their derivatives, also where stencils are shared, and turn
-    with the place: values a spacing of the angle further are those of the next points.
-    """
+    """They reproduce polynomials with their derivatives, and turn with the place."""
     source, r, step, turn = ring()
     support = np.stack([np.full_like(r, 3.1 * step), 3.1 * turn * r], axis=1)
     choice = {"kernel": kernel, "window": "polar"}

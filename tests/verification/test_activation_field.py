@@ -41,10 +41,7 @@ def test_a_constant_field_is_a_number(method: str) -> None:
 
 @pytest.mark.slow
 def test_halves_that_are_active_are_two_muscles() -> None:
-    """A step of the field on a lattice plane against two materials with numbers of their own.
-
-    Moduli are the same, so that mixing at the border mixes activations only.
-    """
+    """A step of the field on a lattice plane against two materials, which mix activations only."""
     step = block([MUSCLE | {"activation": "0.4*(x < 0.5)"}])
     active = {"name": "active", "activation": 0.4, "where": "x < 0.5"}
     parts = block([MUSCLE | {"activation": 0.0}, MUSCLE | active])

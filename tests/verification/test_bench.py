@@ -67,8 +67,7 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
 
 
 def test_tables_and_curves_show_what_cases_have() -> None:
-    """Keys within mappings, keys with dots, functions; what a case lacks is an empty cell or no
-    point, and a curve without points is left out."""
+    """What a case lacks is an empty cell or no point, and a curve without points is left out."""
     cases = [
         {"curve": "a", "h": 0.5, "solver": {"used": "lu"}, "J": {"0.25": 1.1}, "error": 0.0},
         {"curve": "a", "h": 0.1, "solver": None},

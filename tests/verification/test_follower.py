@@ -32,10 +32,7 @@ def pressed(end, method="rkpm-gauss", **tables):
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 @pytest.mark.parametrize("pressure", [0.6, -0.6, 4.0, -4.0])
 def test_a_pressed_block_has_the_pressure_as_cauchy_stress(method, pressure):
-    """The state is homogeneous: stress -p, force p times the deformed area; a dead load differs.
-
-    A free rim goes on beyond the shear modulus, to twice of it.
-    """
+    """Stress -p, force p times the deformed area, to twice the shear modulus; not a dead load."""
     found = solved(pressed({"pressure": pressure}, method)).last()
     area = (1 + found["wide"]) ** 2
     near = 1e-6 if method == "rkpm-gauss" else 1e-3
@@ -60,11 +57,7 @@ def test_the_tube_under_pressure_has_the_exact_radius(inputs):
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
-    """Order of the last steps from the ratio of logarithms of their contractions, 2 in the limit.
-
-    Without the skew part of the tangent the contraction is constant at a pressure of half a shear
-    modulus (229 iterations), and above there is no convergence.
-    """
+    """The ratio of logarithms of the last contractions; without the skew tangent it is 1."""
     tables = pressed({"pressure": 2}, method, load={"steps": 1})
     run_deck(tables, tmp_path / "out", error=False)
     rows = history(tmp_path / "out")
@@ -76,10 +69,7 @@ def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
 
 
 def test_a_pressure_where_the_tangent_is_not_formed():
-    """Minimal residuals have the stiffness of the pressure, and Newton's method its few steps.
-
-    Without it 14 steps are needed here, and none are enough at twice the pressure.
-    """
+    """Minimal residuals have the stiffness of the pressure: without it 14 steps are needed here."""
     tables = scene(
         "rkpm-scni", box(7, 7, 4, size=[2, 2, 0.5], places=(7, 7, 4)), material=[SOFT],
         boundary=[*(held(side) for side in ("x0", "x1", "y0", "y1")), {"set": "z0", "pressure": 1}],
@@ -129,10 +119,7 @@ def elastica(load: float) -> tuple[float, float]:
 
 
 def test_a_cantilever_under_pressure_is_an_elastica():
-    """A thin sheet in plane strain, bent by a pressure that stays normal to it.
-
-    Its bending stiffness is 4 mu h^3/12 where it keeps its volume.
-    """
+    """A thin sheet that keeps its volume in plane strain: its bending stiffness is 4 mu h^3/12."""
     length, thick, load = 10.0, 0.5, 3.0
     tables = scene(
         "rkpm-gauss", box(41, 4, size=[length, thick], places=(41, 4)), load={"steps": 1},
@@ -169,11 +156,9 @@ def tendon(end, method="auto", **tables):
 
 @pytest.mark.slow
 def test_a_tendon_is_between_a_held_and_a_free_end(inputs):
-    """Force rises with the stiffness and is the spring's; both limits are met.
-
-    A plate that stands where the tendon left it has the same force: held there it is the same
-    state. The set gives way a little to the penalty, the plate does not.
-    """
+    """Force rises with the stiffness and is the spring's; both limits are met."""
+    # A plate that stands where the tendon left it has the same force: held there it is the same
+    # state. The set gives way a little to the penalty, the plate does not.
     path = inputs / "tendon.toml"
     forces, ends = [], []
     with Scene(path, threads=1) as opened:

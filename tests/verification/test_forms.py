@@ -68,10 +68,9 @@ PATCHES = {
     [(n, e) for n, p in PATCHES.items() for e in ESSENTIAL[: 2 if p[0] not in STRONG else 1]],
 )
 def test_patch(open_scene, name, essential):
-    """A linear displacement of the whole surface fills the body with one stress. Rounding times the
-    number of operations and K over the shear modulus is far below 1e-11; least squares have the
-    condition of their rows.
-    """
+    """A linear displacement of the whole surface fills the body with one stress."""
+    # Rounding times the number of operations and K over the shear modulus is far below 1e-11; least
+    # squares have the condition of their rows.
     method, geometry, approximation = PATCHES[name]
     sides = SIDES[: 2 * len(geometry.get("source", ""))] or ["surface", "bottom", "top"]
     if "inner_radius" in geometry:
@@ -371,9 +370,7 @@ def test_orders(name):
 
 @pytest.mark.slow
 def test_wrong_stationary_point_is_no_answer():
-    """At 11 points one load step ends where all rows balance, 27 % off, with J up to 4.0. That is
-    seen by J away from rims; halved steps end right, as far off as between sizes 9 and 17.
-    """
+    """One step ends where all rows balance, 27 % off, which J tells; halved ones do not."""
     wrong = manufactured.solve(problem("2-D, order 4"), "rkcm-mixed", 11)
     assert wrong["outcome"] == "not converged"
     assert "stationary point that is not a solution" in wrong["message"]
@@ -423,9 +420,7 @@ def bodies():
     ("tables", "cloud", "near"), [pytest.param(*case, id=name) for name, *case in bodies()]
 )
 def test_large_bodies_are_solved_without_forming_the_tangent(tables, cloud, near):
-    """Minimal residuals to 1e-7 inside a Newton iteration to 1e-10: the same equilibrium, pressures
-    that are unknowns included.
-    """
+    """Minimal residuals to 1e-7 inside a Newton iteration to 1e-10: the same equilibrium."""
     tables = {**tables, "approximation": LINEAR, "solver": {"tolerance": 1e-10}}
     cloud = cloud and cloud()
     factored, free = (

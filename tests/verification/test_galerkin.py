@@ -65,9 +65,7 @@ def test_stress_does_not_alternate_from_cell_to_cell(inputs):
 
 @pytest.mark.parametrize("method", WEAK)
 def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
-    """Fields, probes and the range of a state are one quantity; at integration points J strays
-    farther, and its projection, on which K acts, less.
-    """
+    """Fields, probes and the range of a state are one quantity, not J of integration points."""
     tables = scene(
         method, box(6, 6, places=(7, 7)), approximation=LINEAR, material=[RUBBER],
         boundary=[held("y0", 2), held("y1", 2, u_x=0.5)],
@@ -121,10 +119,7 @@ def test_infinite_k_is_the_limit_of_finite_ones(inputs, method):
 
 @pytest.mark.slow
 def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_that_it_is_small():
-    """The secant takes its pressures along.
-
-    The displacement is that of a factor to ten times the tolerance at most, at any tolerance.
-    """
+    """The secant takes its pressures along; the error is ten times the tolerance at most."""
     tables = scene(
         "rkpm-scni", box(5, 5, 5, places=(6, 6, 6)), approximation=LINEAR, material=[MUSCLE],
         boundary=[held("z0"), held("z1")], load={"activation": 0.3, "steps": 6},
@@ -152,9 +147,7 @@ def iterations(inputs, out, *overrides):
 
 @pytest.mark.slow
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
-    """Groups with an inf-sup constant and a preconditioner like the stiffness: half the spacing
-    took 1.7 times the iterations without them. Newton's first step wants few digits.
-    """
+    """Half the spacing took 1.7 times as many without groups; a first step wants few digits."""
     totals = []
     for size in ("[5,5,9]", "[9,9,17]"):
         words = (f"geometry.source={size}", "load.steps=1", "load.activation=0.02")
@@ -214,9 +207,7 @@ def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
 
 
 def test_force_is_the_derivative_of_the_energy():
-    """Work-conjugate: dE/du of a plate that moves by central differences of 1e-3 is its force; the
-    energy has no part of supports that give way.
-    """
+    """dE/du of a plate that moves is its force; supports that give way have no part in it."""
     tables = sheared(3, "rkpm-gauss")
     tables["boundary"].pop()
     tables["probe"] = [
@@ -229,9 +220,7 @@ def test_force_is_the_derivative_of_the_energy():
 
 
 def test_the_penalty_comes_to_it_as_it_grows():
-    """Sides of a box are source points in a plane: between them the field hardly leaves the value,
-    and both ways of holding it have nearly one limit.
-    """
+    """Between source points in a plane the field hardly leaves the value: one limit, nearly."""
 
     def force(**galerkin):
         tables = sheared(3, "rkpm-gauss", galerkin={"gauss": 2, **galerkin})

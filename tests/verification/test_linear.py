@@ -325,9 +325,7 @@ def test_cantilever_by_the_galerkin_form(inputs: Path, order: int) -> None:
 
 
 def test_one_step_and_its_files(tmp_path: Path, inputs: Path) -> None:
-    """One assembly, one solve: one step, one iteration, one state of one field; Python gets the
-    same coefficients as the executable writes.
-    """
+    """One solve, one iteration, one state; Python gets what the executable writes."""
     summary = run_deck(inputs / "poisson_2d.toml", tmp_path, threads=1, verbosity=-1)
     assert len(summary["steps"]) == 1
     assert summary["steps"][0]["iterations"] == 1

@@ -154,11 +154,7 @@ def least_curvature(scene: Scene, x: np.ndarray, load: float, start: np.ndarray)
 
 @pytest.mark.slow
 def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
-    """Second derivatives of a minimum are positive definite, whatever the way there.
-
-    Each Gauss-Newton iteration makes a turn that rounding began 17 times as large: one more or less
-    decided between |r| = 1.88 and 0.90. Newton's method is drawn to saddles as well.
-    """
+    """Second derivatives of a minimum are positive definite, whatever the way there."""
     middle = {}
     solvers = [f"linear={name}" for name in SOLVERS if name != "auto"]
     for choice in (*solvers, "newton=gauss-newton", "newton=full"):
@@ -188,8 +184,7 @@ def test_minima_are_not_taken_for_saddles(inputs: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["gauss-newton", "full", "auto"])
 def test_kinks_end_the_iteration(method: str, inputs: Path) -> None:
-    """At rest every fiber sits on the kink of the published passive curve: Gauss-Newton runs into
-    an exact cycle of two. It ends within one load step, and the message says what to do."""
+    """Fibers on the kink of the published curve make a cycle: it ends, with a cure."""
     overrides = [
         "scene.method=rkcm", "approximation.order=2", "approximation.support=3",
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=published",

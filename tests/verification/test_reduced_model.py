@@ -391,11 +391,7 @@ def programme(path: Path, end: float) -> Path:
 
 
 def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path: Path) -> None:
-    """The full solves are those of a deck without amplitudes, an activation of zero among them; the
-    state at the end of the programme is that of its values, to the error of either model.
-
-    A value means what it means in the deck: the amplitude multiplies it.
-    """
+    """The state at the end is that of the values, which the amplitude multiplies."""
     deck = programme(tmp_path / "programme.toml", 0.5)
     ranges = {**RANGES, "boundary.z1.u_z": (-0.4, 0.6)}
     found = ReducedModel.train(deck, ranges, full_solves=12, tests=4, threads=1)

@@ -72,10 +72,7 @@ def test_volumes_are_those_of_table_4_3(muscle, published):
 
 @pytest.mark.nightly
 def test_old_muscle_loses_more_force_than_volume_where_fat_does_not_contract() -> None:
-    """Where every point has its own fibers: the old muscle has more interface with tissue that does
-    not contract. With the fibers of the nearest muscle force follows the volume. Both ends carry
-    the same force.
-    """
+    """By its interface; with the fibers of the nearest muscle as much as volume."""
     for fibers in ("own", "nearest"):
         words = (f"approximation.interface_fibers={fibers}",)
         young, old = (RUNS["aged"](Run("aged", "AGED", words, name), silent)
@@ -201,9 +198,7 @@ def test_real_anatomy_needs_its_files(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_fibers_part_a_surface_from_what_looks_alike(tmp_path: Path) -> None:
-    """A slab with straight tracts stands for the muscle: with fibers the published mean of 0.8744
-    is passed; without them the border to the other muscle is anywhere in what both fill.
-    """
+    """With tracts the published mean of 0.8744 is passed; without them the border is anywhere."""
     pyvista.Box((-12, 12, -20, 20, 0, 60)).triangulate().save(tmp_path / "MG.stl")
     starts = np.random.default_rng(1).uniform([-30, -20, -10], [12, 20, 40], (150, 3))
     way = np.array([np.sin(0.35), 0.0, np.cos(0.35)])
@@ -219,9 +214,7 @@ def test_fibers_part_a_surface_from_what_looks_alike(tmp_path: Path) -> None:
 
 
 def test_the_page_has_all_numbers_and_reasons() -> None:
-    """`docs/reproduced.md` is a run of all: each row with its published number; what is far off has
-    a reason below its table; each picture is there.
-    """
+    """Each row with its published number; what is far off has a reason below its table."""
     parts = (ROOT / "docs/reproduced.md").read_text("utf-8").split("\n## ")[1:]
     pages = {part.split(":")[0].lower(): part for part in parts}
     for table in TABLES.values():

@@ -85,11 +85,9 @@ def test_modes_are_orthonormal_and_span_the_snapshots(full):
 
 @in_forms("collocation", *WEAK)
 def test_as_many_modes_as_snapshots_give_the_full_solution(full):
-    """The full solution lies in the span of the modes and minimises there too, or its equations
-    hold in every direction, also in those of the modes; the boundary of a weak form moves by what
-    is lifted, the volume by its projection. Iterations of least squares end within their tolerance,
-    1e-9, times the condition of the rows, others at 1e-6 after a quadratic fall.
-    """
+    """The full solution lies in the span of the modes, and solves the reduced problem."""
+    # Iterations of least squares end within their tolerance, 1e-9, times the condition of the rows,
+    # others at 1e-6 after a quadratic fall.
     scene, states, modes, _ = full
     squares = scene.deck["scene"]["method"] == "rkcm"
     errors = reduced_errors(scene, states, modes, "dgels" if squares else "")
@@ -101,9 +99,7 @@ def test_as_many_modes_as_snapshots_give_the_full_solution(full):
 
 @in_forms("collocation", *WEAK)
 def test_projected_rows_are_the_product_of_rows_and_modes(full):
-    """Shape functions projected once give the numbers of A'U without A', and the weak tangent and
-    forces are those in the directions of the modes.
-    """
+    """Shape functions projected once give A'U without A', tangents and forces along the modes."""
     scene, states, modes, _ = full
     squares = scene.deck["scene"]["method"] == "rkcm"
     scene.reduce(modes)
@@ -393,9 +389,7 @@ def test_motions_in_the_span_of_their_modes(inputs: Path, deck, method, projecti
 
 
 def test_all_modes_give_the_motion_with_loads_in_time() -> None:
-    """Values and tractions that change with time are projected at each step; in the span of all
-    unknowns nothing is lost, whatever the residual is orthogonal to.
-    """
+    """In the span of all unknowns nothing is lost, whatever the residual is orthogonal to."""
     tables = tables_of(
         "rkcm", box(11), approximation={"order": 2},
         linear={"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},

@@ -124,10 +124,7 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
 
 @pytest.mark.slow
 def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
-    """A block whose voxels are of fat and tendon, most of both muscle, has no direction at all.
-
-    The coarser cloud of the error bar merges such voxels: its point must not become muscle.
-    """
+    """Points that the cloud of the error bar merges from fat and tendon must not become muscle."""
     cloud = brick(np.ones((8, 8)), 8)
     index = cloud.voxels.index
     label = np.full(len(cloud.points), 1, np.int32)
@@ -156,9 +153,7 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
 
 @pytest.mark.slow
 def test_a_label_without_fractions_leaves_no_error_bar() -> None:
-    """Points may have a label that no fraction is given for. The coarser cloud of the error bar,
-    which merges them, has no such point: there is no bar, but an answer.
-    """
+    """The cloud of the bar has no point of a label without fractions: an answer without it."""
     cloud = brick(np.ones((8, 8)), 8)
     low = cloud.voxels.index[:, 2] < 4
     fraction = np.where(low[:, None], [0.25, 0.75], [1.0, 0.0])
@@ -238,11 +233,7 @@ def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar, m
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_layers_in_series_carry_the_same_force(open_bar, method):
-    """Confined sides make the bar one-dimensional: P_xx is the same everywhere. Without the
-    gradient of the moduli in the strong form it would jump by their ratio, 6. The interface is
-    a whole unit wide and resolved by 4, then by 8 spacings: of second order, an error of some
-    per cent falls to a quarter of it.
-    """
+    """Confined sides: P_xx is the same everywhere, to second order in the spacing."""
     errors = []
     for cells, width in ((8, 4), (16, 8)):
         opened = open_bar([SOFT, STIFF], cells=(cells, 2, 2), method=method, width=width)
@@ -359,10 +350,7 @@ def series_force(length, pull, soft, stiff):
 @pytest.mark.parametrize("pull", [0.1, -0.1])
 @pytest.mark.parametrize("length", [0.5, 0.53, 0.57])
 def test_layers_in_series_give_way_as_they_should(open_scene, length, pull):
-    """Twenty times as stiff beyond an interface on, beside and between lines of nine points along
-    the bar: with equal tractions the force errs by at most 2.5 %, half as much with twice the
-    points. One gradient for both would be a parallel coupling, 8 to 14 % too stiff.
-    """
+    """On, beside and between points 2.5 % off at most; a parallel coupling is 8 to 14 %."""
     soft, stiff = (1.0, 4.0), (20.0, 80.0)
     materials = [
         {"name": name, "model": "neo-hookean", "mu": mu, "K": bulk}
@@ -400,9 +388,7 @@ def test_layers_have_the_tangent_of_their_stress(open_scene, source):
 
 @pytest.mark.parametrize("cut", [0.36, 0.47])
 def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(open_scene, cut):
-    """Fractions of 1e-12 at the reach of an interface made moduli of 1e13, by which no step
-    converged. K of a million times the shear modulus is as good as infinite.
-    """
+    """K of a million times the shear modulus is as good as infinite."""
 
     def force(bulk: float) -> Any:
         law = {"model": "neo-hookean"}

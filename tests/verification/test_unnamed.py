@@ -83,12 +83,7 @@ def test_slow_iterations_of_a_hard_load_arrive() -> None:
 
 @pytest.mark.slow
 def test_an_odd_number_of_cells_is_as_good_as_an_even_one() -> None:
-    """A cell that is left over makes a group of its own.
-
-    In a group of three volume went from cell to cell: J was 0.08 to 4.0 and the force below that of
-    finer clouds, with a part across. Now the force falls from cloud to cloud, and det F of the
-    written F is 0.31 to 1.39 at most, at the rims of the odd points.
-    """
+    """A cell that is left over makes a group of its own: the force falls from cloud to cloud."""
     pull = {"name": "pull", "quantity": "force", "set": "z1"}
     forces = []
     for points in (5, 6, 7):

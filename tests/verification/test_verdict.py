@@ -44,9 +44,7 @@ def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, d
     [((17, 5), 0.2, -0.8), pytest.param((33, 9), 0.3, -0.7, marks=pytest.mark.slow)],
 )
 def test_collocation_that_bends_is_refused(method, points, share, work):
-    """Least squares of second derivatives lose the bending, and stresses as much of the work: both
-    are linear in the part that is there. Off equilibrium no bar is given.
-    """
+    """Least squares lose the bending, and stresses as much of the work; no bar off equilibrium."""
     states, found = solved(cantilever(method, *points), ())
     assert states.verdict == "refused" and states.work_mismatch < work
     assert any("less work than the forces" in text for text in states.warnings)
