@@ -219,14 +219,11 @@ def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None
     assert f"rod.toml:{line}" in str(caught.value)
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
-        load_deck(deck_with(tmp_path, "0,1\n", name="other.csv"))
-
-
-def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
-    """It was opened, which waits for whoever writes into it."""
+def test_no_file_and_a_pipe_are_no_tables(tmp_path: Path) -> None:
+    """A pipe was opened, which waits for whoever writes into it."""
     deck = deck_with(tmp_path, "0,1\n", name="other.csv")
+    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
+        load_deck(deck)
     os.mkfifo(tmp_path / "k.csv")
     done = execute(deck, tmp_path, "--explain")[1]
     assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
