@@ -153,7 +153,8 @@ def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     page.wait_for_function("shown.values[0] === 0.6 && !busy && !wanted")
     assert page.evaluate("shown.answers") > before + 1
     # outside of the range, with the bounds that the verdict has
-    slide(page, 1, 0.34)
+    for number, value in ((0, 0.5), (2, 30.0), (1, 0.34)):
+        slide(page, number, value)
     assert page.inner_text("#verdict") == "? doubtful"
     footer = page.inner_text("footer")
     assert "beyond 1.7 % of estimated error" in footer and "beyond 4.2 % or without" in footer
