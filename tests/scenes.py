@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import signal
@@ -19,11 +20,12 @@ from numpy.testing import assert_allclose
 from benchmarks.truths.deck_parts import held
 from myork import Scene
 from myork.bench import materials
-from myork.core.deck import table_defaults
+from myork.core.deck import table_defaults, text_of_tables
 from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.model.cloud import build_cloud
 from myork.records import Image, Labels, PointCloud
+from myork.stations.explain import explain_deck
 from myork.stations.solve import find_executable
 from myork.types import F64
 
@@ -36,6 +38,8 @@ else:
 RUBBER = {**materials.RUBBER, "K": 1e3}
 #: Smooth, and soft enough for all forms
 MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
+#: Planes of symmetry at three sides of a box
+PLANES = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
 #: Approximation of a linear basis
 LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
 
@@ -148,8 +152,29 @@ def sheared(
             {"set": "x1", "traction": [0.5] * nd},
         ],
         galerkin={"gauss": 2, "essential": "transformation"},
-        probe=[{"name": side, "quantity": "force", "set": side} for side in sides],
+        probe=forces(*sides),
     ) | tables  # fmt: skip
+
+
+def forces(*sets: str) -> list[dict[str, Any]]:
+    """Probes of the forces on sets, by the names of the sets."""
+    return probes(*(f"{name} force {name}" for name in sets))
+
+
+def places(point: Any, *quantities: str) -> list[dict[str, Any]]:
+    """Probes of quantities at a point, by the names of the quantities."""
+    return [{"name": name, "quantity": name, "point": list(point)} for name in quantities]
+
+
+def probes(*lines: str) -> list[dict[str, Any]]:
+    """Probes by name, quantity and what they are of: a set, or the coordinates of a point."""
+    found: list[dict[str, Any]] = []
+    for name, quantity, *place in map(str.split, lines):
+        try:
+            found.append({"name": name, "quantity": quantity, "point": [float(x) for x in place]})
+        except ValueError:
+            found.append({"name": name, "quantity": quantity, "set": place[0]})
+    return found
 
 
 def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, Any]:
@@ -162,10 +187,7 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
         method, box(*(source or (17, 5)), size=[4, 1]), load={"steps": 2},
         material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
         boundary=[held("x0", 2), {"set": "x1", "traction": [0, 1]}],
-        probe=[
-            {"name": "tip", "quantity": "u_y", "point": [4, 0.5]},
-            {"name": "root", "quantity": "force", "set": "x0"},
-        ],
+        probe=probes("tip u_y 4 0.5", "root force x0"),
     ) | tables  # fmt: skip
 
 
@@ -179,7 +201,7 @@ def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> 
     return scene(
         "auto", box(*source, size=[4, 1], places=places), material=[RUBBER],
         boundary=[held("x0", 2), {"set": "x1", "traction": [0, load]}],
-        probe=[{"name": "tip", "quantity": "u_y", "point": [4, 0.5]}],
+        probe=probes("tip u_y 4 0.5"),
     ) | tables  # fmt: skip
 
 
@@ -241,6 +263,18 @@ def refused(
     return str(caught.value)
 
 
+def deck_file(path: Path, tables: Mapping[str, Any]) -> Path:
+    """Write tables as a deck."""
+    path.write_text(text_of_tables(tables), encoding="utf-8")
+    return path
+
+
+def myork(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own; `more` goes to `subprocess.run`."""
+    usual: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 300}
+    return subprocess.run([sys.executable, "-m", "myork", *map(str, words)], **usual | more)
+
+
 def execute(
     deck: Path, out: Path, *words: str, sets: Iterable[str] = (), **more: Any
 ) -> tuple[dict[str, Any], subprocess.CompletedProcess[str]]:
@@ -255,6 +289,19 @@ def execute(
     )  # fmt: skip
     path = out / "summary.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}, done
+
+
+def explained(deck: Path, *overrides: str) -> str:
+    """What `myork explain` says of a deck."""
+    lines: list[str] = []
+    explain_deck(deck, overrides=overrides, progress=lines.append)
+    return "\n".join(lines)
+
+
+def history(out: Path) -> list[dict[str, str]]:
+    """Iterations of a run by the names of their columns."""
+    with (out / "history.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:

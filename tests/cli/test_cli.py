@@ -120,9 +120,7 @@ def test_help_loads_no_numerics() -> None:
         (("explain", "case.toml", "--threads", "100000"), "at most 1024"),
     ],
 )
-def test_wrong_arguments(
-    words: tuple[str, ...], part: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_arguments(words, part, capsys):
     assert status_of(*words) == 2
     captured = capsys.readouterr()
     assert part in captured.err
@@ -131,9 +129,7 @@ def test_wrong_arguments(
 
 @pytest.mark.usefixtures("no_solver")
 @pytest.mark.parametrize("verbose", [(), ("-v",)])
-def test_missing_executable(
-    deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], verbose: tuple[str, ...]
-) -> None:
+def test_missing_executable(deck, tmp_path, capsys, verbose):
     assert status_of("solve", deck, "--out", tmp_path / "out", *verbose) == 3
     message = capsys.readouterr().err
     assert "myork-solve is missing" in message and "setup.sh" in message
@@ -150,9 +146,7 @@ def test_executable_of_the_package_comes_first(solver: Install, tmp_path: Path) 
     assert solve.find_executable() == own
 
 
-def test_arguments_reach_the_executable(
-    solver: Install, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_arguments_reach_the_executable(solver, deck, tmp_path, capsys):
     out = tmp_path / "deep" / "out"
     solver(
         "print(*sys.argv[1:], sep='|')\n"
@@ -187,9 +181,7 @@ def test_exit_status_of_the_executable(solver, deck, tmp_path, capsys, script, s
     assert "Traceback" not in message
 
 
-def test_quiet_shows_no_progress(
-    solver: Install, deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_quiet_shows_no_progress(solver, deck, tmp_path, capsys):
     solver("print('step  1/2'); print('refused', file=sys.stderr); sys.exit(2)")
     assert status_of("solve", deck, "--out", tmp_path / "out", "-q") == 2
     captured = capsys.readouterr()
@@ -198,13 +190,8 @@ def test_quiet_shows_no_progress(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupt_waits_for_the_clean_end(
-    solver: Install, deck: Path, tmp_path: Path, number: signal.Signals
-) -> None:
-    """The executable is told once, finishes its step and writes; then the command ends.
-
-    It is told by SIGTERM: in what a shell starts in the background SIGINT is ignored.
-    """
+def test_interrupt_waits_for_the_clean_end(solver, deck, tmp_path, number):
+    """The executable is told once, by SIGTERM, which no shell ignores: it finishes and writes."""
     written = tmp_path / "last_state"
     fake = solver(
         "told = []\n"
@@ -233,19 +220,6 @@ def test_interrupt_waits_for_the_clean_end(
     assert process.returncode == 1
     assert message == "myork: stopped in load step 2; step 1 is written\n"
     assert written.read_text() == "1"
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("mg_muscle", ("phantom calf of 96 x 96 x 15", "myork segment, myork build, myork solve")),
-        ("leg_muscles", ("6 muscles: 8 regions", "myork segment, myork build")),
-    ],
-)
-def test_explain_tells_of_images_before_there_is_a_model(name, words, inputs, tmp_path, capsys):
-    assert cli.main(["explain", str(inputs / f"{name}.toml"), "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert all(text in said for text in words)
 
 
 #: Another version, which no machine has

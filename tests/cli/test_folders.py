@@ -12,13 +12,12 @@ from typing import Any
 import pytest
 
 from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import FileError
 from myork.files import alone_in
 from myork.report import make_report
 from myork.stations.solve import find_executable
 from myork.summary import failures, read_summary, renewing, update_summary
-from tests.scenes import box, execute, held, scene, start, wait_for
+from tests.scenes import box, deck_file, execute, held, scene, start, wait_for
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
@@ -35,9 +34,7 @@ LONG = ("--set", "load.steps=4000")
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "deck.toml"
-    path.write_text(text_of_tables(DECK))
-    return path
+    return deck_file(tmp_path / "deck.toml", DECK)
 
 
 def solve(deck: Path, out: Path, *words: str, **more: Any) -> subprocess.CompletedProcess[str]:

@@ -114,9 +114,7 @@ def solve_into(folder: Path, deck: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("ascii", [True, False])
 @pytest.mark.parametrize("indent", [None, 1])
-def test_the_executable_keeps_earlier_stations(
-    inputs: Path, tmp_path: Path, ascii: bool, indent: int | None
-) -> None:
+def test_the_executable_keeps_earlier_stations(inputs, tmp_path, ascii, indent):
     """Those that hold whatever is solved; what told of another solution goes."""
     stale = {"rom": {"models": []}, "exact": {}, "errors": {"L2": 1}, "message": "did not converge"}
     found = {"title": "before", **EARLIER, **stale, "steps": []}

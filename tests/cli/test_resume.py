@@ -13,7 +13,6 @@ import pytest
 
 from myork import Results, Scene
 from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.stations.solve import run_deck
 from myork.summary import read_summary
@@ -138,9 +137,7 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, name):
 
 @pytest.mark.slow
 def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
-    """A changed bit in a journal of five steps: what stands before it is gone on with, to the same
-    end; never is a state resumed that nobody has solved.
-    """
+    """What stands before a changed bit is gone on with to the same end, or all is refused."""
     coarse = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
     deck = write_deck({**RUBBER, "geometry": coarse, "load": {"steps": 10}})
     whole, killed, out = (tmp_path / name for name in ("whole", "killed", "out"))
@@ -258,9 +255,7 @@ def programme(pull: list[float], excite: list[float], steps: int, method: str) -
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_two_programmes_are_the_long_one(tmp_path, method):
-    """Stretched, then excited: in one run, and in two of which the second begins loaded, at the
-    state in which the first ended; it finds that from rest as well.
-    """
+    """Stretched, then excited: in one run, in two, or in the second alone from rest."""
 
     def solve(name: str, deck: dict, begin: Path | None = None) -> Path:
         run_deck(deck, tmp_path / name, threads=1, error=False, start=begin)
@@ -333,9 +328,8 @@ def test_a_state_of_other_points_is_refused(tmp_path):
         scene.solve(start=tmp_path / "nowhere.vtkhdf")
 
 
-def test_both_commands_know_the_options(tmp_path):
-    deck = tmp_path / "deck.toml"
-    deck.write_text(text_of_tables({**RUBBER, "load": {"steps": 2}}), encoding="utf-8")
+def test_both_commands_know_the_options(tmp_path, write_deck):
+    deck = write_deck({**RUBBER, "load": {"steps": 2}})
     options = ["solve", str(deck), "--out", str(tmp_path / "out"), "--threads", "1", "-q"]
     assert main([*options, "--no-error"]) == 0
     assert main([*options, "--no-error", "--resume"]) == 0

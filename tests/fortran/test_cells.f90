@@ -4,10 +4,9 @@ program test_cells
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_gauss_cells, only : gauss_cells
-   use rk_gradient, only : gradient_type
    use rk_lattice, only : jitter, new_annulus, new_box
    use rk_nodal_cells, only : nodal_cells
-   use rk_precision, only : i8, pi, wp
+   use rk_precision, only : pi, wp
    use tap, only : check, finish
    implicit none
 
@@ -23,12 +22,6 @@ program test_cells
    call test_gauss('Gauss cells in space', solid, [3, 4, 4])
    call test_moments
    call test_tube
-   call test_stiffness('stiffness in space', 3, 3, .false.)
-   call test_stiffness('stiffness in space, lifted', 3, 3, .true.)
-   call test_stiffness('stiffness in the plane', 2, 2, .false.)
-   call test_stiffness('stiffness in the plane, lifted', 2, 2, .true.)
-   call test_stiffness('stiffness of one field in space', 1, 3, .false.)
-   call test_stiffness('stiffness of one field in the plane', 1, 2, .false.)
    call finish()
 
 contains
@@ -261,56 +254,5 @@ subroutine test_tube
    call check('tube: the inner one to the axis', all(pack(sum(cells%outward*cells%surface, &
       & dim=1), cells%set == 1) < 0.0_wp))
 end subroutine test_tube
-
-!> Stiffness times displacements is the forces of the stress that their gradients make. Two cells of
-!> two points see source points in rows of different lengths, so that sums go by fours and one by one
-subroutine test_stiffness(name, fields, nd, lifted)
-   character(len=*), intent(in) :: name
-   !> Components of the fields, space dimension
-   integer, intent(in) :: fields, nd
-   !> Components have gradients of their own
-   logical, intent(in) :: lifted
-   integer, parameter :: points = 4, members = 19
-   integer, parameter :: seen(13) = [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 13, 15, 17]
-   type(gradient_type) :: gradient
-   real(wp) :: c4(3, 3, 3, 3, points), flat(9, 9), h(fields, nd), p(3, 3)
-   real(wp) :: x(fields, members), force(fields, members), part(fields*members, fields*members)
-   integer :: i, j, k, n, q
-
-   n = size(seen)
-   gradient%nd = nd
-   gradient%fields = fields
-   gradient%per_cell = 2
-   gradient%start = [(int(n*q, i8), q=0, points)]
-   gradient%local = [seen, seen, seen + 2, seen + 2]
-   allocate (gradient%first(fields, points), gradient%value(nd, n*points*fields))
-   allocate (gradient%given(fields, nd, points, 0))
-   do q = 1, points
-      gradient%first(:, q) = [(int(n*(fields*(q - 1) + merge(i - 1, 0, lifted)), i8), i=1, fields)]
-      call random_number(flat)
-      c4(:, :, :, :, q) = reshape(flat + transpose(flat), [3, 3, 3, 3])
-   end do
-   call random_number(gradient%value)
-   call random_number(x)
-   force = 0.0_wp
-   do q = 1, points
-      call gradient%at(q, x, [real(wp) ::], h)
-      p = 0.0_wp
-      do k = 1, nd
-         do i = 1, fields
-            p = p + c4(:, :, i, k, q)*h(i, k)
-         end do
-      end do
-      call gradient%add_force(q, p, force)
-   end do
-   part = 0.0_wp
-   call gradient%add_stiffness(0, c4, part)
-   do j = 1, size(part, 2)
-      part(j, :j - 1) = part(:j - 1, j)
-   end do
-   force = force - reshape(matmul(part, reshape(x, [size(x)])), shape(force))
-   ! sums of some thousand numbers below 100
-   call check(name, all(abs(force) <= 1.0e-9_wp))
-end subroutine test_stiffness
 
 end program test_cells

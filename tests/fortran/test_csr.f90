@@ -9,7 +9,6 @@ program test_csr
 
    call test_group_by
    call test_transposed
-   call test_random_rows
    call test_sort
    call test_cuthill_mckee
    call finish()
@@ -49,34 +48,6 @@ subroutine test_transposed
    call rows%transposed(2, columns)
    call check('no rows at all', same(int(columns%offset), [0, 0, 0]) .and. size(columns%index) == 0)
 end subroutine test_transposed
-
-!> Many ascending rows: the transposed of the transposed is the original, entry by entry
-subroutine test_random_rows
-   integer, parameter :: n = 40, m = 70
-   type(csr_type) :: rows, columns, back
-   integer(i8), allocatable :: entry(:), back_entry(:)
-   integer :: seed, i, j
-
-   allocate (rows%offset(m + 1), rows%index(0))
-   rows%offset(1) = 0
-   seed = 12345
-   do i = 1, m
-      do j = 1, n
-         ! linear congruences; every tenth row stays empty
-         seed = modulo(1103*seed + 12345, 65536)
-         if (seed < 12000 .and. modulo(i, 10) /= 0) rows%index = [rows%index, j]
-      end do
-      rows%offset(i + 1) = size(rows%index)
-   end do
-   call check('enough entries', size(rows%index) > 300)
-   call rows%transposed(n, columns, entry)
-   call check('an entry stands where it came from', all(rows%index(entry) == &
-      & [((j, i=1, int(columns%offset(j + 1) - columns%offset(j))), j=1, n)]))
-   call columns%transposed(m, back, back_entry)
-   call check('twice is the identity', same(back%index, rows%index) &
-      & .and. same(int(back%offset), int(rows%offset)))
-   call check('and so are the ways back', same(int(entry(back_entry)), [(i, i=1, size(entry))]))
-end subroutine test_random_rows
 
 !> Numbers in ascending order
 subroutine test_sort

@@ -11,7 +11,7 @@ from benchmarks.voxel_bodies import BODIES, body_cloud
 from myork.core.scene import Scene
 from myork.report.sketch import Panel, show
 from myork.types import F64, I32
-from tests.report.grids import grid
+from tests.report.pages import grid
 
 
 def volume(points: F64, triangles: I32) -> float:

@@ -13,10 +13,6 @@ SHEET = scene("auto", box(5, 3, size=[2, 1]), material=[RUBBER], boundary=[held(
 del SHEET["scene"]["method"]
 ANNULUS = annulus(5, 9, radii=(1, 2))
 CUBE = {"scene": {"dimension": 3}, "geometry": box(3, 3, 3)}
-GALERKIN = {"order": 1, "support": [2.0, 2.0], "kernel": "cubic", "window": "product"}
-GALERKIN |= {"interface": 2.0, "interface_fibers": "nearest"}
-COLLOCATION = {"order": 2, "support": [3.0, 3.0], "kernel": "quintic", "window": "product"}
-COLLOCATION |= {"interface": 4.0}
 #: Points of the sheet on its surface and within
 _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
 
@@ -39,21 +35,6 @@ _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
 def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
     """Of linear problems test_linear.test_patch."""
     assert load_deck({**SHEET, **tables})["scene"]["method"] == method
-
-
-@pytest.mark.parametrize(
-    ("method", "form", "steps"),
-    [
-        ("rkpm-gauss", {**GALERKIN, "interface": 1.25}, 1),
-        ("rkpm-scni", GALERKIN, 1),
-        *((method, COLLOCATION, 10) for method in ("rkcm", "rkcm-mixed")),
-    ],
-)
-def test_defaults_of_a_form(method: str, form: dict[str, Any], steps: int) -> None:
-    tables = {**SHEET, "scene": {"dimension": 2, "method": method}}
-    deck = load_deck(tables)
-    assert deck["approximation"] == form and deck["galerkin"]["gauss"] == 2
-    assert deck["load"] == {"steps": steps, "activation": 0.0, "max_halvings": 6}
 
 
 @pytest.mark.parametrize(

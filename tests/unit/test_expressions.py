@@ -11,7 +11,7 @@ import pytest
 from myork import Scene
 from myork.core.deck import load_deck, text_of_tables
 from myork.errors import InputError
-from tests.scenes import box, execute, refused, scene, solved
+from tests.scenes import box, execute, probes, refused, scene, solved
 
 
 def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
@@ -54,11 +54,7 @@ def test_eccentric_traction_bends() -> None:
     """A traction that is odd about the axis has no resultant, and turns the end."""
     held = {"set": "x0", "u_x": 0, "u_y": 0}
     tables = plate([held, {"set": "x1", "traction": ["0.1*(0.5 - y)", 0]}])
-    tables["probe"] = [
-        {"name": "pull", "quantity": "force_x", "set": "x1"},
-        {"name": "low", "quantity": "u_x", "point": [1, 0]},
-        {"name": "high", "quantity": "u_x", "point": [1, 1]},
-    ]
+    tables["probe"] = probes("pull force_x x1", "low u_x 1 0", "high u_x 1 1")
     pull, low, high = probes_of(tables)[:, 0]
     assert abs(pull) < 1e-12
     assert low > 1e-3 > -1e-3 > high
@@ -223,14 +219,11 @@ def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None
     assert f"rod.toml:{line}" in str(caught.value)
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
-        load_deck(deck_with(tmp_path, "0,1\n", name="other.csv"))
-
-
-def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
-    """It was opened, which waits for whoever writes into it."""
+def test_no_file_and_a_pipe_are_no_tables(tmp_path: Path) -> None:
+    """A pipe was opened, which waits for whoever writes into it."""
     deck = deck_with(tmp_path, "0,1\n", name="other.csv")
+    with pytest.raises(InputError, match=r"'k.csv' cannot be read: there is no such file"):
+        load_deck(deck)
     os.mkfifo(tmp_path / "k.csv")
     done = execute(deck, tmp_path, "--explain")[1]
     assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
@@ -239,11 +232,7 @@ def test_a_pipe_is_not_a_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "what"),
     [
-        ({"name": "k"}, "table.k: needs one of the keys x, file"),
-        ({"name": "k", "x": [0, 1]}, "table.k.value: missing"),
-        ({"name": "k", "x": [0, 1], "value": [1]}, "must have as many items as x, 2, not 1"),
         ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
-        ({"name": "k", "x": [0], "file": "k.csv"}, "cannot be given beside x"),
         ({"name": "sin", "x": [0], "value": [1]}, "is already used in expressions"),
         ({"name": "pi", "x": [0], "value": [1]}, "is already used in expressions"),
         ({"name": "2k", "x": [0], "value": [1]}, "must consist of letters, digits and _"),

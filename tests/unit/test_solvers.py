@@ -87,11 +87,9 @@ STIFF = scene(
 
 @pytest.mark.slow
 def test_collocation_rows_of_a_stiff_block(open_scene):
-    """Plain normal equations are 11 % wrong here at a backward error of 1e-13; no solver may be.
-
-    The reference is QR refined with residuals in extended precision. QR itself errs by 1e-6, the
-    limit leaves room for other BLAS libraries.
-    """
+    """Plain normal equations are 11 % wrong here at a backward error of 1e-13; no solver may be."""
+    # The reference is QR refined with residuals in extended precision; QR itself errs by 1e-6, the
+    # limit leaves room for other BLAS libraries.
     opened = open_scene(STIFF)
     start = np.zeros(opened.dofs)
     b = opened.linearise(start, 0.1, start)[0]

@@ -85,9 +85,7 @@ def build(tmp_path: Path) -> Callable[..., Any]:
         ),
     ],
 )
-def test_errors_begin_with_file_line_and_key(
-    build: Callable[..., Any], tmp_path: Path, table: dict[str, Any], message: str
-) -> None:
+def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
     with pytest.raises(MyorkError, match=message) as caught:
         build(**table)
     lines = (tmp_path / "body.toml").read_text().splitlines()
@@ -105,9 +103,7 @@ def test_errors_begin_with_file_line_and_key(
         ("scene.dimension must be 3", 2),
     ],
 )
-def test_a_file_called_like_a_key_is_not_that_key(
-    tmp_path: Path, message: str, line: int | None
-) -> None:
+def test_a_file_called_like_a_key_is_not_that_key(tmp_path, message, line):
     """`build.fibers` is the name of the file of labels here."""
     deck = tmp_path / "body.toml"
     deck.write_text(

@@ -42,9 +42,7 @@ FREE = [
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("dimension", "sets", "motions"), FREE)
-def test_motions_that_nothing_hinders(
-    dimension: int, sets: dict[str, str], motions: str, method: str
-) -> None:
+def test_motions_that_nothing_hinders(dimension, sets, motions, method):
     assert f"leave the body free to {motions}" in refused(tables(dimension, method, **sets))
 
 

@@ -41,10 +41,7 @@ def test_a_constant_field_is_a_number(method: str) -> None:
 
 @pytest.mark.slow
 def test_halves_that_are_active_are_two_muscles() -> None:
-    """A step of the field on a lattice plane against two materials with numbers of their own.
-
-    Moduli are the same, so that mixing at the border mixes activations only.
-    """
+    """A step of the field on a lattice plane against two materials, which mix activations only."""
     step = block([MUSCLE | {"activation": "0.4*(x < 0.5)"}])
     active = {"name": "active", "activation": 0.4, "where": "x < 0.5"}
     parts = block([MUSCLE | {"activation": 0.0}, MUSCLE | active])
@@ -143,30 +140,12 @@ def test_activations_of_points_that_cannot_be() -> None:
         bar(half(2.0))
 
 
-#: felupe with 6 x 6 x 16 quadratic elements, 18397 unknowns; with 4 x 4 x 12 and 2 x 2 x 6 the
-#: torque is 0.1563 and 0.1578, the pull -0.0515 and -0.0546
-TWISTED = {"torque": 0.15613, "pull": -0.05116}
-SMALL = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]")
-
-
 def steps(deck: Path, out: Path, *overrides: str) -> dict[str, np.ndarray]:
     """Loads, smallest J and probes of all steps by name."""
     summary = run_deck(deck, out, overrides=overrides, error=False)
     rows = [step | step["probes"] for step in summary["steps"]]
     names = ("load", "min_J", *summary["steps"][0]["probes"])
     return {name: np.array([row[name] for row in rows]) for name in names}
-
-
-@pytest.mark.slow
-def test_twisted_bar_agrees_with_finite_elements(inputs: Path, tmp_path: Path) -> None:
-    deck = inputs / "twist.toml"
-    coarse = ("geometry.source=[5,5,13]", "geometry.collocation=[9,9,25]")
-    found = steps(deck, tmp_path, *coarse, "approximation.order=2", "approximation.support=2.5")
-    assert found["torque"][-1] == pytest.approx(TWISTED["torque"], rel=0.01)
-    assert found["pull"][-1] == pytest.approx(TWISTED["pull"], rel=0.06)
-    # the middle turns by half of the angle, and torque grows with it
-    assert found["middle"][-1] == pytest.approx(0, abs=0.02)
-    assert np.all(np.diff(found["torque"]) > 0.03)
 
 
 def test_finite_elements_follow_motions_and_amplitudes(inputs: Path) -> None:
@@ -180,19 +159,8 @@ def test_finite_elements_follow_motions_and_amplitudes(inputs: Path) -> None:
     assert torque[0] == pytest.approx(torque[2], rel=1e-6)
     assert torque[1] == pytest.approx(2 * torque[0], rel=0.02)
     assert abs(torque[3]) < 1e-9
-    assert torque[1] == pytest.approx(TWISTED["torque"] / 4, rel=0.15)
-
-
-@pytest.mark.slow
-def test_a_shortening_muscle_loses_force_and_gives_off_energy(inputs: Path, tmp_path: Path) -> None:
-    found = steps(inputs / "shortening.toml", tmp_path, *SMALL)
-    active = found["load"] >= 0.2 - 1e-9
-    force, length = found["force"][active], 3 + np.linspace(0, -0.6, int(active.sum()))
-    assert np.all(np.diff(force) < 0)
-    np.testing.assert_allclose(found["stretch"][active], length / 3, atol=0.01)
-    # what the muscle does against the plate while its activation stands, by the trapezoidal rule
-    work = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(length)))
-    assert np.ptp(found["energy"][active]) == pytest.approx(-work, rel=2e-3)
+    # a quarter of that of the whole turn, by 6 x 6 x 16 quadratic elements of felupe
+    assert torque[1] == pytest.approx(0.15613 / 4, rel=0.15)
 
 
 @pytest.mark.slow

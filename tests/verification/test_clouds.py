@@ -53,9 +53,7 @@ def pull(cloud: PointCloud, rate: float, activation: float) -> NDArray[Any]:
 
 @pytest.mark.slow
 def test_turning_fibers_pull() -> None:
-    """The residual of the undeformed body is the divergence of the active stress, to the order of
-    the linear fit over neighbours: 4 times better with half the spacing, 1 % at 9 sources.
-    """
+    """The residual at rest is the divergence of the active stress, to second order."""
     errors = []
     for n in (5, 9):
         cloud = bent(box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3))
@@ -73,9 +71,7 @@ def test_turning_fibers_pull() -> None:
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_turning_fibers_in_the_rows(method: str, open_scene: Any) -> None:
-    """Rows and second derivatives against differences of residual and gradient; the differences
-    along the fibers inside the core leave 1e-9.
-    """
+    """Rows and second derivatives; differences along the fibers inside the core leave 1e-9."""
     cloud = bent(box((1.0, 1.0, 1.0), (4, 4, 4), (5, 5, 5)))
     tables = stretched(method=method, activation=0.5, curve="smooth")
     scene = open_scene(tables, "material.K=500", cloud=cloud)
@@ -89,10 +85,7 @@ def test_turning_fibers_in_the_rows(method: str, open_scene: Any) -> None:
 
 
 def test_a_rotated_problem_has_the_rotated_answer() -> None:
-    """Round supports and a complete basis know no direction, nor does the weight of the
-    prescribed displacements where it is a plain number. A muscle with inclined fibers is
-    stretched, sheared and activated between its ends. Both answers are converged to 1e-6.
-    """
+    """Round supports and a complete basis know no direction; both answers are converged to 1e-6."""
     model = box((1.0, 1.0, 1.0), (4, 4, 4), (6, 6, 6), fiber=(0.6, 0.0, 0.8))
     muscle = {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0}
     found = []
@@ -128,9 +121,7 @@ def test_a_rotated_problem_has_the_rotated_answer() -> None:
     ids=["jittered", "random", "long and jittered", "graded 1 : 37"],
 )
 def test_homogeneous_tension_on_any_cloud(body: PointCloud, order: int, method: str) -> None:
-    """Linear fields are in the space of any cloud: the stress is that of finite K at all points, to
-    rounding times the condition of the rows.
-    """
+    """Linear fields are in the space of any cloud, to rounding times the condition of the rows."""
     rubber = exact.Polynomial.from_deck(RUBBER)
     order_of = [f"approximation.order={order}"]
     with Scene.from_tables(stretched(method=method), body, overrides=order_of) as scene:

@@ -13,7 +13,7 @@ from myork.bench.materials import RUBBER
 from myork.core.deck import text_of_tables
 from myork.model_file import write_model
 from myork.records import PointCloud
-from myork.stations.explain import explain_deck
+from tests import scenes
 from tests.scenes import voxels
 
 
@@ -43,9 +43,7 @@ def points(tmp_path: Path) -> Callable[..., int]:
     def explained(cloud: PointCloud, tissues: int = 1, words: Any = (), **more: dict) -> int:
         write_model(tmp_path / "model.h5", cloud)
         (tmp_path / "deck.toml").write_text(text_of_tables({**tables(tissues), **more}))
-        lines: list[str] = []
-        explain_deck(tmp_path / "deck.toml", overrides=words, progress=lines.append)
-        text = "\n".join(lines)
+        text = scenes.explained(tmp_path / "deck.toml", *words)
         blocks = map(int, re.search(r"(\d+) x (\d+) x (\d+) of voxels", text).groups())
         count = int(re.search(r"(\d+) source", text)[1])
         assert count == corners(*blocks)

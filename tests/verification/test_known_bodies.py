@@ -44,10 +44,7 @@ def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_straight_fibers_keep_their_length_and_volume(inputs: Path, tmp_path: Path) -> None:
-    """Nearly uniform: the middle as the exact state far from the ends, J within 1e-3 everywhere.
-
-    The ends' influence on the stress in the middle is 3e-4, on the force 1e-4 (felupe).
-    """
+    """Nearly uniform: the ends change the stress in the middle by 3e-4, the force by 1e-4."""
     overrides = (
         *SIZE, "material.muscle.fiber_angle=0", "load.steps=1", "load.activation=0.15",
     )  # fmt: skip
@@ -135,9 +132,7 @@ def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
         (6.0, 8.0, -1.0, 1e3, [9, 51]),
     ],
 )
-def test_stress_on_the_walls_is_as_right_as_the_run_says(
-    inner: float, outer: float, moved: float, bulk: float, source: list[int]
-) -> None:
+def test_stress_on_the_walls_is_as_right_as_the_run_says(inner, outer, moved, bulk, source):
     """With a support of 2.5 the walls were 20 and 6 % off at the planes of symmetry, accepted."""
     exact = wall_stresses(inner, outer, moved, bulk)
     found = solved(sized_tables(tube_deck(inner, outer, moved, bulk), source), error=True)
@@ -157,12 +152,8 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(
         (10.0, 11.0, 2.0, 1e4, [5, 51], 4e-5),
     ],
 )
-def test_force_of_few_points(
-    inner: float, outer: float, moved: float, bulk: float, source: list[int], bound: float
-) -> None:
-    """What presses on the bore is carried by the cut. With boxes as supports and the penalty of
-    other bodies these forces were 2e-4 to 2e-3 off.
-    """
+def test_force_of_few_points(inner, outer, moved, bulk, source, bound):
+    """What presses on the bore is carried by the cut."""
     tables = sized_tables(tube_deck(inner, outer, moved, bulk), source)
     tables["probe"] = [force("force", "x", "x0")]
     exact = wall_stresses(inner, outer, moved, bulk)["inner"] * (inner + moved)
@@ -170,9 +161,7 @@ def test_force_of_few_points(
 
 
 def test_the_wall_at_a_plane_of_symmetry_converges() -> None:
-    """Cells whose gradients did not add up to their surface left 1.5e-3 there, at any number of
-    points; pressures written without their curvature 3e-2 on the first.
-    """
+    """Cells whose gradients do not add up to their surface left 1.5e-3 at any number of points."""
     tube = (6.0, 8.0, 6.0, 1e3)
     exact = wall_stresses(*tube)["inner"]
     for source, bound in (([5, 26], 2e-2), ([9, 51], 6e-3)):

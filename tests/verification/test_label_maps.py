@@ -189,6 +189,9 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
     tables = {key: load_deck(path)[key] for key in ("scene", "units", "material", "boundary")}
     found = solved(tables | {"geometry": box(33, 17, size=[3, 1.5], labels=one)}).states.x
     np.testing.assert_array_equal(found, expected)
+    tables["geometry"] = box(9, 5, size=[3, 1.5], labels=inputs / "images" / "two_muscles.nii.gz")
+    with pytest.raises(InputError, match="has 24 slices: say with labels_origin at which height"):
+        Scene.from_tables(tables)
 
 
 @pytest.mark.parametrize(
@@ -224,16 +227,6 @@ def test_maps_that_do_not_fit(override: str, what: str, tmp_path: Path) -> None:
     hole = save(tmp_path / "hole.nii.gz", data, spaced(1, 0.5, 0.5))
     with pytest.raises(InputError, match=what.replace("HALF", path).replace("HOLE", hole)):
         Scene.from_tables(mapped(path), overrides=[override.replace("HOLE", hole)])
-
-
-def test_a_plane_in_a_volume_needs_its_height(inputs: Path) -> None:
-    tables: dict[str, Any] = {
-        key: load_deck(inputs / "label_section.toml")[key]
-        for key in ("scene", "units", "material", "boundary")
-    }
-    labels = inputs / "images" / "two_muscles.nii.gz"
-    with pytest.raises(InputError, match="has 24 slices: say with labels_origin at which height"):
-        Scene.from_tables(tables | {"geometry": box(9, 5, size=[3, 1.5], labels=labels)})
 
 
 @pytest.mark.parametrize(
@@ -275,10 +268,6 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
             "material.stiff.label: missing, and so is `where`: only the first",
         ),
         (
-            bar({"labels_origin": [0, 0, 0]}, [SOFT]),
-            "geometry.labels_origin: needs labels beside it",
-        ),
-        (
             bar({}, [SOFT | {"label": 1}, STIFF | {"where": "x > 0"}]),
             "in a box labels are those of a label map, geometry.labels",
         ),
@@ -289,9 +278,7 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
         ),
     ],
 )  # fmt: skip
-def test_keys_that_do_not_go_with_a_map(
-    tables: dict[str, Any], what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_keys_that_do_not_go_with_a_map(tables, what, tmp_path, monkeypatch):
     save(tmp_path / "half.nii", halves(), spaced(1, 0.5, 0.5))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=what):
@@ -370,10 +357,3 @@ def test_annulus() -> None:
 )
 def test_what_does_not_fit_is_refused(material: list[dict[str, Any]], what: str) -> None:
     assert what in refused(pulled(material))
-
-
-def test_models_have_labels() -> None:
-    tables = pulled([CORK | {"where": "x < 1"}])
-    tables["geometry"] = {"kind": "model"}
-    with pytest.raises(InputError, match="where: only for geometry.kind = box or annulus"):
-        load_deck(tables)

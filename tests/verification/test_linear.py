@@ -16,9 +16,8 @@ from numpy.testing import assert_allclose
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.results import Results
-from myork.stations.explain import explain_deck
 from myork.stations.solve import run_deck
-from tests.scenes import box, scene, solved
+from tests.scenes import box, explained, places, scene, solved
 
 #: Basis, support, Gauss points
 LINEAR = {
@@ -161,14 +160,11 @@ def test_patch(nd: int, problem: Any, form: Any, essential: str) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("solver", ["auto", "dgels"])
-def test_elastic_patch(dimension: int, solver: str) -> None:
+def test_elastic_patch(dimension: int) -> None:
     """A linear displacement is exact, and its stress is Hooke's."""
-    point = [0.4, 0.2, 1.1][:dimension]
     tables = known(
         dimension, {**ELASTIC, "E": 250.0}, essential=("x0", "y1"), degree=1,
-        solver={"linear": solver},
-        probe=[{"name": c, "quantity": f"cauchy_{c}", "point": point} for c in ("xx", "xy", "zz")],
+        probe=places([0.4, 0.2, 1.1][:dimension], "cauchy_xx", "cauchy_xy", "cauchy_zz"),
     )  # fmt: skip
     found = solved(tables)
     assert found.states.errors["relative_H1"] < 1e-10
@@ -178,8 +174,9 @@ def test_elastic_patch(dimension: int, solver: str) -> None:
     strain = (grad + grad.T) / 2
     lame, mu = 250 * 0.3 / (1.3 * 0.4), 250 / 2.6
     stress = lame * np.trace(strain) * np.eye(3) + 2 * mu * strain
-    expected = {"xx": stress[0, 0], "xy": stress[0, 1], "zz": stress[2, 2]}
-    assert found.last() == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(stress).max())
+    expected = [stress[0, 0], stress[0, 1], stress[2, 2]]
+    near = 1e-9 * np.abs(stress).max()
+    assert list(found.last().values()) == pytest.approx(expected, rel=1e-9, abs=near)
 
 
 def test_units_do_not_matter() -> None:
@@ -213,9 +210,7 @@ ORDER = "approximation.order={0}", "approximation.support={1}"
                      marks=pytest.mark.slow),
     ],
 )  # fmt: skip
-def test_rates_of_collocation(
-    inputs: Path, deck: str, sizes: Any, ratio: int, words: Any, least: Any, fitted: Any, bound: Any
-) -> None:
+def test_rates_of_collocation(inputs, deck, sizes, ratio, words, least, fitted, bound):
     """L2 and H1 by so many collocation points a source point and direction, 0 for half way."""
     nd = int(deck[-2])
     both = ([[n] * nd for n in sizes], [[ratio * n or 2 * n - 1] * nd for n in sizes])
@@ -330,9 +325,7 @@ def test_cantilever_by_the_galerkin_form(inputs: Path, order: int) -> None:
 
 
 def test_one_step_and_its_files(tmp_path: Path, inputs: Path) -> None:
-    """One assembly, one solve: one step, one iteration, one state of one field; Python gets the
-    same coefficients as the executable writes.
-    """
+    """One solve, one iteration, one state; Python gets what the executable writes."""
     summary = run_deck(inputs / "poisson_2d.toml", tmp_path, threads=1, verbosity=-1)
     assert len(summary["steps"]) == 1
     assert summary["steps"][0]["iterations"] == 1
@@ -361,9 +354,6 @@ def poisson(**change: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        (known(2, POISSON, linear={"problem": "heat"}), "poisson, elasticity"),
-        (known(2, ELASTIC, linear={"problem": "elasticity", "E": 1}), "linear.nu"),
-        (known(2, ELASTIC, linear={**ELASTIC, "nu": 0.5}), "less than 0.5"),
         (known(2, POISSON, essential=()), "no value is prescribed"),
         (known(2, ELASTIC, essential=(), pin=[{"point": [0, 0.33], "components": ["x"]}]),
          "no boundary point lies at"),
@@ -373,10 +363,8 @@ def poisson(**change: Any) -> dict[str, Any]:
         (scene("auto", box(5), material=[{"name": "m", "model": "neo-hookean", "mu": 1, "K": 5}],
                boundary=[{"set": "x0", "u_x": 0}]), r"\[linear\] is missing"),
         (known(1, POISSON, method="rkcm-mixed"), "must be rkpm-gauss or rkcm for a linear problem"),
-        (poisson(E=1), "linear.E: only for problem = elasticity; here problem = poisson"),
         (poisson(source=["1", "2"]), "linear.source: must have 1 item, one for each"),
         (poisson(conductivity="x - 0.5"), "linear.conductivity: must be positive, not -0.5"),
-        (poisson(conductivity=0), "linear.conductivity: must be greater than 0, not 0"),
         (poisson(exact="sqrt(x - 0.5)"), r"linear.exact: 'sqrt\(x - 0.5\)' is not finite"),
         (known(2, POISSON) | {"boundary": [{"set": "x0", "u_x": 0}]}, "x0.u_x: is not known in a "),
         (known(2, POISSON) | {"boundary": [{"set": "x1", "flux": "1"}]}, "prescribed anywhere: gi"),
@@ -395,20 +383,14 @@ def test_wrong_decks_are_refused(tables: Any, words: str) -> None:
                             "of which error bars 0", "!load steps", "!  rom ", "!  motion "]),
         ("bar_1d", (), ["motion        30 time steps of 0.2 to time 6",
                         "rom           modes 1, 5, 25 of 30 of 30 states:"]),
-        ("bar_1d", ("rom.first=50", "rom.modes=[20]"),
-         ["rom           modes 20 of 15 of 30 states (more modes than that are refused):"]),
         # a step that is taken in ten, of which every third gives a snapshot
         ("muscle_block", ("rom.every=3", "rom.modes=[2]"),
          ["rom           modes 2 of 3 of 10 states"]),
-        ("muscle_block", ("rom.steps=[1,4]", "load.steps=4", "rom.snapshots=unit", "rom.modes=[2]"),
-         ["rom           modes 2 of 2 of 4 states, each divided by its norm:"]),
     ],
 )  # fmt: skip
 def test_explain_counts_states(deck: str, words: Any, says: list[str], inputs: Path) -> None:
     """Time steps of a motion and the states that give modes; linear problems at rest have none."""
-    lines: list[str] = []
-    explain_deck(inputs / f"{deck}.toml", overrides=words, progress=lines.append)
-    text = "\n".join(lines)
+    text = explained(inputs / f"{deck}.toml", *words)
     assert all((line.lstrip("!") in text) == (line[0] != "!") for line in says), text
 
 
@@ -416,10 +398,9 @@ def test_explain_forecasts_the_time(inputs: Path) -> None:
     """More points, steps and error bars take longer, and so do steps that have to be halved."""
 
     def forecast(*words: str, halved: bool = True) -> tuple[float, ...]:
-        lines: list[str] = []
-        explain_deck(inputs / "cube_plates.toml", overrides=words, progress=lines.append)
+        text = explained(inputs / "cube_plates.toml", *words)
         more = r"; up to (\S+) if load steps have to be halved" if halved else ""
-        found = re.search(rf"about (\S+) CPU s, of which error bars (\S+){more}$", lines[-1])
+        found = re.search(rf"about (\S+) CPU s, of which error bars (\S+){more}$", text)
         return tuple(float(word) for word in found.groups())
 
     few, more = forecast("geometry.source=[7,7,7]"), forecast("geometry.source=[19,19,19]")

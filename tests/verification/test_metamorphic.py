@@ -18,11 +18,10 @@ import numpy as np
 import pytest
 
 from myork import Scene
-from myork.core.deck import table_defaults
 from myork.errors import MyorkError
-from myork.records import Labels, PointCloud, Voxels
-from myork.stations.build import build_cloud
+from myork.records import PointCloud, Voxels
 from myork.tables import deck_text
+from tests.scenes import annulus, box, voxels
 
 #: A number that is off by this share of its bar says the same; bars are a thousandth of the value
 #: at least, and iterations end at 1e-6 of it
@@ -105,13 +104,11 @@ def scene_of(seed: int, number: int) -> Case:
     if nd == 3:
         source = rng.integers(4, 6 if strong else 8, 3)
     many = 2 * source - 1 if strong or rng.random() < 0.5 else source
-    geometry: dict[str, Any] | None = {"kind": kind, "source": source.tolist()}
-    if kind == "box":
-        geometry |= {"size": size.tolist(), "collocation": many.tolist()}
-    elif kind == "annulus":
-        outer = float(np.round(size.sum(), 3))
-        geometry |= {"inner_radius": float(size[0]), "outer_radius": outer}
-        geometry["collocation"] = many.tolist()
+    points = {"places": many.tolist()}
+    if kind == "annulus":
+        geometry = annulus(*source.tolist(), radii=(size[0], np.round(size.sum(), 3)), **points)
+    else:
+        geometry = box(*source.tolist(), size=size, **points)
     case = Case({"scene": {"dimension": nd, "method": method}, "geometry": geometry})
     if kind == "voxels":
         case = Case({"scene": case.tables["scene"]}, _voxels(rng, strong))
@@ -132,10 +129,9 @@ def _voxels(rng: np.random.Generator, strong: bool) -> PointCloud:
         label[n[0] // 2 + 1 :, :, n[2] // 2 + 1 :] = 0
     if rng.random() < 0.5:
         label[(label > 0) & (at[..., 1] >= rng.integers(2, n[1] - 1))] = 2
-    spacing = [*np.round(rng.uniform(1.5, 3, 2), 2), np.round(rng.uniform(1.5, 4), 2), 1.0]
-    padded = Labels(np.pad(label, 1), np.diag(spacing))
-    stride = {"source_stride": [int(rng.choice([1, 1 + (not strong)]))] * 3}
-    return build_cloud(padded, None, {**table_defaults("build"), **stride}, "cm")[0]
+    spacing = [*np.round(rng.uniform(1.5, 3, 2), 2), np.round(rng.uniform(1.5, 4), 2)]
+    stride = [int(rng.choice([1, 1 + (not strong)]))] * 3
+    return voxels(np.pad(label, 1), spacing, source_stride=stride)
 
 
 def _materials(rng: np.random.Generator, case: Case, strong: bool) -> list[dict[str, Any]]:

@@ -1,18 +1,16 @@
 """Boundary sets that decks name: parts of the surface by side, material, normal or expression."""
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from myork import Scene, make_report, run_deck
+from myork import Scene, run_deck
 from myork.core.deck import table_defaults
 from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
-from myork.stations.explain import explain_deck
+from tests import scenes
 from tests.scenes import annulus, box, held, refused, scene, solved, voxels
 
 #: No Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, and a clamped end disturbs no bending
@@ -45,21 +43,18 @@ def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float
     """Beam theory holds away from the ends: N = p (1 - b), M = N e, u = -M y^2 / (2 E I)."""
     pad = {"name": "pad", "side": "y1", "where": f"x > {border}"}
     probes = [
-        {"name": "N", "quantity": "force_y", "set": "pad"},
+        *scenes.probes("N force_y pad", "R force_y y0", "u u_x 0.5 4", "end u_x pad"),
         {"name": "M", "quantity": "torque_z", "set": "pad", "about": [0.5, 8]},
-        {"name": "R", "quantity": "force_y", "set": "y0"},
-        {"name": "u", "quantity": "u_x", "point": [0.5, 4]},
-        {"name": "end", "quantity": "u_x", "set": "pad"},
     ]
     load = [{"set": "pad", "traction": [0, PULL]}]
-    found = last(column(method, [pad], load, probe=probes))[:, 0]
+    found = solved(column(method, [pad], load, probe=probes)).last()
     force = PULL * (1 - border)
     moment = force * 0.5 * border
-    assert found[0] == pytest.approx(force, rel=2e-3)
-    assert found[1] == pytest.approx(moment, rel=2e-3)
-    assert found[2] == pytest.approx(-force, rel=2e-3)
-    assert found[3] == pytest.approx(-moment * 4**2 / (2 * E / 12), rel=0.01)
-    assert found[4] == pytest.approx(-moment * 8**2 / (2 * E / 12), rel=0.01)
+    assert found["N"] == pytest.approx(force, rel=2e-3)
+    assert found["M"] == pytest.approx(moment, rel=2e-3)
+    assert found["R"] == pytest.approx(-force, rel=2e-3)
+    assert found["u"] == pytest.approx(-moment * 4**2 / (2 * E / 12), rel=0.01)
+    assert found["end"] == pytest.approx(-moment * 8**2 / (2 * E / 12), rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +149,7 @@ def test_all_of_a_curved_wall_by_its_normals() -> None:
         ],
         boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xy"),
                   {"set": "outer", "pressure": 0.01}],
-        probe=[{"name": on, "quantity": "force", "set": on} for on in ("outer", "steep", "flat")],
+        probe=scenes.forces("outer", "steep", "flat"),
     )  # fmt: skip
     found = last(tables)
     # the border of both at 30 degrees lies on a lattice line
@@ -236,10 +231,7 @@ def test_a_plane_map_has_as_many_sets_as_asked() -> None:
         "auto", {}, material=[CORK],
         set=[{"name": "left", "where": "nx < -0.7071"}, {"name": "right", "where": "nx > 0.7071"}],
         boundary=[held("left"), {"set": "right", "traction": [PULL, 0, 0]}],
-        probe=[
-            {"name": "f", "quantity": "force_x", "set": "right"},
-            {"name": "u", "quantity": "u_x", "set": "right"},
-        ],
+        probe=scenes.probes("f force_x right", "u u_x right"),
     )  # fmt: skip
     found = last(tables, cloud)[:, 0]
     # normals are those of a smooth surface: edges are round, and corner voxels have two faces
@@ -254,19 +246,15 @@ HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
 @pytest.mark.parametrize(
     ("sets", "boundary", "what"),
     [
-        ([{"name": "pad"}], {}, "set.pad: needs one of the keys side, on, where"),
         ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
         ([SIDE, SIDE], {}, "taken already"),
         ([SIDE | {"side": "z1"}], {}, "'z1' is not a side of this box; there are x0, x1, y0, y1"),
         ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
-        ([SIDE | {"on": "wood"}], {}, "no [[material]] is called 'wood'"),
-        ([SIDE | {"angle": 3}], {}, "set.pad.angle: unknown key"),
         ([SIDE | {"where": "z > 1"}], {}, "unknown name 'z'"),
         ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
         ([SIDE | {"where": "ny < -0.7"}], {}, "`where` leaves 0; coordinates are those of the bod"),
         ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
         ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
-        ([SIDE], {"set": "pad", "radial": 0.1}, "annulus"),
         ([SIDE], {"set": "y0", "u_x": 0}, "taken already"),
         ([HALF], {"set": "pad", "u_x": 0.1},
          "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
@@ -281,21 +269,10 @@ def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: st
     assert what in refused(tables)
 
 
-def test_many_sets_that_overlap_are_counted() -> None:
-    sets = [{**SIDE, "name": f"pad{i}"} for i in range(8)]
-    boundary = [{"set": own["name"], "traction": [0, PULL / 8]} for own in sets]
-    probes = [{"name": f"pad{i}", "quantity": "force_y", "set": f"pad{i}"} for i in range(8)]
-    states = solved(column("rkpm-gauss", sets, boundary, probe=probes)).states
-    lines = [line for line in states.warnings if " share " in line]
-    assert len(lines) == 21 and lines[0].startswith("sets pad0 and pad1 share 9 boundary points")
-    # 28 pairs in all
-    assert lines[-1] == "8 more pairs of sets share boundary points"
-
-
 def test_overlaps_are_told() -> None:
     sets = [SIDE, {"name": "half", "side": "y1", "where": "x > 0.5"}]
     boundary = [{"set": "pad", "traction": [0, PULL]}, {"set": "half", "traction": [0, PULL]}]
-    probe = [{"name": "f", "quantity": "force_y", "set": "pad"}]
+    probe = scenes.probes("f force_y pad")
     with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probe)) as opened:
         found = solved(opened)
         said = "sets pad and half share 4 boundary points (of 9 and 4)"
@@ -305,22 +282,20 @@ def test_overlaps_are_told() -> None:
         # what acts on other components is no matter
         opened.update({"boundary.half.traction": [PULL, 0]})
         assert not any("share" in line for line in solved(opened).states.warnings)
+    # many are counted
+    sets = [{**SIDE, "name": f"pad{i}"} for i in range(8)]
+    boundary = [{"set": own["name"], "traction": [0, PULL / 8]} for own in sets]
+    states = solved(column("rkpm-gauss", sets, boundary)).states
+    lines = [line for line in states.warnings if " share " in line]
+    assert len(lines) == 21 and lines[-1] == "8 more pairs of sets share boundary points"
 
 
 @pytest.mark.slow
-def test_explain_and_report_name_them(write_deck: Callable[..., Path], tmp_path: Path) -> None:
+def test_areas_of_sets_are_written(tmp_path):
     pad = {"name": "pad", "side": "y1", "where": "x > 0.3"}
-    tables = column("auto", [pad, {"name": "end", "where": "ny > 0.7"}], [
-        {"set": "pad", "traction": [0, 0.01]},
-    ], geometry=box(5, 9, size=[1, 2], places=(5, 9)))  # fmt: skip
-    deck = write_deck(tables)
-    lines: list[str] = []
-    explain_deck(deck, progress=lines.append)
-    line = next(line for line in lines if "pad: " in line)
-    assert "3 of 28 boundary points, length 0.7" in line
-    assert "3 shared with end" in line
+    load = [{"set": "pad", "traction": [0, 0.01]}]
+    tables = column("auto", [pad, {"name": "end", "where": "ny > 0.7"}], load)
+    deck = tables | {"geometry": box(5, 9, size=[1, 2], places=(5, 9))}
     summary = run_deck(deck, tmp_path / "out", error=False)
     sizes = {own["name"]: own["area"] for own in summary["sets"]}
     assert sizes == pytest.approx({"pad": 0.7, "end": 1.0}, rel=2e-3)
-    page = make_report(tmp_path / "out").read_text(encoding="utf-8")
-    assert "pad: 3 boundary points" in page

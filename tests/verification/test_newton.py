@@ -7,7 +7,6 @@ entry (measured 5e-13 to 8e-10), so 1e-7 fails on any wrong term and not on roun
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from benchmarks.truths.compiled import hessian
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from tests.dense import SOLVERS
-from tests.scenes import derivative, execute
+from tests.scenes import derivative, execute, history
 
 TOLERANCE = 1e-7
 
@@ -84,11 +83,6 @@ def converged(deck: Path, out: Path, *overrides: str) -> None:
     """The iteration does: an answer may be refused none the less."""
     summary, done = execute(deck, out, "--no-error", sets=overrides)
     assert summary["converged"], done.stderr
-
-
-def history(out: Path) -> list[dict[str, str]]:
-    with (out / "history.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def last_steps(out: Path, tolerance: float) -> list[float]:
@@ -160,11 +154,7 @@ def least_curvature(scene: Scene, x: np.ndarray, load: float, start: np.ndarray)
 
 @pytest.mark.slow
 def test_no_solver_ends_at_a_saddle(inputs: Path) -> None:
-    """Second derivatives of a minimum are positive definite, whatever the way there.
-
-    Each Gauss-Newton iteration makes a turn that rounding began 17 times as large: one more or less
-    decided between |r| = 1.88 and 0.90. Newton's method is drawn to saddles as well.
-    """
+    """Second derivatives of a minimum are positive definite, whatever the way there."""
     middle = {}
     solvers = [f"linear={name}" for name in SOLVERS if name != "auto"]
     for choice in (*solvers, "newton=gauss-newton", "newton=full"):
@@ -194,8 +184,7 @@ def test_minima_are_not_taken_for_saddles(inputs: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["gauss-newton", "full", "auto"])
 def test_kinks_end_the_iteration(method: str, inputs: Path) -> None:
-    """At rest every fiber sits on the kink of the published passive curve: Gauss-Newton runs into
-    an exact cycle of two. It ends within one load step, and the message says what to do."""
+    """Fibers on the kink of the published curve make a cycle: it ends, with a cure."""
     overrides = [
         "scene.method=rkcm", "approximation.order=2", "approximation.support=3",
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=published",

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from myork import Scene
 from myork.stations.solve import run_deck
 from tests.scenes import MUSCLE, box, held, refused, scene, solved
 
@@ -172,19 +173,15 @@ def test_an_expression_of_one_field_has_the_bar_of_its_probe(quantity):
         {"name": "own", "quantity": "expression", "expression": quantity, "unit": "own", **place},
         {"name": "twice", "quantity": "expression", "expression": f"2*{quantity}", **place},
     ]
-    inside = solved(tables, error=True)
+    with Scene.from_tables(tables) as opened:
+        inside = solved(opened, error=True)
+        assert opened.probe_units["own"] == "own"
     bars = {name: bar[-1, 0] for name, bar in inside.bars.items()}
     assert_allclose(inside.probes["own"][-1, 0], inside.probes["plain"][-1, 0], rtol=1e-12)
     assert bars["plain"] > 0
     # beside the least share of a tensor's norm, which an expression does not have
     assert_allclose(bars["own"], bars["plain"], rtol=1e-9)
     assert_allclose(bars["twice"], 2 * bars["plain"], rtol=1e-9)
-
-
-def test_the_unit_of_an_expression_is_what_the_deck_says(tmp_path):
-    probe = {"name": "p", "quantity": "expression", "expression": "J", "unit": "mm^3/mm^3"}
-    summary = run_deck(stretched("rkpm-gauss", [probe]), tmp_path, threads=1)
-    assert summary["probe_units"]["p"] == "mm^3/mm^3"
 
 
 SHEET = scene(
@@ -194,38 +191,20 @@ SHEET = scene(
 LINEAR = {key: SHEET[key] for key in ("scene", "geometry", "boundary")} | {
     "linear": {"problem": "elasticity", "E": 10, "nu": 0.3}
 }
-INSIDE = {"point": [0.5, 0.5, 1]}
+BLOCK = block("rkpm-gauss", [3, 3, 3], 50.0)
 CUT = {"quantity": "section_force", "normal": [0, 0, 1]}
-OF_FIELDS = {"quantity": "expression", **INSIDE}
-
-
-@pytest.mark.parametrize(
-    ("probe", "message"),
-    [
-        ({"quantity": "torque_z"}, "missing, a text is needed for quantity ="),
-        ({"quantity": "torque_z", "point": [0, 0, 0]}, "probe.p.set: missing"),
-        ({"quantity": "section_force", **INSIDE}, "probe.p.normal: missing"),
-        ({**CUT, "set": "z1"}, "probe.p.set: only for"),
-        ({"quantity": "force", "set": "z1", "about": [0, 0, 0]}, "probe.p.about: only for"),
-        ({**CUT, "point": [0.5, 0.5, 3]}, "outside"),
-        ({**CUT, **INSIDE, "normal": [0, 0, 0]}, "normal"),
-        ({"quantity": "cauchy_xx", "set": "z1"}, "probe.p.set: only for"),
-        (OF_FIELDS, "probe.p.expression: missing"),
-        ({"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
-        ({**OF_FIELDS, "expression": "u_w + 1"}, "unknown name 'u_w' at position 1; names are x, "),
-        ({**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
-        ({**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
-        ({"quantity": "J", "expression": "J", **INSIDE}, "probe.p.expression: only for quantity"),
-    ],
-)
-def test_a_probe_that_is_not_whole_is_refused(probe, message):
-    tables = block("rkpm-gauss", [3, 3, 3], 50.0)
-    assert message in refused(tables | {"probe": [{"name": "p", **probe}]})
+OF_FIELDS = {"quantity": "expression", "point": [0.5, 0.5, 1]}
 
 
 @pytest.mark.parametrize(
     ("tables", "probe", "message"),
     [
+        (BLOCK, {**CUT, "point": [0.5, 0.5, 3]}, "outside"),
+        (BLOCK, {"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
+        (BLOCK, {**OF_FIELDS, "expression": "u_w + 1"},
+         "unknown name 'u_w' at position 1; names are x, "),
+        (BLOCK, {**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
+        (BLOCK, {**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
         (SHEET, {"quantity": "torque_x", "set": "x1"}, "torque_x is always zero in two dimensions"),
         (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]},
          "unknown name 'J'"),

@@ -12,7 +12,6 @@ import pyvista
 from benchmarks.tables.real_anatomy import scores
 from myork.bench import phantoms
 from myork.bench import reproduce as module
-from myork.bench.chapter_6 import PATHS, LoadPath
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Run
 from myork.bench.reproduce import FAR, RUNS, find_tables, list_tables, reproduce
 from myork.bench.runs import read_deck, solve_case
@@ -55,22 +54,12 @@ def test_rows_read_what_there_is() -> None:
             assert there, (table.name, run.deck)
 
 
-@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.deck)
-def test_published_times_give_the_published_shares(path: LoadPath) -> None:
-    """Numbers were copied right: shares follow from times to their last digit, which is cut off."""
-    assert path.full_min is not None
-    shares = [100 * (1 - minutes / path.full_min) for minutes in path.reduced_min]
-    assert shares == pytest.approx(path.saved, abs=1.1e-3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("muscle", "published"),
     [(phantoms.YOUNG, (98.93, 2.83, 20.86 + 37.3)), (phantoms.OLD, (61.89, 6.15, 29.15 + 31.2))],
 )
-def test_volumes_are_those_of_table_4_3(
-    muscle: phantoms.Muscle, published: tuple[float, ...]
-) -> None:
+def test_volumes_are_those_of_table_4_3(muscle, published):
     """Muscle and fat by the phantom's parameters to their three digits; the layer is as thick as
     one number for both muscles allows: 3 % of all connective tissue.
     """
@@ -84,10 +73,7 @@ def test_volumes_are_those_of_table_4_3(
 
 @pytest.mark.nightly
 def test_old_muscle_loses_more_force_than_volume_where_fat_does_not_contract() -> None:
-    """Where every point has its own fibers: the old muscle has more interface with tissue that does
-    not contract. With the fibers of the nearest muscle force follows the volume. Both ends carry
-    the same force.
-    """
+    """By its interface; with the fibers of the nearest muscle as much as volume."""
     for fibers in ("own", "nearest"):
         words = (f"approximation.interface_fibers={fibers}",)
         young, old = (RUNS["aged"](Run("aged", "AGED", words, name), silent)
@@ -202,9 +188,7 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.slow
 def test_fibers_part_a_surface_from_what_looks_alike(tmp_path: Path) -> None:
-    """A slab with straight tracts stands for the muscle: with fibers the published mean of 0.8744
-    is passed; without them the border to the other muscle is anywhere in what both fill.
-    """
+    """With tracts the published mean of 0.8744 is passed; without them the border is anywhere."""
     pyvista.Box((-12, 12, -20, 20, 0, 60)).triangulate().save(tmp_path / "MG.stl")
     starts = np.random.default_rng(1).uniform([-30, -20, -10], [12, 20, 40], (150, 3))
     way = np.array([np.sin(0.35), 0.0, np.cos(0.35)])
@@ -219,9 +203,7 @@ def test_fibers_part_a_surface_from_what_looks_alike(tmp_path: Path) -> None:
 
 
 def test_the_page_has_all_numbers_and_reasons() -> None:
-    """`docs/reproduced.md` is a run of all: each row with its published number; what is far off has
-    a reason below its table; each picture is there.
-    """
+    """Each row with its published number; what is far off has a reason below its table."""
     parts = (ROOT / "docs/reproduced.md").read_text("utf-8").split("\n## ")[1:]
     pages = {part.split(":")[0].lower(): part for part in parts}
     for table in TABLES.values():

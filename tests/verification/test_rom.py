@@ -13,7 +13,7 @@ from myork.errors import InputError, RefusedError
 from myork.results import REDUCED_FILE, read_reduced
 from myork.rom import study
 from myork.rom.basis import proper_orthogonal_modes, unit_states
-from tests.scenes import box, held
+from tests.scenes import box, held, probes
 from tests.scenes import scene as tables_of
 
 BLOCK = tables_of(
@@ -82,11 +82,9 @@ def test_modes_are_orthonormal_and_span_the_snapshots(full):
 
 @in_forms("collocation", *WEAK)
 def test_as_many_modes_as_snapshots_give_the_full_solution(full):
-    """The full solution lies in the span of the modes and minimises there too, or its equations
-    hold in every direction, also in those of the modes; the boundary of a weak form moves by what
-    is lifted, the volume by its projection. Iterations of least squares end within their tolerance,
-    1e-9, times the condition of the rows, others at 1e-6 after a quadratic fall.
-    """
+    """The full solution lies in the span of the modes, and solves the reduced problem."""
+    # Iterations of least squares end within their tolerance, 1e-9, times the condition of the rows,
+    # others at 1e-6 after a quadratic fall.
     scene, states, modes, _ = full
     squares = scene.deck["scene"]["method"] == "rkcm"
     errors = reduced_errors(scene, states, modes, "dgels" if squares else "")
@@ -96,29 +94,9 @@ def test_as_many_modes_as_snapshots_give_the_full_solution(full):
         assert (scene.states.iterations <= states.iterations).all()
 
 
-def test_errors_fall_with_the_number_of_modes(full):
-    """The first mode alone is good to some per cent, as in table 6.8."""
-    scene, states, modes, _ = full
-    errors = [reduced_errors(scene, states, modes[:, :r], "dgels")[0] for r in (1, 2, 3)]
-    assert errors[0] < 1.0
-    assert errors[1] < 0.3 * errors[0]
-    assert errors[2] < 0.3 * errors[1]
-
-
-def test_qr_and_cholesky_agree(full):
-    """Modes are few and orthonormal, so that squaring the condition costs little."""
-    scene, states, modes, _ = full
-    scene.reduce(modes[:, :3])
-    by_qr = scene.solve_reduced("dgels").x
-    by_cholesky = scene.solve_reduced("normal").x
-    assert np.linalg.norm(by_qr - by_cholesky) < 1e-7 * np.linalg.norm(by_qr)
-
-
 @in_forms("collocation", *WEAK)
 def test_projected_rows_are_the_product_of_rows_and_modes(full):
-    """Shape functions projected once give the numbers of A'U without A', and the weak tangent and
-    forces are those in the directions of the modes.
-    """
+    """Shape functions projected once give A'U without A', tangents and forces along the modes."""
     scene, states, modes, _ = full
     squares = scene.deck["scene"]["method"] == "rkcm"
     scene.reduce(modes)
@@ -166,13 +144,31 @@ def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     assert_allclose(last, pull, rtol=1e-6, atol=1e-6 * max(abs(pull)))
 
 
-def test_pressures_that_are_unknowns_are_not_reduced():
-    """Modes of displacement and pressure side by side need not be stable."""
-    rubber = [{**RUBBER["material"][0], "K": float("inf")}]
-    with Scene.from_tables({**RUBBER, "material": rubber}, threads=1) as scene:
-        modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
-        with pytest.raises(InputError, match=r"K = inf.*finite K"):
-            scene.reduce(modes)
+WAVE = Path(__file__).parents[2] / "inputs" / "wave_1d.toml"
+STRONG = {**RUBBER, "scene": {"dimension": 3, "method": "rkcm"}}
+RIGID = {**RUBBER, "material": [{**RUBBER["material"][0], "K": float("inf")}]}
+
+
+@pytest.mark.parametrize(
+    ("deck", "projection", "why"),
+    [
+        # modes of displacement and pressure side by side need not be stable
+        (RIGID, "auto", "K = inf.*finite K"),
+        (STRONG, "galerkin", "projection: .*least-squares"),
+        (RUBBER, "least-squares", 'projection: .*by "galerkin"'),
+        (WAVE, "galerkin", "more equations than unknowns"),
+        (WAVE.with_name("poisson_1d.toml"), "auto", "made of nonlinear problems"),
+    ],
+)
+def test_reductions_that_cannot_be(open_scene, deck, projection, why):
+    scene = open_scene(deck)
+    with pytest.raises(InputError, match=why):
+        scene.reduce(np.linalg.qr(np.ones((scene.dofs, 1)))[0], projection)
+
+
+def test_one_solve_leaves_nothing_to_save(tmp_path):
+    with pytest.raises(InputError, match="nothing to save"):
+        myork.run_rom(WAVE.with_name("poisson_1d.toml"), tmp_path)
 
 
 # ---- fields beside the summary -------------------------------------------------------------------
@@ -180,10 +176,7 @@ def test_pressures_that_are_unknowns_are_not_reduced():
 STUDY = {
     **BLOCK,
     "load": {"steps": 3, "activation": 0.3},
-    "probe": [
-        {"name": "pull", "quantity": "force", "set": "z1"},
-        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
-    ],
+    "probe": probes("pull force z1", "middle u 0.5 0.5 1"),
     "rom": {"modes": [1, 3]},
 }
 
@@ -253,18 +246,6 @@ def test_rows_assembled_in_full_are_those_of_the_span(full) -> None:
     assert_allclose(answers[1][1], answers[0][1], rtol=0, atol=1e-6 * np.abs(answers[0][1]).max())
 
 
-@pytest.mark.parametrize(
-    ("method", "projection", "why"),
-    [("rkcm", "galerkin", "least-squares"), ("rkpm-gauss", "least-squares", 'by "galerkin"')],
-)
-def test_projections_that_do_not_fit_are_refused(method, projection, why) -> None:
-    tables = {**RUBBER, "scene": {"dimension": 3, "method": method}}
-    with Scene.from_tables(tables, threads=1) as scene:
-        modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
-        with pytest.raises(InputError, match=f"projection: .*{why}"):
-            scene.reduce(modes, projection)
-
-
 # ---- motions (6.27)-(6.52) -----------------------------------------------------------------------
 
 
@@ -300,9 +281,7 @@ def test_motions_in_the_span_of_their_modes(inputs: Path, deck, method, projecti
 
 
 def test_all_modes_give_the_motion_with_loads_in_time() -> None:
-    """Values and tractions that change with time are projected at each step; in the span of all
-    unknowns nothing is lost, whatever the residual is orthogonal to.
-    """
+    """In the span of all unknowns nothing is lost, whatever the residual is orthogonal to."""
     tables = tables_of(
         "rkcm", box(11), approximation={"order": 2},
         linear={"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
@@ -323,22 +302,6 @@ def test_all_modes_give_the_motion_with_loads_in_time() -> None:
                 [scene.linearise(unit, 1.0, unit, reduced=True)[1] for unit in np.eye(scene.dofs)]
             )
             assert np.linalg.matrix_rank(rows) == scene.dofs
-
-
-def test_motions_by_collocation_have_no_galerkin_projection(inputs: Path) -> None:
-    wanted = pytest.raises(InputError, match="more equations than unknowns")
-    with Scene(inputs / "wave_1d.toml") as scene, wanted:
-        scene.reduce(np.eye(scene.dofs)[:, :2], "galerkin")
-
-
-def test_linear_problems_are_not_reduced(inputs: Path, tmp_path) -> None:
-    """One solve leaves nothing to save."""
-    with pytest.raises(InputError, match="nothing to save"):
-        myork.run_rom(inputs / "poisson_1d.toml", tmp_path)
-    with Scene(inputs / "poisson_1d.toml") as scene:
-        modes = np.linalg.qr(np.ones((scene.dofs, 1)))[0]
-        with pytest.raises(InputError, match="made of nonlinear problems"):
-            scene.reduce(modes)
 
 
 def test_an_error_that_is_not_a_number_is_not_zero() -> None:

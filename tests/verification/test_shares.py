@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from benchmarks.truths import bodies
 from myork.bench import exact
@@ -17,12 +18,7 @@ from myork.records import PointCloud, Voxels
 from tests import scenes
 from tests.scenes import check_strong_rows, check_weak_tangent, held, scene, solved, voxels
 
-PLANES = [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
-
-
-def pull(on: str) -> list[dict[str, Any]]:
-    return [{"name": "F", "quantity": "force_z", "set": on}]
 
 
 def rubbers(*mu: float, bulk: float) -> list[dict[str, Any]]:
@@ -52,13 +48,9 @@ def test_uniaxial_tension_is_exact_however_full_the_voxels_are(end, method) -> N
     """Linear displacements leave no force on any point; the section is the sum of its shares."""
     share = np.random.default_rng(3).uniform(0.3, 1.3, (4, 3))
     tables = scene(
-        method, {}, material=[RUBBER], boundary=[*PLANES, {"set": "z1", **end}],
+        method, {}, material=[RUBBER], boundary=[*scenes.PLANES, {"set": "z1", **end}],
         solver={"tolerance": 1e-10},
-        probe=[
-            *pull("z0"),
-            {"name": "s", "quantity": "cauchy_zz", "point": [1.0, 0.7, 1.1]},
-            {"name": "u", "quantity": "u_z", "point": [0.5, 0.7, 3.0]},
-        ],
+        probe=scenes.probes("F force_z z0", "s cauchy_zz 1 0.7 1.1", "u u_z 0.5 0.7 3"),
     )  # fmt: skip
     found = solved(tables, cloud=brick(share, 6)).last()
     stress = exact.uniaxial(exact.Polynomial.from_deck(RUBBER), 1 + found["u"] / 3.0)
@@ -74,7 +66,7 @@ def test_force_of_a_cylinder_off_the_lattice() -> None:
     """Without contraction across, the force is that of the section of the label map."""
     tables = scene(
         # E = 2 mu
-        "rkpm-scni", {}, material=rubbers(3.0, bulk=2 / 3), probe=pull("top"),
+        "rkpm-scni", {}, material=rubbers(3.0, bulk=2 / 3), probe=scenes.probes("F force_z top"),
         boundary=[held("bottom"), held("top", u_z=2e-5)],
     )  # fmt: skip
     errors = []
@@ -102,8 +94,8 @@ def test_tissues_beside_each_other_within_voxels(method) -> None:
         fraction=np.column_stack([1.0 - fraction, fraction]),
     )
     tables = scene(
-        method, {}, material=rubbers(3.0, 12.0, bulk=1e3), probe=pull("z1"),
-        boundary=[*PLANES, {"set": "z1", "u_z": 3e-5}],
+        method, {}, material=rubbers(3.0, 12.0, bulk=1e3), probe=scenes.probes("F force_z z1"),
+        boundary=[*scenes.PLANES, {"set": "z1", "u_z": 3e-5}],
     )  # fmt: skip
     # by labels alone it would be 7.6 % less
     right = 1e-5 * 3 * 0.25 * (3.0 * (1 - part) + 12.0 * part).sum()
@@ -132,10 +124,7 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
 
 @pytest.mark.slow
 def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
-    """A block whose voxels are of fat and tendon, most of both muscle, has no direction at all.
-
-    The coarser cloud of the error bar merges such voxels: its point must not become muscle.
-    """
+    """Points that the cloud of the error bar merges from fat and tendon must not become muscle."""
     cloud = brick(np.ones((8, 8)), 8)
     index = cloud.voxels.index
     label = np.full(len(cloud.points), 1, np.int32)
@@ -152,7 +141,7 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
     muscle = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "sigma_max": 30}
     soft = {"model": "neo-hookean", "K": 200.0}
     tables = scene(
-        "auto", {}, boundary=[held("z0"), held("z1")], probe=pull("z1"),
+        "auto", {}, boundary=[held("z0"), held("z1")], probe=scenes.probes("F force_z z1"),
         material=[
             muscle | {"activation": 0.1, "label": 1},
             {"name": "fat", "mu": 1.0, "label": 2, **soft},
@@ -164,9 +153,7 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
 
 @pytest.mark.slow
 def test_a_label_without_fractions_leaves_no_error_bar() -> None:
-    """Points may have a label that no fraction is given for. The coarser cloud of the error bar,
-    which merges them, has no such point: there is no bar, but an answer.
-    """
+    """The cloud of the bar has no point of a label without fractions: an answer without it."""
     cloud = brick(np.ones((8, 8)), 8)
     low = cloud.voxels.index[:, 2] < 4
     fraction = np.where(low[:, None], [0.25, 0.75], [1.0, 0.0])
@@ -174,7 +161,7 @@ def test_a_label_without_fractions_leaves_no_error_bar() -> None:
     cloud = replace(cloud, label=label, fraction=fraction, label_names={1: "fat", 2: "tendon"})
     soft = {"model": "neo-hookean", "K": 200.0}
     tables = scene(
-        "auto", {}, boundary=[held("z0"), held("z1", u_z=0.1)], probe=pull("z1"),
+        "auto", {}, boundary=[held("z0"), held("z1", u_z=0.1)], probe=scenes.probes("F force_z z1"),
         material=[dict(soft, name=f"m{k}", mu=m, label=k) for k, m in ((1, 1), (2, 4), (3, 2))],
     )  # fmt: skip
     found = solved(tables, cloud=cloud, error=True)
@@ -246,11 +233,7 @@ def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar, m
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_layers_in_series_carry_the_same_force(open_bar, method):
-    """Confined sides make the bar one-dimensional: P_xx is the same everywhere. Without the
-    gradient of the moduli in the strong form it would jump by their ratio, 6. The interface is
-    a whole unit wide and resolved by 4, then by 8 spacings: of second order, an error of some
-    per cent falls to a quarter of it.
-    """
+    """Confined sides: P_xx is the same everywhere, to second order in the spacing."""
     errors = []
     for cells, width in ((8, 4), (16, 8)):
         opened = open_bar([SOFT, STIFF], cells=(cells, 2, 2), method=method, width=width)
@@ -328,7 +311,7 @@ def squeezed(bulk, layers):
     tables = scene(
         "rkpm-scni", {}, boundary=[held("bottom"), held("top", u_z=-0.05)],
         material=[{"name": f"tissue {k}", "K": bulk[k], "label": k + 1, **soft} for k in (0, 1)],
-        probe=[{"name": "F", "quantity": "force_z", "set": "top"}],
+        probe=scenes.probes("F force_z top"),
     )  # fmt: skip
     return solved(tables, cloud=voxels(data, 10 / 6)).last()["F"]
 
@@ -355,24 +338,19 @@ def confined_stress(stretch, mu, bulk):
 
 def series_force(length, pull, soft, stiff):
     """Force of two confined layers in series, the soft one of this length, both 1 long."""
-    low, high = 1.0 - 0.99 * abs(pull) / length, 1.0 + 0.99 * abs(pull) / length
-    for _ in range(60):
-        stretch = 0.5 * (low + high)
+
+    def apart(stretch):
         other = (1.0 + pull - stretch * length) / (1.0 - length)
-        if confined_stress(stretch, *soft) < confined_stress(other, *stiff):
-            low = stretch
-        else:
-            high = stretch
-    return confined_stress(stretch, *soft)
+        return confined_stress(stretch, *soft) - confined_stress(other, *stiff)
+
+    reach = 0.99 * abs(pull) / length
+    return confined_stress(brentq(apart, 1.0 - reach, 1.0 + reach, xtol=1e-14), *soft)
 
 
 @pytest.mark.parametrize("pull", [0.1, -0.1])
 @pytest.mark.parametrize("length", [0.5, 0.53, 0.57])
 def test_layers_in_series_give_way_as_they_should(open_scene, length, pull):
-    """Twenty times as stiff beyond an interface on, beside and between lines of nine points along
-    the bar: with equal tractions the force errs by at most 2.5 %, half as much with twice the
-    points. One gradient for both would be a parallel coupling, 8 to 14 % too stiff.
-    """
+    """On, beside and between points 2.5 % off at most; a parallel coupling is 8 to 14 %."""
     soft, stiff = (1.0, 4.0), (20.0, 80.0)
     materials = [
         {"name": name, "model": "neo-hookean", "mu": mu, "K": bulk}
@@ -409,12 +387,8 @@ def test_layers_have_the_tangent_of_their_stress(open_scene, source):
 
 
 @pytest.mark.parametrize("cut", [0.36, 0.47])
-def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(
-    open_scene: Any, cut: float
-) -> None:
-    """Fractions of 1e-12 at the reach of an interface made moduli of 1e13, by which no step
-    converged. K of a million times the shear modulus is as good as infinite.
-    """
+def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(open_scene, cut):
+    """K of a million times the shear modulus is as good as infinite."""
 
     def force(bulk: float) -> Any:
         law = {"model": "neo-hookean"}

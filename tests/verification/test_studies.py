@@ -13,20 +13,16 @@ import pytest
 
 from myork import ReducedModel, Scene
 from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import ConvergenceError, FileError, InputError
 from myork.records import Labels
 from myork.studies import identify, sensitivity, uncertainty
 from myork.studies.forward import Forward, Values, open_forward, ranges_of
 from myork.studies.uncertainty import Doubt, perturbed
-from tests.scenes import contracting, held
+from tests.scenes import contracting, deck_file, held, probes
 
 BLOCK = contracting(
     3, 3, 5,
-    probe=[
-        {"name": "reaction", "quantity": "force_z", "set": "z1"},
-        {"name": "belly", "quantity": "u", "point": [1.0, 0.5, 1.0]},
-    ],
+    probe=probes("reaction force_z z1", "belly u 1 0.5 1"),
 )  # fmt: skip
 RANGES = {"load.activation": (0.0, 0.8), "boundary.z1.u_z": (-0.1, 0.2)}
 RANGES |= {"material.muscle.sigma_max": (20.0, 45.0)}
@@ -35,9 +31,7 @@ STRETCHES = [(0.1, 0.0), (0.3, 0.1), (0.6, 0.05), (0.8, -0.05), (0.5, 0.15), (0.
 
 @pytest.fixture(scope="module")
 def deck(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("studies") / "block.toml"
-    path.write_text(text_of_tables(BLOCK))
-    return path
+    return deck_file(tmp_path_factory.mktemp("studies") / "block.toml", BLOCK)
 
 
 @pytest.fixture(scope="module")
@@ -217,9 +211,7 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
         ("load.activation,u_z,reaction\n0.1,0,1\n", ["K=1:2"], "K: not a parameter"),
     ],
 )
-def test_wrong_data(
-    trained: Path, tmp_path: Path, text: str, free: list[str], message: str
-) -> None:
+def test_wrong_data(trained, tmp_path, text, free, message):
     data = tmp_path / "data.csv"
     data.write_text(text)
     with pytest.raises(InputError, match=message):
@@ -293,15 +285,11 @@ def spindle(tmp_path: Path) -> Path:
         "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
     }  # fmt: skip
     del tables["material"][0]["fiber_angle"]
-    path = tmp_path / "spindle.toml"
-    path.write_text(text_of_tables(tables))
-    return path
+    return deck_file(tmp_path / "spindle.toml", tables)
 
 
 @pytest.mark.slow
-def test_segmentation_carried_to_force(
-    spindle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_segmentation_carried_to_force(spindle, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["study", "uncertainty", str(spindle), "--samples", "6", "--shift", "0.6", "--noise",
              "0.3", "--out", str(out), "-q"]  # fmt: skip

@@ -26,7 +26,7 @@ from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
-from tests.scenes import box, held, scene, wait_for
+from tests.scenes import box, held, probes, scene, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
@@ -35,10 +35,7 @@ STRIP = text_of_tables(
         "auto", box(5, 3, size=[2, 1], places=(5, 3)), title="strip",
         material=[{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 1000}],
         boundary=[held("x0", 2), held("x1", 2, u_x=0.2)],
-        probe=[
-            {"name": "pull", "quantity": "force_x", "set": "x1"},
-            {"name": "middle", "quantity": "u", "point": [1, 0.5]},
-        ],
+        probe=probes("pull force_x x1", "middle u 1 0.5"),
     )
 )  # fmt: skip
 
@@ -201,9 +198,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_workers", lambda *_: contextlib.nullcontext(team))
 
 
-def test_a_sweep_is_extended_in_its_folder(
-    deck: Path, tmp_path: Path, here: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sweep_is_extended_in_its_folder(deck, tmp_path, here, monkeypatch):
     """Each point is solved once; rows say which call added them; any of the lines goes on."""
     out, calls = tmp_path / "out", []
     solve = run.solve_point
@@ -280,9 +275,7 @@ def write_inputs(folder: Path) -> None:
         ("block.toml", "model.h5"),
     ],
 )
-def test_a_sweep_is_of_the_contents_of_its_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, deck: str, file: str
-) -> None:
+def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, deck, file):
     """A sweep goes on with what its files held, wherever they are, and with nothing else."""
     made, out, more = tmp_path / "made", tmp_path / "out", {"push.csv": "#", "labels.nii": "\0"}
     write_inputs(made)
@@ -323,9 +316,7 @@ def test_files_that_are_varied_are_known_by_their_contents(tmp_path: Path, here:
 
 
 @pytest.mark.parametrize("damage", ['{"point": 1, "ver', "3", "{}"])
-def test_points_that_are_read_back_are_checked(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None, damage: str
-) -> None:
+def test_points_that_are_read_back_are_checked(deck, tmp_path, monkeypatch, here, damage):
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
     monkeypatch.setattr(run, "solve_point", lambda *call: solved)
     sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
@@ -355,9 +346,7 @@ def test_columns_cannot_overwrite_each_other(deck, tmp_path, name: str, owner: s
     assert not (tmp_path / "out").exists()
 
 
-def test_a_spreadsheet_runs_no_cell(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None
-) -> None:
+def test_a_spreadsheet_runs_no_cell(deck, tmp_path, monkeypatch, here):
     name, bad = "=1+1", "@SUM(1)"
     deck.write_text(STRIP.replace('"pull"', f'"{name}"'))
     probes = {name: -1.5, "middle_x": -0.1, "middle_y": 0.0}
@@ -375,10 +364,7 @@ def test_a_spreadsheet_runs_no_cell(
 @pytest.mark.parametrize(
     ("error", "caught"), [(KeyError("a mistake"), KeyError), (RuntimeError("killed"), None)]
 )
-def test_only_a_death_costs_a_point_a_message(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: None,
-    error: Exception, caught: type[Exception] | None,
-) -> None:  # fmt: skip
+def test_only_a_death_costs_a_point_a_message(deck, tmp_path, monkeypatch, here, error, caught):
     def solve_point(*call: str) -> None:
         raise error
 
@@ -396,9 +382,7 @@ def test_only_a_death_costs_a_point_a_message(
         assert "nan" not in "".join(lines)
 
 
-def test_the_folder_of_a_sweep_keeps_the_whole_name(
-    deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_folder_of_a_sweep_keeps_the_whole_name(deck, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     deck.rename("strip.1.toml")
     monkeypatch.setattr("myork.sweeps.sweep", lambda deck, vary, out, **_: out)

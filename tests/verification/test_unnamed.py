@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from myork import Scene, run_deck
+from myork import run_deck
 from myork.bench import materials
 from myork.core.deck import load_deck
-from tests.scenes import RUBBER, annulus, beam, box, held, scene, solved, voxels
+from tests.scenes import RUBBER, annulus, beam, box, held, scene, solved
 
 SOFT = {"name": "soft", "model": "neo-hookean", "mu": 2.0, "K": 6.0}
 #: The rubber of the reference, table 5.1, nearly incompressible
@@ -82,37 +82,8 @@ def test_slow_iterations_of_a_hard_load_arrive() -> None:
 
 
 @pytest.mark.slow
-def test_a_model_from_a_label_map() -> None:
-    """A bar of muscle beside fat, held at both ends."""
-    data = np.ones((8, 8, 8))
-    data[4:] = 2
-    tables = scene(
-        "auto", {}, boundary=[held("bottom"), held("top")], load={"activation": 0.5},
-        material=[
-            {**MUSCLE, "label": 1, "fiber": [0, 0, 1]},
-            {"name": "fat", "label": 2, "model": "neo-hookean", "mu": 3.0, "K": 1e3},
-        ],
-        probe=[{"name": "pull", "quantity": "force_z", "set": "top"}],
-    )  # fmt: skip
-    cloud = voxels(data, (2.0, 2.0, 4.0), source_stride=[2] * 3)
-    with Scene.from_tables(tables, cloud) as opened:
-        assert opened.deck["scene"]["method"] == "rkpm-gauss"
-        assert opened.deck["approximation"]["interface"] == 0.0
-        found = solved(opened, error=True)
-    # half of the section of 16 x 16 mm is muscle, whose fibers keep their length between the ends
-    whole = 0.5 * 2.56 * 0.5 * 30.0
-    assert found.last()["pull"] == pytest.approx(whole, rel=0.02)
-    assert found.states.force_imbalance < 1e-8
-
-
-@pytest.mark.slow
 def test_an_odd_number_of_cells_is_as_good_as_an_even_one() -> None:
-    """A cell that is left over makes a group of its own.
-
-    In a group of three volume went from cell to cell: J was 0.08 to 4.0 and the force below that of
-    finer clouds, with a part across. Now the force falls from cloud to cloud, and det F of the
-    written F is 0.31 to 1.39 at most, at the rims of the odd points.
-    """
+    """A cell that is left over makes a group of its own: the force falls from cloud to cloud."""
     pull = {"name": "pull", "quantity": "force", "set": "z1"}
     forces = []
     for points in (5, 6, 7):

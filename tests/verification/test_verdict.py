@@ -43,12 +43,8 @@ def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, d
     ("points", "share", "work"),
     [((17, 5), 0.2, -0.8), pytest.param((33, 9), 0.3, -0.7, marks=pytest.mark.slow)],
 )
-def test_collocation_that_bends_is_refused(
-    method: str, points: tuple[int, int], share: float, work: float
-) -> None:
-    """Least squares of second derivatives lose the bending, and stresses as much of the work: both
-    are linear in the part that is there. Off equilibrium no bar is given.
-    """
+def test_collocation_that_bends_is_refused(method, points, share, work):
+    """Least squares lose the bending, and stresses as much of the work; no bar off equilibrium."""
     states, found = solved(cantilever(method, *points), ())
     assert states.verdict == "refused" and states.work_mismatch < work
     assert any("less work than the forces" in text for text in states.warnings)
@@ -82,9 +78,7 @@ def test_another_branch_gives_no_bars() -> None:
 
 @pytest.mark.parametrize(("pressed", "unstable"), [(0.24, False), (0.27, True)])
 @pytest.mark.parametrize("accuracy", [None, 0.05])
-def test_a_straight_sheet_that_buckles_is_unstable(
-    pressed: float, unstable: bool, accuracy: float | None
-) -> None:
+def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, accuracy):
     """Pressed by an end that may move aside, it stays straight at any load. A push of 1e-4 of what
     presses moves the end by hundredths of the height before it buckles, by tenths after.
     """
@@ -146,15 +140,9 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     assert np.isnan(states.work_mismatch) and not states.warnings
     tip, bar = found["tip"][0][0], found["tip"][1][0]
     assert abs(tip - TIP) < bar < 0.02 * TIP
+    # half of the load is known as well in proportion
+    assert states.probe_errors[0, 0, 0] == pytest.approx(0.5 * bar)
     assert np.all(np.abs(found["root"][0] - [0, -1, 0]) <= found["root"][1])
-
-
-@pytest.mark.slow
-def test_a_muscle_that_locks_is_refused(inputs: Path) -> None:
-    """Its stress is right and its forces balance: only the displacements tell."""
-    overrides = ("scene.method=rkcm", "load.steps=2", *lattice([5, 5, 9]))
-    states, _ = solved(inputs / "muscle_block.toml", overrides)
-    assert states.verdict == "refused" and states.force_imbalance < 1e-10
 
 
 @pytest.mark.slow
@@ -170,9 +158,7 @@ def test_a_muscle_that_locks_is_refused(inputs: Path) -> None:
          {"radial_stress": -15.588823}),
     ],
 )  # fmt: skip
-def test_right_answers_are_accepted_and_covered(
-    inputs: Path, deck: str, overrides: tuple[str, ...], reference: dict[str, float]
-) -> None:
+def test_right_answers_are_accepted_and_covered(inputs, deck, overrides, reference):
     states, found = solved(inputs / f"{deck}.toml", overrides)
     assert states.verdict == "accepted", states.reasons
     for name, wanted in reference.items():
@@ -194,9 +180,7 @@ def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> No
 @pytest.mark.parametrize(
     ("place", "wanted", "verdict"), [((2, 0.5), 63.749, "accepted"), ((0.2, 0.1), 73.9, "doubtful")]
 )
-def test_collapsed_corners_do_not_make_other_stresses_small(
-    inputs: Path, place: tuple[float, float], wanted: float, verdict: str
-) -> None:
+def test_collapsed_corners_do_not_make_other_stresses_small(inputs, place, wanted, verdict):
     """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points."""
     where = f"probe.shear_stress.point={list(place)}"
     overrides = ("scene.method=rkpm-gauss", "load.steps=1", where)
@@ -276,12 +260,6 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
     assert summary["steps"][-1]["probe_errors"] == {} and "companion" not in summary
 
 
-def test_bars_of_steps_grow_with_the_load() -> None:
-    states, _ = solved(cantilever(), (*GAUSS, *lattice([17, 5])))
-    first, last = states.probe_errors[:, 0, 0]
-    assert first == pytest.approx(0.5 * last)
-
-
 def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
     """3P/(2D) = 75 N/m² in the middle of the cantilever, and the force -P."""
     overrides = ("geometry.source=[17,5]", "geometry.collocation=[33,9]")
@@ -321,14 +299,6 @@ def test_an_error_bar_beyond_the_value_is_said() -> None:
     assert states.verdict == "accepted" and abs(value) < bar
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
     assert not any("zero" in text for text in states.warnings)
-
-
-def test_a_cure_is_named_once() -> None:
-    """Off equilibrium, unbalanced and away from the weak form: one sentence says what helps."""
-    states, _ = solved(cantilever("rkcm", 17, 5), ())
-    text = "; ".join(states.reasons)
-    assert "the stress does" in text and "do not balance" in text and "differs by" in text
-    assert text.count("what helps") == 1 and "take method" not in text
 
 
 def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:

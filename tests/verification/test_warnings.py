@@ -31,16 +31,6 @@ CASES: dict[str, tuple[str, Any, str, Any, Any]] = {
         "tube", ("scene.method=rkcm", *lattice([3, 9]), "load.steps=4"), "refused",
         ("do not balance", "of their norm from", "probe radial_stress differs"), RefusedError,
     ),
-    "unbalanced forces of the mixed form": (
-        "tube", ("scene.method=rkcm-mixed", *lattice([3, 7]), "load.steps=4"), "refused",
-        ("do not balance", "of the volume J is", "probe radial_stress differs"), RefusedError,
-    ),
-    "ellipticity, mixed form": (
-        "muscle_fibers", (*SMALL_MUSCLE, "scene.method=rkcm-mixed", "approximation.order=2",
-                          "approximation.support=3"),
-        "refused", ("loses ellipticity at", "less work than the forces", "of the volume J is",
-                    "of their norm from", "probe stress_zz differs"), RefusedError,
-    ),
     "ellipticity, nodal integration": (
         "muscle_fibers", (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
                           "approximation.order=1", "approximation.support=2"),

@@ -23,21 +23,17 @@ from PIL import Image
 
 from myork import ReducedModel
 from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.stations.solve import run_deck
 from myork.view import still
 from myork.view.answers import FIELDS, Answers, verdict_of
-from tests.scenes import contracting
+from tests.scenes import contracting, deck_file, probes
 
 pytestmark = pytest.mark.nightly
 
 DECK = contracting(
     3, 3, 5, title="block <of> muscle",
-    probe=[
-        {"name": "middle", "quantity": "u", "point": [0.5, 0.5, 1.0]},
-        {"name": "reaction", "quantity": "force_z", "set": "z1"},
-    ],
+    probe=probes("middle u 0.5 0.5 1", "reaction force_z z1"),
 )  # fmt: skip
 RANGES = {
     "load.activation": (0.0, 0.8),
@@ -48,11 +44,9 @@ RANGES = {
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("view")
-    deck = folder / "block.toml"
-    deck.write_text(text_of_tables(DECK))
+    deck = deck_file(tmp_path_factory.mktemp("view") / "block.toml", DECK)
     rom = ReducedModel.train(deck, RANGES, full_solves=12, tests=2, threads=1)
-    return rom.save(folder / "block.rom.h5")
+    return rom.save(deck.with_name("block.rom.h5"))
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +114,7 @@ def picture(page: Any) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
 
 
-def test_force_shown_is_that_of_rom_solve(
-    open_page: Any, address: str, trained: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     page = open_page(address)
     page.wait_for_function("shown.answers > 0")
     for number, value in enumerate((0.4, 0.13, 33.0)):
@@ -141,6 +133,24 @@ def test_force_shown_is_that_of_rom_solve(
     assert page.inner_text("h1").startswith("block <of> muscle")
     # a curve for each parameter, with the state on it
     assert page.locator("#curves svg circle").count() == 3
+    # sixty moves: each answer is drawn, the last one is that of the last value
+    before = page.evaluate("shown.answers")
+    page.evaluate(
+        "async () => { const s = document.getElementById('p0');"
+        " for (let k = 1; k <= 60; k++) { s.value = 0.01 * k; s.dispatchEvent(new Event('input'));"
+        " await new Promise(requestAnimationFrame); } }"
+    )
+    page.wait_for_function("shown.values[0] === 0.6 && !busy && !wanted")
+    assert page.evaluate("shown.answers") > before + 1
+    # outside of the range, with the bounds that the verdict has
+    for number, value in ((0, 0.5), (2, 30.0), (1, 0.34)):
+        slide(page, number, value)
+    assert page.inner_text("#verdict") == "? doubtful"
+    footer = page.inner_text("footer")
+    assert "beyond 1.7 % of estimated error" in footer and "beyond 4.2 % or without" in footer
+    reasons = page.inner_text("#reasons")
+    assert "boundary.z1.u_z = 0.34 is outside the trained range -0.2 to 0.3" in reasons
+    assert page.locator(".slider.outside").count() == 1
 
 
 def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
@@ -171,33 +181,12 @@ def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
     page.mouse.move(box["x"] + 320, box["y"] + 240, steps=4)
     page.mouse.up()
     assert (picture(page) != before).any()
-
-
-def test_a_moving_slider_is_followed(open_page: Any, address: str) -> None:
-    """Sixty moves: each answer is drawn, the last one is that of the last value."""
-    page = open_page(address)
-    page.wait_for_function("shown.answers > 0")
-    before = page.evaluate("shown.answers")
-    page.evaluate(
-        "async () => { const s = document.getElementById('p0');"
-        " for (let k = 1; k <= 60; k++) { s.value = 0.01 * k; s.dispatchEvent(new Event('input'));"
-        " await new Promise(requestAnimationFrame); } }"
-    )
-    page.wait_for_function("shown.values[0] === 0.6 && !busy && !wanted")
-    assert page.evaluate("shown.answers") > before + 1
-
-
-def test_outside_is_said(open_page: Any, address: str) -> None:
-    page = open_page(address)
-    page.wait_for_function("shown.answers > 0")
-    slide(page, 1, 0.34)
-    assert page.inner_text("#verdict") == "? doubtful"
-    # the bounds that the verdict has
-    footer = page.inner_text("footer")
-    assert "beyond 1.7 % of estimated error" in footer and "beyond 4.2 % or without" in footer
-    reasons = page.inner_text("#reasons")
-    assert "boundary.z1.u_z = 0.34 is outside the trained range -0.2 to 0.3" in reasons
-    assert page.locator(".slider.outside").count() == 1
+    # normals at the corners of its triangles are those of the faces of a block
+    found = page.evaluate("source.surface().then(([rest]) => Array.from(body.normals(rest)))")
+    normals = np.abs(np.reshape(found, (-1, 3)))
+    assert len(normals) == 3 * 80
+    assert normals.max(axis=1) == pytest.approx(np.linalg.norm(normals, axis=1), rel=1e-6)
+    assert normals.max(axis=1).min() > 0.0
 
 
 def test_no_number_without_a_state(address: str) -> None:
@@ -248,9 +237,7 @@ def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
         assert facts["verdict"] == "accepted"
 
 
-def test_the_error_of_the_full_model_is_in_that_of_the_force(
-    answers: Answers, trained: Path, tmp_path: Path
-) -> None:
+def test_the_error_of_the_full_model_is_in_that_of_the_force(answers, trained, tmp_path):
     """Where it was solved beside the model, from the same deck at any values of the parameters."""
     assert answers.about()["bar"]["full"] is None
     found = {}
@@ -275,21 +262,9 @@ def test_rounding_is_zero(answers: Answers) -> None:
         assert answers.state([0.0, 0.0, 30.0], field).facts["range"] == [0.0, 0.0]
 
 
-def test_edges_of_a_block_stay(open_page: Any, address: str) -> None:
-    """Normals at the corners of its triangles are those of its faces."""
-    page = open_page(address)
-    page.wait_for_function("shown.answers > 0")
-    found = page.evaluate("source.surface().then(([rest]) => Array.from(body.normals(rest)))")
-    normals = np.abs(np.reshape(found, (-1, 3)))
-    assert len(normals) == 3 * 80
-    assert normals.max(axis=1) == pytest.approx(np.linalg.norm(normals, axis=1), rel=1e-6)
-    assert normals.max(axis=1).min() > 0.0
-
-
 def test_angles_of_fibers_move(tmp_path: Path) -> None:
     """A scene whose fibers turn is another one; its fields are those of the state."""
-    deck = tmp_path / "turning.toml"
-    deck.write_text(text_of_tables(DECK))
+    deck = deck_file(tmp_path / "turning.toml", DECK)
     key = "material.muscle.fiber_angle"
     ranges = {key: (5.0, 25.0), "load.activation": (0.0, 0.5)}
     rom = ReducedModel.train(deck, ranges, full_solves=8, tests=0, threads=1)
@@ -379,20 +354,12 @@ def test_who_is_answered(address: str, path: str, host: str, status: int, messag
         (False, 1e-3, 0.9, [], "refused"),
     ],
 )
-def test_verdicts(
-    converged: bool, indicator: float, j: float, outside: list[str], verdict: str
-) -> None:
+def test_verdicts(converged, indicator, j, outside, verdict):
     found, reasons = verdict_of(converged, indicator, j, outside)
     assert found == verdict and bool(reasons) == (verdict != "accepted")
 
 
-def test_a_page_without_a_server(
-    open_page: Any,
-    answers: Answers,
-    trained: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_page_without_a_server(open_page, answers, trained, tmp_path, capsys):
     """Sampled states are the model's, values between them are linear, and both is said."""
     file = tmp_path / "block.html"
     assert main(["view", str(trained), "--still", str(file), "-q"]) == 0
@@ -452,9 +419,7 @@ def test_a_page_without_a_server(
         ("none/block.html", "TMP/none/block.html: cannot be written: No such file or directory"),
     ],
 )
-def test_where_no_page_is_written(
-    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, message: str
-) -> None:
+def test_where_no_page_is_written(trained, tmp_path, capsys, name, message):
     assert main(["view", str(trained), "--still", str(tmp_path / name), "-q"]) == 2
     assert message.replace("TMP", str(tmp_path)) in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
@@ -505,27 +470,17 @@ def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "at most 65535" in capsys.readouterr().err
 
 
-def test_it_ends_accepted(
-    open_page: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_ends_accepted(open_page, tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path), "--threads", "1"]) == 0
     said = capsys.readouterr().out
-    lines = said.splitlines()
     summary = json.loads((tmp_path / "summary.json").read_text())
     # nothing is lost in any place, at no load
     assert summary["verdict"]["state"] == "accepted" and summary["warnings"] == []
     last = summary["steps"][-1]
     force, bar = last["probes"]["reaction_top"], last["probe_errors"]["reaction_top"]
     assert 0.0 < bar < 0.06 * force
-    assert lines[-4:] == [
-        f"reaction_top at load 1: {force:.4g} +- {bar:.2g} N",
-        "verdict: accepted",
-        f"report: {tmp_path / 'report.html'}",
-        f"the muscle with sliders, in any browser: {tmp_path / 'mg_muscle.html'}",
-    ]
-    # every station and what takes its time says where it is
+    assert f"reaction_top at load 1: {force:.4g} +- {bar:.2g} N" in said.splitlines()
     assert [f"station {k}/5" in said for k in range(1, 6)] == [True] * 5
-    assert "full solve 24/24" in said and "test 6/6" in said and "state 100/" in said
     # the check stands in its file and in the model
     check = json.loads((tmp_path / "check.json").read_text())
     assert check["failed"] == 0 and check["points"] == 6
