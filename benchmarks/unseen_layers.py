@@ -1,8 +1,8 @@
-"""Random sheets of two materials that name no points, and whose interface lies anywhere.
+"""Random sheets and boxes of two materials that name no points, with interfaces anywhere.
 
     python benchmarks/unseen_layers.py [FIRST [LAST]]
 
-solves sheets that `benchmarks/truths/unseen_layers.json` lacks by finite elements that end at the
+solves bodies that `benchmarks/truths/unseen_layers.json` lacks by finite elements that end at the
 interface, and adds their limits. The even numbers are for tuning, the odd ones for looking at the
 result.
 """
@@ -10,7 +10,7 @@ result.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,49 +27,63 @@ from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.types import F64
 
-NUMBERS = range(40)
-#: Elements across the sheet
-_MESHES = (16, 32)
+#: Sheets come before boxes in space
+_SHEETS = 40
+NUMBERS = range(_SHEETS + 24)
 #: How much finer elements are at ends and interface
 _FINER = 0.75
+#: Doubt over the largest of a kind up to which a probe is known: the middle of a sheared bar has
+#: no stress along it
+_KNOWN = 0.2
 _SEED = 20261127
+_AXES = "xyz"
 _FILE = Path(__file__).parent / "truths" / "unseen_layers.json"
 
 
-class _Sheet(NamedTuple):
-    """A sheet of height one, and where its second material begins."""
+class _Body(NamedTuple):
+    """A box, and where its second material lies."""
 
-    length: float
-    across: bool  #: The interface bounds it below
-    along: bool  #: The interface bounds it on the left
-    at: F64  #: Where, shares of length and height
+    lines: Sequence[F64]  #: Ends and interfaces along each edge [length]
+    second: Sequence[
+        Sequence[bool]
+    ]  #: Whether it lies between each two of these, in each direction
+    meshes: Sequence[int]  #: Elements between two of these
     name: str
     tables: Mapping[str, Any]
 
     def place(self, share: F64) -> F64:
-        """Places of shares of length and height, of which a half is the interface."""
-        x, y = np.moveaxis(share, -1, 0)
-        bend = [
-            np.where(q < 0.5, 2 * q * at, at + (2 * q - 1) * (1 - at)) if bent else q
-            for q, at, bent in ((x, self.at[0], self.along), (y, self.at[1], self.across))
+        """Places of shares of the edges, of which all parts between two lines are alike."""
+        bent = [
+            np.interp(q, np.linspace(0.0, 1.0, len(lines)), lines)
+            for q, lines in zip(np.moveaxis(share, -1, 0), self.lines, strict=True)
         ]
-        return np.stack([self.length * bend[0], bend[1]], axis=-1)
+        return np.stack(bent, axis=-1)
 
     def label(self, corner: F64) -> int:
         """Material of an element by its middle on the lattice."""
-        right, above = corner[0] / self.length > 0.5, corner[1] > 0.5
-        return 1 + int((right or not self.along) and (above or not self.across))
+        parts = [
+            own[min(int(len(own) * x / lines[-1]), len(own) - 1)]
+            for x, own, lines in zip(corner, self.second, self.lines, strict=True)
+        ]
+        return 1 + int(all(parts))
 
     def warp(self, nodes: F64) -> F64:
-        """Nodes of the lattice moved to the interface, finer beside it and at the ends."""
-        share = nodes / [self.length, 1.0]
-        half = 2 * share - np.floor(np.minimum(2 * share, 1.999))
-        moved = half - _FINER * np.sin(2 * np.pi * half) / (2 * np.pi)
-        return self.place(0.5 * (np.floor(np.minimum(2 * share, 1.999)) + moved))
+        """Nodes of the lattice moved to the interfaces, finer beside them and at the ends."""
+        parts = np.array([len(own) for own in self.second])
+        share = parts * nodes / [lines[-1] for lines in self.lines]
+        part = np.minimum(np.floor(share), parts - 1)
+        within = share - part
+        moved = within - _FINER * np.sin(2 * np.pi * within) / (2 * np.pi)
+        return self.place((part + moved) / parts)
 
 
-def sheet_of(number: int) -> _Sheet:
-    """Random sheet of a number, which any machine draws alike."""
+def body_of(number: int) -> _Body:
+    """Random sheet or box of a number, which any machine draws alike."""
+    return _sheet_of(number) if number < _SHEETS else _box_of(number)
+
+
+def _sheet_of(number: int) -> _Body:
+    """Sheet of height one."""
     rng = np.random.default_rng([_SEED, number])
     length = float(rng.choice([1.0, 1.5, 2.0, 3.0]))
     kind = str(rng.choice(["across", "along", "inside"]))
@@ -91,12 +105,14 @@ def sheet_of(number: int) -> _Sheet:
     law = {"name": "first", "model": "neo-hookean", "mu": 10.0, "K": 10.0 * bulk}
     other = {**law, "name": "second", "mu": 10.0 * ratio, "K": 10.0 * ratio * bulk}
     other["where"] = where.get(kind, f"x > {left} and y > {height}")
-    sheet = _Sheet(
-        length, kind != "along", kind != "across", np.array([left / length, height]), "", {}
-    )
-
-    def at(x: float, y: float) -> tuple[float, ...]:
-        return tuple(np.round(sheet.place(np.array([x, y])), 6).tolist())
+    bent = {"x": kind != "across", "y": kind != "along"}
+    lines = [
+        np.array([0.0, at if bent[axis] else 0.5 * end, end])
+        for axis, at, end in (("x", left, length), ("y", height, 1.0))
+    ]
+    second = [(not bent[axis], True) for axis in "xy"]
+    sheet = _Body(lines, second, (8, 16), "", {})
+    at = partial(_at, sheet)
 
     middle = 0.5 if kind == "across" else 0.25
     stress = str(rng.choice(["cauchy_xx", "cauchy_yy", "cauchy_xy"]))
@@ -114,34 +130,101 @@ def sheet_of(number: int) -> _Sheet:
     return sheet._replace(name=name, tables=tables)
 
 
+def _box_of(number: int) -> _Body:
+    """Box of width and height one with a plate, a bar or a block of the second material."""
+    rng = np.random.default_rng([_SEED, number])
+    length = float(rng.choice([1.0, 1.5, 2.0]))
+    kind = str(rng.choice(["plate across", "plate along", "bar", "edge", "block", "bar"]))
+    lines = [length * np.array([0.0, 0.5, 1.0]), *[np.array([0.0, 0.5, 1.0])] * 2]
+    second = [(True, True)] * 3
+    bent = {"plate across": "z", "plate along": "x", "bar": "yz", "edge": "xz", "block": "xyz"}
+    for axis in bent[kind]:
+        k = _AXES.index(axis)
+        lines[k] = np.array([0.0, round(lines[k][-1] * rng.uniform(0.3, 0.7), 3), lines[k][-1]])
+        second[k] = (False, True)
+    ratio = float(rng.choice([0.05, 0.2, 5.0, 20.0]))
+    bulk = [float(k) for k in rng.choice([4.0, 30.0, 300.0], 2)]
+    way = str(rng.choice(["pulled", "sheared", "bent", "twisted", "plates"]))
+    size = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.15))
+    end = {"set": "x1", "about": [length, 0.5, 0.5]}
+    far: dict[str, dict[str, Any]] = {
+        "pulled": held("x1", u_x=round(abs(size) * length, 4)),
+        "sheared": held("x1", u_z=round(2 * size * length, 4)),
+        "bent": {**end, "rotation": round(100 * size, 2), "axis": [0.0, 1.0, 0.0]},
+        "twisted": {**end, "rotation": round(200 * size, 2), "axis": [1.0, 0.0, 0.0]},
+        "plates": {"set": "x1", "u_x": round(size * length, 4)},
+    }
+    near = [held("x0")]
+    if way == "plates":
+        near = [{"set": f"{axis}0", f"u_{axis}": 0.0} for axis in _AXES]
+    conditions = [f"{axis} > {lines[_AXES.index(axis)][1]}" for axis in bent[kind]]
+    law = {"name": "first", "model": "neo-hookean", "mu": 10.0, "K": 10.0 * bulk[0]}
+    other = {**law, "name": "second", "mu": 10.0 * ratio, "K": 10.0 * ratio * bulk[1]}
+    other["where"] = " and ".join(conditions)
+    box = _Body(lines, second, (2, 4), "", {})
+    at = partial(_at, box)
+    # the middles of both parts, and of the whole length where that has no interface
+    low, high = [0.25] * 3, [0.75] * 3
+    if all(second[0]):
+        low[0] = high[0] = 0.5
+    probes = [
+        probe("u_end", "u_x", at(0.75, low[1], low[2])),
+        probe("u_side", "u_z", at(0.75, high[1], 1.0)),
+        probe("s_low", "cauchy_xx", at(*low)),
+        probe("s_high", str(rng.choice(["cauchy_xx", "cauchy_zz", "cauchy_xz"])), at(*high)),
+        force("f_x", "x", "x0"),
+        force("f_z", "z", "z0" if way == "plates" else "x0"),
+    ]
+    name = f"{number}: box, {kind}, {way}, moduli 1:{ratio:g}, K/mu {bulk[0]:g} and {bulk[1]:g}"
+    geometry = {"kind": "box", "size": [length, 1.0, 1.0]}
+    tables = deck(name, geometry, (law, other), [*near, far[way]], probes, 0.0)
+    return box._replace(name=name, tables=tables)
+
+
+def _at(body: _Body, *share: float) -> tuple[float, ...]:
+    """Place of shares of the edges of a body."""
+    return tuple(np.round(body.place(np.array(share)), 6).tolist())
+
+
 def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    """Solve all sheets that have truths at each target error; a few of them for `quick`."""
-    sheets = {n: sheet_of(n) for n in (NUMBERS[:6] if quick else NUMBERS)}
-    problems = {n: Problem(s.name, s.tables, ((),), ()) for n, s in sheets.items()}
+    """Solve all bodies that have truths at each target error; a few of them for `quick`."""
+    numbers = [*NUMBERS[:6], *NUMBERS[_SHEETS : _SHEETS + 2]] if quick else NUMBERS
+    bodies = {number: body_of(number) for number in numbers}
+    problems = {n: Problem(body.name, body.tables, ((),), ()) for n, body in bodies.items()}
     return answers(problems, _FILE, progress)
 
 
-def _limits(sheet: _Sheet) -> dict[str, Any]:
-    """Value of each probe and what the finer mesh changes."""
-    found = read_deck(dict(sheet.tables))
+def _limits(body: _Body) -> dict[str, Any]:
+    """Value of each probe and what the finer mesh changes; none of what meshes do not know."""
+    found = read_deck(dict(body.tables))
     # the mesh moves with the interface, and loads of its sides would be those before
-    if "traction" in found["boundary"][-1] and sheet.across:
+    if "traction" in found["boundary"][-1] and not all(body.second[1]):
         return {}
     for label, table in enumerate(found["material"], 1):
         table["label"] = label
         table.pop("where", None)
-    coarse, fine = (
-        solve_deck(found, (n * max(1, round(sheet.length)), n), labels=sheet.label, warp=sheet.warp)
-        for n in _MESHES
-    )
-    ends = [{name: values[-1] for name, values in s["probes"].items()} for s in (coarse, fine)]
-    return {name: [value, abs(value - ends[0][name])] for name, value in ends[1].items()}
+    ends = []
+    for n in body.meshes:
+        count = [n * len(own) for own in body.second]
+        if len(count) == 2:
+            count[0] *= max(1, round(body.lines[0][-1]))
+        found_here = solve_deck(
+            found, count, labels=body.label, warp=body.warp, symmetric=len(count) == 3
+        )
+        ends.append({name: values[-1] for name, values in found_here["probes"].items()})
+    doubt = {name: abs(value - ends[0][name]) for name, value in ends[1].items()}
+    most = {name: max(abs(v) for k, v in ends[1].items() if k[0] == name[0]) for name in doubt}
+    return {
+        name: [value, doubt[name]]
+        for name, value in ends[1].items()
+        if doubt[name] <= _KNOWN * most[name]
+    }
 
 
 def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
-    """Solve sheets by finite elements."""
-    sheets = [sheet_of(number) for number in range(first, last)]
-    fill(_FILE, [(sheet.name, partial(_limits, sheet)) for sheet in sheets])
+    """Solve bodies by finite elements."""
+    bodies = [body_of(number) for number in range(first, last)]
+    fill(_FILE, [(body.name, partial(_limits, body)) for body in bodies])
 
 
 if __name__ == "__main__":

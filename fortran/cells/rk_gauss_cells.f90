@@ -8,8 +8,11 @@
 !> middle, and 3 x 3 are groups of their own as in space: one for all of them resists hardly any
 !> change of volume (a square held at a side and pressed on top: 38 % off, 1 % with nine).
 !>
-!> Faces that the border of a named set cuts, or a traction jumps on, have finer points, which lie on
-!> one side of it each.
+!> Faces that the border of a named set cuts, or on which a traction jumps, have finer points that
+!> lie on one side of it each.
+!>
+!> Planes on which materials meet cut cells, and groups end there, so that each has one material.
+!> In the plane groups between them are two spacings wide or more, in space two and a half at most.
 module rk_gauss_cells
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
@@ -28,6 +31,12 @@ module rk_gauss_cells
 
    !> Cells between source points that make one group, in each direction
    integer, parameter :: group_size = 2
+   !> Most spacings across a group in space that ends at a plane
+   real(wp), parameter :: widest = 2.5_wp
+   !> Groups that end at a plane and are thinner, in spacings, have no pressure that varies across
+   real(wp), parameter :: thinnest = 1.5_wp
+   !> Planes so near to corners of cells, in spacings, lie on them [-]
+   real(wp), parameter :: same_line = 1.0e-6_wp
    !> Parts of a face in each direction where the border of a set cuts it, by space dimension
    integer, parameter :: parts(3) = [1, 64, 12]
    !> Force on a face that its points may miss, of the largest on any face: a jump anywhere between
@@ -51,6 +60,8 @@ module rk_gauss_cells
       real(wp) :: step(3) = 0.0_wp
       !> Places of the corners where their spacing varies
       real(wp), allocatable :: line(:, :)
+      !> The same in spacings where planes cut cells, whole numbers at source points
+      real(wp), allocatable :: number(:, :)
    contains
       procedure :: place, face_points
    end type lattice_type
@@ -69,8 +80,8 @@ subroutine gauss_cells(self, scene, error)
    type(rule_type) :: rule, fine
    real(wp), allocatable :: xi(:, :), x(:, :), area(:, :)
    real(wp) :: jacobian
-   integer :: groups(3), pairs(3), ones(3), cell(3), next(3), from(3), to(3), at(3), points(3)
-   integer, allocatable :: number(:)
+   integer :: groups(3), cell(3), next(3), from(3), to(3), at(3), points(3)
+   integer, allocatable :: number(:), bound(:, :)
    logical, allocatable :: cut(:, :)
    logical :: whole
    integer :: nd, np, i, j, d, k, end, faces, ms, mf, own, count, degree
@@ -92,6 +103,8 @@ subroutine gauss_cells(self, scene, error)
    call lattice_frame(cloud, lattice%low, lattice%step)
    lattice%cells(:nd) = cloud%lattice - 1
    if (allocated(cloud%line)) allocate (lattice%line, source=cloud%line)
+   if (allocated(scene%approximation%kink)) call cut_lattice(lattice, &
+      & scene%approximation%kink_axis, scene%approximation%kink)
    allocate (rule%node(count), rule%share(count))
    call gauss_rule(rule%node, rule%share)
    fine = composed(rule, parts(nd))
@@ -102,7 +115,11 @@ subroutine gauss_cells(self, scene, error)
    points(:nd) = count
    associate (cells => lattice%cells)
       whole = nd == 3 .or. all(cells(:nd) == 3)
-      call arrange(cells, whole, pairs, ones, groups)
+      allocate (bound(0:maxval(cells), 3))
+      do d = 1, 3
+         call arrange(lattice, d, whole, groups(d), bound(:, d), scene%approximation%kink_axis, &
+            & scene%approximation%kink)
+      end do
       np = product(cells)*own
       mf = sum([(product(cells) - product(cells)/cells(d), d=1, nd)])*count**(nd - 1)
       faces = sum([(2*product(cells)/cells(d), d=1, nd)])*count**(nd - 1) &
@@ -114,12 +131,12 @@ subroutine gauss_cells(self, scene, error)
       allocate (self%part(faces), source=1.0_wp)
       allocate (self%lift_point(faces*own), self%lift(faces*own))
       self%lift_first = [(own*k, k=0, faces)]
-      if (whole .and. any(ones > 0)) allocate (self%thin(nd, product(groups)))
+      allocate (self%thin(nd, product(groups)))
       self%first(1) = 0
       np = 0
       do i = 1, product(groups)
          call find_group(i)
-         if (allocated(self%thin)) self%thin(:, i) = to(:nd) == from(:nd) .and. cells(:nd) > 1
+         self%thin(:, i) = [(is_thin(d), d=1, nd)]
          do j = 1, product(to - from + 1)
             np = np + 1
             number(place_of(from + digits_of(j - 1, to - from + 1), cells)) = np
@@ -155,6 +172,7 @@ subroutine gauss_cells(self, scene, error)
          self%first(i + 1) = np
       end do
    end associate
+   if (.not. any(self%thin)) deallocate (self%thin)
 
 contains
 
@@ -164,9 +182,19 @@ contains
       integer :: g(3)
 
       g = digits_of(group - 1, groups)
-      from = group_start(g, lattice%cells, groups, pairs, ones)
-      to = group_start(g + 1, lattice%cells, groups, pairs, ones) - 1
+      from = [(bound(g(d), d), d=1, 3)]
+      to = [(bound(g(d) + 1, d) - 1, d=1, 3)]
    end subroutine find_group
+
+   !> Whether a group is too thin in a direction for a pressure that varies along it
+   pure logical function is_thin(d)
+      integer, intent(in) :: d
+
+      is_thin = whole .and. to(d) == from(d)
+      if (allocated(scene%approximation%kink)) is_thin = lattice%number(to(d) + 1, d) - lattice%number(from(d), d) &
+         & < thinnest
+      is_thin = is_thin .and. lattice%cells(d) > 1
+   end function is_thin
 
    !> Gauss points of a face between two cells, at the upper end of the first
    subroutine add_facets()
@@ -437,18 +465,110 @@ pure function composed(rule, parts) result(fine)
    end do
 end function composed
 
-!> Groups of cells in one direction, which lie symmetrically: a mirrored body is the same one
-elemental subroutine arrange(cells, whole, pairs, ones, groups)
+!> Cut the cells of a box at planes
+pure subroutine cut_lattice(self, axis, plane)
+   type(lattice_type), intent(inout) :: self
+   !> The axis across each plane, and its place [length]
+   integer, intent(in) :: axis(:)
+   real(wp), intent(in) :: plane(:)
+   real(wp), allocatable :: line(:, :)
+   real(wp) :: share
+   integer :: at, d, k
+
+   allocate (line(0:maxval(self%cells) + size(plane), self%nd), source=0.0_wp)
+   allocate (self%number(0:ubound(line, 1), self%nd))
+   do d = 1, self%nd
+      if (allocated(self%line)) then
+         line(:self%cells(d), d) = self%line(:self%cells(d), d)
+      else
+         line(:self%cells(d), d) = self%low(d) + self%step(d)*[(k, k=0, self%cells(d))]
+      end if
+      self%number(:, d) = [(k, k=0, size(line, 1) - 1)]
+      do k = 1, size(plane)
+         if (axis(k) /= d) cycle
+         if (nearest_line(plane(k)) < same_line*self%step(d)) cycle
+         at = count(line(:self%cells(d), d) < plane(k))
+         associate (last => self%cells(d))
+            line(at + 1:last + 1, d) = line(at:last, d)
+            self%number(at + 1:last + 1, d) = self%number(at:last, d)
+         end associate
+         line(at, d) = plane(k)
+         share = (line(at, d) - line(at - 1, d))/(line(at + 1, d) - line(at - 1, d))
+         self%number(at, d) = (1.0_wp - share)*self%number(at - 1, d) &
+            & + share*self%number(at + 1, d)
+         self%cells(d) = self%cells(d) + 1
+      end do
+   end do
+   call move_alloc(line, self%line)
+
+contains
+
+   !> Distance of the nearest corner of cells [length]
+   pure real(wp) function nearest_line(x)
+      real(wp), intent(in) :: x
+
+      nearest_line = minval(abs(line(:self%cells(d), d) - x))
+   end function nearest_line
+
+end subroutine cut_lattice
+
+!> Groups of cells in one direction: equal ones between planes, symmetrical ones where there is no
+!> plane: a mirrored body is the same one
+pure subroutine arrange(self, d, whole, groups, bound, axis, plane)
+   type(lattice_type), intent(in) :: self
+   !> Direction
+   integer, intent(in) :: d
+   !> Cells that are left over make groups of their own
+   logical, intent(in) :: whole
+   !> Groups
+   integer, intent(out) :: groups
+   !> First cell of each group, and the number of cells behind them, from 0
+   integer, intent(inout) :: bound(0:)
+   !> Planes on which materials meet: the axis across each, and its place [length]
+   integer, intent(in), optional :: axis(:)
+   real(wp), intent(in), optional :: plane(:)
+   integer :: c, k, n, parts, start
+   logical :: planes
+
+   planes = .false.
+   if (present(axis)) planes = any(axis == d)
+   if (.not. planes) then
+      call arrange_evenly(self%cells(d), whole, groups, bound)
+      return
+   end if
+   groups = 0
+   start = 0
+   bound(0) = 0
+   do c = 1, self%cells(d)
+      if (c < self%cells(d) .and. .not. any(axis == d .and. abs(plane - self%line(c, d)) &
+         & < 2.0_wp*same_line*self%step(d))) cycle
+      associate (from => self%number(start, d), to => self%number(c, d))
+         parts = max(1, int((to - from)/group_size + same_line))
+         if (self%nd == 3) parts = max(1, ceiling((to - from)/widest - same_line))
+         do k = 1, parts - 1
+            n = start + minloc(abs(self%number(start + 1:c - 1, d) - from &
+               & - k*(to - from)/parts), dim=1)
+            groups = groups + 1
+            bound(groups) = n
+         end do
+      end associate
+      groups = groups + 1
+      bound(groups) = c
+      start = c
+   end do
+end subroutine arrange
+
+!> Groups of cells in a direction without planes
+pure subroutine arrange_evenly(cells, whole, groups, bound)
    !> Cells in this direction
    integer, intent(in) :: cells
    !> Cells that are left over make groups of their own
    logical, intent(in) :: whole
-   !> Groups of two before the single cells; 0 where there are none of these
-   integer, intent(out) :: pairs
-   !> Single cells
-   integer, intent(out) :: ones
-   !> All groups
+   !> Groups
    integer, intent(out) :: groups
+   !> First cell of each group, and the number of cells behind them, from 0
+   integer, intent(inout) :: bound(0:)
+   integer :: g, ones, pairs
 
    ones = 0
    groups = max(1, cells/group_size)
@@ -460,24 +580,13 @@ elemental subroutine arrange(cells, whole, pairs, ones, groups)
       groups = groups - 1
    end if
    pairs = (cells - ones)/4
-end subroutine arrange
-
-!> First cell of a group, from 0
-elemental integer function group_start(group, cells, groups, pairs, ones)
-   !> Group, from 0
-   integer, intent(in) :: group
-   !> Cells in this direction, and their groups
-   integer, intent(in) :: cells
-   integer, intent(in) :: groups
-   !> Groups of two before the single cells, and those
-   integer, intent(in) :: pairs
-   integer, intent(in) :: ones
-
-   if (ones == 0) then
-      group_start = nint(real(group*cells, wp)/groups)
-   else
-      group_start = group_size*group - min(max(group - pairs, 0), ones)
-   end if
-end function group_start
+   do g = 0, groups
+      if (ones == 0) then
+         bound(g) = nint(real(g*cells, wp)/groups)
+      else
+         bound(g) = group_size*g - min(max(g - pairs, 0), ones)
+      end if
+   end do
+end subroutine arrange_evenly
 
 end module rk_gauss_cells

@@ -44,6 +44,10 @@ module rk_pressure
       !> (nd, entries); not allocated where pressures are written as they are [1/length]
       type(csr_type) :: around
       real(wp), allocatable :: share(:, :)
+      !> Planes on which materials meet, where pressures jump: the axis across each, and its place
+      !> [length]; not allocated where there is none
+      integer, allocatable :: axis(:)
+      real(wp), allocatable :: plane(:)
    contains
       procedure :: value => pressure_value, along_step, at => pressure_at
       procedure, private :: slope
@@ -61,11 +65,13 @@ module rk_pressure
    !> A direction in which a group has no neighbours has no curvature: this share of its size
    !> squared is their distance squared at least
    real(wp), parameter :: alone = 1.0e-9_wp
+   !> A place so near to a plane, in sizes of a group, counts as beyond it [-]
+   real(wp), parameter :: on_plane = 1.0e-9_wp
 
 contains
 
 !> Set up the polynomials
-subroutine new_pressure(self, cells, softness, place, curved, error)
+subroutine new_pressure(self, cells, softness, place, curved, error, axis, plane)
    type(pressure_type), intent(out) :: self
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group over that of each integration point, shape (np) [-]
@@ -75,10 +81,17 @@ subroutine new_pressure(self, cells, softness, place, curved, error)
    !> Write pressures with their curvature, in the plane
    logical, intent(in) :: curved
    type(error_type), allocatable, intent(out) :: error
+   !> Planes on which materials meet: the axis across each, and its place [length]
+   integer, intent(in), optional :: axis(:)
+   real(wp), intent(in), optional :: plane(:)
    real(wp), allocatable :: m(:, :)
    real(wp) :: before, c(1 + size(place, 1)), factor
    integer :: d, g, i, j, n, nd, groups, trial
 
+   if (present(plane)) then
+      self%axis = axis
+      self%plane = plane
+   end if
    nd = size(place, 1)
    groups = size(cells%first) - 1
    allocate (self%count(groups), self%centre(nd, groups), self%reach(nd, groups))
@@ -307,6 +320,9 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
       associate (g => self%near%index(k))
          s(:nd) = (x - self%centre(:, g))/self%reach(:, g)
          if (.not. covers(s(:nd), blends(:nd), window_product)) cycle
+         if (allocated(self%plane)) then
+            if (beyond(self, g, x)) cycle
+         end if
          weight = product(1.0_wp - abs(s(:nd))/blend)
          local = 0.0_wp
          do j = 1, self%count(g)
@@ -328,5 +344,22 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    end do
    if (total > 0.0_wp) p = p/total
 end function pressure_at
+
+!> Whether a plane parts a place from a group
+pure logical function beyond(self, g, x)
+   class(pressure_type), intent(in) :: self
+   integer, intent(in) :: g
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   integer :: k
+
+   beyond = .false.
+   do k = 1, size(self%plane)
+      associate (a => self%axis(k), at => self%plane(k))
+         beyond = beyond .or. (x(a) - at > -on_plane*self%reach(a, g) &
+            & .neqv. self%centre(a, g) > at)
+      end associate
+   end do
+end function beyond
 
 end module rk_pressure

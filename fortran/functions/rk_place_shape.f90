@@ -3,8 +3,15 @@
 !> The moment matrix is factorised once; its derivatives are never formed: the vectors M_,i b and
 !> M_,ij b are accumulated from the neighbours.
 !>
+!> Across a plane on which materials meet derivatives jump. Where it parts the neighbours of a place
+!> their distance from it, a ridge |x - c|, joins the basis, so that fields are reproduced that are
+!> linear on each side. A small number on the diagonal of its moment lets it fade where but distant
+!> neighbours lie beyond the plane.
+!>
 !> References: thesis section 4.2.1 and equations (5.1)-(5.5);
-!>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
+!>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824;
+!>             Fleming, Chu, Moran, Belytschko, Int. J. Numer. Meth. Engng 40 (1997) 1483-1504 (more
+!>             functions in the basis)
 module rk_place_shape
    use rk_basis, only : monomials, second_index
    use rk_error, only : error_type
@@ -23,10 +30,19 @@ module rk_place_shape
       integer :: kernel
       !> One of the window_* constants
       integer :: window
+      !> Planes across which derivatives may jump: the axis across each, and its place [length]; not
+      !> allocated where there is none
+      integer, allocatable :: kink_axis(:)
+      real(wp), allocatable :: kink(:)
    end type approximation_type
 
    !> A pivot below this share of the unit diagonal means a singular moment matrix
    real(wp), parameter :: pivot_min = 1.0e-13_wp
+   !> Places so near to a plane, in supports, lie on it, and have the derivatives beyond it
+   real(wp), parameter :: on_plane = 1.0e-9_wp
+   !> What is added to the moment of a ridge over the kernel's largest value: beams and bars of two
+   !> materials are as near with a third and three times of it
+   real(wp), parameter :: fading = 6.0e-3_wp
 
 contains
 
@@ -65,17 +81,21 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    real(wp), allocatable :: m(:, :), phi(:), dphi(:, :), ddphi(:, :, :)
    real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
    real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
-   real(wp) :: scale(size(x)), w(size(powers, 2)), r(3)
-   integer :: nd, nb, n, i, j, k, q, seconds
+   real(wp), allocatable :: w(:)
+   real(wp) :: scale(size(x)), r(3), peak
+   integer, allocatable :: ridge(:)
+   integer :: nd, nb, n, i, j, k, q, seconds, smooth
 
    nd = size(x)
-   nb = size(powers, 2)
+   smooth = size(powers, 2)
    n = size(neighbours)
    seconds = max(size(value, 1) - 1 - nd, 0)
    value = 0.0_wp
-   singular = n < nb
+   singular = n < smooth
    if (singular) return
-   allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n))
+   ridge = parting(approximation, source, support, neighbours)
+   nb = smooth + size(ridge)
+   allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n), w(nb))
    allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, merge(nd, 0, seconds > 0), n))
    scale = maxval(support(:, neighbours), dim=2)
    ! supports of radius and angle have no direction of their own
@@ -84,8 +104,16 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    m = 0.0_wp
    do k = 1, n
       r(:nd) = x - source(:, neighbours(k))
-      call monomials(nd, approximation%order, powers, r(:nd), scale, h(:, k), dh(:, :, k), &
-         & ddh(:, :, k))
+      call monomials(nd, approximation%order, powers, r(:nd), scale, h(:smooth, k), &
+         & dh(:smooth, :, k), ddh(:smooth, :, k))
+      do i = 1, size(ridge)
+         associate (a => approximation%kink_axis(ridge(i)), at => approximation%kink(ridge(i)))
+            h(smooth + i, k) = (abs(x(a) - at) - abs(source(a, neighbours(k)) - at))/scale(a)
+            dh(smooth + i, :, k) = 0.0_wp
+            dh(smooth + i, a, k) = sign(1.0_wp, x(a) - at + on_plane*scale(a))/scale(a)
+            ddh(smooth + i, :, k) = 0.0_wp
+         end associate
+      end do
       if (approximation%window == window_polar) then
          call polar_window(approximation%kernel, x, source(:, neighbours(k)), &
             & support(:, neighbours(k)), phi(k), dphi(:, k), ddphi(:, :, k))
@@ -96,6 +124,11 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       do j = 1, nb
          m(:j, j) = m(:j, j) + phi(k)*h(j, k)*h(:j, k)
       end do
+   end do
+   if (size(ridge) > 0) call window(approximation%kernel, approximation%window, nd, 0.0_wp*x, &
+      & support(:, neighbours(1)), peak, r(:nd), ddphi(:, :0, 1))
+   do j = smooth + 1, nb
+      m(j, j) = m(j, j) + fading*peak
    end do
    call factorise(m, w, singular)
    if (singular) return
@@ -178,6 +211,28 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       end do
    end do
 end subroutine shape_at_place
+
+!> Planes that part the neighbours of a place
+pure function parting(approximation, source, support, neighbours) result(ridge)
+   type(approximation_type), intent(in) :: approximation
+   !> Source points and their supports, shape (nd, ns) [length]
+   real(wp), intent(in) :: source(:, :), support(:, :)
+   !> Neighbours, shape (n)
+   integer, intent(in) :: neighbours(:)
+   !> Numbers of the planes
+   integer, allocatable :: ridge(:)
+   real(wp) :: away(size(neighbours))
+   integer :: k
+
+   allocate (ridge(0))
+   if (.not. allocated(approximation%kink)) return
+   do k = 1, size(approximation%kink)
+      associate (a => approximation%kink_axis(k))
+         away = (source(a, neighbours) - approximation%kink(k))/support(a, neighbours)
+      end associate
+      if (minval(away) < -on_plane .and. maxval(away) > on_plane) ridge = [ridge, k]
+   end do
+end function parting
 
 !> Cholesky factor of the moment matrix scaled to a unit diagonal
 pure subroutine factorise(m, w, singular)

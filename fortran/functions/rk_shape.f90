@@ -99,11 +99,11 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
          & window_product, error)
       if (allocated(error)) return
       ! supports along circles determine the radius as well
-      call find_stencils(self, polar(source), support, polar(place), example)
+      call find_stencils(self, approximation, polar(source), support, polar(place), example)
    else
       call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
       if (allocated(error)) return
-      call find_stencils(self, source, support, place, example)
+      call find_stencils(self, approximation, source, support, place, example)
    end if
 
    nb = basis_size(self%nd, approximation%order)
@@ -288,10 +288,12 @@ pure subroutine interpolate(self, ip, x, first, last, field)
    end do
 end subroutine interpolate
 
-!> Group places whose neighbours lie in the same relative positions with the same supports
-subroutine find_stencils(self, source, support, place, example)
+!> Group places whose neighbours, and planes among them, lie in the same relative positions with the
+!> same supports
+subroutine find_stencils(self, approximation, source, support, place, example)
    !> Shape functions with neighbours; the stencil of each place is set
    type(shape_type), intent(inout) :: self
+   type(approximation_type), intent(in) :: approximation
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support, shape (nd, ns) [length]
@@ -302,11 +304,15 @@ subroutine find_stencils(self, source, support, place, example)
    integer, allocatable, intent(out) :: example(:)
    integer(i8), allocatable :: key(:)
    integer, allocatable :: table(:), found(:)
-   integer :: ip, slot, n, bits
+   real(wp) :: reach(self%nd)
+   integer :: ip, slot, n, bits, kinks
 
+   kinks = 0
+   if (allocated(approximation%kink)) kinks = size(approximation%kink)
+   reach = maxval(support, dim=2)
    allocate (key(self%np), self%stencil(self%np), found(self%np))
    !$omp parallel do default(none) schedule(static) private(ip) &
-   !$omp shared(self, source, support, place, key)
+   !$omp shared(self, approximation, source, support, place, key, reach, kinks)
    do ip = 1, self%np
       key(ip) = stencil_key(ip)
    end do
@@ -345,6 +351,19 @@ contains
       offset = transfer((place(d, ip) - source(d, is))/support(d, is)*quantum + whole, 0_i8)
    end function offset
 
+   !> Distance of a place from a plane over the largest support, as an integer; of all that its
+   !> neighbours cannot reach across the same
+   pure integer(i8) function distance(ip, kink)
+      integer, intent(in) :: ip, kink
+      real(wp) :: away
+
+      associate (a => approximation%kink_axis(kink))
+         away = (place(a, ip) - approximation%kink(kink))/reach(a)
+      end associate
+      distance = transfer(min(max(away, -1.0_wp), 1.0_wp)*quantum + whole, 0_i8)
+      if (abs(away) >= 1.0_wp) distance = 0
+   end function distance
+
    !> Hash of the relative positions of a place's neighbours
    pure integer(i8) function stencil_key(ip)
       integer, intent(in) :: ip
@@ -352,6 +371,9 @@ contains
       integer :: d
 
       stencil_key = 1469598103934665603_i8
+      do d = 1, kinks
+         stencil_key = ieor(ishftc(stencil_key, 9), distance(ip, d))
+      end do
       do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
          associate (is => self%neighbour%index(k))
             q = 0
@@ -374,6 +396,9 @@ contains
       integer :: d
 
       same_stencil = self%count(ip) == self%count(jp)
+      do d = 1, kinks
+         same_stencil = same_stencil .and. distance(ip, d) == distance(jp, d)
+      end do
       if (.not. same_stencil) return
       shift = self%neighbour%offset(jp) - self%neighbour%offset(ip)
       do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)

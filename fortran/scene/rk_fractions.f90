@@ -1,17 +1,21 @@
 !> Fractions of tissues at places, and the points whose fibers a tissue has there.
 module rk_fractions
+   use rk_error, only : error_type
    use rk_material, only : kind_i4
    use rk_neighbours, only : all_nearest, nearest_points
    use rk_precision, only : wp
-   use rk_scene, only : scene_type
+   use rk_scene, only : last_part, scene_type
    use rk_shape, only : shape_type
    implicit none
    private
 
-   public :: own_parts, shares, fractions, has_fibers, fibered_points
+   public :: own_parts, parts_at, shares, fractions, has_fibers, fibered_points
 
    !> Fractions below this are none [-]
    real(wp), parameter :: nothing = 1.0e-8_wp
+   !> Places so near to a plane on which tissues meet, in supports, lie on it, and a place so far
+   !> beyond it has the tissue there [-]
+   real(wp), parameter :: on_plane = 1.0e-9_wp, beyond = 1.0e-7_wp
 
 contains
 
@@ -31,6 +35,30 @@ pure function own_parts(scene, ip) result(part)
       part(scene%tissue_of(ip)) = 1.0_wp
    end if
 end function own_parts
+
+!> Fractions of the tissues at a place of a body in which these meet on planes: one or none; on a
+!> plane that beyond it, whose derivatives shape functions have there
+subroutine parts_at(scene, place, part, error)
+   type(scene_type), intent(in) :: scene
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   real(wp), intent(out) :: part(:)
+   !> Error handling: an expression without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: x(size(place))
+   integer :: k
+
+   x = place
+   do k = 1, size(scene%approximation%kink)
+      associate (a => scene%approximation%kink_axis(k), at => scene%approximation%kink(k))
+         if (abs(place(a) - at) < on_plane*maxval(scene%support(a, :))) &
+            & x(a) = at + beyond*maxval(scene%support(a, :))
+      end associate
+   end do
+   part = 0.0_wp
+   k = last_part(scene%tissue, x, error)
+   if (k > 0) part(k) = 1.0_wp
+end subroutine parts_at
 
 !> Fractions of the tissues that belong to each source point
 function shares(scene) result(share)

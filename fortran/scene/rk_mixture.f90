@@ -29,7 +29,7 @@ module rk_mixture
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
    use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
-   use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, shares
+   use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, parts_at, shares
    use rk_laminate, only : add_volume, layers_type
    use rk_kernel, only : kernel_quintic, window_product
    use rk_lattice, only : digits_of, lattice_frame
@@ -109,6 +109,7 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
    real(wp), allocatable :: fiber_gradient(:, :, :), share(:, :)
    integer, allocatable :: fibered(:, :)
    integer :: ip, k, n, np, round
+   logical :: planes
 
    self%scene => scene
    if (allocated(scene%equation%problem)) then
@@ -125,7 +126,8 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
    do k = 1, size(scene%tissue)
       if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
    end do
-   if (size(scene%tissue) > 1 .and. scene%basis%interface > 0.0_wp) then
+   planes = allocated(scene%approximation%kink)
+   if (size(scene%tissue) > 1 .and. scene%basis%interface > 0.0_wp .and. .not. planes) then
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
          & scene%cloud%source, scene%basis%interface*scene%cloud%spacing, position, error)
       if (allocated(error)) return
@@ -137,6 +139,10 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
       do ip = 1, np
          if (allocated(share)) then
             call fractions(shape, share, ip, part, gradient)
+         else if (planes) then
+            gradient = 0.0_wp
+            call parts_at(scene, position(:, ip), part, error)
+            if (allocated(error)) return
          else
             gradient = 0.0_wp
             part = own_parts(scene, nearest(ip))

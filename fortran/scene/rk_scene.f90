@@ -13,7 +13,7 @@ module rk_scene
    implicit none
    private
 
-   public :: scene_type, tissue_type, condition_type, probe_type, displacement_weight
+   public :: last_part, scene_type, tissue_type, condition_type, probe_type, displacement_weight
 
    !> Weight of the displacement rows of the mixed form, and of balanced ones of collocation, in
    !> shear moduli over spacing [-]
@@ -265,6 +265,24 @@ subroutine shape_at(self, place, shape, error, first, plain)
    call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first, &
       & plain)
 end subroutine shape_at
+
+!> Last material whose part of the body holds a place, 0 where none does
+integer function last_part(tissue, x, error) result(found)
+   type(tissue_type), intent(in) :: tissue(:)
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   !> Error handling: an expression without a value there
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: value
+
+   do found = size(tissue), 1, -1
+      if (.not. tissue(found)%part%given()) return
+      call tissue(found)%part%at(x, value, error)
+      if (allocated(error)) exit
+      if (abs(value) > 0.0_wp) return
+   end do
+   found = max(found, 0)
+end function last_part
 
 !> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
 pure real(wp) function stiffest_ratio(self)

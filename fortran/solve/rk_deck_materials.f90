@@ -35,8 +35,7 @@ subroutine read_materials(scene, deck, error)
    regions = has_regions(deck)
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
    if (regions) call read_parts(scene%tissue, deck, error)
-   if (regions .and. .not. allocated(error)) call label_regions(scene%cloud, scene%tissue, deck, &
-      & error)
+   if (regions .and. .not. allocated(error)) call label_regions(scene, deck, error)
    if (allocated(error)) return
    scene%tissue_of = 0
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &

@@ -1,14 +1,16 @@
 !> Materials in parts of a box or an annulus, given by expressions in coordinates or by a label map:
 !> labels of the points, and fractions of the materials where a border cuts through the volume of a
-!> point.
+!> point. In boxes with Gauss points borders may be planes across the axes and nothing else: these
+!> are found, and the fractions are not wanted there.
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_deck_labels, only : read_labels
    use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type
+   use rk_lattice, only : place_of
    use rk_precision, only : pi, wp
-   use rk_scene, only : tissue_type
+   use rk_scene, only : last_part, scene_type, tissue_type
    use rk_text, only : to_text
    implicit none
    private
@@ -19,6 +21,10 @@ module rk_deck_regions
    integer, parameter :: samples = 6
    !> Halvings of the way between two of them in the search for a border
    integer, parameter :: bisections = 12
+   !> The same for planes, which are wanted to rounding; most of them across an axis
+   integer, parameter :: fine_bisections = 40, most_planes = 8
+   !> Places that differ by less, in spacings, are the same [-]
+   real(wp), parameter :: same_place = 1.0e-6_wp
 
 contains
 
@@ -51,7 +57,24 @@ subroutine read_parts(tissue, deck, error)
 end subroutine read_parts
 
 !> Label each point by its material, of which later ones replace earlier ones
-subroutine label_regions(cloud, tissue, deck, error)
+subroutine label_regions(scene, deck, error)
+   !> Points of a box or an annulus, and materials with their parts
+   type(scene_type), intent(inout) :: scene
+   type(deck_type), intent(in) :: deck
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
+
+   associate (cloud => scene%cloud)
+      call fill_points(cloud, scene%tissue, deck, error)
+      if (allocated(error) .or. .not. allocated(cloud%fraction)) return
+      if (scene%method == 'rkpm-gauss' .and. .not. (cloud%polar .or. cloud%jittered)) &
+         & call find_planes(cloud, scene%tissue, scene%approximation%kink_axis, &
+         & scene%approximation%kink, error)
+   end associate
+end subroutine label_regions
+
+!> Label points, and find the fractions of their volumes
+subroutine fill_points(cloud, tissue, deck, error)
    !> Points of a box or an annulus
    type(cloud_type), intent(inout) :: cloud
    !> Materials with their parts
@@ -228,21 +251,165 @@ contains
    !> Last material whose part of the body holds a place
    integer function material_at(x) result(found)
       real(wp), intent(in) :: x(:)
-      real(wp) :: value
 
-      do found = size(tissue), 1, -1
-         if (.not. tissue(found)%part%given()) return
-         call tissue(found)%part%at(x, value, error)
-         if (allocated(error)) exit
-         if (abs(value) > 0.0_wp) return
-      end do
-      found = max(found, 0)
+      found = last_part(tissue, x, error)
       if (found == 0 .and. .not. allocated(error)) call deck%complain('material.1.where', &
          & 'no material is given at '//to_text(x)//': leave `where` out of the first ' &
          & //'[[material]], which then fills the rest', error)
       found = max(found, 1)
    end function material_at
 
-end subroutine label_regions
+end subroutine fill_points
+
+!> Planes across the axes of a box on which materials meet, if these meet nowhere else
+subroutine find_planes(cloud, tissue, axis, plane, error)
+   !> Points with fractions
+   type(cloud_type), intent(in) :: cloud
+   !> Materials with their parts
+   type(tissue_type), intent(in) :: tissue(:)
+   !> Axis across each plane, and its place [length]; not allocated where borders are not planes
+   integer, allocatable, intent(out) :: axis(:)
+   real(wp), allocatable, intent(out) :: plane(:)
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
+   real(wp) :: near(cloud%nd)
+   integer, allocatable :: own(:)
+   integer :: base(3), counts(3), d, ip
+
+   near = same_place*minval(cloud%spacing, dim=2)
+   counts = 1
+   counts(:cloud%nd) = maxval(cloud%place, dim=2) + 1
+   allocate (axis(0), plane(0))
+   do ip = 1, size(cloud%points, 2)
+      do d = 1, cloud%nd
+         associate (next => beside(ip, d, 1))
+            call look_between(d, cloud%points(:, ip), cloud%points(:, next), &
+               & all(maxval(cloud%fraction(:, [ip, next]), dim=1) >= 1.0_wp))
+         end associate
+         if (allocated(error)) return
+         if (count(axis == d) > most_planes) exit
+      end do
+      if (d <= cloud%nd) exit
+   end do
+   if (ip > size(cloud%points, 2)) then
+      ! each box between planes has one material
+      base = 1
+      base(:cloud%nd) = [(1 + count(axis == d), d=1, cloud%nd)]
+      allocate (own(product(base)), source=0)
+      do ip = 1, size(cloud%points, 2)
+         if (.not. agrees(ip)) exit
+         if (allocated(error)) return
+      end do
+   end if
+   if (ip <= size(cloud%points, 2) .or. size(plane) == 0) deallocate (axis, plane)
+
+contains
+
+   !> Point beside another one along an axis, itself at the ends of the body
+   pure integer function beside(ip, d, step)
+      integer, intent(in) :: ip, d
+      !> Forward or backward: 1 or -1
+      integer, intent(in) :: step
+      integer :: at(3)
+
+      at = 0
+      at(:cloud%nd) = cloud%place(:, ip)
+      at(d) = min(max(at(d) + step, 0), counts(d) - 1)
+      beside = place_of(at, counts)
+   end function beside
+
+   !> Planes between two points that follow each other along an axis
+   subroutine look_between(d, a, b, whole)
+      integer, intent(in) :: d
+      real(wp), intent(in) :: a(:), b(:)
+      !> Their volumes have one material each
+      logical, intent(in) :: whole
+      real(wp) :: from(size(a)), to(size(a)), middle(size(a)), last(size(a))
+      integer :: i, k, parts, before, after
+      logical :: new
+
+      parts = merge(1, samples, whole)
+      from = a
+      before = last_part(tissue, from, error)
+      do k = 1, parts
+         to = a + (b - a)*k/parts
+         after = last_part(tissue, to, error)
+         last = to
+         new = after /= before
+         if (new) new = .not. known(d, from, to, before, after)
+         if (new) then
+            do i = 1, fine_bisections
+               middle = 0.5_wp*(from + to)
+               if (last_part(tissue, middle, error) == before) then
+                  from = middle
+               else
+                  to = middle
+               end if
+            end do
+            if (allocated(error)) return
+            ! a plane through points lies there to the last bit
+            if (abs(to(d) - a(d)) < near(d)) to(d) = a(d)
+            if (abs(to(d) - b(d)) < near(d)) to(d) = b(d)
+            if (.not. any(axis == d .and. abs(plane - to(d)) < near(d))) then
+               axis = [axis, d]
+               plane = [plane, to(d)]
+            end if
+         end if
+         before = after
+         from = last
+      end do
+   end subroutine look_between
+
+   !> Whether a plane that was found parts two places
+   logical function known(d, a, b, before, after)
+      integer, intent(in) :: d
+      real(wp), intent(in) :: a(:), b(:)
+      !> Their materials
+      integer, intent(in) :: before, after
+      real(wp) :: x(size(a))
+      integer :: k
+
+      known = .false.
+      do k = 1, size(plane)
+         if (axis(k) /= d .or. plane(k) < a(d) - near(d) .or. plane(k) > b(d) + near(d)) cycle
+         x = a
+         x(d) = plane(k) - near(d)
+         known = last_part(tissue, x, error) == before
+         x(d) = plane(k) + near(d)
+         if (known) known = last_part(tissue, x, error) == after
+         if (known) return
+      end do
+   end function known
+
+   !> Whether all places of a point's volume have the material of their box between planes
+   logical function agrees(ip)
+      integer, intent(in) :: ip
+      real(wp) :: from(cloud%nd), to(cloud%nd), x(cloud%nd)
+      integer :: at, box(3), d, i, k, n
+
+      agrees = .true.
+      n = merge(1, samples, maxval(cloud%fraction(:, ip)) >= 1.0_wp)
+      do d = 1, cloud%nd
+         ! half way to the neighbours
+         from(d) = 0.5_wp*(cloud%points(d, ip) + cloud%points(d, beside(ip, d, -1)))
+         to(d) = 0.5_wp*(cloud%points(d, ip) + cloud%points(d, beside(ip, d, 1)))
+      end do
+      do i = 0, n**cloud%nd - 1
+         box = 0
+         do d = 1, cloud%nd
+            x(d) = from(d) + (mod(i/n**(d - 1), n) + 0.5_wp)/n*(to(d) - from(d))
+            box(d) = count(axis == d .and. plane < x(d))
+            if (any(axis == d .and. abs(plane - x(d)) < near(d))) exit
+         end do
+         ! on a plane
+         if (d <= cloud%nd) cycle
+         at = place_of(box, base)
+         k = last_part(tissue, x, error)
+         if (own(at) == 0) own(at) = k
+         agrees = agrees .and. own(at) == k
+      end do
+   end function agrees
+
+end subroutine find_planes
 
 end module rk_deck_regions

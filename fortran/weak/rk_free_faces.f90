@@ -101,6 +101,11 @@ subroutine new_free_faces(self, scene, error)
                ends = [(moved(own, place(d, i), k), k=-1, 1, 2)]
                if (ends(1) < own(1) .or. ends(2) > own(size(own))) cycle
             end associate
+            ! derivatives jump in between
+            if (allocated(scene%approximation%kink)) then
+               if (any(scene%approximation%kink_axis == d .and. scene%approximation%kink > ends(1) &
+                  & .and. scene%approximation%kink < ends(2))) cycle
+            end if
             pairs = pairs + 1
             self%pair(d, n) = pairs
             window(:, 2*pairs - 1:2*pairs) = spread(place(:, i), 2, 2)

@@ -151,7 +151,8 @@ subroutine new_galerkin(self, scene, error)
       & self%surface%essential, self%surface%plates%follows)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
-   call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), error)
+   call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), error, &
+      & scene%approximation%kink_axis, scene%approximation%kink)
    if (allocated(error)) return
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
    self%n = self%fields*(blocks + self%multiplier%extra)
@@ -269,7 +270,7 @@ subroutine renew(self, materials, error)
       if (materials) then
          call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
          call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &
-            & error)
+            & error, scene%approximation%kink_axis, scene%approximation%kink)
          if (allocated(error)) return
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)

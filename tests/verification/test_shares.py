@@ -348,18 +348,24 @@ def series_force(length, pull, soft, stiff):
 
 
 @pytest.mark.parametrize("pull", [0.1, -0.1])
-@pytest.mark.parametrize("length", [0.5, 0.53, 0.57])
-def test_layers_in_series_give_way_as_they_should(open_scene, length, pull):
-    """On, beside and between points 2.5 % off at most; a parallel coupling is 8 to 14 %."""
+@pytest.mark.parametrize(
+    ("length", "source"), [(0.5, [9, 5]), (0.53, [9, 5]), (0.57, [9, 5]), (0.53, [9, 4, 4])]
+)
+def test_layers_in_series_give_way_as_they_should(open_scene, length, source, pull):
+    """Each layer is strained evenly; smooth functions were 8 to 14 % too stiff."""
+    # functions with a kink have it, but for what fades where two of four neighbours lie far beyond
+    # the plane, which stands on, beside and between lines of nine points along the bar
     soft, stiff = (1.0, 4.0), (20.0, 80.0)
     materials = [
         {"name": name, "model": "neo-hookean", "mu": mu, "K": bulk}
         for name, (mu, bulk) in (("soft", soft), ("stiff", stiff))
     ]
     materials[1]["where"] = f"x > {length}"
-    slip = [{"set": f"y{k}", "u_y": 0} for k in (0, 1)]
+    axes = "xyz"[1 : len(source)]
+    slip = [{"set": f"{axis}{k}", f"u_{axis}": 0} for axis in axes for k in (0, 1)]
+    size = [1.0, 0.5, 1.0][: len(source)]
     tables = scene(
-        "rkpm-gauss", {"kind": "box", "size": [1.0, 0.5], "source": [9, 5]},
+        "rkpm-gauss", {"kind": "box", "size": size, "source": source},
         material=materials, probe=[{"name": "force", "quantity": "force_x", "set": "x1"}],
         boundary=[{"set": "x0", "u_x": 0}, {"set": "x1", "u_x": pull}, *slip],
     )  # fmt: skip
@@ -367,17 +373,45 @@ def test_layers_in_series_give_way_as_they_should(open_scene, length, pull):
     states = opened.solve()
     force = opened.probes(states.x[-1:], states.load[-1:])[0, 0, 0]
     exact = 0.5 * series_force(length, pull, soft, stiff)
-    assert abs(force - exact) < 0.03 * abs(exact)
+    assert abs(force - exact) < 0.01 * abs(exact)
 
 
+@pytest.mark.parametrize(
+    ("where", "stiff"),
+    [("y > 0.31 and y < 0.7 and z > 0.37 and z < 0.6", 0.39 * 0.23), ("z > 0.45 or y > 0.8", 0.64)],
+)
+def test_parallel_bars_carry_their_areas_share(open_scene, where, stiff):
+    """Pulled between planes that slip, bars of one ratio of moduli have one strain, whatever their
+    section: the force is that of their areas, to the tolerance of the iteration.
+    """
+
+    def force(ratio, **part):
+        law = {"model": "neo-hookean", "mu": 1.0, "K": 30.0}
+        other = {**law, "name": "bar", "mu": ratio, "K": 30 * ratio}
+        tables = scene(
+            "rkpm-gauss", {"kind": "box", "size": [1.0, 1.0, 1.0], "source": [4, 6, 5]},
+            material=[{**law, "name": "gel"}, {**other, **part}] if part else [other],
+            boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xyz"), {"set": "x1", "u_x": 0.1}],
+            probe=[{"name": "force", "quantity": "force_x", "set": "x1"}],
+        )  # fmt: skip
+        opened = open_scene(tables)
+        states = opened.solve(error=False)
+        return opened.probes(states.x[-1:], states.load[-1:])[0, 0, 0]
+
+    assert force(20.0, where=where) == pytest.approx((1 + 19 * stiff) * force(1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("where", ["x + 0.4*y > 0.72", "x > 0.43 and y > 0.37"])
 @pytest.mark.parametrize("source", [[7, 6], [5, 5, 4]])
-def test_layers_have_the_tangent_of_their_stress(open_scene, source):
-    """Muscle in layers with fat, whose jump is found anew in each state."""
+def test_layers_have_the_tangent_of_their_stress(open_scene, source, where):
+    """Muscle beside fat: across the axes in layers, whose jump is found anew in each state, or cut
+    by planes.
+    """
     size = [1.0, 0.8, 0.6][: len(source)]
     fiber = [0.6, 0.8, 0.0] if len(source) == 3 else [0.8, 0.6, 0.0]
     materials = [
         {**{k: v for k, v in MUSCLE.items() if k != "label"}, "fiber": fiber, "activation": 0.4},
-        {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 30.0, "where": "x + 0.4*y > 0.72"},
+        {"name": "fat", "model": "neo-hookean", "mu": 1.0, "K": 30.0, "where": where},
     ]
     tables = scene(
         "rkpm-gauss", {"kind": "box", "size": size, "source": source},
