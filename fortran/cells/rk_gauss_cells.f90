@@ -191,8 +191,8 @@ contains
       integer, intent(in) :: d
 
       is_thin = whole .and. to(d) == from(d)
-      if (allocated(scene%approximation%kink)) is_thin = lattice%number(to(d) + 1, d) - lattice%number(from(d), d) &
-         & < thinnest
+      if (allocated(scene%approximation%kink)) is_thin = lattice%number(to(d) + 1, d) &
+         & - lattice%number(from(d), d) < thinnest
       is_thin = is_thin .and. lattice%cells(d) > 1
    end function is_thin
 
