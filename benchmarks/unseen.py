@@ -236,15 +236,18 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
 
 
 def answers(
-    problems: Mapping[int, Problem], file: Path, progress: ProgressCallback
+    problems: Mapping[int, Problem],
+    file: Path,
+    progress: ProgressCallback,
+    accuracies: Sequence[float] = ACCURACIES,
 ) -> list[dict[str, Any]]:
-    """Rows of the problems by their numbers whose truths a file has."""
+    """Rows of the problems by their numbers whose truths a file has, at each target error."""
     found = []
     for number, problem in problems.items():
         truths = known(problem.name, file)
         if truths is None:
             continue
-        for accuracy in ACCURACIES:
+        for accuracy in accuracies:
             progress(f"{problem.name}: {accuracy:.0%}")
             words = (f"accuracy={accuracy}", f"cost={_COST}")
             case = record_of(solve_case(problem.tables, words, limit=_LIMIT, error=True))
