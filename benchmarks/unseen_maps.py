@@ -34,7 +34,7 @@ NUMBERS = range(62)
 #: The first number that nothing was chosen on
 OTHER = 32
 #: Wall time of a solve [s]
-_LIMIT = 900.0
+_LIMIT = 300.0
 _SEED = 20261127
 #: Limits of finite elements
 TRUTHS = Path(__file__).parent / "truths" / "unseen_maps.json"
