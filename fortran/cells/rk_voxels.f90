@@ -8,6 +8,7 @@ module rk_voxels
    use rk_groups, only : groups_of, join_small, pairs, slots, threes
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
+   use rk_voxel_shape, only : end_taper
    implicit none
    private
 
@@ -30,7 +31,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    real(wp), allocatable, intent(out) :: filled(:)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: area(3), x(3), part
+   real(wp) :: area(3), x(3), part, taper(2)
    real(wp), allocatable :: centre(:, :), share(:)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
    !> Boundary entries of each voxel
@@ -75,6 +76,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
       end associate
    end do
    call group_by(size(cloud%points, 2), cloud%boundary_point, entries)
+   taper = end_taper(cloud)
    do ip = 1, size(owner)
       do d = 1, 3
          do side = -1, 1, 2
@@ -87,9 +89,11 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
             x(d) = x(d) + 0.5_wp*side*cloud%voxels%size(d)
             if (other == 0) then
                entry = nearest_entry(entries, cloud, ip, area)
-               ! a slice at an end is cut through as much of the body as it holds
+               ! a slice at an end is cut through as much of the body as it holds, and as the end
+               ! of a body that tapers has less
                part = 1.0_wp
-               if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) part = share(ip)
+               if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) &
+                  & part = share(ip)*(1.0_wp - taper(merge(1, 2, side < 0)))
                call facets%add(x, area, owner(ip), 0, side_of(cloud, entry), part, entry)
             else if (side == 1 .and. owner(other) /= owner(ip)) then
                call facets%add(x, area, owner(ip), owner(other), 0)

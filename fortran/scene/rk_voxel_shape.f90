@@ -5,12 +5,14 @@ module rk_voxel_shape
    implicit none
    private
 
-   public :: surface_share, thin_directions, least_thickness
+   public :: surface_share, end_taper, thin_directions, least_thickness
 
    !> Share of the voxels that must lie in thin parts to make a direction thin [-]
    real(wp), parameter :: enough = 0.25_wp
    !> Share of the body below which a tissue may be as thin as it likes [-]
    real(wp), parameter :: small = 0.05_wp
+   !> Share of an end's area by which it is narrower than its slice at most: tips [-]
+   real(wp), parameter :: most_taper = 0.5_wp
 
 contains
 
@@ -43,6 +45,24 @@ pure real(wp) function surface_share(cloud) result(share)
    end do
    share = 0.5_wp*faces/size(at, 2)
 end function surface_share
+
+!> By how much of its area each end along z is narrower than its slice, whose voxels are labelled by
+!> their middles, half a slice further in: the area goes on as between the two outermost slices [-]
+pure function end_taper(cloud) result(taper)
+   !> Points of a model of voxels
+   type(cloud_type), intent(in) :: cloud
+   !> At the lower and at the upper end
+   real(wp) :: taper(2)
+   real(wp) :: filled(2)
+   integer :: end, k
+
+   do end = 1, 2
+      associate (z => (3 - 2*end)*cloud%voxels%index(3, :))
+         filled = [(sum(cloud%volume, mask=z == minval(z) + k), k=0, 1)]
+      end associate
+      taper(end) = min(most_taper, max(0.0_wp, 0.5_wp*(filled(2)/filled(1) - 1.0_wp)))
+   end do
+end function end_taper
 
 !> Directions along which a good part of the body is in layers thinner than some number of voxels
 pure function thin_directions(cloud, least) result(thin)

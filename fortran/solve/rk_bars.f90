@@ -16,9 +16,10 @@ module rk_bars
    use rk_probes, only : expression_slopes, kind_of_probe, local_value, new_probes, place_state, &
       & probe_value, probes_type, quantity_size
    use rk_equation, only : solution_at
+   use rk_scene, only : scene_type
    use rk_sort, only : sort
    use rk_states, only : field_state, point_state
-   use rk_voxel_shape, only : surface_share
+   use rk_voxel_shape, only : end_taper, surface_share
    implicit none
    private
 
@@ -34,9 +35,11 @@ module rk_bars
    !> at the surface converge later. Bodies of voxels have stairs for a surface, and take its factor
    !> everywhere
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.5_wp, factor_surface = 1.5_wp
-   !> The same for blocks of voxels, and how far from their faces the surface of the body may be, in
-   !> voxels, as displacements and as forces see it
-   real(wp), parameter :: factor_blocks = 0.5_wp, off_length = 0.05_wp, off_force = 0.08_wp
+   !> The same for blocks of voxels; how far from their faces the surface of the body may be, in
+   !> voxels; and what becomes of an end that is held as wide as its slice, of how much wider that
+   !> is. Of 178 probes of random bodies 167 were covered without the latter and with displacements
+   !> that see 0.05 of a voxel, 176 with both
+   real(wp), parameter :: factor_blocks = 0.5_wp, off_surface = 0.08_wp, off_end = 0.2_wp
    !> From three quarters of the cells: errors of order two are 9/7 of it
    real(wp), parameter :: factor_near = 1.5_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
@@ -213,6 +216,11 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
             kind = 0.0_wp
          case default
             kind = stress
+            ! in a model of its own tissue: a soft one carries little beside a stiff one
+            associate (of => scene%tissue_of)
+               if (allocated(scene%cloud%block)) kind = size_of(pack(stresses, of == of(probes &
+                  & %nearest(i))), pack(scene%cloud%volume, of == of(probes%nearest(i))))
+            end associate
             self%at_surface(i) = on_surface(scene%cloud, scene%probe(i)%point)
             if (.not. self%at_surface(i)) share = share_inside
          end select
@@ -275,12 +283,13 @@ subroutine bars_by_other(self, problem, other, kind, difference)
    !> What all displacements differ by at the same loads [length], and the stresses around each
    !> probe [stress], shape (2, probes, loads)
    real(wp), intent(in) :: difference(:, :, :)
-   real(wp) :: least_change(size(difference, 3)), left, share
+   real(wp) :: least_change(size(difference, 3)), left, open
    logical :: blocks
    integer :: i
 
    blocks = allocated(problem%scene%cloud%block) .and. kind == fewer_points
-   if (blocks) share = surface_share(problem%scene%cloud)
+   if (blocks) open = off_surface*surface_share(problem%scene%cloud) &
+      & + off_end*taper_of(problem%scene)
    do i = 1, size(self%change)
       associate (quantity => problem%scene%probe(i)%quantity, factor => self%factor(i))
          least_change = 0.0_wp
@@ -291,15 +300,8 @@ subroutine bars_by_other(self, problem, other, kind, difference)
             & factor = factor_surface
          if (blocks) then
             factor = factor_blocks
-            select case (kind_of_probe(problem%scene%probe(i)))
-            case ('length')
-               left = off_length*share
-            case ('ratio', 'angle')
-               ! of the order of one, or without a size
-               left = 0.0_wp
-            case default
-               left = off_force*share
-            end select
+            ! others are of the order of one, or without a size
+            if (all(['ratio', 'angle'] /= kind_of_probe(problem%scene%probe(i)))) left = open
          end if
          if (kind == few_fewer) factor = factor_near
          if (kind == more_points) factor = factor_fine
@@ -319,6 +321,25 @@ subroutine bars_by_other(self, problem, other, kind, difference)
       end associate
    end do
 end subroutine bars_by_other
+
+!> How much narrower than their slices the ends of voxels are that conditions act on [-]
+pure real(wp) function taper_of(scene) result(most)
+   type(scene_type), intent(in) :: scene
+   character(len=*), parameter :: names(2, 2) = reshape([character(len=6) :: 'bottom', 'z0', &
+      & 'top', 'z1'], [2, 2])
+   real(wp) :: taper(2)
+   integer :: end, k
+
+   taper = end_taper(scene%cloud)
+   most = 0.0_wp
+   do end = 1, 2
+      do k = 1, size(scene%condition)
+         if (scene%condition(k)%set == 0) cycle
+         if (any(names(:, end) == scene%cloud%set_names(scene%condition(k)%set))) &
+            & most = max(most, taper(end))
+      end do
+   end do
+end function taper_of
 
 !> Bars from the known solution of a linear problem; forces by its stress at the boundary points
 subroutine bars_by_solution(self, problem, time, error)

@@ -12,10 +12,13 @@ import numpy as np
 import pytest
 
 from benchmarks.runner import sized_tables
-from benchmarks.truths.deck_parts import force
+from benchmarks.truths.deck_parts import deck, force, held
 from benchmarks.truths.finite_elements import solve_deck, solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
-from benchmarks.voxel_bodies import BODIES, body_cloud, box_tables
+from benchmarks.unseen import known
+from benchmarks.unseen_maps import TRUTHS, body_of
+from benchmarks.unseen_maps import solved as solved_map
+from benchmarks.voxel_bodies import BODIES, Body, body_cloud, box_tables
 from myork.bench.materials import along_fibers
 from myork.bench.runs import read_deck, solve_case
 from myork.core.deck import load_deck
@@ -93,7 +96,7 @@ BARS = {
     "cylinder": {"force x": (22.19, 10.0, 1.0), "force z": (41.77, 10.0, 1.0)},
     "three": {
         "interface": (0.0407, np.inf, 0.1),
-        "side": (-0.0368, np.inf, 0.1),
+        "side": (-0.0368, np.inf, 0.15),
         "force z": (6.411, np.inf, 0.1),
     },
 }
@@ -117,6 +120,38 @@ def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
         assert error < case["probe_errors"][name] < min(errors * error, share * abs(value)), name
     for name, bound in BOUNDS[kind].items():
         assert case["probes"][name] == pytest.approx(rival["probes"][name][-1], rel=bound), name
+
+
+def test_a_traction_acts_on_the_end_of_a_dome_not_on_its_slice() -> None:
+    """Half a voxel further in the section is half as large again, and so was the load.
+
+    The area of the end follows from the two slices before it to within a tenth: their counts of
+    voxels are five off, of 76, and the areas go on along a parabola, not its tangent.
+    """
+    top, load = 0.4, 0.5
+    dome = Body(
+        "dome", (2.0, 2.0, 1.0),
+        deck("dome", {"kind": "model"}, ({"name": "m", "model": "neo-hookean", "mu": 10.0,
+             "K": 300.0, "label": 1},), (held("bottom"), {"set": "top", "traction": [0, 0, -load]}),
+             (force("f_z", "z", "bottom"),)),
+        lambda x: ((x[..., :2] - 1.0) ** 2).sum(-1) < 1.0 - (1.0 - top**2) * x[..., 2] ** 2,
+        (0.2,), (),
+    )  # fmt: skip
+    case = solve_case(dict(dome.tables), (), cloud=body_cloud(dome, 0.2), limit=120, error=True)
+    area = np.pi * top**2
+    assert case["probes"]["f_z"] == pytest.approx(load * area, rel=0.1)
+    # a fifth of what the end is narrower than its slice, a third, is left open
+    assert case["probe_errors"]["f_z"] > 0.2 * 0.3 * load * area
+
+
+@pytest.mark.slow
+def test_a_stress_is_judged_by_the_size_of_its_own_tissue() -> None:
+    """In a soft core that carries a tenth of what is around it the stress is 27 % off: by the mean
+    of all tissues that was accepted.
+    """
+    body, voxel = body_of(5)
+    found = solved_map(body, voxel, known(body.name, TRUTHS))
+    assert found["off"] > 0.05 and found["verdict"] == "doubtful", found
 
 
 # ---- walls of tubes, where they meet planes of symmetry as well as between them ------------------
