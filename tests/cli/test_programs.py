@@ -113,9 +113,9 @@ def solve_into(folder: Path, deck: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("ascii", [True, False])
-@pytest.mark.parametrize("indent", [None, 1])
+@pytest.mark.parametrize("indent", [1, 2])
 def test_the_executable_keeps_earlier_stations(
-    inputs: Path, tmp_path: Path, ascii: bool, indent: int | None
+    inputs: Path, tmp_path: Path, ascii: bool, indent: int
 ) -> None:
     """Those that hold whatever is solved; what told of another solution goes."""
     stale = {"rom": {"models": []}, "exact": {}, "errors": {"L2": 1}, "message": "did not converge"}
@@ -133,9 +133,8 @@ def test_the_executable_keeps_earlier_stations(
 
 @pytest.mark.parametrize(
     "damage",
-    ["", "[1, 2]", "{", '{"model": {"a": 1}', '{"model": 01}', '{"model": 1,}', '{"model": 1} x',
-     '{"model": "a\nb"}', '{"model": "\\u12g4"}', '{"model": nul}', '{"model": [1 2]}',
-     '{"model": ' + "[" * 5000 + "]" * 5000 + "}", '{"model": 1.}', '{"model": NaN}'],
+    ["", "[1, 2]", "{", '{"model": {"a": 1}', '{"model": 1}', '{\n "model": 1',
+     '{\n "model": 1\n} x', '{\n "model"\n}', '{\n model: 1\n}'],
 )  # fmt: skip
 def test_a_damaged_summary_is_dropped(inputs: Path, tmp_path: Path, damage: str) -> None:
     (tmp_path / "summary.json").write_text(damage, encoding="utf-8")
