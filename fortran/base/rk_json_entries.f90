@@ -1,9 +1,10 @@
 !> Entries of a JSON file that a station wrote, word for word: what is not understood is not
 !> changed.
 !>
-!> All stations write an object over several lines, in which each entry of the object itself begins
-!> a line at the indentation of the first one. Files are there whole or not at all (rk_text_file),
-!> so that nothing else of JSON is looked at.
+!> All stations write an object over several lines with one blank a level (rk_json, write_json of
+!> files.py), so that each entry of the object itself begins a line at the indentation of the first
+!> one, also behind entries that were taken over. Files are there whole or not at all
+!> (rk_text_file), so that nothing else of JSON is looked at.
 module rk_json_entries
    use rk_text_file, only : load_text
    implicit none
@@ -53,6 +54,8 @@ subroutine read_entries(path, entries, damaged)
       colon = at + colon - 1
       entries = [entries, json_entry(text(at + len(begin):colon - 1), &
          & text(colon + 3:next - merge(2, 1, next < last)))]
+      ! the first entry of an object inside that has the same indentation
+      if (len(entries(size(entries))%value) == 0) exit
       at = next
    end do
    damaged = at < last

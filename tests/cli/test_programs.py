@@ -134,7 +134,7 @@ def test_the_executable_keeps_earlier_stations(
 @pytest.mark.parametrize(
     "damage",
     ["", "[1, 2]", "{", '{"model": {"a": 1}', '{"model": 1}', '{\n "model": 1',
-     '{\n "model": 1\n} x', '{\n "model"\n}', '{\n model: 1\n}'],
+     '{\n "model": 1\n} x', '{\n "model"\n}', '{\n model: 1\n}', '{\n "model": {\n "a": 1\n }\n}'],
 )  # fmt: skip
 def test_a_damaged_summary_is_dropped(inputs: Path, tmp_path: Path, damage: str) -> None:
     (tmp_path / "summary.json").write_text(damage, encoding="utf-8")
