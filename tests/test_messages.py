@@ -15,7 +15,10 @@ _SPEC.loader.exec_module(_LIST)
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        ("fortran/scene/rk_cloud.f90", "collocation point {i} has coordinates that are not finite"),
+        (
+            "fortran/scene/rk_cloud.f90",
+            "normal of boundary entry {i} at {points} is not a unit vector",
+        ),
         ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
         ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
         ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),

@@ -14,8 +14,9 @@
 
 static const char *finish(int failed) { return failed ? strerror(errno) : NULL; }
 
-/* Open a name for output, new and empty or as it is. All output of the core is opened here. Whoever can write to the folder may have put a link or a pipe there; what it leads to
- * is not ours to write, so such a name is refused. */
+/* Open a name for output, new and empty or as it is. All output of the core is opened here. Whoever
+ * can write to the folder may have put a link or a pipe there; what it leads to is not ours to write,
+ * so such a name is refused. */
 const char *rkf_output(const char *path, int keep, int *file)
 {
    static _Thread_local char why[120];
@@ -53,33 +54,6 @@ const char *rkf_create(const char *path, int64_t kept, FILE **file)
 const char *rkf_write(FILE *file, const char *text, size_t length)
 {
    return finish(fwrite(text, 1, length, file) != length || fflush(file) != 0);
-}
-
-/* CRC-32 of bytes that follow others, 0 for the first: the polynomial 0xEDB88320 of IEEE 802.3 */
-int64_t rkf_check(int64_t before, const void *bytes, int64_t length)
-{
-   static uint32_t table[256];
-   const unsigned char *byte = bytes;
-   uint32_t rest = ~(uint32_t)before;
-   if (table[255] == 0) {
-      for (uint32_t k = 0; k < 256; k++) {
-         table[k] = k;
-         for (int bit = 0; bit < 8; bit++) table[k] = (table[k] >> 1) ^ (table[k] & 1 ? 0xEDB88320u : 0);
-      }
-   }
-   for (int64_t k = 0; k < length; k++) rest = (rest >> 8) ^ table[(rest ^ byte[k]) & 255];
-   return (int64_t)(uint32_t)~rest;
-}
-
-/* A record of a journal: its head of three numbers, their check, both parts of its body, their check */
-const char *rkf_record(FILE *file, const int64_t *head, const void *one, int64_t none, const void *two, int64_t ntwo)
-{
-   int64_t checks[2] = {rkf_check(0, head, 24), rkf_check(rkf_check(0, one, none), two, ntwo)};
-   int whole = fwrite(head, 8, 3, file) == 3 && fwrite(checks, 8, 1, file) == 1 &&
-               fwrite(one, 1, (size_t)none, file) == (size_t)none &&
-               fwrite(two, 1, (size_t)ntwo, file) == (size_t)ntwo &&
-               fwrite(checks + 1, 8, 1, file) == 1 && fflush(file) == 0;
-   return finish(!whole);
 }
 
 const char *rkf_close(FILE *file)

@@ -43,7 +43,7 @@ subroutine item(self, key)
    character(len=*), intent(in), optional :: key
 
    if (.not. self%first) call self%append(',')
-   if (self%depth > 0) call self%append(new_line('a')//repeat(' ', 2*self%depth))
+   if (self%depth > 0) call self%append(new_line('a')//repeat(' ', self%depth))
    self%first = .false.
    if (present(key)) call self%append(quoted(key)//': ')
 end subroutine item
@@ -92,7 +92,7 @@ subroutine close_list(self, bracket)
    character(len=1), intent(in) :: bracket
 
    self%depth = self%depth - 1
-   if (.not. self%first) call self%append(new_line('a')//repeat(' ', 2*self%depth))
+   if (.not. self%first) call self%append(new_line('a')//repeat(' ', self%depth))
    call self%append(bracket)
    self%first = .false.
 end subroutine close_list

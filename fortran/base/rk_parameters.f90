@@ -48,22 +48,14 @@ subroutine add(self, key, value)
    character(len=*), intent(in) :: key
    !> Number or text
    class(*), intent(in) :: value
-   type(value_type), allocatable :: more(:)
-   integer :: n
 
    if (.not. allocated(self%value)) allocate (self%value(0))
-   n = size(self%value)
-   allocate (more(n + 1))
-   more(:n) = self%value
-   more(n + 1)%key = key
    select type (value)
    type is (real(wp))
-      more(n + 1)%number = value
+      self%value = [self%value, value_type(key, number=value)]
    type is (character(len=*))
-      more(n + 1)%text = value
-      more(n + 1)%is_text = .true.
+      self%value = [self%value, value_type(key, value, is_text=.true.)]
    end select
-   call move_alloc(more, self%value)
 end subroutine add
 
 !> A number. Its limits are checked here, so that a caller in memory meets those of a deck

@@ -12,7 +12,7 @@ module rk_text_file
    private
 
    public :: text_file, save_text, load_text
-   public :: rkf_create, rkf_close, rkf_rename
+   public :: rkf_create, rkf_close, rkf_rename, rkf_write
 
    !> A file being written
    type :: text_file

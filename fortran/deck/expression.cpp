@@ -373,37 +373,28 @@ bool expression_uses(const std::string &text, const std::string &name, bool of_f
 // Compiled expressions by their text
 using Kept = std::unordered_map<std::string, std::unique_ptr<Compiled>>;
 
-// Value of an expression, compiled when it is asked for the first time
-static double kept_value(Kept &kept, const char *text, const std::vector<std::string> &names,
-                         const double *values) {
+} // namespace rk
+
+extern "C" {
+
+// Value of an expression at a place, with the time and the normal, and with fields where it is one of
+// fields: compiled when it is asked for the first time; not a number where it is none
+double rk_expression_value(const char *text, const double *values, int of_fields) {
+   thread_local std::array<rk::Kept, 2> of_both;
+   rk::Kept &kept = of_both[of_fields != 0];
+   const std::vector<std::string> &names = of_fields ? rk::all_names() : rk::expression_names();
    try {
       auto found = kept.find(text);
       if (found == kept.end()) {
-         if (kept.size() >= most_kept)
+         if (kept.size() >= rk::most_kept)
             kept.clear();
-         found = kept.emplace(text, std::make_unique<Compiled>(text, names)).first;
+         found = kept.emplace(text, std::make_unique<rk::Compiled>(text, names)).first;
       }
       std::copy(values, values + names.size(), found->second->place.begin());
       return found->second->parser.Eval();
    } catch (const mu::Parser::exception_type &) {
       return std::numeric_limits<double>::quiet_NaN();
    }
-}
-
-} // namespace rk
-
-extern "C" {
-
-// Value of an expression; not a number where it is none
-double rk_expression_value(const char *text, const double *place) {
-   thread_local rk::Kept kept;
-   return rk::kept_value(kept, text, rk::expression_names(), place);
-}
-
-// Value of an expression of fields: place, time and normal, then the fields
-double rk_expression_of_fields(const char *text, const double *values) {
-   thread_local rk::Kept kept;
-   return rk::kept_value(kept, text, rk::all_names(), values);
 }
 
 // Number by which expressions call a table; its places rise

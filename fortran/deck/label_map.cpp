@@ -6,7 +6,6 @@
 #include <deque>
 #include <map>
 #include <mutex>
-#include <set>
 #include <sstream>
 
 namespace rk {
@@ -25,7 +24,6 @@ struct Laid {
    Place shift{};
    Place last{};                // what lies beyond belongs to the voxels before it
    std::map<int, Place> in_box; // labels with the middle of their first voxel
-   std::set<int> anywhere;
 
    Place index(const Place &x) const {
       Place v = shift;
@@ -120,7 +118,6 @@ void look_around(const LabelMap &map, const Place &size, Laid &over, double fact
                inside = inside && x[d] + reach[d] > margin &&
                         x[d] - reach[d] < (size[d] > 0.0 ? size[d] - margin : margin);
             }
-            over.anywhere.insert(over.label[at]);
             if (!inside)
                continue;
             known = over.label[at];
@@ -211,11 +208,6 @@ int rk_label_map_label(int number, int which, double *place) {
    const auto found = std::next(map.in_box.begin(), which);
    std::copy(found->second.begin(), found->second.end(), place);
    return found->first;
-}
-
-// Whether a label occurs outside of the box as well
-int rk_label_map_knows(int number, int label) {
-   return rk::laid(number).anywhere.count(label) > 0 ? 1 : 0;
 }
 
 } // extern "C"

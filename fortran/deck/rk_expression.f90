@@ -58,10 +58,11 @@ module rk_expression
    end type value_type
 
    interface
-      function c_value(text, place) result(value) bind(c, name='rk_expression_value')
-         import :: c_char, c_double
+      function c_value(text, values, of_fields) result(value) bind(c, name='rk_expression_value')
+         import :: c_char, c_double, c_int
          character(kind=c_char), intent(in) :: text(*)
-         real(c_double), intent(in) :: place(9)
+         real(c_double), intent(in) :: values(*)
+         integer(c_int), value :: of_fields
          real(c_double) :: value
       end function c_value
       function c_table(n, x, value, smooth) result(number) bind(c, name='rk_expression_table')
@@ -70,12 +71,6 @@ module rk_expression
          real(c_double), intent(in) :: x(*), value(*)
          integer(c_int) :: number
       end function c_table
-      function c_of_fields(text, values) result(value) bind(c, name='rk_expression_of_fields')
-         import :: c_char, c_double
-         character(kind=c_char), intent(in) :: text(*)
-         real(c_double), intent(in) :: values(*)
-         real(c_double) :: value
-      end function c_of_fields
       function c_fields_in(text) result(kind) bind(c, name='rk_fields_in')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: text(*)
@@ -171,7 +166,7 @@ real(wp) function of_fields(self, x, fields)
    values(:9) = 0.0_wp
    call set_place(x, values(:9))
    values(10:) = fields
-   of_fields = c_of_fields(self%text//c_null_char, values)
+   of_fields = c_value(self%text//c_null_char, values, 1_c_int)
 end function of_fields
 
 !> Value at a place
@@ -190,7 +185,8 @@ subroutine value_at(self, x, value, error, time, normal)
    place = 0.0_wp
    if (present(time)) place(6) = time
    if (present(normal)) place(7:6 + size(normal)) = normal
-   value = plain_value(self%code(), x, place)
+   call set_place(x, place)
+   value = c_value(self%code()//c_null_char, place, 0_c_int)
    if (abs(value) <= huge(value) .or. allocated(error)) return
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))
@@ -224,17 +220,6 @@ function words(self)
    words = to_text(self%number)
    if (self%given()) words = self%text
 end function words
-
-!> Value without a look at it
-real(wp) function plain_value(text, x, place)
-   character(len=*), intent(in) :: text
-   real(wp), intent(in) :: x(:)
-   !> All that may occur, of which the coordinates are set here, shape (9)
-   real(wp), intent(inout) :: place(9)
-
-   call set_place(x, place)
-   plain_value = c_value(text//c_null_char, place)
-end function plain_value
 
 !> Coordinates of a place, also r and theta
 pure subroutine set_place(x, place)

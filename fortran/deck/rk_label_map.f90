@@ -20,7 +20,7 @@ module rk_label_map
       !> A place of each of them, shape (3, labels) [length]
       real(wp), allocatable :: place(:, :)
    contains
-      procedure :: where_is, knows
+      procedure :: where_is
    end type label_map_type
 
    interface
@@ -40,11 +40,6 @@ module rk_label_map
          real(c_double), intent(inout) :: place(3)
          integer(c_int) :: label
       end function c_label
-      function c_knows(number, label) result(yes) bind(c, name='rk_label_map_knows')
-         import :: c_int
-         integer(c_int), value :: number, label
-         integer(c_int) :: yes
-      end function c_knows
    end interface
 
 contains
@@ -89,13 +84,5 @@ pure function where_is(self, label) result(text)
    ! what expression.cpp knows
    text = 'rk_label('//to_text(self%number)//', x, y, z) == '//to_text(label)
 end function where_is
-
-!> Whether a label occurs in the map, be it outside of the box
-logical function knows(self, label)
-   class(label_map_type), intent(in) :: self
-   integer, intent(in) :: label
-
-   knows = c_knows(int(self%number, c_int), int(label, c_int)) /= 0
-end function knows
 
 end module rk_label_map

@@ -23,7 +23,7 @@ module rk_levelset
    implicit none
    private
 
-   public :: level_set_options, evolve_level_sets, ended_at_limit, ended_at_rest, ended_lowest
+   public :: level_set_options, evolve_level_sets
 
    !> Weights of the energy and steering of the iteration; the schema of decks has their defaults
    type :: level_set_options
@@ -80,22 +80,16 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
    !> Why each block ended: one of the `ended_` constants, shape (blocks)
    integer, intent(out) :: ended(:)
    type(error_type), allocatable, intent(out) :: error
-   integer :: block, first, last, n(4), blocks
+   integer :: block, first, last, blocks
 
-   n = shape(channels)
-   blocks = n(3)/max(depth, 1)
-   if (depth < 1 .or. blocks*depth /= n(3) .or. any(n(:3) /= shape(weight)) .or. &
-      any(n(:3) /= [size(phi, 1), size(phi, 2), size(phi, 3)]) .or. &
-      any(shape(energy) /= [options%iterations + 1, blocks]) .or. &
-      any(shape(means) /= [n(4), size(options%lambda, 2), blocks]) .or. &
-      size(options%lambda, 1) /= n(4) .or. size(options%mu) /= size(phi, 4) .or. &
-      size(options%lambda, 2) > 2**size(phi, 4) .or. &
-      2*size(options%lambda, 2) <= 2**size(phi, 4) .or. &
-      size(iterations) /= blocks .or. size(ended) /= blocks) then
-      call fatal_error(error, err_input, "Channels, regions, weights, level sets and "// &
-         "records of the segmentation must have matching shapes")
-      return
-   end if
+   blocks = size(channels, 3)/depth
+   associate (regions => size(options%lambda, 2), most => 2**size(phi, 4))
+      if (regions > most .or. 2*regions <= most) then
+         call fatal_error(error, err_input, "More than half of the combinations of signs of "// &
+            "the level sets must be regions of a segmentation, and none can be more than one")
+         return
+      end if
+   end associate
    if (.not. (all(abs(channels) <= huge(1.0_wp)) .and. all(abs(phi) <= huge(1.0_wp)) .and. &
       all(weight >= 0.0_wp .and. weight <= huge(1.0_wp)))) then
       call fatal_error(error, err_input, "Channels, weights and level sets of a segmentation "// &

@@ -25,7 +25,8 @@ subroutine exact_value(scene, exact, value, error)
    !> Error handling: no root
    type(error_type), allocatable, intent(out) :: error
    type(point_state) :: local
-   real(wp) :: values(3)
+   real(wp) :: pressure, values(3)
+   integer :: i
 
    call exact_deformation(scene%tissue(scene%tissue_of(1))%material, exact%solution, &
       & exact%amount, scene%cloud%nd, local%f, error)
@@ -42,29 +43,18 @@ subroutine exact_value(scene, exact, value, error)
             return
          end if
          ! the pressure that frees the last direction, as finite K does; simple shear has none
-         if (exact%solution /= 'simple_shear') call add_pressure(-local%p(nd, nd)*local%f(nd, nd), &
-            & local%f, local%p)
+         if (exact%solution /= 'simple_shear') then
+            pressure = -local%p(nd, nd)*local%f(nd, nd)
+            do i = 1, 3
+               local%p(i, i) = local%p(i, i) + pressure/local%f(i, i)
+            end do
+         end if
       end if
    end associate
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
    values = quantity(scene%probe(exact%probe)%quantity, local)
    value = values(1)
 end subroutine exact_value
-
-!> Add the stress of a pressure to that of a diagonal deformation
-pure subroutine add_pressure(pressure, f, p)
-   !> Pressure, positive in tension [stress]
-   real(wp), intent(in) :: pressure
-   !> Deformation gradient without shear, J = 1 [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> First Piola-Kirchhoff stress
-   real(wp), intent(inout) :: p(3, 3)
-   integer :: i
-
-   do i = 1, 3
-      p(i, i) = p(i, i) + pressure/f(i, i)
-   end do
-end subroutine add_pressure
 
 !> Deformation gradient of a homogeneous solution
 subroutine exact_deformation(material, solution, amount, nd, f, error)
@@ -98,8 +88,6 @@ subroutine exact_deformation(material, solution, amount, nd, f, error)
       do i = 1, nd
          f(i, i) = amount
       end do
-   case default
-      call fatal_error(error, err_input, 'unknown exact solution '//solution)
    end select
 end subroutine exact_deformation
 

@@ -14,7 +14,8 @@ module rk_probes
    private
 
    public :: probes_type, new_probes, probe_value, pressed_volume, local_value, place_state, &
-      & expression_slopes, quantity, quantity_kind, quantity_size, kind_of_probe
+      & expression_slopes, quantity, quantity_kind, quantity_size, kind_of_probe, &
+      & numbers_of
 
    !> Shape functions at the places of point probes
    type :: probes_type
@@ -308,6 +309,17 @@ pure integer function quantity_size(name)
 
    quantity_size = merge(3, 1, any(name == [character(len=13) :: 'u', 'force', 'section_force']))
 end function quantity_size
+
+!> How many numbers a probe has in the dimensions of its problem
+pure integer function numbers_of(problem, i)
+   class(discretisation_type), intent(in) :: problem
+   !> Number of the probe
+   integer, intent(in) :: i
+
+   numbers_of = 1
+   if (quantity_size(problem%scene%probe(i)%quantity) > 1 .and. problem%fields > 1) &
+      & numbers_of = problem%scene%cloud%nd
+end function numbers_of
 
 !> Index 1..3 of the letter x, y or z at a place of a name
 pure integer function component(name, at)

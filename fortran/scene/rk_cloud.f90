@@ -14,7 +14,7 @@ module rk_cloud
    public :: cloud_type, voxels_type, check_cloud, take_arrays
 
    !> Greatest index of a voxel; no image has more voxels along an edge
-   integer, parameter, public :: max_index = 1000000
+   integer, parameter :: max_index = 1000000
    !> Part of the spacing of source points within which points are the same [-]
    real(wp), parameter :: alike = 1.0e-6_wp
    !> Edges of a voxel that its point may be off its centre: those on the surface were moved there,
@@ -102,7 +102,7 @@ module rk_cloud
       logical :: polar = .false.
    contains
       procedure :: find_set, in_set, sides, meets_side, set_centroid, mean_spacing
-      procedure :: centres, nearest_sources, nearest_source
+      procedure :: centres, labels, nearest_sources, nearest_source
    end type cloud_type
 
 contains
@@ -121,12 +121,8 @@ end function centre
 pure integer function find_set(self, name)
    class(cloud_type), intent(in) :: self
    character(len=*), intent(in) :: name
-   integer :: i
 
-   find_set = 0
-   do i = 1, size(self%set_names)
-      if (self%set_names(i) == name) find_set = i
-   end do
+   find_set = findloc(self%set_names, name, dim=1, back=.true.)
 end function find_set
 
 !> Whether a boundary entry lies in a set
@@ -203,6 +199,17 @@ pure function centres(self) result(at)
    end do
 end function centres
 
+!> Labels of the points in ascending order
+pure function labels(self) result(found)
+   class(cloud_type), intent(in) :: self
+   integer, allocatable :: found(:)
+
+   found = [minval(self%label)]
+   do while (any(self%label > found(size(found))))
+      found = [found, minval(self%label, mask=self%label > found(size(found)))]
+   end do
+end function labels
+
 !> Source points nearest to each collocation point, or to the centre of its voxel where it has one,
 !> in source spacings: several where these are equally near, 0 behind them, shape (:, nc)
 function nearest_sources(self) result(near)
@@ -239,6 +246,7 @@ subroutine take_arrays(self, error)
    if (np == 0) call complain('it has no collocation points')
    call check_columns('source', self%source, size(self%source, 2))
    call check_columns('spacing', self%spacing, size(self%source, 2))
+   if (.not. all(self%spacing > 0.0_wp)) call complain("'spacing' must be positive everywhere")
    call check_columns('points', self%points, np)
    call need_shape('label', shape(self%label), [np])
    call check_columns('fiber', self%fiber, np)
@@ -392,9 +400,9 @@ subroutine check_cloud(self, error)
    type(error_type), allocatable, intent(out) :: error
    integer :: i
 
-   call check_source(self, error)
-   if (allocated(error)) return
-   call check_points(self, error)
+   call check_distinct(self%source, alike*self%spacing, 'source', error)
+   if (.not. allocated(error)) call check_distinct(self%points, &
+      & spread(alike*minval(self%spacing, dim=2), 2, size(self%points, 2)), 'collocation', error)
    if (allocated(error)) return
    do i = 1, size(self%points, 2)
       if (.not. (norm2(self%fiber(:, i)) <= 1.0e-6_wp .or. &
@@ -424,40 +432,8 @@ subroutine check_cloud(self, error)
    end do
 end subroutine check_cloud
 
-!> Source points must be finite and all different: equal ones make the equations singular
-subroutine check_source(self, error)
-   type(cloud_type), intent(in) :: self
-   type(error_type), allocatable, intent(out) :: error
-   integer :: i
-
-   do i = 1, size(self%source, 2)
-      if (all(abs(self%source(:, i)) <= huge(1.0_wp)) .and. all(self%spacing(:, i) > 0.0_wp)) cycle
-      call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
-         & //to_text(self%source(:, i))//' with spacing '//to_text(self%spacing(:, i)) &
-         & //': coordinates must be finite, spacings positive')
-      return
-   end do
-   call check_distinct(self%source, alike*self%spacing, 'source', error)
-end subroutine check_source
-
-!> Collocation points must be finite and all different: equal ones count their place twice
-subroutine check_points(self, error)
-   !> Cloud, its source points checked
-   type(cloud_type), intent(in) :: self
-   type(error_type), allocatable, intent(out) :: error
-   integer :: i
-
-   do i = 1, size(self%points, 2)
-      if (all(abs(self%points(:, i)) <= huge(1.0_wp))) cycle
-      call fatal_error(error, err_input, 'collocation point '//to_text(i)//' has coordinates ' &
-         & //'that are not finite')
-      return
-   end do
-   call check_distinct(self%points, &
-      & spread(alike*minval(self%spacing, dim=2), 2, size(self%points, 2)), 'collocation', error)
-end subroutine check_points
-
-!> Refuse two points in one place
+!> Refuse two points in one place: equal source points make the equations singular, equal
+!> collocation points count their place twice
 subroutine check_distinct(points, near, kind, error)
    !> Points, shape (nd, n) [length]
    real(wp), intent(in) :: points(:, :)

@@ -197,7 +197,7 @@ subroutine merge_points(cloud, coarse, shares)
    if (allocated(cloud%fraction_label)) then
       coarse%fraction_label = cloud%fraction_label
    else
-      coarse%fraction_label = distinct(cloud%label)
+      coarse%fraction_label = cloud%labels()
    end if
    allocate (coarse%volume(k), source=0.0_wp)
    allocate (coarse%fraction(size(coarse%fraction_label), k), source=0.0_wp)
@@ -313,20 +313,5 @@ subroutine place_sources(coarse, ratio)
    end do
    coarse%spacing = spread(coarse%voxels%size*ratio, 2, n)
 end subroutine place_sources
-
-!> Different values in their order
-pure function distinct(value) result(found)
-   integer, intent(in) :: value(:)
-   integer, allocatable :: found(:)
-   integer :: next
-
-   allocate (found(0))
-   next = minval(value)
-   do
-      found = [found, next]
-      if (all(value <= next)) exit
-      next = minval(value, mask=value > next)
-   end do
-end function distinct
 
 end module rk_coarse_cloud

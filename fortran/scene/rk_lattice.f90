@@ -1,9 +1,7 @@
 !> Clouds of simple bodies, whose points lie on a lattice, and the numbering of lattices.
 module rk_lattice
    use rk_cloud, only : cloud_type
-   use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : i8, pi, wp
-   use rk_text, only : to_text
    implicit none
    private
 
@@ -20,7 +18,7 @@ module rk_lattice
 contains
 
 !> Box with the corner at the origin; sets x0, x1, y0, y1, z0, z1
-subroutine new_box(self, size_, source, place, error, graded)
+subroutine new_box(self, size_, source, place, graded)
    type(cloud_type), intent(out) :: self
    !> Edge lengths, shape (nd), > 0 [length]
    real(wp), intent(in) :: size_(:)
@@ -28,21 +26,13 @@ subroutine new_box(self, size_, source, place, error, graded)
    integer, intent(in) :: source(:)
    !> Collocation points in each direction, shape (nd), >= 2
    integer, intent(in) :: place(:)
-   type(error_type), allocatable, intent(out) :: error
    !> Sides towards which the spacing shrinks, in the order of set_number; none without it
    logical, intent(in), optional :: graded(:)
    integer, allocatable :: at(:, :)
    logical :: ends(2, size(size_))
    real(wp) :: weight(maxval(place), size(size_))
-   integer :: d, side, ip, n
+   integer :: d, side, ip, k, n
 
-   call check_counts(size(size_), source, place, error)
-   if (allocated(error)) return
-   if (.not. all(size_ > 0.0_wp)) then
-      call fatal_error(error, err_input, 'edge lengths of the box must be positive, not ' &
-         & //to_text(size_))
-      return
-   end if
    self%nd = size(size_)
    self%lattice = source
    self%source = grid_points(source, size_, 0)
@@ -69,7 +59,8 @@ subroutine new_box(self, size_, source, place, error, graded)
          do ip = 1, size(at, 2)
             if (at(d, ip) /= side*(place(d) - 1)) cycle
             call add_entry(self, n, ip, set_number(.false., d, side), &
-               & axis(self%nd, d, 2*side - 1), share(at(:, ip), d))
+               & [(merge(2.0_wp*side - 1.0_wp, 0.0_wp, k == d), k=1, self%nd)], &
+               & share(at(:, ip), d))
          end do
       end do
    end do
@@ -156,7 +147,7 @@ end function box_sides
 
 !> Quarter of a tube in plane strain, points radial x angular; sets inner, outer, x0 (the symmetry
 !> plane x = 0) and y0
-subroutine new_annulus(self, inner, outer, source, place, error)
+subroutine new_annulus(self, inner, outer, source, place)
    type(cloud_type), intent(out) :: self
    !> Inner radius, > 0 [length]
    real(wp), intent(in) :: inner
@@ -166,18 +157,10 @@ subroutine new_annulus(self, inner, outer, source, place, error)
    integer, intent(in) :: source(:)
    !> Collocation points, radial and angular
    integer, intent(in) :: place(:)
-   type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: at(:, :)
    real(wp) :: r, t, weight_r, weight_t
    integer :: ip, is, n
 
-   call check_counts(2, source, place, error)
-   if (allocated(error)) return
-   if (.not. (inner > 0.0_wp .and. outer > inner)) then
-      call fatal_error(error, err_input, 'radii of the annulus must grow from inner to outer, ' &
-         & //'not '//to_text([inner, outer]))
-      return
-   end if
    self%nd = 2
    self%lattice = source
    self%polar = .true.
@@ -347,22 +330,6 @@ pure function grid(n) result(index)
    end do
 end function grid
 
-!> Grid counts fit the dimension and allow differences
-subroutine check_counts(nd, source, place, error)
-   integer, intent(in) :: nd
-   !> Source points in each direction
-   integer, intent(in) :: source(:)
-   !> Collocation points in each direction
-   integer, intent(in) :: place(:)
-   type(error_type), allocatable, intent(out) :: error
-
-   if (size(source) /= nd .or. size(place) /= nd) then
-      call fatal_error(error, err_input, 'source and collocation need '//to_text(nd)//' counts')
-   else if (any(source < 2) .or. any(place < 2)) then
-      call fatal_error(error, err_input, 'at least 2 points in each direction are needed')
-   end if
-end subroutine check_counts
-
 !> Points of a regular grid over a box, or the centres of its cells
 pure function grid_points(n, length, centres) result(x)
    integer, intent(in) :: n(:)
@@ -435,18 +402,5 @@ subroutine add_entry(self, n, point, set, normal, area)
    self%area(n) = area
    self%normal(:, n) = normal
 end subroutine add_entry
-
-!> Unit vector along an axis
-pure function axis(nd, d, sign) result(v)
-   integer, intent(in) :: nd
-   !> Axis
-   integer, intent(in) :: d
-   !> -1 or 1
-   integer, intent(in) :: sign
-   real(wp) :: v(nd)
-
-   v = 0.0_wp
-   v(d) = real(sign, wp)
-end function axis
 
 end module rk_lattice

@@ -116,7 +116,7 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    value = max(load, 0.0_wp)
    if (amplitude == no_amplitude) return
    associate (time => self%amplitude(amplitude)%time, values => self%amplitude(amplitude)%value)
-      k = last_until(time, load)
+      k = count(time <= load)
       value = values(max(k, 1))
       ! from rest to where the programme begins
       if (load < 0.0_wp) value = (1.0_wp + load)*value
@@ -207,25 +207,6 @@ pure subroutine merge_loads(load, more)
    load = [merged(1:n), load(i + 1:)]
 end subroutine merge_loads
 
-!> Number of times up to a load, by bisection
-pure integer function last_until(time, load) result(last)
-   !> Load times, ascending [-]
-   real(wp), intent(in) :: time(:)
-   real(wp), intent(in) :: load
-   integer :: behind, middle
-
-   last = 0
-   behind = size(time) + 1
-   do while (behind - last > 1)
-      middle = last + (behind - last)/2
-      if (time(middle) <= load) then
-         last = middle
-      else
-         behind = middle
-      end if
-   end do
-end function last_until
-
 !> Whether the rate of an amplitude may jump at a load
 pure logical function is_knot(self, load)
    class(programme_type), intent(in) :: self
@@ -236,7 +217,7 @@ pure logical function is_knot(self, load)
    if (.not. allocated(self%amplitude)) return
    do a = 1, size(self%amplitude)
       associate (time => self%amplitude(a)%time)
-         k = last_until(time, load)
+         k = count(time <= load)
          is_knot = is_knot .or. any(abs(time(max(k, 1):min(k + 1, size(time))) - load) < same)
       end associate
    end do

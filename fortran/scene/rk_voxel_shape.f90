@@ -1,11 +1,15 @@
-!> Shape of a body of voxels: how much of it is surface, and where it is thin.
+!> Shape of a body of voxels: how much of it is surface, where it is thin, and planes at which it is
+!> cut, most of them of symmetry.
+!>
+!> Places of the surface lie on a smoothed one, whose normals turn away from a plane near its rim. A
+!> side of the body has whole faces of voxels instead: all that end the body along an axis.
 module rk_voxel_shape
    use rk_cloud, only : cloud_type
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: surface_share, end_taper, thin_directions, least_thickness
+   public :: surface_share, end_taper, thin_directions, least_thickness, add_side
 
    !> Share of the voxels that must lie in thin parts to make a direction thin [-]
    real(wp), parameter :: enough = 0.25_wp
@@ -13,6 +17,8 @@ module rk_voxel_shape
    real(wp), parameter :: small = 0.05_wp
    !> Share of an end's area by which it is narrower than its slice at most: tips [-]
    real(wp), parameter :: most_taper = 0.5_wp
+   !> Sides across the slices; those at the ends are sets of a model
+   character(len=*), parameter :: names(4) = ['x0', 'x1', 'y0', 'y1']
 
 contains
 
@@ -85,21 +91,22 @@ pure function least_thickness(cloud) result(thickness)
    !> Voxels, shape (3)
    integer :: thickness(3)
    integer, allocatable :: length(:, :)
-   integer :: d, own, tissue
+   logical :: own(size(cloud%label))
+   integer :: d, k
 
    length = layers(cloud)
    thickness = maxval(length, dim=2)
-   tissue = -1
-   do while (any(cloud%label > tissue))
-      tissue = minval(cloud%label, mask=cloud%label > tissue)
-      own = count(cloud%label == tissue)
-      if (own < small*size(cloud%label)) cycle
-      do d = 1, 3
-         do while (count(length(d, :) < thickness(d) .and. cloud%label == tissue) > enough*own)
-            thickness(d) = thickness(d) - 1
+   associate (label => cloud%labels())
+      do k = 1, size(label)
+         own = cloud%label == label(k)
+         if (count(own) < small*size(own)) cycle
+         do d = 1, 3
+            do while (count(length(d, :) < thickness(d) .and. own) > enough*count(own))
+               thickness(d) = thickness(d) - 1
+            end do
          end do
       end do
-   end do
+   end associate
 end function least_thickness
 
 !> Voxels of the same tissue in a row through each voxel, along each direction, shape (3, nc)
@@ -156,5 +163,34 @@ pure subroutine paint(cloud, label, at)
       label(at(1, ip), at(2, ip), at(3, ip)) = max(0, cloud%label(ip))
    end do
 end subroutine paint
+
+!> Add a side to the sets of a model where it has none of this name: the outer faces of its first or
+!> last layer of voxels, which leave the sets they were in
+subroutine add_side(cloud, name)
+   !> Points of a model, without sets that are parts of the surface
+   type(cloud_type), intent(inout) :: cloud
+   !> Name; nothing is done for those of no side
+   character(len=*), intent(in) :: name
+   integer, allocatable :: layer(:)
+   real(wp) :: outward(3)
+   integer :: axis, d, ip, n
+
+   if (.not. (any(names == name) .and. allocated(cloud%voxels%index)) .or. cloud%nd /= 3) return
+   if (cloud%find_set(name) > 0) return
+   axis = index('xy', name(1:1))
+   d = merge(1, -1, name(2:2) == '1')
+   associate (place => d*cloud%voxels%index(axis, :))
+      layer = pack([(ip, ip=1, size(place))], place == maxval(place))
+   end associate
+   outward = 0.0_wp
+   outward(axis) = d
+   n = size(layer)
+   cloud%boundary_point = [layer, cloud%boundary_point]
+   ! of sets with the same normal the first one has a face
+   cloud%boundary_set = [spread(1, 1, n), 1 + cloud%boundary_set]
+   cloud%normal = reshape([spread(outward, 2, n), cloud%normal], [3, n + size(cloud%normal, 2)])
+   cloud%area = [cloud%volume(layer)/cloud%voxels%size(axis), cloud%area]
+   cloud%set_names = [character(len=len(cloud%set_names)) :: name, cloud%set_names]
+end subroutine add_side
 
 end module rk_voxel_shape

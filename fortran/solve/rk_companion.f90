@@ -17,7 +17,7 @@ module rk_companion
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
-   use rk_recorder, only : recorder_type, step_type
+   use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_run, only : solve_problem
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
@@ -27,8 +27,9 @@ module rk_companion
    implicit none
    private
 
-   public :: companion_type, solve_companion, solve_beside, choose_companion, other_number
-   public :: lattice_words, list, override_length
+   public :: companion_type, solved_type, solve_companion, solve_beside, choose_companion
+   public :: other_number
+   public :: lattice_words, list, override_length, kept_run
 
    !> Length of an override
    integer, parameter :: override_length = 512
@@ -50,6 +51,22 @@ module rk_companion
    real(wp), parameter :: vicinity = 1.1_wp
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
+
+   !> An answer, and what a second solution beside it is made of
+   type :: solved_type
+      !> Its problem
+      class(discretisation_type), pointer :: problem => null()
+      !> Its deck
+      type(deck_type), pointer :: deck => null()
+      !> Points of the model file, where the deck wants one
+      type(cloud_type), pointer :: model => null()
+      !> Receiver of the caller, asked whether to stop
+      class(recorder_type), pointer :: receiver => null()
+      !> Loads of its states that are compared, shape (m) [-]
+      real(wp), allocatable :: load(:)
+      !> Their unknowns, shape (n, m)
+      real(wp), allocatable :: x(:, :)
+   end type solved_type
 
    !> What the second solution says
    type :: companion_type
@@ -90,108 +107,86 @@ module rk_companion
       real(wp), allocatable :: difference(:, :, :)
    end type companion_type
 
-   !> Receiver that keeps the states that are compared and is as patient as the caller's
-   type, extends(recorder_type) :: keeper_type
-      !> Receiver of the caller
+   !> Receiver that keeps a run
+   type, extends(recorder_type) :: kept_run
+      !> Receiver of the caller, asked whether to stop
       class(recorder_type), pointer :: receiver => null()
-      !> Loads of these, shape (m)
+      !> The run
+      type(start_type) :: run
+      !> Loads of the states that are kept; all of them where it is not allocated, shape (m) [-]
       real(wp), allocatable :: load(:)
-      !> Unknowns, shape (n, m)
-      real(wp), allocatable :: x(:, :)
+      !> CPU time at which it is given up [s]
+      real(wp) :: deadline = huge(1.0_wp)
    contains
-      procedure :: step
-      procedure :: stopped
-   end type keeper_type
+      procedure :: begin, iteration, step, stopped
+   end type kept_run
 
 contains
 
-!> Solve the companion of a scene and look at the same probes
-subroutine solve_companion(self, problem, load, answer, deck, model, receiver, near)
+!> Solve the companion of an answer and look at the same probes
+subroutine solve_companion(self, answer, near)
    type(companion_type), intent(out) :: self
-   !> Problem of the answer
-   class(discretisation_type), intent(in) :: problem
-   !> Loads of its states that are compared, shape (m) [-]
-   real(wp), intent(in) :: load(:)
-   !> Unknowns of these, shape (n, m)
-   real(wp), contiguous, intent(in) :: answer(:, :)
-   !> Its deck
-   type(deck_type), intent(in) :: deck
-   !> Points of the model file, where the deck wants one
-   type(cloud_type), intent(in) :: model
-   !> Receiver of the caller, asked whether to stop
-   class(recorder_type), target, intent(inout) :: receiver
+   type(solved_type), intent(in) :: answer
    !> With three quarters of the cells of a lattice instead of half of them
-   logical, intent(in), optional :: near
+   logical, intent(in) :: near
    type(cloud_type) :: points
    character(len=override_length), allocatable :: words(:)
-   logical :: nearer
 
-   nearer = .false.
-   if (present(near)) nearer = near
-   self%method = problem%scene%method
-   if (allocated(problem%scene%body_force)) then
+   self%method = answer%problem%scene%method
+   if (allocated(answer%problem%scene%body_force)) then
       self%missed = .true.
       self%why_not = 'the loads were set point by point, which a deck cannot express'
       return
    end if
-   points = model
-   call choose_companion(self, problem%scene, deck, nearer, points, words)
+   points = answer%model
+   call choose_companion(self, answer%problem%scene, answer%deck, near, points, words)
    if (allocated(self%why_not)) return
-   call solve_beside(self, problem, load, answer, deck, words, points, receiver)
+   call solve_beside(self, answer, words, points)
    if (.not. self%missed .or. words(size(words)) /= exactly) return
-   if (receiver%stopped()) return
+   if (answer%receiver%stopped()) return
    ! sets that contradict each other where they meet, more unknowns than are factorised
    self%missed = .false.
    self%lost = .false.
    deallocate (self%why_not)
-   call solve_beside(self, problem, load, answer, deck, words(:size(words) - 1), points, receiver)
+   call solve_beside(self, answer, words(:size(words) - 1), points)
 end subroutine solve_companion
 
 !> Solve a deck with other words than an answer's, and look at the same probes
-subroutine solve_beside(self, problem, load, answer, deck, words, model, receiver)
+subroutine solve_beside(self, answer, words, points)
    type(companion_type), intent(inout) :: self
-   !> Problem of the answer
-   class(discretisation_type), intent(in) :: problem
-   !> Loads of its states that are compared, shape (m) [-]
-   real(wp), intent(in) :: load(:)
-   !> Unknowns of these, shape (n, m)
-   real(wp), contiguous, intent(in) :: answer(:, :)
-   !> Its deck
-   type(deck_type), intent(in) :: deck
-   !> What is changed in it
+   type(solved_type), intent(in) :: answer
+   !> What is changed in its deck
    character(len=*), intent(in) :: words(:)
    !> Points, where the deck wants a model
-   type(cloud_type), intent(in) :: model
-   !> Receiver of the caller, asked whether to stop
-   class(recorder_type), target, intent(inout) :: receiver
+   type(cloud_type), intent(in) :: points
    type(deck_type) :: other
    type(scene_type), target :: scene
    class(discretisation_type), allocatable :: second
-   type(keeper_type) :: keeper
+   type(kept_run) :: keeper
    type(timer_type) :: timer
    type(error_type), allocatable :: error
    integer(i8) :: clock
    integer :: steps
 
    call system_clock(clock)
-   call deck%vary(words, other, error)
-   if (.not. allocated(error)) call new_scene(scene, other, model, error)
+   call answer%deck%vary(words, other, error)
+   if (.not. allocated(error)) call new_scene(scene, other, points, error)
    if (.not. allocated(error)) call new_problem(second, scene, error)
    if (.not. allocated(error)) then
       self%points = second%shape%ns
       self%unknowns = second%n
-      keeper%receiver => receiver
-      keeper%load = load
-      allocate (keeper%x(second%n, size(load)))
+      keeper%load = answer%load
+      call keeper%begin(second%n, answer%receiver)
       call solve_problem(second, scene, '', keeper, timer, error)
-      if (.not. allocated(error)) call look(self, second, keeper, problem, answer, error)
+      if (.not. allocated(error)) call look(self, second, keeper%run, answer, error)
       ! one step may be too long, or lead to another branch
-      steps = max(least_steps, problem%scene%load%steps)
+      steps = max(least_steps, answer%problem%scene%load%steps)
       if ((allocated(error) .or. self%distance > suspect) .and. scene%load%steps < steps .and. &
-         & .not. receiver%stopped()) then
+         & .not. answer%receiver%stopped()) then
          scene%load%steps = steps
+         call keeper%begin(second%n, answer%receiver)
          call solve_problem(second, scene, '', keeper, timer, error)
-         if (.not. allocated(error)) call look(self, second, keeper, problem, answer, error)
+         if (.not. allocated(error)) call look(self, second, keeper%run, answer, error)
       end if
       call free_discretisation(second)
    end if
@@ -384,31 +379,30 @@ pure function list(values) result(text)
 end function list
 
 !> Probes of the companion, and how far the displacements are from those of the answer
-subroutine look(self, problem, keeper, first, answer, error)
+subroutine look(self, problem, run, answer, error)
    type(companion_type), intent(inout) :: self
    !> Its problem
    class(discretisation_type), intent(in) :: problem
-   !> Its states
-   type(keeper_type), intent(in) :: keeper
-   !> Problem of the answer
-   class(discretisation_type), intent(in) :: first
-   !> Unknowns of its states at the same loads, shape (n, m)
-   real(wp), contiguous, intent(in) :: answer(:, :)
+   !> Its load steps
+   type(start_type), intent(in) :: run
+   type(solved_type), intent(in) :: answer
    !> Error handling: a probe outside the body
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: own, state
    type(point_state) :: local, here
    type(shape_type) :: shape
-   real(wp) :: u(first%fields, first%shape%nq), difference, total, most(2), off
+   real(wp) :: u(answer%problem%fields, answer%problem%shape%nq), difference, total, most(2), off
    real(wp) :: of_tissue(size(problem%scene%tissue))
    real(wp) :: apart(size(problem%scene%cloud%points, 2))
+   real(wp), allocatable :: x(:, :)
    integer :: nearest(size(apart))
    logical :: around(size(apart)), stressed
    integer :: i, ip, k, n
 
-   call new_bars(self%seen, problem, keeper%load, keeper%x, error)
+   x = run%x(:, [(minloc(abs(run%step%load - answer%load(k)), dim=1), k=1, size(answer%load))])
+   call new_bars(self%seen, problem, answer%load, x, error)
    if (allocated(error)) return
-   associate (cloud => problem%scene%cloud)
+   associate (cloud => problem%scene%cloud, first => answer%problem, load => answer%load)
       n = min(cloud%nd, first%fields)
       ! nodal cells have one stress each: half way between two it is that of either, and a mirror
       ! changes which
@@ -419,15 +413,15 @@ subroutine look(self, problem, keeper, first, answer, error)
       most = 0.0_wp
       of_tissue = 0.0_wp
       if (allocated(self%difference)) deallocate (self%difference)
-      allocate (self%difference(2, size(self%seen%change), size(keeper%load)), source=0.0_wp)
-      do k = 1, size(keeper%load)
-         call problem%state(keeper%x(:, k), keeper%load(k), state)
-         if (stressed) call first%state(answer(:, k), keeper%load(k), own)
+      allocate (self%difference(2, size(self%seen%change), size(load)), source=0.0_wp)
+      do k = 1, size(load)
+         call problem%state(x(:, k), load(k), state)
+         if (stressed) call first%state(answer%x(:, k), load(k), own)
          difference = 0.0_wp
          total = 0.0_wp
          do ip = 1, size(cloud%points, 2)
             call problem%at_point(state, ip, local)
-            call shape%interpolate(ip, answer(:, k), 1, 1 + cloud%nd, u)
+            call shape%interpolate(ip, answer%x(:, k), 1, 1 + cloud%nd, u)
             if (stressed) then
                call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
                apart(ip) = norm2(here%cauchy - local%cauchy)
@@ -454,23 +448,53 @@ subroutine look(self, problem, keeper, first, answer, error)
    self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
 end subroutine look
 
-!> Keep a state that is compared
+!> Without a step so far
+subroutine begin(self, n, receiver)
+   class(kept_run), intent(inout) :: self
+   !> Unknowns
+   integer, intent(in) :: n
+   !> Receiver of the caller
+   class(recorder_type), target, intent(inout) :: receiver
+
+   self%receiver => receiver
+   self%run = start_type()
+   allocate (self%run%step(0), self%run%iteration(0), self%run%x(n, 0))
+end subroutine begin
+
+!> Keep an iteration of a run that is kept as a whole
+subroutine iteration(self, it)
+   class(kept_run), intent(inout) :: self
+   type(iteration_type), intent(in) :: it
+
+   if (.not. allocated(self%load)) self%run%iteration = [self%run%iteration, it]
+end subroutine iteration
+
+!> Keep a load step that is wanted
 subroutine step(self, st, x)
-   class(keeper_type), intent(inout) :: self
+   class(kept_run), intent(inout) :: self
    type(step_type), intent(in) :: st
    real(wp), contiguous, intent(in) :: x(:)
 
-   integer :: k
-
-   k = minloc(abs(self%load - st%load), dim=1)
-   if (abs(self%load(k) - st%load) < 1.0e-9_wp) self%x(:, k) = x
+   if (st%step == 0) then
+      self%run%begin = st
+      self%run%first = x
+      return
+   end if
+   if (allocated(self%load)) then
+      if (.not. any(abs(self%load - st%load) < 1.0e-9_wp)) return
+   end if
+   self%run%step = [self%run%step, st]
+   self%run%x = reshape([self%run%x, x], [size(x), size(self%run%step)])
 end subroutine step
 
 !> Whether the caller wants to stop
 logical function stopped(self)
-   class(keeper_type), intent(inout) :: self
+   class(kept_run), intent(inout) :: self
+   real(wp) :: now
 
-   stopped = self%receiver%stopped()
+   call cpu_time(now)
+   stopped = now > self%deadline
+   if (.not. stopped) stopped = self%receiver%stopped()
 end function stopped
 
 end module rk_companion

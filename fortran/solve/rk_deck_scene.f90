@@ -21,7 +21,7 @@ module rk_deck_scene
    use rk_shape, only : new_approximation
    use rk_text, only : to_text
    use rk_volume_points, only : volume_patches
-   use rk_voxel_sides, only : add_side
+   use rk_voxel_shape, only : add_side
    implicit none
    private
 
@@ -114,19 +114,17 @@ subroutine read_geometry(cloud, deck, model, error)
             & //'evenly spaced: leave it out', error)
          return
       end if
-      call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, error, &
+      call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, &
          & box_sides(graded))
-      if (body%jitter > 0.0_wp .and. .not. allocated(error)) call jitter(cloud, body%jitter)
+      if (body%jitter > 0.0_wp) call jitter(cloud, body%jitter)
    case ('annulus')
-      call new_annulus(cloud, body%inner_radius, body%outer_radius, body%source, &
-         & body%collocation, error)
+      call new_annulus(cloud, body%inner_radius, body%outer_radius, body%source, body%collocation)
    case default
       call check_unit(deck, model, error)
       if (allocated(error)) return
       cloud = model
       call add_sides(cloud, deck)
    end select
-   if (allocated(error)) error%message = deck%where('geometry')//': geometry: '//error%message
 end subroutine read_geometry
 
 !> Sides of a model that the deck names

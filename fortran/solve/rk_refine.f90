@@ -12,8 +12,8 @@ module rk_refine
       & new_bars
    use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, lattice_words, list, other_number, solve_beside, &
-      & solve_companion
+   use rk_companion, only : companion_type, lattice_words, list, other_number, &
+      & override_length, kept_run, solve_beside, solve_companion, solved_type
    use rk_deck, only : deck_type, joined, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
@@ -21,7 +21,7 @@ module rk_refine
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
-   use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
+   use rk_recorder, only : recorder_type, start_type
    use rk_run, only : solve_problem
    use rk_scene, only : scene_type
    use rk_text, only : to_text
@@ -30,8 +30,6 @@ module rk_refine
 
    public :: refinement_type, refine, refined_before
 
-   !> Length of an override
-   integer, parameter :: long = 512
    !> Order of the bars in the spacing that is counted on
    real(wp), parameter :: order = 2.0_wp
    !> Part of the target error that is aimed at, so that one more lattice is seldom needed [-]
@@ -66,21 +64,8 @@ module rk_refine
    contains
       !> What the answer has of what was wanted
       procedure :: look_back
+      procedure, private :: target
    end type refinement_type
-
-   !> Receiver that keeps a whole run
-   type, extends(recorder_type) :: whole_run
-      !> Receiver of the caller, asked whether to stop
-      class(recorder_type), pointer :: receiver => null()
-      !> The run
-      type(start_type) :: run
-      !> CPU time at which it is given up [s]
-      real(wp) :: deadline = huge(1.0_wp)
-   contains
-      procedure :: iteration
-      procedure :: step
-      procedure :: stopped
-   end type whole_run
 
 contains
 
@@ -88,16 +73,17 @@ contains
 subroutine refine(self, deck, model, receiver, error)
    type(refinement_type), intent(out) :: self
    !> Deck, replaced by one with the points that were found
-   type(deck_type), intent(inout) :: deck
+   type(deck_type), target, intent(inout) :: deck
    !> Points of the model file, where the deck wants one
-   type(cloud_type), intent(in) :: model
+   type(cloud_type), target, intent(in) :: model
    !> Receiver of the caller, told of each lattice and asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
    !> Error handling: a scene that cannot be refined, a solution that failed
    type(error_type), allocatable, intent(out) :: error
    type(scene_type), target :: scene
-   class(discretisation_type), allocatable :: problem
+   class(discretisation_type), allocatable, target :: problem
    type(start_type) :: run
+   type(solved_type) :: answer
    type(bars_type) :: bars
    type(bars_type), allocatable :: earlier
    type(deck_type) :: coarser, finer
@@ -108,7 +94,7 @@ subroutine refine(self, deck, model, receiver, error)
    character(len=word_length), allocatable :: graded(:)
    integer :: level, unknowns
    character(len=:), allocatable :: line
-   character(len=long), allocatable :: words(:)
+   character(len=override_length), allocatable :: words(:)
 
    if (.not. deck%has('refine')) return
    call deck%get('refine.accuracy', self%wanted)
@@ -132,7 +118,7 @@ subroutine refine(self, deck, model, receiver, error)
       if (.not. allocated(error)) then
          unknowns = problem%n
          call solve(problem, scene, deck, model, receiver, merge(start + cost, huge(1.0_wp), &
-            & allocated(self%start)), run, bars, error)
+            & allocated(self%start)), run, answer, bars, error)
       else if (.not. allocated(self%start)) then
          return
       end if
@@ -141,8 +127,7 @@ subroutine refine(self, deck, model, receiver, error)
          worst = maxval(relative(bars), mask=counts)
          ! what voxels leave open no blocks will close
          left = relative(bars) - bars%open
-         if (any(counts .and. left > self%wanted)) call shares(problem, run, deck, model, &
-            & cells, bars, receiver, share)
+         if (any(counts .and. left > self%wanted)) call shares(answer, cells, bars, share)
          self%start = run
          earlier = bars
       end if
@@ -156,9 +141,8 @@ subroutine refine(self, deck, model, receiver, error)
          if (receiver%stopped()) return
          if (allocated(self%start)) then
             ! the answer before stands
-            self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
-               & //'met: the next points, '//list(cells)//' cells, have no answer within ' &
-               & //'refine.cost: '//error%message
+            self%reason = self%target()//'not met: the next points, '//list(cells)//' cells, ' &
+               & //'have no answer within refine.cost: '//error%message
             deallocate (error)
             call cpu_time(now)
             self%seconds = now - start
@@ -189,27 +173,27 @@ subroutine refine(self, deck, model, receiver, error)
       self%seconds = now - start
       if (worst <= self%wanted) then
          self%met = .true.
-         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is met'
+         self%reason = self%target()//'met'
          return
       end if
       if (.not. any(counts .and. left > self%wanted)) then
-         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not ' &
-            & //'met: the voxels leave '//to_text(100.0_wp*maxval(bars%open, mask=counts), 2) &
-            & //' % open, however many points there are; give a label map of finer voxels'
+         self%reason = self%target()//'not met: the voxels leave ' &
+            & //to_text(100.0_wp*maxval(bars%open, mask=counts), 2)//' % open, however many ' &
+            & //'points there are; give a label map of finer voxels'
          return
       end if
       next = next_cells(cells, share, left, counts, aim*self%wanted)
       ! blocks of as many voxels each: where they differ answers are worse than the bars tell
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
-         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
-            & //'every voxel has its own source points; give a label map of finer voxels'
+         self%reason = self%target()//'not met: every voxel has its own source points; give a ' &
+            & //'label map of finer voxels'
          return
       end if
       if (self%seconds + expected(next) > cost) then
-         self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met: ' &
-            & //'the next points, '//list(next)//' cells, would take about ' &
-            & //to_text(self%seconds + expected(next), 2)//' CPU s, more than refine.cost'
+         self%reason = self%target()//'not met: the next points, '//list(next)//' cells, would ' &
+            & //'take about '//to_text(self%seconds + expected(next), 2)//' CPU s, more than ' &
+            & //'refine.cost'
          if (allocated(scene%cloud%block)) return
          ! as many as the cost allows, where they are worth another solution
          do while (self%seconds + expected(next) > cost)
@@ -228,8 +212,7 @@ subroutine refine(self, deck, model, receiver, error)
       before = now
       before_cells = cells
    end do
-   self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is not met after ' &
-      & //to_text(most_levels)//' lattices'
+   self%reason = self%target()//'not met after '//to_text(most_levels)//' lattices'
 
 contains
 
@@ -243,6 +226,14 @@ contains
    end function expected
 
 end subroutine refine
+
+!> What was wanted, as the beginning of a sentence on whether it is met
+function target(self) result(text)
+   class(refinement_type), intent(in) :: self
+   character(len=:), allocatable :: text
+
+   text = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is '
+end function target
 
 !> What the bars of an answer say about the points of a search that is not repeated
 subroutine refined_before(self, deck, scene, bars, error)
@@ -262,8 +253,8 @@ subroutine refined_before(self, deck, scene, bars, error)
    call self%look_back(deck, scene, bars, error)
    if (allocated(error)) return
    self%met = self%reached >= 0.0_wp .and. self%reached <= self%wanted
-   self%reason = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is ' &
-      & //trim(merge('met    ', 'not met', self%met))//' by the points of the run that is resumed'
+   self%reason = self%target()//trim(merge('met    ', 'not met', self%met))//' by the points of ' &
+      & //'the run that is resumed'
 end subroutine refined_before
 
 !> Widest bar of the probes that count, over the size
@@ -355,55 +346,58 @@ function words_of(deck, cloud, cells) result(words)
    type(cloud_type), intent(in) :: cloud
    !> Cells along each direction, shape (nd)
    integer, intent(in) :: cells(:)
-   character(len=long), allocatable :: words(:)
+   character(len=override_length), allocatable :: words(:)
    character(len=:), allocatable :: essential
 
    allocate (words(0))
    if (allocated(cloud%lattice)) then
       call lattice_words(deck, cells + 1, words)
       call deck%get('galerkin.essential', essential)
-      if (essential == 'transformation') words = [character(len=long) :: words(:2), &
+      if (essential == 'transformation') words = [character(len=override_length) :: words(:2), &
          & 'galerkin.essential="'//essential//'"', words(3:)]
    else
-      words = [character(len=long) :: 'geometry.blocks='//list(cells)]
+      words = [character(len=override_length) :: 'geometry.blocks='//list(cells)]
    end if
 end function words_of
 
 !> Solve a scene and its companion
-subroutine solve(problem, scene, deck, model, receiver, deadline, run, bars, error)
-   class(discretisation_type), intent(inout) :: problem
+subroutine solve(problem, scene, deck, model, receiver, deadline, run, answer, bars, error)
+   class(discretisation_type), target, intent(inout) :: problem
    !> Its scene
    type(scene_type), intent(inout) :: scene
    !> Its deck
-   type(deck_type), intent(in) :: deck
+   type(deck_type), target, intent(in) :: deck
    !> Points of the model file
-   type(cloud_type), intent(in) :: model
+   type(cloud_type), target, intent(in) :: model
    !> Receiver of the caller
    class(recorder_type), target, intent(inout) :: receiver
    !> CPU time at which the solution is given up [s]
    real(wp), intent(in) :: deadline
    !> All load steps
    type(start_type), intent(out) :: run
+   !> What is compared: of a programme, which may end at rest, all of them, of a ramp the last one
+   type(solved_type), intent(out) :: answer
    type(bars_type), intent(out) :: bars
    !> Error handling: a solution failed
    type(error_type), allocatable, intent(out) :: error
-   type(whole_run) :: recorder
+   type(kept_run) :: recorder
    type(companion_type) :: companion
    type(timer_type) :: timer
    integer :: first
 
-   recorder%receiver => receiver
+   call recorder%begin(problem%n, receiver)
    recorder%deadline = deadline
-   allocate (recorder%run%step(0), recorder%run%iteration(0), recorder%run%x(problem%n, 0))
    call solve_problem(problem, scene, '', recorder, timer, error)
    if (allocated(error)) return
    run = recorder%run
-   first = first_compared(scene, run)
-   associate (load => run%step(first:)%load, answer => run%x(:, first:))
-      call new_bars(bars, problem, load, answer, error)
-      if (allocated(error)) return
-      call solve_companion(companion, problem, load, answer, deck, model, receiver)
-   end associate
+   first = merge(1, size(run%step), scene%programme%count() > 1)
+   answer = solved_type(problem, deck, model, receiver)
+   ! as arguments of the line above gfortran 12 loses them
+   answer%load = run%step(first:)%load
+   answer%x = run%x(:, first:)
+   call new_bars(bars, problem, answer%load, answer%x, error)
+   if (allocated(error)) return
+   call solve_companion(companion, answer, near=.false.)
    if (allocated(companion%why_not)) then
       call deck%complain('refine', companion%why_not, error)
       return
@@ -412,49 +406,28 @@ subroutine solve(problem, scene, deck, model, receiver, deadline, run, bars, err
       & companion%finer), companion%difference)
 end subroutine solve
 
-!> Load step from which on states are compared: all of a programme, which may end at rest, of a ramp
-!> the last one
-integer function first_compared(scene, run) result(first)
-   type(scene_type), intent(in) :: scene
-   !> Its run
-   type(start_type), intent(in) :: run
-
-   first = size(run%step)
-   if (scene%programme%count() > 1) first = 1
-end function first_compared
-
 !> How much of each probe's bar comes from each direction
-subroutine shares(problem, run, deck, model, cells, bars, receiver, share)
-   class(discretisation_type), intent(in) :: problem
-   !> Its load steps
-   type(start_type), intent(in) :: run
-   !> Its deck
-   type(deck_type), intent(in) :: deck
-   !> Points of the model file
-   type(cloud_type), intent(in) :: model
+subroutine shares(answer, cells, bars, share)
+   type(solved_type), intent(in) :: answer
    !> Cells along each direction, shape (nd)
    integer, intent(in) :: cells(:)
    type(bars_type), intent(in) :: bars
-   !> Receiver of the caller
-   class(recorder_type), target, intent(inout) :: receiver
    !> Shares, which add up to one, shape (nd, probes) [-]
    real(wp), allocatable, intent(out) :: share(:, :)
    type(companion_type) :: companion
-   character(len=long) :: steps
-   character(len=long), allocatable :: words(:)
-   integer :: d, first, i, n, other(size(cells))
+   character(len=override_length) :: steps
+   character(len=override_length), allocatable :: words(:)
+   integer :: d, i, n, other(size(cells))
 
-   associate (scene => problem%scene)
-      first = first_compared(scene, run)
+   associate (scene => answer%problem%scene)
       steps = 'load.steps='//to_text(merge(scene%load%steps, 1, scene%programme%count() > 1))
       allocate (share(size(cells), size(scene%probe)))
       do d = 1, size(cells)
          other = cells
          other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
          companion = companion_type()
-         words = [words_of(deck, scene%cloud, other), steps]
-         call solve_beside(companion, problem, run%step(first:)%load, run%x(:, first:), deck, &
-            & words, model, receiver)
+         words = [words_of(answer%deck, scene%cloud, other), steps]
+         call solve_beside(companion, answer, words, answer%model)
          if (allocated(companion%why_not)) then
             ! unknown: as much as all others
             share(d, :) = 1.0_wp
@@ -537,38 +510,5 @@ elemental integer function divisor_from(least, number) result(divisor)
    end do
    divisor = number
 end function divisor_from
-
-!> Keep an iteration
-subroutine iteration(self, it)
-   class(whole_run), intent(inout) :: self
-   type(iteration_type), intent(in) :: it
-
-   self%run%iteration = [self%run%iteration, it]
-end subroutine iteration
-
-!> Keep a load step
-subroutine step(self, st, x)
-   class(whole_run), intent(inout) :: self
-   type(step_type), intent(in) :: st
-   real(wp), contiguous, intent(in) :: x(:)
-
-   if (st%step == 0) then
-      self%run%begin = st
-      self%run%first = x
-      return
-   end if
-   self%run%step = [self%run%step, st]
-   self%run%x = reshape([self%run%x, x], [size(x), size(self%run%step)])
-end subroutine step
-
-!> Whether the caller wants to stop
-logical function stopped(self)
-   class(whole_run), intent(inout) :: self
-   real(wp) :: now
-
-   call cpu_time(now)
-   stopped = now > self%deadline
-   if (.not. stopped) stopped = self%receiver%stopped()
-end function stopped
 
 end module rk_refine

@@ -8,7 +8,7 @@ module rk_verdict
    use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, few_fewer, &
       & fewer_points, more_points, new_bars
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, solve_beside, solve_companion
+   use rk_companion, only : companion_type, solve_beside, solve_companion, solved_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -92,47 +92,22 @@ module rk_verdict
 
 contains
 
-!> Judge the answer of a run. The reasons join the warnings of the run; what helps is named once, at
-!> their end.
+!> Judge the answer of a run, one check after the other as far as those before leave something to
+!> check. The reasons join the warnings of the run; what helps is named once, at their end.
 subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(verdict_type), intent(out) :: self
-   class(discretisation_type), intent(in) :: problem
-   type(deck_type), intent(in) :: deck
+   class(discretisation_type), target, intent(in) :: problem
+   type(deck_type), target, intent(in) :: deck
    !> Points of the model file, where the deck wants one
-   type(cloud_type), intent(in) :: model
+   type(cloud_type), target, intent(in) :: model
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
-
-   call weigh(self, problem, deck, model, with_companion, receiver, outcome)
-   if (self%curable .and. .not. deck%has('refine')) self%reasons = self%reasons//'what helps: ' &
-      & //cure_of(problem, self%bars)//new_line('a')
-end subroutine judge
-
-!> Make the checks one after the other, as far as those before leave something to check
-subroutine weigh(self, problem, deck, model, with_companion, receiver, outcome)
-   type(verdict_type), intent(inout) :: self
-   !> Full problem
-   class(discretisation_type), intent(in) :: problem
-   !> Its deck
-   type(deck_type), intent(in) :: deck
-   !> Points of the model file, where the deck wants one
-   type(cloud_type), intent(in) :: model
-   !> Whether a second solution may be computed
-   logical, intent(in) :: with_companion
-   !> Receiver of the caller, asked whether to stop
-   class(recorder_type), target, intent(inout) :: receiver
-   !> What the run found out
-   type(outcome_type), intent(inout) :: outcome
+   type(solved_type) :: answer
    type(error_type), allocatable :: error
-   type(companion_type) :: nearer
-   character(len=:), allocatable :: from
-   real(wp) :: bound
-   integer :: i, kind
-   logical :: adrift
 
    self%state = accepted
    self%reasons = ''
@@ -160,63 +135,87 @@ subroutine weigh(self, problem, deck, model, with_companion, receiver, outcome)
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
       if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, receiver)
    end if
-   adrift = self%state == refused
    outcome%warnings = outcome%warnings//self%reasons
    call judge_broken(self, problem, outcome)
    ! of which the run has warned on its way
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)
    call new_bars(self%bars, problem, outcome%load, outcome%x, error)
-   if (allocated(error)) return
-   call judge_values(self, problem, outcome)
-   if (allocated(outcome%norms)) then
-      call bars_by_solution(self%bars, problem, outcome%last%load, error)
-      call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
-         & of_error(2), ' from the known solution', outcome)
-      return
+   if (.not. allocated(error)) then
+      answer = solved_type(problem, deck, model, receiver)
+      answer%load = outcome%load
+      answer%x = outcome%x
+      call judge_by_others(self, answer, with_companion, outcome)
    end if
-   if (.not. with_companion) then
-      self%companion%why_not = 'the second solution was switched off'
-   else
-      call solve_companion(self%companion, problem, outcome%load, outcome%x, deck, model, &
-         & receiver)
-   end if
-   if (allocated(self%companion%why_not)) then
-      call no_estimate(self, outcome)
-      if (self%companion%lost) call judge_path(self, problem, deck, model, receiver, outcome)
-      return
-   end if
-   kind = fewer_points
-   if (self%companion%finer) kind = more_points
-   if (self%companion%other_form) kind = another_form
-   call bars_by_other(self%bars, problem, self%companion%seen, kind, self%companion%difference)
-   if (outcome%unstrained) return
-   if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
-      & .and. allocated(problem%scene%cloud%lattice) .and. any([(self%bars%unresolved(i), &
-      & i=1, size(self%bars%size))])) then
-      call solve_companion(nearer, problem, outcome%load, outcome%x, deck, model, receiver, &
-         & near=.true.)
-      if (.not. allocated(nearer%why_not)) then
-         self%companion = nearer
-         call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
+   if (self%curable .and. .not. deck%has('refine')) self%reasons = self%reasons//'what helps: ' &
+      & //cure_of(problem, self%bars)//new_line('a')
+end subroutine judge
+
+!> Compare an answer with the known solution, or with a second one
+subroutine judge_by_others(self, answer, with_companion, outcome)
+   type(verdict_type), intent(inout) :: self
+   type(solved_type), intent(in) :: answer
+   !> Whether a second solution may be computed
+   logical, intent(in) :: with_companion
+   type(outcome_type), intent(inout) :: outcome
+   type(error_type), allocatable :: error
+   type(companion_type) :: nearer
+   character(len=:), allocatable :: from
+   real(wp) :: bound
+   integer :: i, kind
+   logical :: adrift
+
+   adrift = self%state == refused
+   call judge_values(self, answer%problem, outcome)
+   associate (problem => answer%problem)
+      if (allocated(outcome%norms)) then
+         call bars_by_solution(self%bars, problem, outcome%last%load, error)
+         call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
+            & of_error(2), ' from the known solution', outcome)
+         return
       end if
-   end if
-   if (self%companion%other_form) then
-      from = 'on the same points'
-      if (self%companion%finer) from = 'with '//self%companion%lattice
-      call judge_probes(self, problem, spread(of_forms(1), 1, size(self%bars%change)), &
-         & of_forms(2), ' from a solution by method "'//self%companion%method//'" '//from, outcome)
-   else
-      bound = of_bar
-      if (allocated(problem%scene%cloud%block)) bound = of_block_bar
-      if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
-         & bound = of_wide_bar
-      call judge_probes(self, problem, max(0.0_wp, bound - self%bars%open)/self%bars%factor, &
-         & merge(of_finer, of_change, self%companion%finer), ' from a solution with ' &
-         & //self%companion%lattice, outcome)
-   end if
-   ! off equilibrium collocation has several minima, and the iteration ends in any of them
-   if (adrift) call withhold(self%bars)
-end subroutine weigh
+      if (.not. with_companion) then
+         self%companion%why_not = 'the second solution was switched off'
+      else
+         call solve_companion(self%companion, answer, near=.false.)
+      end if
+      if (allocated(self%companion%why_not)) then
+         call no_estimate(self, outcome)
+         if (self%companion%lost) call judge_path(self, answer, outcome)
+         return
+      end if
+      kind = fewer_points
+      if (self%companion%finer) kind = more_points
+      if (self%companion%other_form) kind = another_form
+      call bars_by_other(self%bars, problem, self%companion%seen, kind, self%companion%difference)
+      if (outcome%unstrained) return
+      if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
+         & .and. allocated(problem%scene%cloud%lattice) .and. any([(self%bars%unresolved(i), &
+         & i=1, size(self%bars%size))])) then
+         call solve_companion(nearer, answer, near=.true.)
+         if (.not. allocated(nearer%why_not)) then
+            self%companion = nearer
+            call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
+         end if
+      end if
+      if (self%companion%other_form) then
+         from = 'on the same points'
+         if (self%companion%finer) from = 'with '//self%companion%lattice
+         call judge_probes(self, problem, spread(of_forms(1), 1, size(self%bars%change)), &
+            & of_forms(2), ' from a solution by method "'//self%companion%method//'" '//from, &
+            & outcome)
+      else
+         bound = of_bar
+         if (allocated(problem%scene%cloud%block)) bound = of_block_bar
+         if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
+            & bound = of_wide_bar
+         call judge_probes(self, problem, max(0.0_wp, bound - self%bars%open)/self%bars%factor, &
+            & merge(of_finer, of_change, self%companion%finer), ' from a solution with ' &
+            & //self%companion%lattice, outcome)
+      end if
+      ! off equilibrium collocation has several minima, and the iteration ends in any of them
+      if (adrift) call withhold(self%bars)
+   end associate
+end subroutine judge_by_others
 
 !> Leave the bars of an answer away where they would measure nothing
 subroutine withhold(bars)
@@ -612,19 +611,18 @@ end subroutine no_estimate
 
 !> Whether smaller steps lead to the same state, where the second solution lost its way: long ones
 !> may jump past a load that the body cannot carry
-subroutine judge_path(self, problem, deck, model, receiver, outcome)
+subroutine judge_path(self, answer, outcome)
    type(verdict_type), intent(inout) :: self
-   class(discretisation_type), intent(in) :: problem
-   type(deck_type), intent(in) :: deck
-   type(cloud_type), intent(in) :: model
-   class(recorder_type), target, intent(inout) :: receiver
+   type(solved_type), intent(in) :: answer
    type(outcome_type), intent(inout) :: outcome
    type(companion_type) :: slower
    character(len=:), allocatable :: reason
 
-   slower%method = problem%scene%method
-   call solve_beside(slower, problem, outcome%load, outcome%x, deck, &
-      & ['load.steps='//to_text(finer_steps*problem%scene%load%steps)], model, receiver)
+   associate (scene => answer%problem%scene)
+      slower%method = scene%method
+      call solve_beside(slower, answer, ['load.steps='//to_text(finer_steps*scene%load%steps)], &
+         & answer%model)
+   end associate
    if (slower%lost) then
       reason = 'in smaller load steps it '//slower%ended//': this state was reached by a jump ' &
          & //'past that load; reduce the load or constrain the body'

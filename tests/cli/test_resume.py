@@ -1,7 +1,6 @@
 """Runs that go on where another one ended, and runs that start from its states."""
 
 import random
-import shutil
 import signal
 import subprocess
 import time
@@ -133,59 +132,6 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, name):
         said = run(deck, out, "--resume")
         assert "resumed after load step" in said
         assert_equal(out, tmp_path / "whole")
-
-
-@pytest.mark.slow
-def test_a_changed_journal_is_cut_or_refused(tmp_path, write_deck):
-    """What stands before a changed bit is gone on with to the same end, or all is refused."""
-    coarse = {**RUBBER["geometry"], "source": [3] * 3, "collocation": [4] * 3}
-    deck = write_deck({**RUBBER, "geometry": coarse, "load": {"steps": 10}})
-    whole, killed, out = (tmp_path / name for name in ("whole", "killed", "out"))
-    run(deck, whole, "--no-error")
-    expected = datasets(whole / "results.vtkhdf")
-    del expected["MyoRK/step"]
-    while not (killed / "results.journal").exists():
-        # a quick run may have ended before it is killed
-        stop_behind(start(deck, killed, "--no-error"), 5)
-    journal = (killed / "results.journal").read_bytes()
-    records = records_of(journal)
-    # in head, check, body and check of each kind of record, and anywhere
-    places = {first + k for first in records.values() for k in (0, 9, 17, 25, 33, 60)}
-    draw = random.Random(7)
-    places |= {draw.randrange(len(journal)) for _ in range(52 - len(places))}
-    places |= {end - 1 for end in (len(journal), records["step"])}
-    cut = refused = 0
-    for place in sorted(places):
-        shutil.rmtree(out, ignore_errors=True)
-        shutil.copytree(killed, out)
-        changed = bytearray(journal)
-        changed[place] ^= 1 << draw.randrange(8)
-        (out / "results.journal").write_bytes(changed)
-        child = start(deck, out, "--no-error", "--resume")
-        said = child.communicate()[0]
-        assert "damaged" in said, place
-        if child.returncode == 2:
-            refused += 1
-            assert "run again without --resume" in said
-            continue
-        cut += 1
-        assert child.returncode == 0, said
-        assert "continued after load step" in said
-        found = datasets(out / "results.vtkhdf")
-        del found["MyoRK/step"]
-        assert found == expected, place
-    assert cut > 10 and refused > 10 and cut + refused >= 50
-
-
-def records_of(journal: bytes) -> dict[str, int]:
-    """Where the last record of each kind begins."""
-    kinds = ("deck", "overrides", "approximation", "source", "points", "line", "step")
-    found, at = {}, 0
-    while at < len(journal):
-        kind, length = np.frombuffer(journal[at : at + 16], np.int64)
-        found[kinds[kind - 1]] = at
-        at += 40 + int(length)
-    return found
 
 
 def test_a_journal_of_another_version_is_refused(tmp_path, write_deck):

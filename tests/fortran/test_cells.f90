@@ -41,7 +41,7 @@ subroutine test_nodal(name, edges, source, share)
    type(error_type), allocatable :: error
    integer :: i
 
-   call new_box(cloud, edges, source, 2*source - 1, error)
+   call new_box(cloud, edges, source, 2*source - 1)
    if (share > 0.0_wp) call jitter(cloud, share)
    call nodal_cells(cells, cloud, error)
    call check(name//': cells', .not. allocated(error))
@@ -81,7 +81,7 @@ subroutine test_gauss(name, edges, source)
    type(cells_type) :: cells
    type(error_type), allocatable :: error
 
-   call new_box(cloud, edges, source, 2*source - 1, error)
+   call new_box(cloud, edges, source, 2*source - 1)
    call gauss_cells(cells, cloud, 3, 2, error)
    call check(name//': cells', .not. allocated(error))
    if (allocated(error)) return
@@ -201,7 +201,7 @@ subroutine test_moments
    real(wp) :: h(3), expected(3, 3), found(3, 3), volume
    integer :: d, q
 
-   call new_box(cloud, solid, [5, 5, 5], [5, 5, 5], error)
+   call new_box(cloud, solid, [5, 5, 5], [5, 5, 5])
    call nodal_cells(cells, cloud, error)
    h = solid/4.0_wp
    expected = 0.0_wp
@@ -237,7 +237,7 @@ subroutine test_tube
    type(error_type), allocatable :: error
    integer :: d
 
-   call new_annulus(cloud, 1.0_wp, 2.0_wp, [4, 7], [7, 13], error)
+   call new_annulus(cloud, 1.0_wp, 2.0_wp, [4, 7], [7, 13])
    call gauss_cells(cells, cloud, 3, 2, error)
    call check('tube: cells', .not. allocated(error))
    if (allocated(error)) return

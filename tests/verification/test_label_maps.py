@@ -199,11 +199,11 @@ def test_a_plane_is_a_slice_of_the_map(inputs: Path, tmp_path: Path) -> None:
     [
         (
             "material.stiff.label=7",
-            "material.stiff.label: label 7 is not in 'HALF'; in the box are 5, 9",
+            "material.stiff.label: label 7 of 'HALF' is not in the box; in the box are 5, 9",
         ),
         (
             "geometry.size=[0.4,0.2,0.2]",
-            "material.stiff.label: label 9 of 'HALF' lies outside of the box; in the box are 5",
+            "material.stiff.label: label 9 of 'HALF' is not in the box; in the box are 5",
         ),
         (
             "geometry.size=[1.1,0.2,0.2]",

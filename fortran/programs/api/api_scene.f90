@@ -167,7 +167,7 @@ subroutine scene_ask(handle, question, word, n, given, count, stat, message)
    call pack_error(error, stat, message)
 end subroutine scene_ask
 
-!> An array of the last answer: its name, what its numbers are (rk_answer), its rank and shape
+!> An array of the last answer: its name, what its numbers are (rk_handles), its rank and shape
 subroutine answer_form(handle, number, name, kind, rank, extent)
    use rk_error, only : error_type
    use rk_handles, only : find_slot, slot_type

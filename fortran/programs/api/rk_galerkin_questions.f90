@@ -1,11 +1,11 @@
 !> Questions about a Galerkin problem of which reduced models are made: integration points with
 !> their tissues and pressures, gradients of displacements, places of probes, what loads prescribe.
 module rk_galerkin_questions
-   use rk_answer, only : answer_type
    use rk_discretisation, only : discretisation_type
    use rk_energies, only : muscle_type, polynomial_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_galerkin, only : galerkin_problem
+   use rk_handles, only : answer_type
    use rk_precision, only : wp
    use rk_shape, only : shape_type
    implicit none

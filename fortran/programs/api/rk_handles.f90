@@ -1,10 +1,10 @@
-!> Scenes that Python holds open.
+!> Scenes that Python holds open, and answers to its questions about them: arrays and texts by name,
+!> which the boundary hands over one after the other.
 !>
 !> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
 !> handle and closes it. This table is the one place with module variables.
 module rk_handles
    use, intrinsic :: iso_c_binding, only : c_char, c_int, c_null_char
-   use rk_answer, only : answer_type
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type, free_discretisation
@@ -20,10 +20,32 @@ module rk_handles
    implicit none
    private
 
-   public :: slot_type, states_type, listener_interface, open_slot, close_slot, find_slot
+   public :: slot_type, answer_type, listener_interface, open_slot, close_slot, find_slot
 
    !> Rows of the table
    integer, parameter :: rows = 64
+
+   !> Arrays of an answer at most
+   integer, parameter :: most = 48
+
+   !> An array, flat
+   type :: array_type
+      character(len=16) :: name = ''
+      !> What its numbers are: 0 real, 1 whole, 2 the letters of a text
+      integer :: kind = 0
+      !> At most three numbers
+      integer, allocatable :: shape(:)
+      real(wp), allocatable :: value(:)
+   end type array_type
+
+   !> Answer
+   type :: answer_type
+      !> Arrays so far
+      integer :: count = 0
+      type(array_type) :: array(most)
+   contains
+      procedure :: put, put_whole, put_text
+   end type answer_type
 
    !> States of a solve, kept in memory
    type, extends(recorder_type) :: states_type
@@ -178,5 +200,43 @@ subroutine note(self, line, warning)
    if (.not. associated(self%listener)) return
    if (self%listener(line//c_null_char) /= 0) self%stop = .true.
 end subroutine note
+
+!> Add real numbers
+subroutine put(self, name, shape, value)
+   class(answer_type), intent(inout) :: self
+   character(len=*), intent(in) :: name
+   integer, intent(in) :: shape(:)
+   !> Numbers, the first index of the shape running first
+   real(wp), intent(in) :: value(*)
+
+   self%count = self%count + 1
+   self%array(self%count) = array_type(name, 0, shape, value(:product(shape)))
+end subroutine put
+
+!> Add whole numbers
+subroutine put_whole(self, name, shape, value)
+   class(answer_type), intent(inout) :: self
+   character(len=*), intent(in) :: name
+   integer, intent(in) :: shape(:)
+   integer, intent(in) :: value(*)
+
+   call self%put(name, shape, real(value(:product(shape)), wp))
+   self%array(self%count)%kind = 1
+end subroutine put_whole
+
+subroutine put_text(self, name, text)
+   class(answer_type), intent(inout) :: self
+   character(len=*), intent(in) :: name
+   !> Not allocated counts as empty
+   character(len=:), allocatable, intent(in) :: text
+   integer :: i
+
+   if (allocated(text)) then
+      call self%put_whole(name, [len(text)], [(iachar(text(i:i)), i=1, len(text))])
+   else
+      call self%put_whole(name, [0], [integer ::])
+   end if
+   self%array(self%count)%kind = 2
+end subroutine put_text
 
 end module rk_handles

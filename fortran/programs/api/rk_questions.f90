@@ -1,12 +1,11 @@
 !> Questions of Python about an open scene: a word and numbers in, arrays by name out.
 module rk_questions
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_answer, only : answer_type
    use rk_cloud, only : cloud_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_fields, only : compute_fields, field_names, field_sizes
    use rk_galerkin_questions, only : ask_galerkin
-   use rk_handles, only : find_slot, slot_type
+   use rk_handles, only : answer_type, find_slot, slot_type
    use rk_operator, only : row_operator
    use rk_point_field, only : point_field
    use rk_precision, only : wp
@@ -88,18 +87,12 @@ subroutine answer_body(cloud, answer)
    type(answer_type), intent(inout) :: answer
    integer, allocatable :: place(:, :), triangle(:, :), labels(:)
    real(wp), allocatable :: share(:, :)
-   integer :: k, l, next
+   integer :: k, l
 
    allocate (place, source=lattice_places(cloud))
    allocate (triangle, source=surface_triangles(place) - 1)
    place = place - spread(minval(place, dim=2), 2, size(place, 2))
-   labels = [integer ::]
-   next = minval(cloud%label)
-   do while (next <= maxval(cloud%label))
-      labels = [labels, next]
-      if (next == maxval(cloud%label)) exit
-      next = minval(cloud%label, mask=cloud%label > next)
-   end do
+   labels = cloud%labels()
    allocate (share(size(cloud%label), size(labels)), source=0.0_wp)
    do l = 1, size(labels)
       if (allocated(cloud%fraction)) then

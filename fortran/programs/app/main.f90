@@ -17,12 +17,12 @@ program main
    use rk_precision, only : i8, wp
    use rk_recorder, only : start_type
    use rk_refine, only : refine, refined_before, refinement_type
-   use rk_resume, only : resume_points, resume_run, start_from
+   use rk_resume, only : resume_points, resume_run, resumed_type, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
    use rk_summary, only : earlier_entries, is_finished, is_solved, set_aside, write_summary
    use rk_system, only : catch_signals, cpu_seconds, drop_previous, lock_folder, make_folder, &
-      & peak_bytes, prepare_process, process_number, tell, version_text
+      & peak_bytes, prepare_process, process_number, tell
    use rk_text, only : to_text
    use rk_verdict, only : judge, refused, verdict_type
    implicit none
@@ -101,27 +101,21 @@ contains
 
    !> The state at which it begins, its files, and what is said before it is solved
    subroutine begin()
-      character(len=:), allocatable :: damage, history
-      integer(i8) :: journal
+      type(resumed_type) :: before
 
-      history = ''
-      damage = ''
-      journal = 0
-      if (config%resume) then
-         call resume_run(config%out, deck, problem, start, history, output%worst, journal, &
-            & damage, error)
-         call leave_on(error)
-         if (allocated(start)) output%repeated = size(start%step)
-      end if
+      before%history = ''
+      if (config%resume) call resume_run(before, config%out, deck, problem, error)
+      call leave_on(error)
+      if (allocated(before%start)) start = before%start
       if (config%start /= '' .and. .not. allocated(start)) then
          call start_from(config%start, deck, problem, start, error)
          call leave_on(error)
       end if
       if (allocated(refinement%start) .and. .not. allocated(start)) &
          & call move_alloc(refinement%start, start)
-      if (output%repeated == 0) call put_aside(.true., .true., not_ended())
+      if (.not. allocated(before%start)) call put_aside(.true., .true., not_ended())
       output%verbosity = config%verbosity
-      call output%open(problem, config%out, deck, version_text(), error, history, journal)
+      call output%open(problem, config%out, deck, before, error)
       call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%levels//refinement%reason, &
          & level=huge(1))
@@ -129,7 +123,6 @@ contains
          & //' equations', level=0)
       if (damaged) call output%note('the earlier summary.json is damaged: what other stations ' &
          & //'wrote into it is lost', warning=.true.)
-      if (damage /= '') call output%note(damage, warning=.true.)
       if (output%repeated > 0) call output%say('resumed after load step ' &
          & //to_text(output%repeated), level=0)
       if (config%start /= '' .and. output%repeated == 0) call output%say('starts from ' &
@@ -154,13 +147,10 @@ contains
       end if
       call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%reason, level=0)
-      message = ''
-      if (allocated(failure)) message = failure%message
       call output%close(error)
       call leave_on(error)
-      call write_summary(config%out//'/summary.json', deck, problem, output, outcome, verdict, &
-         & refinement, shape_s, tick(clock), omp_get_max_threads(), .not. allocated(failure), &
-         & message, earlier, error)
+      call write_summary(config%out//'/summary.json', deck, output, outcome, verdict, refinement, &
+         & shape_s, tick(clock), omp_get_max_threads(), earlier, error)
       call leave_on(error)
       written = .true.
       call output%publish(error)

@@ -2,29 +2,28 @@
 !>
 !> A result file that was being written when its process was killed can be torn. The journal cannot:
 !> it is written record by record, and a reader stops at the first one that is not whole. A record
-!> is a head of three numbers (kind, bytes of the body, columns), their CRC-32, the body and its
-!> CRC-32, so that a record that was changed on the disk is not taken for a state. The journal goes
-!> when the results have taken their names.
+!> is a head of three numbers (kind, bytes of the body, columns) and the body. The journal goes when
+!> the results have taken their names.
 module rk_journal
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_loc, &
-      & c_null_char, c_null_ptr, c_ptr
-   use, intrinsic :: iso_fortran_env, only : int64
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, c_null_ptr, &
+      & c_ptr, c_size_t
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_precision, only : wp
-   use rk_restart, only : restart_type
-   use rk_text_file, only : rkf_close, rkf_create
+   use rk_precision, only : i8, wp
+   use rk_results, only : restart_type
+   use rk_text, only : to_text
+   use rk_text_file, only : rkf_close, rkf_create, rkf_write
    implicit none
    private
 
    public :: journal_type, read_journal
 
    !> Kinds of records: deck, overrides, approximation, points, lines of the history, steps
-   integer(int64), parameter, public :: is_deck = 1, is_overrides = 2, is_approximation = 3, &
+   integer(i8), parameter, public :: is_deck = 1, is_overrides = 2, is_approximation = 3, &
       & is_source = 4, is_points = 5, is_line = 6, is_step = 7
 
-   !> Bytes of a head with its check, and of a check
-   integer(int64), parameter :: nhead = 32, ncheck = 8
+   !> Bytes of a head
+   integer(i8), parameter :: nhead = 24
 
    !> Journal being written
    type :: journal_type
@@ -35,23 +34,10 @@ module rk_journal
       character(len=:), allocatable :: path
    contains
       procedure :: open => open_journal, add_text, add_numbers, remove => remove_journal
-      procedure, private :: check
+      procedure, private :: add, check
    end type journal_type
 
    interface
-      type(c_ptr) function rkf_record(handle, head, one, none, two, ntwo) bind(c)
-         import :: c_int64_t, c_ptr
-         type(c_ptr), value :: handle
-         integer(c_int64_t), intent(in) :: head(3)
-         type(c_ptr), value :: one, two
-         integer(c_int64_t), value :: none, ntwo
-      end function rkf_record
-      integer(c_int64_t) function rkf_check(before, bytes, length) bind(c)
-         import :: c_int64_t, c_ptr
-         integer(c_int64_t), value :: before
-         type(c_ptr), value :: bytes
-         integer(c_int64_t), value :: length
-      end function rkf_check
       integer(c_int) function unlink(path) bind(c)
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
@@ -65,44 +51,55 @@ subroutine open_journal(self, path, behind, error)
    class(journal_type), intent(inout) :: self
    character(len=*), intent(in) :: path
    !> Bytes that are whole, 0 for a new one
-   integer(int64), intent(in) :: behind
-   type(error_type), allocatable, intent(out) :: error
+   integer(i8), intent(in) :: behind
+   type(error_type), allocatable, intent(inout) :: error
 
+   if (allocated(error)) return
    self%path = path
-   call self%check(rkf_create(path//c_null_char, merge(behind, -1_int64, behind > 0), &
+   call self%check(rkf_create(path//c_null_char, merge(behind, -1_i8, behind > 0), &
       & self%handle), error)
 end subroutine open_journal
 
 subroutine add_text(self, kind, text, error)
-   !> Journal; nothing is added to a closed one
-   class(journal_type), intent(inout) :: self
+   class(journal_type), intent(in) :: self
    !> Kind of the record
-   integer(int64), intent(in) :: kind
-   character(len=*), intent(in), target :: text
-   !> Error handling: a full disk
-   type(error_type), allocatable, intent(out) :: error
+   integer(i8), intent(in) :: kind
+   character(len=*), intent(in) :: text
+   type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. c_associated(self%handle)) return
-   call self%check(rkf_record(self%handle, [kind, len(text, int64), 0_int64], c_loc(text), &
-      & len(text, int64), c_null_ptr, 0_int64), error)
+   call self%add(kind, text, 0_i8, error)
 end subroutine add_text
 
 !> Add a table of numbers, and another one
 subroutine add_numbers(self, kind, values, more, error)
-   class(journal_type), intent(inout) :: self
-   integer(int64), intent(in) :: kind
+   class(journal_type), intent(in) :: self
+   integer(i8), intent(in) :: kind
    !> Numbers, shape (n)
-   real(wp), contiguous, intent(in), target :: values(:)
+   real(wp), intent(in) :: values(:)
    !> Further ones, shape (m, columns)
-   real(wp), contiguous, intent(in), target :: more(:, :)
-   type(error_type), allocatable, intent(out) :: error
+   real(wp), intent(in) :: more(:, :)
+   type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. c_associated(self%handle)) return
-   associate (n => 8*size(values, kind=int64), m => 8*size(more, kind=int64))
-      call self%check(rkf_record(self%handle, [kind, n + m, size(more, 2, int64)], &
-         & c_loc(values), n, c_loc(more), m), error)
+   associate (all_numbers => [values, more])
+      call self%add(kind, transfer(all_numbers, repeat(' ', 8*size(all_numbers))), &
+         & size(more, 2, i8), error)
    end associate
 end subroutine add_numbers
+
+!> Add a record
+subroutine add(self, kind, body, columns, error)
+   !> Journal; nothing is added to a closed one
+   class(journal_type), intent(in) :: self
+   integer(i8), intent(in) :: kind
+   character(len=*), intent(in) :: body
+   integer(i8), intent(in) :: columns
+   !> Error handling: a full disk; after an error nothing is added
+   type(error_type), allocatable, intent(inout) :: error
+
+   if (allocated(error) .or. .not. c_associated(self%handle)) return
+   call self%check(rkf_write(self%handle, transfer([kind, len(body, i8), columns], &
+      & repeat(' ', nhead))//body, nhead + len(body, c_size_t)), error)
+end subroutine add
 
 subroutine remove_journal(self)
    !> Journal; nothing happens to a closed one
@@ -128,7 +125,7 @@ subroutine check(self, why, error)
 end subroutine check
 
 !> Read a journal up to its last whole step
-subroutine read_journal(path, numbers, found, history, whole, damage)
+subroutine read_journal(path, numbers, found, history, whole, error)
    !> File, which exists
    character(len=*), intent(in) :: path
    !> Numbers of a step, beside its load
@@ -138,14 +135,12 @@ subroutine read_journal(path, numbers, found, history, whole, damage)
    !> Lines of the history up to this step, each with its line feed
    character(len=:), allocatable, intent(out) :: history
    !> Bytes up to there
-   integer(int64), intent(out) :: whole
-   !> Byte at which the first record begins whose check differs; negative where there is none
-   integer(int64), intent(out) :: damage
-   integer(int64) :: at, bytes, tail
-   integer(int64), target :: head(4)
+   integer(i8), intent(out) :: whole
+   !> Error handling: what no journal of this version holds
+   type(error_type), allocatable, intent(out) :: error
+   integer(i8) :: at, bytes, head(3)
    integer :: n, stat, unit
-   character(len=:), allocatable :: lines
-   character(len=:), allocatable, target :: text
+   character(len=:), allocatable :: lines, text
    real(wp), allocatable :: values(:)
 
    allocate (found%load(0), found%step(numbers, 0), found%x(0, 0), found%carried(0, 0), &
@@ -156,30 +151,28 @@ subroutine read_journal(path, numbers, found, history, whole, damage)
    history = ''
    lines = ''
    whole = 0
-   damage = -1
+   at = 0
    inquire (file=path, size=bytes)
-   if (bytes < nhead) return
    open (newunit=unit, file=path, access='stream', form='unformatted', status='old', &
       & action='read', iostat=stat)
    if (stat /= 0) return
-   at = 0
    do while (at + nhead <= bytes)
       read (unit, iostat=stat) head
       if (stat /= 0) exit
-      damage = at
-      if (head(4) /= rkf_check(0_int64, c_loc(head), nhead - ncheck)) exit
-      damage = -1
       associate (kind => head(1), length => head(2), columns => head(3))
+         if (kind < is_deck .or. kind > is_step .or. min(length, columns) < 0) then
+            call fatal_error(error, err_file, path//': its record at byte '//to_text(at) &
+               & //' is damaged, or another version wrote it; run again without --resume')
+            exit
+         end if
          ! a process that is killed leaves a part of its last record
-         if (at + nhead + length + ncheck > bytes) exit
+         if (at + nhead + length > bytes) exit
          if (allocated(text)) deallocate (text)
          allocate (character(len=length) :: text)
-         read (unit, iostat=stat) text, tail
+         read (unit, iostat=stat) text
          if (stat /= 0) exit
-         if (tail /= rkf_check(0_int64, c_loc(text), length)) damage = at
-         if (damage >= 0) exit
          if (any(kind == [is_source, is_points, is_step])) values = transfer(text, [0.0_wp])
-         at = at + nhead + length + ncheck
+         at = at + nhead + length
          select case (kind)
          case (is_deck)
             found%deck = text

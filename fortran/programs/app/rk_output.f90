@@ -12,14 +12,13 @@ module rk_output
       & is_step, journal_type
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
-   use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
+   use rk_probes, only : new_probes, numbers_of, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
-   use rk_results, only : results_type
-   use rk_resume, only : journal_name, step_columns, step_numbers, to_space
+   use rk_results, only : results_type, to_space
+   use rk_resume, only : journal_name, resumed_type, step_columns, step_numbers
    use rk_scene, only : scene_type
    use rk_states, only : field_state
-   use rk_surface, only : lattice_places, surface_triangles
-   use rk_system, only : interrupted, tell
+   use rk_system, only : interrupted, tell, version_text
    use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
    use rk_units, only : probe_unit
@@ -72,6 +71,7 @@ module rk_output
       procedure :: open => open_output, close => close_output, publish
       procedure :: iteration, step, stopped, loaded_states, say, note, tell_verdict
    end type output_type
+
    !> Receiver of a search for points, before a run has files: reports it on the terminal
    type, extends(recorder_type) :: search_type
       !> Below 0 nothing is printed
@@ -83,24 +83,23 @@ module rk_output
 contains
 
 !> Open the files of a run
-subroutine open_output(self, problem, folder, deck, version, error, history, whole)
+subroutine open_output(self, problem, folder, deck, resumed, error)
    class(output_type), intent(inout) :: self
    class(discretisation_type), target, intent(inout) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
    type(deck_type), intent(in) :: deck
-   character(len=*), intent(in) :: version
+   !> Run that goes on; without load steps one begins
+   type(resumed_type), intent(in) :: resumed
    type(error_type), allocatable, intent(out) :: error
-   !> Lines of history.csv of the run that goes on, each with its line feed
-   character(len=*), intent(in) :: history
-   !> Bytes of its journal that are whole, 0 for a run that begins
-   integer(i8), intent(in) :: whole
-   real(wp), allocatable :: points(:, :), source(:, :)
-   integer, allocatable :: place(:, :)
 
    self%problem => problem
    allocate (self%record(0))
+   if (allocated(resumed%start)) then
+      self%repeated = size(resumed%start%step)
+      self%worst = resumed%worst
+   end if
    call new_probes(self%probes, problem%scene, error)
    if (allocated(error)) return
    call self%history%create(folder//'/history.csv', error)
@@ -108,30 +107,23 @@ subroutine open_output(self, problem, folder, deck, version, error, history, who
    if (.not. allocated(error)) call self%history%line('step,load,iteration,residual,gradient,' &
       & //'step_norm,min_J,max_J,backward_error,solver,seconds', error)
    if (allocated(error)) return
-   if (len(history) > 0) call self%history%line(history(:len(history) - 1), error)
-   if (allocated(error)) return
-   associate (cloud => problem%scene%cloud)
-      points = to_space(cloud%points)
-      source = to_space(cloud%source)
-      place = lattice_places(cloud)
-      call self%results%open(folder//'/results.vtkhdf', points, cloud%label, cloud%fiber, source, &
-         & place, surface_triangles(place), deck%text, deck%overrides, approximation_text(deck), &
-         & version, error)
+   associate (history => resumed%history, cloud => problem%scene%cloud)
+      if (len(history) > 0) call self%history%line(history(:len(history) - 1), error)
+      if (.not. allocated(error)) call self%results%open(folder//'/results.vtkhdf', cloud, deck, &
+         & approximation_text(deck), version_text(), error)
+      if (allocated(error) .or. problem%linear) return
+      call self%journal%open(folder//journal_name, resumed%journal, error)
+      if (resumed%journal > 0) then
+         self%journaled = self%repeated
+         return
+      end if
+      call self%journal%add_text(is_deck, deck%text, error)
+      call self%journal%add_text(is_overrides, deck%overrides, error)
+      call self%journal%add_text(is_approximation, approximation_text(deck), error)
+      call self%journal%add_numbers(is_source, [real(wp) ::], to_space(cloud%source), error)
+      call self%journal%add_numbers(is_points, [real(wp) ::], to_space(cloud%points), error)
+      if (len(history) > 0) call self%journal%add_text(is_line, history(:len(history) - 1), error)
    end associate
-   if (allocated(error) .or. problem%linear) return
-   call self%journal%open(folder//journal_name, whole, error)
-   if (whole > 0) self%journaled = self%repeated
-   if (allocated(error) .or. whole > 0) return
-   call self%journal%add_text(is_deck, deck%text, error)
-   if (.not. allocated(error)) call self%journal%add_text(is_overrides, deck%overrides, error)
-   if (.not. allocated(error)) call self%journal%add_text(is_approximation, &
-      & approximation_text(deck), error)
-   if (.not. allocated(error)) call self%journal%add_numbers(is_source, [real(wp) ::], source, &
-      & error)
-   if (.not. allocated(error)) call self%journal%add_numbers(is_points, [real(wp) ::], points, &
-      & error)
-   if (.not. allocated(error) .and. len(history) > 0) call self%journal%add_text(is_line, &
-      & history(:len(history) - 1), error)
 end subroutine open_output
 
 !> Complete the files under their temporary names
@@ -212,25 +204,23 @@ subroutine step(self, st, x)
    class(output_type), intent(inout) :: self
    type(step_type), intent(in) :: st
    real(wp), contiguous, intent(in) :: x(:)
-   type(step_record), allocatable :: grown(:)
+   type(step_record) :: record
    type(field_state) :: state
    type(point_field), allocatable :: fields(:)
    type(error_type), allocatable :: error
    character(len=200) :: line
    integer(i8) :: clock
-   integer :: i, n
+   integer :: i
 
    call system_clock(clock)
    call self%problem%state(x, st%load, state)
-   n = size(self%record)
-   allocate (grown(n + 1))
-   grown(:n) = self%record
-   grown(n + 1)%step = st
-   allocate (grown(n + 1)%probe(3, size(self%problem%scene%probe)))
-   do i = 1, size(self%problem%scene%probe)
-      call probe_value(self%problem, self%probes, i, state, grown(n + 1)%probe(:, i))
+   record%step = st
+   if (allocated(record%step%carried)) deallocate (record%step%carried)
+   allocate (record%probe(3, size(self%problem%scene%probe)))
+   do i = 1, size(record%probe, 2)
+      call probe_value(self%problem, self%probes, i, state, record%probe(:, i))
    end do
-   call move_alloc(grown, self%record)
+   self%record = [self%record, record]
    if (self%repeated > 0 .and. st%step <= self%repeated) then
       self%backward_error = self%worst(1, st%step)
       self%misfit = self%worst(2, st%step)
@@ -240,13 +230,11 @@ subroutine step(self, st, x)
    associate (numbers => step_numbers(st, [self%backward_error, self%misfit, self%rcond]), &
       & activation => self%problem%scene%common_activation(st%load))
       call self%results%add_step(st%load, activation, fields, x, numbers, step_columns(st), error)
-      call keep(self, error)
       ! a state between two planned ones is found again
       if (st%step > self%journaled .and. st%planned) call self%journal%add_numbers(is_step, &
          & [st%load, numbers, x], step_columns(st), error)
    end associate
    call keep(self, error)
-   if (allocated(self%record(n + 1)%step%carried)) deallocate (self%record(n + 1)%step%carried)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
    if (allocated(self%problem%scene%motion)) then
@@ -314,9 +302,7 @@ subroutine tell_verdict(self, deck, verdict)
    if (allocated(verdict%bars%value)) then
       do i = 1, size(verdict%bars%change)
          associate (probe => self%problem%scene%probe(i), bars => verdict%bars)
-            n = quantity_size(probe%quantity)
-            if (self%problem%fields == 1) n = 1
-            if (n == 3) n = self%problem%scene%cloud%nd
+            n = numbers_of(self%problem, i)
             if (ieee_is_nan(bars%change(i))) then
                line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
             else

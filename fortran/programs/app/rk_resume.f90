@@ -1,21 +1,20 @@
 !> Runs that begin at a state of another run: resumed in the same folder, or started from a file.
 module rk_resume
-   use, intrinsic :: iso_fortran_env, only : int64
    use rk_deck, only : deck_type
    use rk_deck_scene, only : approximation_text
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type, fatal_error, err_file, err_input
+   use rk_error, only : error_type, fatal_error, err_input
    use rk_journal, only : read_journal
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_recorder, only : start_type, step_type
-   use rk_restart, only : read_restart, restart_type
+   use rk_results, only : read_restart, restart_type, to_space
    use rk_text, only : line, lines_of, to_text
    use rk_text_file, only : load_text
    implicit none
    private
 
-   public :: resume_run, resume_points, start_from, to_space, step_numbers, step_columns
-   public :: numbers_of_step, journal_name
+   public :: resumed_type, resume_run, resume_points, start_from, step_numbers, step_columns
+   public :: journal_name
 
    !> Numbers of a step in the file: those of step_type, of carried_type, the worst backward error,
    !> misfit and condition of the run so far, and the columns that are carried
@@ -23,71 +22,62 @@ module rk_resume
    !> Journal of a run, in its folder
    character(len=*), parameter :: journal_name = '/results.journal'
 
+   !> What an ended run has left
+   type :: resumed_type
+      !> Its load steps; not allocated where nothing was solved yet
+      type(start_type), allocatable :: start
+      !> Lines of history.csv behind the first, each with its line feed
+      character(len=:), allocatable :: history
+      !> Worst backward error, misfit and condition of the run up to each step, shape (3, 0:steps)
+      !> [-]
+      real(wp), allocatable :: worst(:, :)
+      !> Bytes of the journal that are whole, 0 where there is none
+      integer(i8) :: journal = 0
+   end type resumed_type
+
 contains
 
 !> Load steps of an ended run in a folder, and the lines of its history that belong to them: by its
 !> journal where it was killed, by its results where it ended
-subroutine resume_run(folder, deck, problem, start, history, worst, journal, damage, error)
+subroutine resume_run(self, folder, deck, problem, error)
+   type(resumed_type), intent(out) :: self
    character(len=*), intent(in) :: folder
    !> Deck, which must be that of the run
    type(deck_type), intent(in) :: deck
    class(discretisation_type), intent(in) :: problem
-   !> Its load steps; not allocated where nothing was solved yet
-   type(start_type), allocatable, intent(out) :: start
-   !> Lines of history.csv behind the first, each with its line feed
-   character(len=:), allocatable, intent(out) :: history
-   !> Worst backward error, misfit and condition of the run up to each step, shape (3, 0:steps) [-]
-   real(wp), allocatable, intent(out) :: worst(:, :)
-   !> Bytes of the journal that are whole, 0 where there is none
-   integer(int64), intent(out) :: journal
-   !> What of the journal is left out because it was changed; blank where nothing is
-   character(len=:), allocatable, intent(out) :: damage
    !> Error handling: another deck, other points, a damaged file
    type(error_type), allocatable, intent(out) :: error
    type(restart_type) :: found
    character(len=:), allocatable :: path
-   type(step_type) :: begin
-   real(wp) :: unloaded(3)
-   real(wp), allocatable :: first(:)
    integer :: k, planned
 
-   history = ''
-   journal = 0
-   damage = ''
+   self%history = ''
    if (problem%linear) return
-   call read_run(folder, found, path, history, journal, damage, error)
-   if (allocated(error) .or. .not. allocated(found%load)) return
-   if (size(found%load) == 0) return
-   first = found%x(:, 1)
-   unloaded = found%step(14:16, 1)
-   begin = step_of(found, 1)
-   if (allocated(begin%carried)) deallocate (begin%carried)
-   found%load = found%load(2:)
-   found%step = found%step(:, 2:)
-   found%x = found%x(:, 2:)
+   call read_run(folder, found, path, self%history, self%journal, error)
+   if (allocated(error)) return
    ! a state between two planned ones, where the run ended, is found again
-   planned = count(found%step(8, :) > 0.0_wp)
+   planned = 0
+   if (allocated(found%load)) planned = count(found%step(8, 2:) > 0.0_wp)
    if (planned == 0) then
       ! what has led to the state at load 0 is found again
-      history = ''
-      journal = 0
+      self%history = ''
+      self%journal = 0
       return
    end if
    call compare_decks(found, deck, path, error)
    if (.not. allocated(error)) call compare_points(found, deck, problem, path, error)
    if (allocated(error)) return
-   allocate (start)
-   start%first = first
-   start%begin = begin
-   allocate (start%step(planned))
+   allocate (self%start)
+   self%start%first = found%x(:, 1)
+   self%start%begin = step_of(found, 1)
+   if (allocated(self%start%begin%carried)) deallocate (self%start%begin%carried)
+   allocate (self%start%step(planned), self%worst(3, 0:planned))
    do k = 1, planned
-      start%step(k) = step_of(found, k)
+      self%start%step(k) = step_of(found, k + 1)
    end do
-   start%x = found%x(:, :planned)
-   allocate (worst(3, 0:planned))
-   worst(:, 0) = unloaded
-   worst(:, 1:) = found%step(14:16, :planned)
-   history = lines_until(history, planned)
+   self%start%x = found%x(:, 2:planned + 1)
+   self%worst(:, :) = found%step(14:16, :planned + 1)
+   self%history = lines_until(self%history, planned)
 end subroutine resume_run
 
 !> Give a deck that has a table refine the points which its ended run had found, so that they are
@@ -102,13 +92,13 @@ subroutine resume_points(folder, deck, resumed, error)
    type(error_type), allocatable, intent(out) :: error
    type(restart_type) :: found
    type(deck_type) :: finer
-   character(len=:), allocatable :: path, history, damage
+   character(len=:), allocatable :: path, history
    character(len=512), allocatable :: words(:)
-   integer(int64) :: journal
+   integer(i8) :: journal
    integer :: own
 
    resumed = .false.
-   call read_run(folder, found, path, history, journal, damage, error)
+   call read_run(folder, found, path, history, journal, error)
    if (allocated(error) .or. .not. allocated(found%load)) return
    if (size(found%load) < 2) return
    own = len(deck%overrides)
@@ -123,37 +113,26 @@ subroutine resume_points(folder, deck, resumed, error)
 end subroutine resume_points
 
 !> States of the run in a folder, that at load 0 first; none are allocated where there is no run
-subroutine read_run(folder, found, path, history, journal, damage, error)
+subroutine read_run(folder, found, path, history, journal, error)
    character(len=*), intent(in) :: folder
    type(restart_type), intent(out) :: found
    !> File they are from
    character(len=:), allocatable, intent(out) :: path
+   !> Lines of history.csv behind the first, each with its line feed
    character(len=:), allocatable, intent(out) :: history
-   integer(int64), intent(out) :: journal
-   character(len=:), allocatable, intent(out) :: damage
+   !> Bytes of the journal that are whole, 0 where there is none
+   integer(i8), intent(out) :: journal
    !> Error handling: a damaged file
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: text
-   integer(int64) :: changed
    logical :: exists
 
    history = ''
    journal = 0
-   damage = ''
    path = folder//journal_name
    inquire (file=path, exist=exists)
    if (exists) then
-      call read_journal(path, numbers_of_step, found, history, journal, changed)
-      if (changed < 0) return
-      damage = path//': its record at byte '//to_text(changed)//' is damaged, or another ' &
-         & //'version wrote it'
-      if (size(found%load) < 2) then
-         call fatal_error(error, err_file, damage//', and no load step precedes it; ' &
-            & //'run again without --resume')
-      else
-         damage = damage//': continued after load step '//to_text(size(found%load) - 1) &
-            & //', later steps are computed again'
-      end if
+      call read_journal(path, numbers_of_step, found, history, journal, error)
       return
    end if
    path = folder//'/results.vtkhdf'
@@ -265,16 +244,6 @@ subroutine compare_points(found, deck, problem, path, error)
    end associate
    if (what /= '') call fatal_error(error, err_input, path//': its states have '//what)
 end subroutine compare_points
-
-!> Points with a third coordinate
-pure function to_space(x) result(y)
-   !> Points, shape (nd, n) [length]
-   real(wp), intent(in) :: x(:, :)
-   real(wp) :: y(3, size(x, 2))
-
-   y = 0.0_wp
-   y(:size(x, 1), :) = x
-end function to_space
 
 !> A step as the numbers that the file keeps
 pure function step_numbers(step, worst) result(row)

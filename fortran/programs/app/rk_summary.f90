@@ -13,7 +13,7 @@ module rk_summary
    use rk_named_sets, only : extent_of
    use rk_output, only : output_type, step_record
    use rk_precision, only : wp
-   use rk_probes, only : quantity_size
+   use rk_probes, only : numbers_of
    use rk_refine, only : refinement_type
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
@@ -32,11 +32,11 @@ module rk_summary
 
 contains
 
-subroutine write_summary(path, deck, problem, output, outcome, verdict, refinement, shape_s, &
-   & total_s, threads, converged, message, earlier, error)
+subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape_s, total_s, &
+   & threads, earlier, error)
    character(len=*), intent(in) :: path
    type(deck_type), intent(in) :: deck
-   class(discretisation_type), intent(in) :: problem
+   !> States of a problem with their probes
    type(output_type), intent(in) :: output
    !> What the run found out
    type(outcome_type), intent(in) :: outcome
@@ -47,16 +47,13 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
    !> Wall times of shape functions and of everything [s]
    real(wp), intent(in) :: shape_s, total_s
    integer, intent(in) :: threads
-   !> Whether full load was reached
-   logical, intent(in) :: converged
-   !> Why not
-   character(len=*), intent(in) :: message
    !> Entries of the file that is there
    type(json_entry), intent(in) :: earlier(:)
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
 
-   associate (scene => problem%scene)
+   associate (problem => output%problem, scene => output%problem%scene, &
+      & converged => .not. allocated(outcome%ended))
       call json%begin_object()
       call json%put('title', scene%title)
       call json%put('deck_sha256', deck%sha256)
@@ -75,14 +72,14 @@ subroutine write_summary(path, deck, problem, output, outcome, verdict, refineme
       call json%put('reciprocal_condition', output%rcond)
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
-      call json%put('collocation_points', size(problem%scene%cloud%points, 2))
+      call json%put('collocation_points', size(scene%cloud%points, 2))
       if (allocated(scene%cloud%region)) call write_sets(json, scene%cloud, set_unit(deck))
       call json%put('stencils', maxval(problem%shape%stencil))
       call json%put('dofs', problem%n)
       call json%put('rows', problem%m)
       call json%put('threads', threads)
       call json%put('converged', converged)
-      if (.not. converged) call json%put('message', message)
+      if (.not. converged) call json%put('message', outcome%ended)
       call write_verdict(json, verdict)
       if (allocated(refinement%reason)) call write_refinement(json, refinement, problem, verdict)
       call put_probe_units(json, deck)
@@ -421,16 +418,6 @@ subroutine write_bars(json, problem, record, bars)
    end do
    call json%end_object()
 end subroutine write_bars
-
-pure integer function numbers_of(problem, i)
-   class(discretisation_type), intent(in) :: problem
-   !> Probe
-   integer, intent(in) :: i
-
-   numbers_of = 1
-   if (quantity_size(problem%scene%probe(i)%quantity) > 1 .and. problem%fields > 1) &
-      & numbers_of = problem%scene%cloud%nd
-end function numbers_of
 
 !> A number, or several as an array
 subroutine put_values(json, name, values)

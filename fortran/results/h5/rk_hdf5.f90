@@ -93,14 +93,6 @@ module rk_hdf5
          integer(c_int), allocatable, intent(inout) :: values(..)
       end function read_c_integers
 
-      !> The same of bytes
-      type(c_ptr) function read_c_bytes(file, path, values) bind(c, name='rkh5_read')
-         import :: c_char, c_int8_t, c_int64_t, c_ptr
-         integer(c_int64_t), value :: file
-         character(kind=c_char), intent(in) :: path(*)
-         integer(c_int8_t), allocatable, intent(inout) :: values(..)
-      end function read_c_bytes
-
       type(c_ptr) function rkh5_put_attribute(file, object, name, values) bind(c)
          import :: c_char, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
@@ -263,12 +255,15 @@ subroutine read_text(self, name, text, error)
    character(len=*), intent(in) :: name
    character(len=:), allocatable, intent(out) :: text
    type(error_type), allocatable, intent(inout) :: error
-   integer(c_int8_t), allocatable :: bytes(:)
+   integer, allocatable :: letters(:)
+   integer :: i
 
-   if (.not. is_there(self, name, error)) return
-   call check_read(self, name, read_c_bytes(self%handle, c_text(name), bytes), allocated(bytes), &
-      error)
-   if (.not. allocated(error)) text = transfer(bytes, repeat(' ', size(bytes)))
+   call self%read(name, letters, error)
+   if (allocated(error)) return
+   allocate (character(len=size(letters)) :: text)
+   do i = 1, len(text)
+      text(i:i) = achar(letters(i))
+   end do
 end subroutine read_text
 
 !> Whether there is a dataset to be read, after no error

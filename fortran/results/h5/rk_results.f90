@@ -5,22 +5,24 @@
 !> fields; the offsets in /VTKHDF/Steps are the places. The time of a step is its load.
 !> /MyoRK is ours: triangles of the surface and places of the points in a lattice, where there are
 !> any; source points and, for every step, load, activation, coefficients, numbers of the step and
-!> what it hands on to the next one (rk_restart); the deck with its overrides, the approximation,
+!> what it hands on to the next one (restart_type); the deck with its overrides, the approximation,
 !> and the version of the program.
 !>
 !> Reference: VTKHDF file format, version 2.0,
 !> https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format
 module rk_results
    use, intrinsic :: iso_fortran_env, only : int8
+   use rk_cloud, only : cloud_type
+   use rk_deck, only : deck_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_hdf5, only : as_bytes, h5_type
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
-   use rk_text, only : to_text
+   use rk_surface, only : lattice_places, surface_triangles
    implicit none
    private
 
-   public :: results_type
+   public :: results_type, restart_type, read_restart, to_space
 
    !> Number of VTK_VERTEX in VTK's list of cell types
    integer(int8), parameter :: vtk_vertex = 1_int8
@@ -29,56 +31,51 @@ module rk_results
 
    !> A result file being written
    type, extends(h5_type) :: results_type
-      !> Number of points
-      integer, private :: npoint = 0
-      !> Number of coefficients, known from the first step on
-      integer, private :: ncoefficient = 0
       !> Steps written so far
       integer, private :: nstep = 0
-      !> Load of the last step
-      real(wp), private :: load = 0.0_wp
    contains
       procedure :: open => open_results, add_step
    end type results_type
 
+   !> Content of a result file that a run may start from
+   type :: restart_type
+      !> Deck, its overrides as lines, and the approximation to which the coefficients belong
+      character(len=:), allocatable :: deck, overrides, approximation
+      !> Source and collocation points, z = 0 in plane problems, shapes (3, ns), (3, np) [length]
+      real(wp), allocatable :: source(:, :), points(:, :)
+      !> Load of each state, the state at rest included, shape (states) [-]
+      real(wp), allocatable :: load(:)
+      !> Numbers of the step of each state, as the caller gave them, shape (numbers, states)
+      real(wp), allocatable :: step(:, :)
+      !> Coefficients of each state, shape (ndof, states)
+      real(wp), allocatable :: x(:, :)
+      !> What steps carried, as the caller gave it, shape (ndof, columns)
+      real(wp), allocatable :: carried(:, :)
+   end type restart_type
+
 contains
 
 !> Start the file with everything that does not change
-subroutine open_results(self, path, points, label, fiber, source, place, triangle, deck_text, &
-   overrides, approximation, version, error)
+subroutine open_results(self, path, cloud, deck, approximation, version, error)
    class(results_type), intent(inout) :: self
    !> Name of the file once it is complete
    character(len=*), intent(in) :: path
-   !> Undeformed collocation points, shape (3,np), z = 0 in plane problems [length]
-   real(wp), intent(in), contiguous :: points(:, :)
-   !> Label of each point, shape (np)
-   integer, intent(in), contiguous :: label(:)
-   !> Fiber directions, unit vectors or zero, shape (3,np) [-]
-   real(wp), intent(in), contiguous :: fiber(:, :)
-   !> Undeformed source points, shape (3,ns) [length]
-   real(wp), intent(in), contiguous :: source(:, :)
-   !> Place of each point in a lattice, shape (nd,np) or (nd,0)
-   integer, intent(in), contiguous :: place(:, :)
-   !> Points at the corners of the surface's triangles, or of those that fill a plane body, from 1,
-   !> shape (3,nt), nt possibly 0
-   integer, intent(in), contiguous :: triangle(:, :)
-   !> The deck as it was read, its overrides, each with its line feed, and the shape functions in
-   !> words, to which the coefficients belong
-   character(len=*), intent(in) :: deck_text, overrides, approximation
+   !> Undeformed points with their labels and fibers
+   type(cloud_type), intent(in) :: cloud
+   !> The deck as it was read, with its overrides
+   type(deck_type), intent(in) :: deck
+   !> The shape functions in words, to which the coefficients belong
+   character(len=*), intent(in) :: approximation
    character(len=*), intent(in) :: version
    type(error_type), allocatable, intent(out) :: error
+   integer, allocatable :: place(:, :), triangle(:, :)
    integer(i8) :: np, i
 
-   self%npoint = size(label)
-   self%ncoefficient = 0
    self%nstep = 0
-   call check_shape("points", shape(points), [3, self%npoint], error)
-   call check_shape("fiber", shape(fiber), [3, self%npoint], error)
-   if (allocated(error)) return
    call self%create(path, error)
    if (allocated(error)) return
-   np = size(points, 2, i8)
-   call self%append(vtk//"/Points", points, error)
+   np = size(cloud%points, 2, i8)
+   call self%append(vtk//"/Points", to_space(cloud%points), error)
    call self%put_attribute(vtk, "Version", [2, 0], error)
    call self%put_attribute(vtk, "Type", as_bytes("UnstructuredGrid"), error)
    call self%append(vtk//"/NumberOfPoints", [np], error)
@@ -86,18 +83,30 @@ subroutine open_results(self, path, points, label, fiber, source, place, triangl
    call self%append(vtk//"/NumberOfConnectivityIds", [np], error)
    call self%append(vtk//"/Connectivity", [(i, i = 0, np - 1)], error)
    call self%append(vtk//"/Offsets", [(i, i = 0, np)], error)
-   call self%append(vtk//"/Types", spread(vtk_vertex, 1, size(points, 2)), error)
-   call self%append(vtk//"/PointData/label", label, error)
-   call self%append(vtk//"/PointData/fiber", fiber, error)
-   call self%append(own//"/source", source, error)
-   call self%append(own//"/deck", as_bytes(deck_text), error)
+   call self%append(vtk//"/Types", spread(vtk_vertex, 1, int(np)), error)
+   call self%append(vtk//"/PointData/label", cloud%label, error)
+   call self%append(vtk//"/PointData/fiber", cloud%fiber, error)
+   call self%append(own//"/source", to_space(cloud%source), error)
+   call self%append(own//"/deck", as_bytes(deck%text), error)
    call self%put_attribute(own, "version", as_bytes(version), error)
+   place = lattice_places(cloud)
+   triangle = surface_triangles(place)
    if (size(place) > 0) call self%append(own//"/lattice", place, error)
    if (size(triangle) > 0) call self%append(own//"/surface", triangle - 1, error)
    ! no text is empty in the file
-   call self%append(own//"/overrides", as_bytes(overrides//new_line('a')), error)
+   call self%append(own//"/overrides", as_bytes(deck%overrides//new_line('a')), error)
    call self%append(own//"/approximation", as_bytes(approximation), error)
 end subroutine open_results
+
+!> Points with a third coordinate, z = 0 in plane problems
+pure function to_space(x) result(y)
+   !> Points, shape (nd, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   real(wp) :: y(3, size(x, 2))
+
+   y = 0.0_wp
+   y(:size(x, 1), :) = x
+end function to_space
 
 !> Append a converged state; the first one is the undeformed state
 subroutine add_step(self, load, activation, fields, coefficients, step, carried, error)
@@ -115,7 +124,7 @@ subroutine add_step(self, load, activation, fields, coefficients, step, carried,
    !> What it hands on, shape (ndof, columns); a step whose successor begins with nothing but its
    !> state has no columns
    real(wp), intent(in), contiguous :: carried(:, :)
-   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable, intent(inout) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
    character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
       "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "PointDataOffsets/label", &
@@ -123,19 +132,10 @@ subroutine add_step(self, load, activation, fields, coefficients, step, carried,
    real(wp), pointer, contiguous :: flat(:)
    integer :: k
 
-   if (self%nstep == 0) self%ncoefficient = size(coefficients)
-   if (self%nstep > 0 .and. .not. load > self%load) then
-      call fatal_error(error, err_input, "results: the load of a step must exceed that of the "// &
-         "step before, but "//to_text(load)//" follows "//to_text(self%load))
-      return
-   end if
-   call check_shape("coefficients", shape(coefficients), [self%ncoefficient], error)
    call self%append(own//"/step", reshape(step, [size(step), 1]), error)
    if (size(carried) > 0) call self%append(own//"/carried", carried, error)
    do k = 1, size(fields)
       associate (field => fields(k))
-         call check_shape(field%name, shape(field%value), [size(field%value, 1), self%npoint], &
-            error)
          if (size(field%value, 1) == 1) then
             ! one number a point has no axis of its own in the file
             flat(1:size(field%value)) => fields(k)%value
@@ -156,29 +156,51 @@ subroutine add_step(self, load, activation, fields, coefficients, step, carried,
    end do
    do k = 1, size(fields)
       call self%append(steps//"PointDataOffsets/"//fields(k)%name, &
-         [int(self%nstep, i8)*self%npoint], error)
+         [int(self%nstep, i8)*size(fields(k)%value, 2)], error)
    end do
    if (allocated(error)) return
 
    ! The number of steps comes last: a reader never sees half a step
    self%nstep = self%nstep + 1
-   self%load = load
    call self%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
    call self%flush(error)
 end subroutine add_step
 
-!> An array must have the shape its file promises
-subroutine check_shape(name, found, wanted, error)
-   character(len=*), intent(in) :: name
-   !> Shape it has
-   integer, intent(in) :: found(:)
-   !> Shape it must have
-   integer, intent(in) :: wanted(:)
-   type(error_type), allocatable, intent(inout) :: error
+!> Read all of it; states that were not written as a whole are left out
+subroutine read_restart(self, path, error)
+   type(restart_type), intent(out) :: self
+   !> Result file, whole or unfinished
+   character(len=*), intent(in) :: path
+   !> Error handling: no such file, damaged, of an earlier version
+   type(error_type), allocatable, intent(out) :: error
+   type(error_type), allocatable :: trouble
+   type(h5_type) :: file
+   integer :: states
 
-   if (allocated(error) .or. all(found == wanted)) return
-   call fatal_error(error, err_input, "results: '"//name//"' has shape "// &
-      to_text(real(found, wp))//", but "//to_text(real(wanted, wp))//" is needed")
-end subroutine check_shape
+   call file%open_read(path, error)
+   if (allocated(error)) return
+   if (.not. file%has(own//'/step')) then
+      call fatal_error(error, err_input, path//': holds no state to start from: it was written ' &
+         & //'by an earlier version, or by another program')
+   else
+      call file%read(own//'/deck', self%deck, error)
+      call file%read(own//'/overrides', self%overrides, error)
+      call file%read(own//'/approximation', self%approximation, error)
+      call file%read(own//'/source', self%source, error)
+      call file%read('VTKHDF/Points', self%points, error)
+      call file%read(own//'/load', self%load, error)
+      call file%read(own//'/step', self%step, error)
+      call file%read(own//'/coefficients', self%x, error)
+      if (file%has(own//'/carried')) call file%read(own//'/carried', self%carried, error)
+   end if
+   call file%close(trouble)
+   if (allocated(error)) return
+   self%overrides = self%overrides(:len(self%overrides) - 1)
+   if (.not. allocated(self%carried)) allocate (self%carried(size(self%x, 1), 0))
+   states = min(size(self%load), size(self%step, 2), size(self%x, 2))
+   self%load = self%load(:states)
+   self%step = self%step(:, :states)
+   self%x = self%x(:, :states)
+end subroutine read_restart
 
 end module rk_results

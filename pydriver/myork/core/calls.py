@@ -99,7 +99,7 @@ class Turn:
             self._lock.release()
 
 
-#: What the numbers of an answer are, as in rk_answer
+#: What the numbers of an answer are, as in rk_handles
 _WHOLE, _TEXT = 1, 2
 
 _BUSY = (
