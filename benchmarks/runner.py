@@ -85,6 +85,7 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
     "forecasts": ("forecasts",),
+    "files": ("grids", "paths", "folders"),
     "walks": ("walks", "outlines"),
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images

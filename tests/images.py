@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks.truths.scanners import even_directions, weighted
 from myork.core.deck import text_of_tables
-from myork.imaging.gradients import GradientTable, fsl_axes
+from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import Phantom
 from myork.records import Image, Labels
@@ -65,20 +66,6 @@ def built(folder: Path, dimension: int = 3, **table: Any) -> dict[str, Any]:
     return build({**deck, "build": {**table, **files}}, folder / "out")["model"]
 
 
-def even_directions(n: int) -> F64:
-    """Directions spread evenly over a half sphere along a spiral, shape `(n, 3)` [-]."""
-    height = (np.arange(n) + 0.5) / n
-    turn = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - height**2)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
-
-
-def write_gradients(folder: Path, name: str, table: GradientTable, affine: F64) -> None:
-    """Write b values and directions in FSL's convention for images with this affine."""
-    np.savetxt(folder / f"{name}.bval", table.b[np.newaxis], fmt="%g")
-    np.savetxt(folder / f"{name}.bvec", (table.direction @ fsl_axes(affine)).T, fmt="%.9f")
-
-
 def phantom_dwi(
     phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
 ) -> tuple[Image, GradientTable]:
@@ -86,7 +73,6 @@ def phantom_dwi(
     still = max(1, directions // 10)
     direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
     table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
-    attenuation = np.exp(-phantom.clean_tensor.data @ table.design().T)
-    signal = phantom.still.data[..., np.newaxis] * attenuation
+    signal = weighted(phantom.still.data, phantom.clean_tensor.data, table)
     noise = np.random.default_rng(seed).normal(0.0, 400.0 / snr, (2, *signal.shape))
     return Image(np.hypot(signal + noise[0], noise[1]), phantom.still.affine, "dwi"), table
