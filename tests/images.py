@@ -1,6 +1,5 @@
 """What tests of images share: decks, files, diffusion images of the phantom."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,18 +37,6 @@ def save(folder: Path, affine: F64, **files: Any) -> None:
             write_labels(path, Labels(np.asarray(data, np.int32), affine))
         else:
             write_image(path, Image(data, affine))
-
-
-def reordered(image, axes=(2, 0, 1), flipped=(0, 2)):
-    """The same world, voxels in another order."""
-    data, affine = image.data, image.affine.copy()
-    for axis in flipped:
-        affine[:3, 3] += affine[:3, axis] * (data.shape[axis] - 1)
-        affine[:3, axis] *= -1
-        data = np.flip(data, axis)
-    affine[:3, :3] = affine[:3, list(axes)]
-    data = np.transpose(data, [*axes, *range(3, data.ndim)])
-    return replace(image, data=np.ascontiguousarray(data), affine=affine, name="other")
 
 
 def segmented(folder: Path, out: str = "out", **tables: Any) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pydicom
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import ExplicitVRLittleEndian, generate_uid
 
+from myork.imaging.geometry import Grid
 from myork.imaging.gradients import GradientTable, fsl_axes
 from myork.types import F64
 
@@ -151,6 +153,25 @@ def gradient_table(directions: int, b: float = 500.0) -> GradientTable:
     """Directions spread evenly behind an image without gradient."""
     vectors = np.vstack([np.zeros(3), even_directions(directions)])
     return GradientTable(np.array([0.0, *[b] * directions]), vectors)
+
+
+def reordered(
+    image: Grid, axes: Sequence[int] = (2, 0, 1), flipped: Sequence[int] = (0, 2)
+) -> Grid:
+    """The same world, voxels in another order.
+
+    - `axes`: axis of the image that becomes the first, the second and the third
+    - `flipped`: axes of the image that run the other way
+    """
+    data: Any = image.data
+    affine = image.affine.copy()
+    for axis in flipped:
+        affine[:3, 3] += affine[:3, axis] * (data.shape[axis] - 1)
+        affine[:3, axis] *= -1
+        data = np.flip(data, axis)
+    affine[:3, :3] = affine[:3, list(axes)]
+    data = np.transpose(data, [*axes, *range(3, data.ndim)])
+    return replace(image, data=np.ascontiguousarray(data), affine=affine, name="other")
 
 
 def even_directions(n: int) -> F64:

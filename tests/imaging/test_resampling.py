@@ -9,6 +9,7 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
+from benchmarks.truths.scanners import reordered
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError
@@ -25,7 +26,7 @@ from myork.segmentation.scores import dice
 from myork.stations.build import build
 from myork.stations.resample import resample
 from myork.stations.segment import segment
-from tests.images import angle, built, reordered, segmented
+from tests.images import angle, built, segmented
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
 
