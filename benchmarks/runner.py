@@ -86,6 +86,8 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
     "forecasts": ("forecasts",),
+    "grids": ("grids",),
+    "paths": ("paths", "folders"),
     "walks": ("walks", "outlines"),
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images

@@ -1,14 +1,14 @@
 """What tests of images share: decks, files, diffusion images of the phantom."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks.truths.scanners import even_directions, weighted
 from myork.core.deck import text_of_tables
-from myork.imaging.gradients import GradientTable, fsl_axes
+from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import Phantom
 from myork.records import Image, Labels
@@ -39,18 +39,6 @@ def save(folder: Path, affine: F64, **files: Any) -> None:
             write_image(path, Image(data, affine))
 
 
-def reordered(image, axes=(2, 0, 1), flipped=(0, 2)):
-    """The same world, voxels in another order."""
-    data, affine = image.data, image.affine.copy()
-    for axis in flipped:
-        affine[:3, 3] += affine[:3, axis] * (data.shape[axis] - 1)
-        affine[:3, axis] *= -1
-        data = np.flip(data, axis)
-    affine[:3, :3] = affine[:3, list(axes)]
-    data = np.transpose(data, [*axes, *range(3, data.ndim)])
-    return replace(image, data=np.ascontiguousarray(data), affine=affine, name="other")
-
-
 def segmented(folder: Path, out: str = "out", **tables: Any) -> dict[str, Any]:
     """Summary of `segment` on the files of a folder; without shading, unless a table says so."""
     deck = {"scene": {"dimension": 3}, "bias": {"method": "none"}, **tables}
@@ -65,20 +53,6 @@ def built(folder: Path, dimension: int = 3, **table: Any) -> dict[str, Any]:
     return build({**deck, "build": {**table, **files}}, folder / "out")["model"]
 
 
-def even_directions(n: int) -> F64:
-    """Directions spread evenly over a half sphere along a spiral, shape `(n, 3)` [-]."""
-    height = (np.arange(n) + 0.5) / n
-    turn = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - height**2)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
-
-
-def write_gradients(folder: Path, name: str, table: GradientTable, affine: F64) -> None:
-    """Write b values and directions in FSL's convention for images with this affine."""
-    np.savetxt(folder / f"{name}.bval", table.b[np.newaxis], fmt="%g")
-    np.savetxt(folder / f"{name}.bvec", (table.direction @ fsl_axes(affine)).T, fmt="%.9f")
-
-
 def phantom_dwi(
     phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
 ) -> tuple[Image, GradientTable]:
@@ -86,7 +60,6 @@ def phantom_dwi(
     still = max(1, directions // 10)
     direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
     table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
-    attenuation = np.exp(-phantom.clean_tensor.data @ table.design().T)
-    signal = phantom.still.data[..., np.newaxis] * attenuation
+    signal = weighted(phantom.still.data, phantom.clean_tensor.data, table)
     noise = np.random.default_rng(seed).normal(0.0, 400.0 / snr, (2, *signal.shape))
     return Image(np.hypot(signal + noise[0], noise[1]), phantom.still.affine, "dwi"), table

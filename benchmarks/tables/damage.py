@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,23 @@ def damaged(image: Image, fault: str, random: np.random.Generator) -> tuple[Imag
     return Image(data, image.affine), at
 
 
+def outliers(data: F64) -> set[int]:
+    """Slices whose mean, or likeness to both neighbours, is 3.5 robust deviations off the median.
+
+    - `data`: a series, shape `(ni, nj, nk)`
+    """
+    flat = data.reshape(-1, data.shape[2]).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        next_one = np.array([np.corrcoef(pair)[0, 1] for pair in pairwise(flat)])
+    ends = np.pad(np.nan_to_num(next_one), 1, mode="edge")
+    found: set[int] = set()
+    for one in (flat.mean(axis=1), np.maximum(ends[1:], ends[:-1])):
+        away = np.abs(one - np.median(one))
+        spread = max(1.4826 * float(np.median(away)), 1e-9)
+        found.update(np.flatnonzero(away > 3.5 * spread).tolist())
+    return found
+
+
 def damage(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
     """Damaged slices in series of five parts of the body, and false alarms in whole ones.
 
@@ -113,14 +131,16 @@ def damage(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
     the coil's fall at their ends, a fifth of them phantoms of a calf and, with the folder `data`,
     a fifth parts of a real series of thighs. Into as many a slice is planted that is empty,
     repeated, displaced by 5 to 15 mm, of 1.6 to 3 times another signal, or has a ghost of 8 to
-    30 %; of the last three also all slices from there on. Bounds were chosen on `tuned`.
+    30 %; of the last three also all slices from there on. Bounds were chosen on `tuned`. Beside it
+    what a few lines find: slices whose mean, or correlation with both neighbours, is 3.5 robust
+    standard deviations (by the median of deviations) off the median of all.
     """
-    yield "fault", "series", "found", "also another fault", "CPU s"
+    yield "fault", "series", "found", "also another fault", "by outliers", "CPU s"
     thighs = None
     if data:
         thighs = read_image(Path(data, "qmritools_legs", "thighs_outphase.nii.gz"))
     first, count = HALVES[half]
-    rows = {name: np.zeros(4) for name in ("none", *FAULTS)}
+    rows = {name: np.zeros(5) for name in ("none", *FAULTS)}
     for number in range(first, first + 2 * count):
         random = np.random.default_rng([number, 3])
         image, at, fault = series(random, number, thighs), -1, "none"
@@ -132,7 +152,12 @@ def damage(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
         took = time.process_time() - start
         word = dict(zip(FAULTS, WORDS, strict=True)).get(fault, "none")
         right = [one for one in faults if one.why.startswith(word) and at in one.slices]
-        rows[fault] += 1, bool(right) if at >= 0 else bool(faults), len(faults) > len(right), took
-    for name, (n, hits, more, took) in rows.items():
-        yield (name, f"{n:.0f}", f"{hits:.0f}" + " (false alarms)" * (name == "none"),
-               f"{more:.0f}" if name != "none" else "", f"{took / max(n, 1):.2f}")  # fmt: skip
+        others = outliers(image.data)
+        rows[fault] += (
+            1, bool(right) if at >= 0 else bool(faults), len(faults) > len(right),
+            at in others if at >= 0 else bool(others), took,
+        )  # fmt: skip
+    for name, (n, hits, more, theirs, took) in rows.items():
+        alarms = " (false alarms)" * (name == "none")
+        yield (name, f"{n:.0f}", f"{hits:.0f}{alarms}", f"{more:.0f}" if name != "none" else "",
+               f"{theirs:.0f}{alarms}", f"{took / max(n, 1):.2f}")  # fmt: skip

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +115,32 @@ def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
         yield tuple(row)
 
 
+class Run(NamedTuple):
+    """What a command said and used: exit status, lines, times [s], memory [MB]."""
+
+    status: int
+    said: list[str]
+    wall: float
+    cpu: float
+    memory: float
+
+
+def measured_run(words: Sequence[str], folder: Path) -> Run:
+    """Run `myork` in a folder, on one thread."""
+    start, log = time.perf_counter(), folder / "said.txt"
+    with log.open("w") as said:
+        run = subprocess.Popen(
+            [sys.executable, "-m", "myork", *words, "--threads", "1"],
+            cwd=folder, stdout=said, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        _, status, used = os.wait4(run.pid, 0)
+    run.returncode = os.waitstatus_to_exitcode(status)
+    lines, wall = log.read_text().splitlines(), time.perf_counter() - start
+    log.unlink()
+    cpu, memory = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    return Run(run.returncode, lines, wall, cpu, memory)
+
+
 def real_muscles(data: str) -> Iterator[tuple[str, ...]]:
     """Public muscles by one deck each, from the files in a folder to a force and a report.
 
@@ -125,14 +152,8 @@ def real_muscles(data: str) -> Iterator[tuple[str, ...]]:
            "estimate", "verdict", "wall [s]", "CPU [s]", "memory [MB]")  # fmt: skip
     for name in MUSCLES:
         with TemporaryDirectory() as folder:
-            call = [sys.executable, "-m", "myork", "run", str(DECKS / f"{name}.toml")]
-            start = time.perf_counter()
-            run = subprocess.Popen(
-                [*call, "--data", str(Path(data).resolve()), "--threads", "1"], cwd=folder
-            )
-            _, status, used = os.wait4(run.pid, 0)
-            wall = time.perf_counter() - start
-            run.returncode = os.waitstatus_to_exitcode(status)
+            words = ["run", str(DECKS / f"{name}.toml"), "--data", str(Path(data).resolve())]
+            run = measured_run(words, Path(folder))
             found = json.loads(Path(folder, "out", name, "summary.json").read_text())
         muscle = {key.split(" ")[0]: one for key, one in found["model"]["muscles"][0].items()}
         last, estimate = found["steps"][-1], found["pcsa_force"]
@@ -141,6 +162,6 @@ def real_muscles(data: str) -> Iterator[tuple[str, ...]]:
             name, f"{found['collocation_points']}, {found['source_points']}",
             f"{muscle['volume']:.1f}", f"{muscle['fiber_length']:.1f}, {muscle['pennation']:.0f}°",
             f"{muscle['PCSA']:.1f}", f"{abs(force):.3g} ± {bar:.2g} N",
-            f"{estimate['value']:.3g} N", found["verdict"]["state"], f"{wall:.0f}",
-            f"{used.ru_utime + used.ru_stime:.0f}", f"{used.ru_maxrss / 1024:.0f}",
+            f"{estimate['value']:.3g} N", found["verdict"]["state"], f"{run.wall:.0f}",
+            f"{run.cpu:.0f}", f"{run.memory:.0f}",
         )  # fmt: skip

@@ -8,6 +8,7 @@ import pytest
 from dipy.core.gradients import gradient_table
 from dipy.reconst.dti import TensorModel
 
+from benchmarks.truths.scanners import even_directions, write_gradients
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError
@@ -20,7 +21,7 @@ from myork.model.fibers import fiber_field
 from myork.records import Image, Labels
 from myork.stations.tensors import write_tensors
 from myork.summary import read_summary
-from tests.images import angle, even_directions, phantom_dwi, write_gradients
+from tests.images import angle, phantom_dwi
 
 
 @pytest.fixture(scope="module")

@@ -12,22 +12,21 @@ import pytest
 import pyvista
 import tomllib
 from matplotlib.image import imread
-from pydicom.uid import generate_uid
 
+from benchmarks.truths.scanners import gradient_table, stack, weighted, write_gradients
 from myork.chain import run_chain
 from myork.cli import main
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
-from myork.imaging.diffusion import read_diffusion
-from myork.imaging.gradients import GradientTable
+from myork.imaging.diffusion import read_diffusion, tensor_components
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.records import Image, Labels
 from myork.stations.data import PATHS, data_overrides
 from myork.stations.explain import stations_of
 from myork.stations.folder import deck_of_folder
+from myork.stations.new import new_deck
 from myork.summary import read_summary
-from tests.images import angle, even_directions, save, write_gradients
-from tests.imaging.test_formats import mr_file, siemens, weighted
+from tests.images import angle, save
 
 AFFINE = np.diag([2.0, 2.0, 6.0, 1.0])
 FIBER = np.array([0.0, np.sin(np.radians(20)), np.cos(np.radians(20))])
@@ -42,11 +41,9 @@ def tree(folder, labels=True):
     anatomy = np.select([r < 12, r < 17], [300.0, 900.0], 0.0)
     anatomy += np.random.default_rng(1).normal(0, 15, r.shape) * (anatomy > 0)
     save(folder / "anat", AFFINE, **{"sub-01_T1w": anatomy})
-    directions = np.vstack([np.zeros(3), even_directions(12)])
-    table = GradientTable(np.array([0.0, *[500.0] * 12]), directions)
-    tensor = 1.2e-3 * np.eye(3) + 0.8e-3 * np.outer(FIBER, FIBER)
-    weight = np.exp(-table.b * np.einsum("ni,ij,nj->n", directions, tensor, directions))
-    signal = np.where(r < 17, 500.0, 0.0)[..., np.newaxis] * weight
+    table = gradient_table(12)
+    tensor = tensor_components(1.2e-3 * np.eye(3) + 0.8e-3 * np.outer(FIBER, FIBER))
+    signal = weighted(np.where(r < 17, 500.0, 0.0), tensor, table)
     write_image(folder / "dwi" / "sub-01_dwi.nii.gz", Image(signal, AFFINE))
     write_gradients(folder / "dwi", "sub-01_dwi", table, AFFINE)
     if labels:
@@ -149,20 +146,16 @@ def test_runs_visits_and_tables_of_the_root(tmp_path):
 @pytest.mark.slow
 def test_a_dicom_folder(tmp_path):
     """An anatomy, a localiser and a diffusion series in one folder, as they leave the scanner."""
-    folder, axes = tmp_path / "scan", np.eye(3)
-    weighted(folder, "SIEMENS", siemens, axes, generate_uid())
+    folder, table = tmp_path / "scan", gradient_table(6)
+    tensor = 1e-3 * np.array([0.9, 1.1, 1.6, 0.1, -0.2, 0.3])
+    values = weighted(np.full((16, 12, 3), 2000.0), tensor, table)
+    stack(folder, values, np.eye(3), number=7, weighting=table)
     for number, size, slices in ((1, 8, 1), (3, 48, 3)):
-        uid = generate_uid()
-        i, j = np.indices((size, size)) - size / 2 + 0.5
+        i, j, k = np.indices((size, size, slices)) - size / 2 + 0.5
         r = np.hypot(i, j) * 48 / size
-        for k in range(slices):
-            data = mr_file("SIEMENS", uid, number, k + 1, rows=size, columns=size)
-            data.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
-            data.ImagePositionPatient = [-40.0, -40.0, 5.0 * k]
-            data.SeriesDescription = "t1_tse" if number == 3 else "localizer"
-            pixels = np.select([r < 14, r < 20], [300, 900], 0) + (r < 20) * (3 * (i + k) % 17)
-            data.PixelData = pixels.astype(np.uint16).tobytes()
-            data.save_as(folder / f"{number}_{k}.dcm", enforce_file_format=True)
+        values = np.select([r < 14, r < 20], [300, 900], 0) + (r < 20) * (3 * (i + k) % 17)
+        name = "t1_tse" if number == 3 else "localizer"
+        stack(folder, values, np.eye(3), first=[-40, -40, 0], number=number, SeriesDescription=name)
     deck, lines = deck_of_folder(folder, tmp_path / "out")
     assert "scan:series=3 (first of 2)" in lines[1] and lines[2].endswith("scan:series=7")
     run_chain(deck, tmp_path / "out")
@@ -283,6 +276,18 @@ def test_every_deck_of_real_images_goes_on_to_a_force(path):
     assert values["probe"][0]["name"] == "force"
     # fibers come from tracts, or the deck says how they are made
     assert ("tracts" in values["build"]) != values["build"]["flow"]
+
+
+def test_the_attachments_that_the_deck_of_labels_shows_are_right(tmp_path):
+    """Its last comment is a deck as well: a surface by its normals and bone, on springs."""
+    path = new_deck("labels", tmp_path / "deck.toml")
+    before, shown = path.read_text().split("aponeuroses as well", 1)
+    shown, after = shown.split("[load]", 1)
+    lines = [line.removeprefix("# ").removeprefix("#") for line in shown.splitlines()[1:]]
+    path.write_text("\n".join([before, *lines, "[load]" + after]))
+    values = load_deck(path, ["build.bone=[3]"], command="solve")
+    assert values["set"][0]["where"] == "nx < -0.4"
+    assert [one["set"] for one in values["boundary"]] == ["bottom", "top", "aponeurosis", "bone"]
 
 
 def run(name, data, out, *more):

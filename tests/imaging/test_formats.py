@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 import pydicom
 import pytest
-from pydicom.dataset import FileDataset, FileMetaDataset
-from pydicom.uid import ExplicitVRLittleEndian, generate_uid
+from pydicom.uid import generate_uid
 
+from benchmarks.truths.scanners import gradient_table, slice_file, stack, weighted
 from myork.errors import FileError, InputError, InstallationError
 from myork.imaging.diffusion import read_diffusion, read_tensors
-from myork.imaging.gradients import GradientTable
 from myork.imaging.headers import Header, read_header
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model_file import read_model
 from myork.records import Image, Labels
 from myork.stations.resample import resample
-from tests.images import built, even_directions, save
+from tests.images import built, save
 
 # Turned by 30 degrees about z and with y downwards
 C, S = np.cos(np.radians(30)), np.sin(np.radians(30))
@@ -72,35 +71,6 @@ def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
         read_image(tmp_path / "a.mha")
     with pytest.raises(InstallationError, match=r"pip install 'myork\[dicom\]'"):
         read_image(tmp_path)
-
-
-def slice_file(uid, rows, columns):
-    """A slice of a series without a place, pixels or what a scanner adds."""
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = pydicom.uid.MRImageStorage
-    meta.MediaStorageSOPInstanceUID = generate_uid()
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    data = FileDataset(None, {}, file_meta=meta, preamble=bytes(128))
-    data.SOPClassUID, data.SOPInstanceUID = meta.MediaStorageSOPClassUID, generate_uid()
-    data.SeriesInstanceUID = uid
-    data.Rows, data.Columns, data.PixelSpacing = rows, columns, [2.0, 1.5]
-    data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"
-    data.BitsAllocated, data.BitsStored, data.HighBit, data.PixelRepresentation = 16, 16, 15, 0
-    return data
-
-
-def mr_file(maker, uid, number, instance, rows=16, columns=12, **elements):
-    """A slice as a scanner writes it, without pixels."""
-    data = slice_file(uid, rows, columns)
-    data.Manufacturer, data.Modality, data.PatientPosition = maker, "MR", "HFS"
-    data.ImageType = ["ORIGINAL", "PRIMARY", "M", "ND"]
-    data.StudyInstanceUID = "1.2.3"
-    data.SeriesNumber, data.AcquisitionNumber, data.InstanceNumber = number, instance, instance
-    data.SliceThickness = data.SpacingBetweenSlices = 5.0
-    data.MagneticFieldStrength, data.EchoTime, data.RepetitionTime = 3.0, 60.0, 3000.0
-    for key, value in elements.items():
-        setattr(data, key, value)
-    return data
 
 
 def series(folder, heights=(5.0, 1.0, 9.0), uid=None, first=0, rows=3, **elements):
@@ -284,61 +254,11 @@ OBLIQUE = np.array([[0, 0.6, -0.8, 0], [0, 0.8, 0.6, 0], [1.0, 0, 0, 0]])  # col
 TENSOR = np.array([0.9, 1.1, 1.6, 0.1, -0.2, 0.3]) * 1e-3  # xx, yy, zz, xy, xz, yz
 
 
-def siemens(data, b, g):
-    block = data.private_block(0x0019, "SIEMENS MR HEADER", create=True)
-    block.add_new(0x0C, "IS", int(b))
-    if b:
-        block.add_new(0x0E, "FD", list(g * [-1, -1, 1]))
-
-
-def philips(data, b, g):
-    data.private_block(0x2001, "Philips Imaging DD 001", create=True).add_new(0x03, "FL", b)
-    block = data.private_block(0x2005, "Philips MR Imaging DD 001", create=True)
-    for element, value in zip((0xB0, 0xB1, 0xB2), g * [-1, -1, 1], strict=True):
-        block.add_new(element, "FL", value)
-
-
-def standard(data, b, g):
-    data.DiffusionBValue = b
-    data.DiffusionGradientOrientation = list(g * [-1, -1, 1])
-
-
-def ge(data, b, g):
-    """Columns are encoded by phase, and slices are axial: the frame of the image is the world."""
-    data.InPlanePhaseEncodingDirection = "COL"
-    data.private_block(0x0043, "GEMS_PARM_01", create=True).add_new(0x39, "IS", [int(b), 0, 0, 0])
-    block = data.private_block(0x0019, "GEMS_ACQU_01", create=True)
-    for element, value in zip((0xBB, 0xBC, 0xBD), g, strict=True):
-        block.add_new(element, "DS", f"{value:.6f}")
-
-
-def weighted(folder, maker, write, axes, uid, number=7):
-    """Seven volumes of three slices with the signal of one tensor in all voxels."""
-    folder.mkdir(exist_ok=True)
-    directions = np.vstack([np.zeros(3), even_directions(6)])
-    table = GradientTable(np.array([0.0, *[500.0] * 6]), directions)
-    signal = 2000.0 * np.exp(-table.design() @ TENSOR)
-    for volume in range(7):
-        for k in range(3):
-            data = mr_file(maker, uid, number, 3 * volume + k + 1)
-            data.ImageOrientationPatient = [*axes[:, 0], *axes[:, 1]]
-            data.ImagePositionPatient = list(axes[:, 2] * 5.0 * k - [10.0, 20.0, 0.0])
-            write(data, float(table.b[volume]), directions[volume])
-            data.PixelData = np.full((16, 12), round(signal[volume]), np.uint16).tobytes()
-            data.save_as(folder / f"{number}_{volume}_{k}.dcm", enforce_file_format=True)
-
-
-@pytest.mark.parametrize(
-    ("maker", "write", "axes"),
-    [
-        ("SIEMENS", siemens, OBLIQUE),
-        ("Philips Medical Systems", philips, OBLIQUE),
-        ("SIEMENS", standard, OBLIQUE),
-        ("GE MEDICAL SYSTEMS", ge, np.eye(3)),
-    ],
-)
-def test_diffusion_series_of_the_makers(tmp_path, maker, write, axes):
-    weighted(tmp_path / "scan", maker, write, axes, generate_uid())
+@pytest.mark.parametrize("maker", ["Siemens", "Philips", "standard elements", "GE"])
+def test_diffusion_series_of_the_makers(tmp_path, maker):
+    table = gradient_table(6)
+    values = weighted(np.full((16, 12, 3), 2000.0), TENSOR, table)
+    stack(tmp_path / "scan", values, OBLIQUE, maker=maker, number=7, weighting=table)
     # a second series beside it has to be chosen
     series(tmp_path / "scan", first=100, SeriesNumber=1)
     with pytest.raises(InputError, match=r"(?s)holds 2 images.*scan:series=7 .*3 slices x 7"):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from benchmarks.truths.scanners import write_gradients
 from myork.errors import FileError, InputError
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.phantom import make_phantom
-from tests.images import write_gradients
 
 
 def mg_area(height, scale=1.0):

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.truths.scanners import write_gradients
 from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
 from myork.imaging.geometry import check_same_grid
@@ -16,7 +17,7 @@ from myork.records import Image, Labels
 from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.summary import update_summary
-from tests.images import angle, phantom_dwi, write_gradients
+from tests.images import angle, phantom_dwi
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import pytest
 import pyvista
 
 from benchmarks.truths.compiled import shape_functions
+from benchmarks.truths.scanners import reordered
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
@@ -12,7 +13,7 @@ from myork.model import points
 from myork.model.cloud import build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.records import Image, Labels
-from tests.images import angle, reordered
+from tests.images import angle
 
 TABLE = table_defaults("build")
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}

@@ -9,6 +9,7 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
+from benchmarks.truths.scanners import reordered
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError
@@ -23,8 +24,9 @@ from myork.records import Image
 from myork.report import make_report
 from myork.segmentation.scores import dice
 from myork.stations.build import build
+from myork.stations.resample import resample
 from myork.stations.segment import segment
-from tests.images import angle, built, reordered, segmented
+from tests.images import angle, built, segmented
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
 
@@ -348,3 +350,26 @@ def test_the_command_resamples_files(calves, tmp_path, capsys):
     write_image(tmp_path / "fat.nii.gz", Image(np.ones((3, 3, 3)), far))
     status, _, said = on_t1("fat")
     assert status == 2 and "do not overlap" in said.err
+
+
+def test_masks_under_the_header_of_an_image_stay_labels_and_few_grey_values_do_not(tmp_path):
+    mask = np.zeros((8, 8, 4))
+    mask[2:6, 2:6] = 2
+    half = np.eye(4)
+    half[0, 3] = 0.5
+    write_image(tmp_path / "like.nii.gz", Image(np.zeros((8, 8, 4)), half))
+    found = {}
+    for name, values in (("mask", mask), ("grey", 0.25 * mask)):
+        file = nibabel.Nifti1Image(values, np.eye(4))
+        file.set_data_dtype(
+            np.int16
+        )  # spread over all its values, as the header of an image has it
+        nibabel.save(file, tmp_path / f"{name}.nii.gz")
+        assert (np.asarray(nibabel.load(tmp_path / f"{name}.nii.gz").get_fdata()) != values).any()
+        out = resample(
+            tmp_path / f"{name}.nii.gz", tmp_path / "like.nii.gz", tmp_path / f"{name}_out.nii.gz"
+        )
+        found[name] = read_image(out).data
+    assert set(np.unique(found["mask"])) == {0, 2}
+    # halfway across the rim
+    assert found["grey"][1, 3, 1] == pytest.approx(0.25, abs=1e-4)

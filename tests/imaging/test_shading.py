@@ -123,6 +123,12 @@ def test_a_field_that_makes_tissues_scatter_more_is_doubted():
     doubt = variation_doubt(even, field, mask)
     assert "joint variation of bright and dark tissue from 0.05 to 0." in doubt
     assert joint_variation(np.ones(mask.shape), mask) == 0.0
+    # one tissue alone: its scatter is cut in two, and a field that adds to it is no evidence
+    alone = 100.0 + random.normal(0.0, 20.0, tissue.shape)
+    assert joint_variation(alone, mask) == pytest.approx(np.sqrt(np.pi / 2 - 1), rel=0.03)
+    spotted = random.choice([0.5, 1.0, 2.0], tissue.shape, p=[0.02, 0.96, 0.02])
+    assert joint_variation(alone / spotted, mask) > joint_variation(alone, mask)
+    assert not variation_doubt(alone, spotted, mask)
 
 
 @pytest.mark.slow

@@ -17,19 +17,22 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from myork.errors import InputError
+from myork.segmentation.channels import noise_level
 from myork.types import F64, I32, Index, Mask
 
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
 # pixels must not be lost.
-_BLUR = 0.7
+_BLUR = 0.5
 # Grey values below this part of the median are noise, whose logarithm jumps.
 _FLOOR = 0.1
 # Part of the slopes beside the steps: it holds borders where an edge is blurred over pixels, and
 # more of it moves borders off the lines that mark them.
 _SLOPE = 0.25
-# Steps count less and less beyond this: walls as dark as that of bone would cut off what is in
-# them, and equations that hardly hang together are not solved to a label.
-_STEEP = 0.5
+# Steps count less and less beyond so many times the noise, so that thin walls whose steps partial
+# volume halves still stand out of it, within these bounds: walls as dark as that of bone would cut
+# off what is in them, and equations that hardly hang together are not solved to a label.
+_STEEP = 10.0
+_STEEPEST = 0.5, 1.0
 # The least conductance keeps the system regular where an edge is very sharp.
 _LEAST = 1e-6
 # Of the probabilities; who is most likely is known long before.
@@ -68,8 +71,8 @@ def random_walk(
     - `where`: voxels that take part, shape `(ni, nj, nk)`
     - `seeds`: labels that are known, -1 where they are not, same shape
     - `spacing`: voxel sizes, shape `(3,)` [mm]
-    - `shyness`: a step over the height d near a slope s is `exp(-shyness (d / (1 + 2 d) + s/4))`
-      times as likely [pixel]
+    - `shyness`: a step over the height d near a slope s is `exp(-shyness (d / (1 + d/n) + s/4))`
+      times as likely, n being ten times the noise of the first channel, 0.5 to 1 [pixel]
     - `pull`: rates at which walks end in each label before they reach a seed, against steps of rate
       1 where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-]
     - returns labels, -1 where no seed can be reached, same shape
@@ -129,6 +132,7 @@ def _slopes(heights: F64) -> F64:
 def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> sparse.csr_matrix:
     """Graph Laplacian of voxels that share a face."""
     slopes = _slopes(heights)
+    steep = np.clip(_STEEP * noise_level(heights[..., 0], inside), *_STEEPEST)
     number = np.full(inside.shape, -1)
     number[inside] = np.arange(int(inside.sum()))
     row, column, weight = [], [], []
@@ -139,7 +143,7 @@ def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> spar
         both = (a >= 0) & (b >= 0)
         slope = np.maximum(slopes[tuple(low)], slopes[tuple(high)])[both]
         step = np.linalg.norm(heights[tuple(high)][both] - heights[tuple(low)][both], axis=-1)
-        edge = step / (1.0 + step / _STEEP) + _SLOPE * slope
+        edge = step / (1.0 + step / steep) + _SLOPE * slope
         row.append(a[both])
         column.append(b[both])
         weight.append((np.exp(-shyness * edge) + _LEAST) / size**2)

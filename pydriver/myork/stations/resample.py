@@ -13,6 +13,8 @@ from myork.types import F64
 
 # Whole numbers of more kinds are grey values.
 _MOST_LABELS = 128
+# Masks under the header of an image are multiples of a small scale: this far off whole numbers.
+_SCALED = 0.01
 
 
 def resample(
@@ -41,7 +43,7 @@ def resample(
         progress(f"{image}: masks on the grid of {like}")
         return output
     one = read_image(image, None)
-    way = way or ("nearest" if _are_labels(one.data) else "linear")
+    way = way or ("nearest" if _are_labels(image, one.data) else "linear")
     if way == "nearest" and one.data.shape[3] == 1:
         labels, move = on_grid(read_labels(image), grid)
         write_labels(output, labels)
@@ -55,7 +57,12 @@ def resample(
     return output
 
 
-def _are_labels(values: F64) -> bool:
-    """Whether values are whole numbers of few kinds, none below zero."""
+def _are_labels(image: Path, values: F64) -> bool:
+    """Whether values are whole numbers of few kinds, none below zero, perhaps but for a scale."""
+    if values.shape[3] == 1 and np.abs(values - np.rint(values)).max() < _SCALED:
+        try:
+            values = read_labels(image).data.astype(float)
+        except InputError:
+            return False
     kinds = np.unique(values)
     return len(kinds) <= _MOST_LABELS and not (kinds % 1 != 0).any() and kinds.min() >= 0
