@@ -56,9 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Before numpy and the core are loaded: their thread pools read this once. On matrices as small
+    # as those here, threads of numpy's BLAS wait for each other longer than they compute.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if options.threads is not None:
-        # Before numpy and the core are loaded: their thread pools read this once.
-        os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
+        os.environ["OMP_NUM_THREADS"] = str(options.threads)
     try:
         # interrupted while it loads, numpy calls itself a broken installation: signals wait
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
