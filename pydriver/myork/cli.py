@@ -481,7 +481,7 @@ _PROBE = _option("--probe", "NAME", "probe, such as reaction or pull_x; default 
 
 
 def _seed(start: int = 0) -> _Option:
-    return _option("--seed", "S", "start of random numbers", int, default=start)
+    return _option("--seed", "S", "seed of the random numbers", int, default=start)
 
 
 def _source(words: str) -> tuple[_Option, ...]:
@@ -541,7 +541,7 @@ _COMMANDS = {
     ),
     "resample": _Command(
         _resample,
-        "an image, label map, tensors or fibers on the grid of another image of the same world",
+        "an image, label map, tensors or fibers on the grid of another image",
         "  myork resample mask.nii.gz t1.nii.gz -o mask_on_t1.nii.gz\n"
         "  myork resample fibers.nii.gz t1.nii.gz -o fibers_on_t1.nii.gz --how tensor-wise",
         (
@@ -620,13 +620,13 @@ _COMMANDS = {
             ),
             _option("-o --output", "FILE", "file of the model", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
-            _option("--full-solves", "N", "full solves at most", int, default=60),
+            _option("--full-solves", "N", "largest number of full solves", int, default=60),
             _option(
                 "--snapshots", "DIR",
                 "folders with solutions of the deck, whose states are not solved again", Path,
                 nargs="+", default=[],
             ),
-            _option("--tests", "N", "further full solves as a test", int, default=16),
+            _option("--tests", "N", "additional full solves that test the model", int, default=16),
             _seed(),
         ),
     ),
@@ -776,7 +776,7 @@ _COMMANDS = {
     ),
     "bench": _Command(
         _bench,
-        "the tables and curves of the reference problems, solved anew",
+        "solve the reference problems again: their tables and curves",
         "  myork bench nonlinear\n  myork bench trust --quick\n"
         "  myork bench linear rom --out out/bench\n"
         "  myork bench all --quick",

@@ -9,13 +9,14 @@ import h5py
 import numpy as np
 import pytest
 
-from myork import ReducedModel, Scene, sweep
+from myork import ReducedModel, Results, Scene, sweep
 from myork.cli import main
 from myork.console import silent
 from myork.core.deck import text_of_tables
 from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
+from myork.files import INPUTS
 from myork.rom import projection
 from myork.rom.check import CellErrors, compare
 from myork.rom.map import map_model
@@ -235,6 +236,26 @@ def test_solutions_in_folders_are_snapshots(deck: Path, tmp_path: Path) -> None:
         ReducedModel.train(deck, RANGES, snapshots=[folders[2]], threads=1)
     with pytest.raises(InputError, match="there is no summary.json"):
         ReducedModel.train(deck, RANGES, snapshots=[tmp_path], threads=1)
+
+
+@pytest.mark.slow
+def test_the_last_state_of_a_programme_is_a_snapshot(tmp_path: Path) -> None:
+    """It is that of the straight path on which a training reaches the same values."""
+    deck = INPUTS / "stretch_then_activate.toml"
+    points = ["geometry.source=[3,3,5]", "geometry.collocation=[3,3,5]"]
+    words = [word for text in points for word in ("--set", text)]
+    assert main(["solve", str(deck), "--out", str(tmp_path), "-q", *words]) == 0
+    lines: list[str] = []
+    rom = ReducedModel.train(
+        deck, {"load.activation": (0.1, 0.5)}, full_solves=4, tests=0, snapshots=[tmp_path],
+        overrides=points, threads=1, progress=lines.append,
+    )  # fmt: skip
+    assert rom.head["read_states"] == 1
+    solved = [line for line in lines if line.startswith("full solve")]
+    assert solved and not any("load.activation = 0.5" in line for line in solved)
+    with Results(tmp_path) as results:
+        force = results.probe("force")[1][-1]
+    assert rom.solve(activation=0.5).force == pytest.approx(force, rel=1e-3)  # its tolerance
 
 
 @pytest.mark.slow

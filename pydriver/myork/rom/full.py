@@ -38,6 +38,11 @@ _TABLES = (
 _OTHER_KEYS = {"file", "steps", "at", "max_halvings", "essential"}
 
 
+def _ends(deck: Mapping[str, Any]) -> dict[str, float]:
+    """Last value of each amplitude."""
+    return {entry["name"]: entry["value"][-1] for entry in deck.get("amplitude", [])}
+
+
 class FullState(NamedTuple):
     """Converged states of one full solve on the way to its parameters."""
 
@@ -172,7 +177,14 @@ class FullModel:
         values = np.array([value_of(p, summary["deck"]) for p in parameters])
         scene = self._at(parameters, values)
         apart = {*(p.key for p in parameters), *_OTHER_KEYS}
-        x, load, _ = stored_states(scene, folder, summary, _TABLES, apart)
+        # training takes straight paths: of a load programme with the same end only that is a state
+        programme = _ends(summary["deck"]) == _ends(scene.deck) and (
+            summary["deck"].get("amplitude") != scene.deck.get("amplitude")
+        )
+        tables = [table for table in _TABLES if not (programme and table == "amplitude")]
+        x, load, _ = stored_states(scene, folder, summary, tables, apart)
+        if programme:
+            x, load = x[-1:], load[-1:]
         return values, self._state(scene, x, load, float(summary["cpu_s"]), False)
 
     def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
