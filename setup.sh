@@ -19,6 +19,7 @@ sources="meson.build meson_options.txt pyproject.toml fortran pydriver inputs"
 stamp=.venv/installed # the list of the sources of the installation, newer than all of them
 home=.venv/checkout   # the folder that the scripts of .venv point to
 tools=.venv/tools     # exists where the needs of tests are installed
+objects=.venv/build   # what is compiled, for the next build
 
 say() { echo "setup: $*" >&2; }
 fail() { say "$*"; exit 3; }
@@ -106,8 +107,10 @@ install_myork() {
    tick &
    ticker=$!
    trap 'kill "$ticker" 2>/dev/null' EXIT
-   .venv/bin/python -m pip install -q --disable-pip-version-check ".${tests:+[test]}" </dev/null ||
-      fail "the build failed, see above"
+   # Python compiles what it imports, which is half of what is installed
+   PIP_NO_COMPILE=1 .venv/bin/python -m pip install -q --disable-pip-version-check \
+      --config-settings=build-dir=$objects ".${tests:+[test]}" </dev/null ||
+      { rm -rf "$objects"; fail "the build failed, see above"; }
    kill "$ticker" 2>/dev/null
    trap - EXIT
    mv "$stamp.new" "$stamp"
@@ -147,6 +150,8 @@ demo)
 test)
    shift
    has_browser || install_packages chromium
+   # VTK draws without a screen
+   .venv/bin/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null || install_packages libegl1
    command -v ccx >/dev/null || install_packages calculix-ccx # what `myork export` is compared with
    # side by side, a file of tests in one process, whatever OMP_NUM_THREADS is, which nproc looks at;
    # -m in "$@" replaces the one here

@@ -56,9 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Before numpy and the core are loaded: their thread pools read this once. On matrices as small
+    # as those here, threads of numpy's BLAS wait for each other longer than they compute.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if options.threads is not None:
-        # Before numpy and the core are loaded: their thread pools read this once.
-        os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(options.threads)
+        os.environ["OMP_NUM_THREADS"] = str(options.threads)
     try:
         # interrupted while it loads, numpy calls itself a broken installation: signals wait
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
@@ -452,7 +454,7 @@ _PROBE = _option("--probe", "NAME", "probe, such as reaction or pull_x; default 
 
 
 def _seed(start: int = 0) -> _Option:
-    return _option("--seed", "S", "start of random numbers", int, default=start)
+    return _option("--seed", "S", "seed of the random numbers", int, default=start)
 
 
 def _source(words: str) -> tuple[_Option, ...]:
@@ -506,7 +508,7 @@ _COMMANDS = {
     ),
     "resample": _Command(
         _resample,
-        "an image, label map, tensors or fibers on the grid of another image of the same world",
+        "an image, label map, tensors or fibers on the grid of another image",
         "  myork resample mask.nii.gz t1.nii.gz -o mask_on_t1.nii.gz\n"
         "  myork resample fibers.nii.gz t1.nii.gz -o fibers_on_t1.nii.gz --how tensor-wise",
         (
@@ -585,8 +587,8 @@ _COMMANDS = {
             ),
             _option("-o --output", "FILE", "file of the model", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
-            _option("--full-solves", "N", "full solves at most", int, default=60),
-            _option("--tests", "N", "further full solves as a test", int, default=16),
+            _option("--full-solves", "N", "largest number of full solves", int, default=60),
+            _option("--tests", "N", "additional full solves that test the model", int, default=16),
             _seed(),
         ),
     ),
@@ -723,7 +725,7 @@ _COMMANDS = {
     ),
     "bench": _Command(
         _bench,
-        "the tables and curves of the reference problems, solved anew",
+        "solve the reference problems again: their tables and curves",
         "  myork bench nonlinear\n  myork bench trust --quick\n"
         "  myork bench linear rom --out out/bench\n"
         "  myork bench all --quick",

@@ -175,12 +175,18 @@ def _tissues(deformation: Deformation) -> F64:
 
 
 def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
-    """Fibers of points on the surface, thinned to an even distance."""
+    """Fibers of points on the surface, thinned to an even distance, cut where the body ends."""
     assert deformation.fiber is not None
+    points = deformation.points
     own = seen[np.any(deformation.fiber[seen] != 0.0, axis=1)]
-    own = own[_thinned(deformation.points[own], _reach(deformation.points))]
-    along = 0.4 * _reach(deformation.points) * deformation.fiber[own]
-    return np.stack([deformation.points[own] - along, deformation.points[own] + along], axis=1)
+    own = own[_thinned(points[own], _reach(points))]
+    along = 0.4 * _reach(points) * deformation.fiber[own]
+    ends = []
+    for half in (-along, along):
+        room = np.where(half > 0.0, points.max(axis=0), points.min(axis=0)) - points[own]
+        share = np.divide(room, half, out=np.ones_like(half), where=half != 0.0).min(axis=1)
+        ends.append(points[own] + np.clip(share, 0.0, 1.0)[:, None] * half)
+    return np.stack(ends, axis=1)
 
 
 def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
