@@ -14,6 +14,7 @@ import pytest
 from matplotlib.path import Path as MarkerPath
 from numpy.testing import assert_allclose, assert_array_equal
 
+from benchmarks.truths.scanners import reordered
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import make_report
@@ -26,7 +27,6 @@ from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, probe_table
 from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.summary import printed
-from tests.images import reordered
 from tests.report.pages import Page, change_summary, grid, lattice_of
 
 UNITS = {"length": "cm", "stress": "N/cm^2"}
