@@ -24,7 +24,7 @@ module rk_deck_regions
    integer, parameter :: bisections = 12
    !> The same for planes, which are wanted to rounding; most of them across an axis
    integer, parameter :: fine_bisections = 40, most_planes = 8
-   !> Planes that differ by less, in spacings, are the same, as those beside points: the borders of a
+   !> Planes that differ by less, in spacings, are the same, as those beside points: borders of a
    !> map are known to a thousandth of a voxel, and thinner cells have no use [-]
    real(wp), parameter :: same_place = 2.0e-3_wp
    !> Units of length, and millimetres in them [length/mm]

@@ -15,7 +15,12 @@ _MODEL, _PAGE = "mg_muscle.rom.h5", "mg_muscle.html"
 #: The fibers are shorter than their optimal length. At that length, as in the deck, activation
 #: stretches fibers at the rim of the held planes to 1.25 and more: active stress falls with stretch
 #: there, and the material loses ellipticity from an activation of 0.18 on
-_OVERRIDES = ("material.muscle.lambda_o=1.4", "load.steps=3")
+_OVERRIDES = (
+    "material.muscle.lambda_o=1.4",
+    "load.steps=3",
+    # voxels twice as wide leave more of the surface open than an accepted stress may
+    "build.collocation_stride=[1,1,1]",
+)
 #: What the reduced model leaves free [-], [cm]
 _VARIED = {"load.activation": (0.0, 0.3), "boundary.top.u_z": (-0.3, 0.3)}
 #: Full solves of its training, which no test ends, and of the check of what came out

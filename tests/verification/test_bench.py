@@ -359,7 +359,7 @@ def test_corners_inside_out_near_a_probe_are_named() -> None:
     case = solve_case(corner, error=True)
     assert case["min_J"] < 0 and case["verdict"]["state"] == "doubtful"
     (reason,) = (text for text in case["verdict"]["reasons"] if "near probe corner" in text)
-    assert "the material is inverted (in 0.29 % of the volume)" in reason
+    assert "the material is inverted (in 0.29 % of the volume, near probe corner)" in reason
 
 
 def test_thin_tissues_are_compared_with_three_quarters_of_their_blocks() -> None:
