@@ -713,8 +713,8 @@ contains
       n = parts**size(place)
       mean = 0.0_wp
       do k = 0, n - 1
-         associate (digit => digits_of(k, spread(parts, 1, 3)))
-            at = q + reach*((2.0_wp*digit(:size(place)) + 1.0_wp)/parts - 1.0_wp)
+         associate (digit => digits_of(k, spread(parts, 1, size(place))))
+            at = q + reach*((2.0_wp*digit + 1.0_wp)/parts - 1.0_wp)
          end associate
          if (cloud%polar) at = at(1)*[cos(at(2)), sin(at(2))]
          call given%at(at, value, error)

@@ -55,19 +55,19 @@ def test_an_activation_that_jumps_acts_on_its_volume() -> None:
         assert pull(border, 33, 17) == pytest.approx(2 * border * half, rel=0.0025)
 
 
-def test_an_activation_in_proportion_to_the_place_is_not_spread() -> None:
-    # the mean over a spacing is that in its middle, at the surface too
-    spread = [
-        solved(
-            scene(
-                "rkpm-gauss", box(6, 5, size=[2.0, 1.0]),
-                material=[{**_ACTIVE, "activation": f"0.1 + 0.05*x + {bend}*(x > 3)"}],
-                boundary=[held("x0", 2), held("x1", 2)], probe=[force("pull", "x", "x0")],
-            )
-        ).last()["pull"]
-        for bend in (0.0, 0.5)
-    ]  # fmt: skip
-    assert spread[0] == spread[1]
+@pytest.mark.parametrize("border", [0.9, 1.0])
+@pytest.mark.parametrize("kind", ["0.1 + 0.05*{x}", "0.3*({x} < BORDER)"])
+def test_activation_and_its_mirror_image_act_alike(kind, border) -> None:
+    # the mean over a spacing is that of a slope in its middle, at the surface too
+    pulls = []
+    for x in ("x", "(2 - x)"):
+        tables = scene(
+            "rkpm-gauss", box(6, 5, size=[2.0, 1.0]),
+            material=[{**_ACTIVE, "activation": kind.format(x=x).replace("BORDER", str(border))}],
+            boundary=[held("x0", 2), held("x1", 2)], probe=[force("pull", "x", "x0")],
+        )  # fmt: skip
+        pulls.append(solved(tables).last()["pull"])
+    assert pulls[0] == pytest.approx(pulls[1], rel=1e-9)
 
 
 def test_the_smallest_square_is_near_finer_ones() -> None:
