@@ -39,8 +39,8 @@ module rk_gauss_cells
    real(wp), parameter :: same_line = 1.0e-6_wp
    !> Parts of a face in each direction where the border of a set cuts it, by space dimension
    integer, parameter :: parts(3) = [1, 64, 12]
-   !> Force on a face that its points may miss, of the largest on any face: a jump anywhere between
-   !> them moves a part of it, smooth tractions are met to less [-]
+   !> Force on a face that its points may miss, of the largest of its component on any face: a jump
+   !> anywhere between them moves a part of it, smooth tractions are met to less [-]
    real(wp), parameter :: of_traction = 0.01_wp
 
    !> A Gauss rule from -1 to 1: places and weights, shape (n)
@@ -402,40 +402,46 @@ contains
 
    !> Faces on which the two rules differ
    subroutine compare_tractions()
-      real(wp), allocatable :: exact(:, :), own(:, :), largest
+      real(wp), allocatable :: exact(:, :), own(:, :)
 
-      allocate (largest)
-      call integrate(size(fine%node)**(lattice%nd - 1), exact, largest)
+      call integrate(size(fine%node)**(lattice%nd - 1), exact)
       if (allocated(error)) return
       call points_of(rule)
       call sets_of(scene%cloud, at, area, side_of, nearest_points(scene%cloud%points, at), &
          & within, error)
       if (.not. allocated(error)) call integrate(size(rule%node)**(lattice%nd - 1), own)
       if (allocated(error)) return
-      missed = missed .or. norm2(exact - own, dim=1) > of_traction*largest
+      missed = missed .or. any(abs(exact - own) > of_traction*spread(maxval(abs(exact), dim=2), 2, &
+         & size(exact, 2)), dim=1)
    end subroutine compare_tractions
 
-   !> Forces on the faces, and the largest of them
-   subroutine integrate(each, force, largest)
+   !> Forces on the faces
+   subroutine integrate(each, force)
       !> Points of a face
       integer, intent(in) :: each
-      !> Forces of all load factors, shape (3 factors, faces) [force]
+      !> Forces of all load factors at some times, shape (3 factors times, faces) [force]
       real(wp), allocatable, intent(out) :: force(:, :)
-      real(wp), intent(out), optional :: largest
       real(wp), dimension(scene%programme%count(), 3) :: value, traction
+      real(wp), allocatable :: time(:)
       logical :: fixed(3)
-      integer :: i
+      integer :: i, k
 
-      allocate (force(size(traction), size(at, 2)/each), source=0.0_wp)
+      time = [0.0_wp]
+      ! of no period in common
+      if (allocated(scene%motion)) time = scene%motion%end_time &
+         & *[0.0_wp, 0.13_wp, 0.31_wp, 0.57_wp, 0.83_wp, 1.0_wp]
+      allocate (force(size(traction)*size(time), size(at, 2)/each), source=0.0_wp)
       do i = 1, size(at, 2)
-         call conditions_at(scene%cloud, scene%condition, within(scene%condition%set, i), &
-            & at(:, i), fixed, value, traction, error)
-         if (allocated(error)) return
-         associate (own => force(:, 1 + (i - 1)/each))
-            own = own + norm2(area(:, i))*reshape(traction, [size(traction)])
-         end associate
+         do k = 1, size(time)
+            call conditions_at(scene%cloud, scene%condition, within(scene%condition%set, i), &
+               & at(:, i), fixed, value, traction, error, time(k))
+            if (allocated(error)) return
+            associate (own => force((k - 1)*size(traction) + 1:k*size(traction), &
+               & 1 + (i - 1)/each))
+               own = own + norm2(area(:, i))*reshape(traction, [size(traction)])
+            end associate
+         end do
       end do
-      if (present(largest)) largest = maxval(norm2(force, dim=1))
    end subroutine integrate
 
 end subroutine find_cut
@@ -543,8 +549,7 @@ pure subroutine arrange(self, d, whole, groups, bound, axis, plane)
       if (c < self%cells(d) .and. .not. any(axis == d .and. abs(plane - self%line(c, d)) &
          & < 2.0_wp*same_line*self%step(d))) cycle
       associate (from => self%number(start, d), to => self%number(c, d))
-         parts = max(1, int((to - from)/group_size + same_line))
-         if (self%nd == 3) parts = max(1, ceiling((to - from)/widest - same_line))
+         parts = parts_of(to - from)
          do k = 1, parts - 1
             n = start + minloc(abs(self%number(start + 1:c - 1, d) - from &
                & - k*(to - from)/parts), dim=1)
@@ -556,6 +561,21 @@ pure subroutine arrange(self, d, whole, groups, bound, axis, plane)
       bound(groups) = c
       start = c
    end do
+
+contains
+
+   !> Groups between two planes, in an odd number of spacings an odd one: no line is nearer to one
+   !> end of them
+   pure integer function parts_of(width) result(parts)
+      !> Distance of the planes in spacings [-]
+      real(wp), intent(in) :: width
+
+      parts = max(1, int((width + 0.5_wp)/group_size + same_line))
+      if (self%nd == 3) parts = max(1, ceiling(width/widest - same_line))
+      if (abs(width - nint(width)) > same_line .or. mod(nint(width), 2) == 0) return
+      if (mod(parts, 2) == 0) parts = parts + merge(1, -1, self%nd == 3 .or. nint(width) == 5)
+   end function parts_of
+
 end subroutine arrange
 
 !> Groups of cells in a direction without planes

@@ -24,7 +24,6 @@
 !>
 !> Reference: thesis section 4.2.2
 module rk_mixture
-   use rk_cloud, only : cloud_type
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
@@ -660,9 +659,11 @@ subroutine find_level(scene, tissue, point, place, level, error)
    associate (given => scene%tissue(tissue)%level)
       if (given%given()) then
          call given%at(place, level, error)
-         if (.not. allocated(error) .and. allocated(scene%cloud%lattice)) &
-            & call spread_level(scene%cloud, given, place, level, error)
-         if (allocated(error) .or. (level >= 0.0_wp .and. level <= 1.0_wp)) return
+         if (allocated(error)) return
+         if (level >= 0.0_wp .and. level <= 1.0_wp) then
+            if (allocated(scene%cloud%lattice)) call spread_level(scene, given, place, level)
+            return
+         end if
          call fatal_error(error, err_input, given%where//": '"//given%text//"' is " &
             & //to_text(level)//' at '//to_text(place)//', but must be between 0 and 1')
       else if (allocated(scene%cloud%activation)) then
@@ -673,30 +674,40 @@ end subroutine find_level
 
 !> Mean of a part over a spacing around a place of a lattice: a jump between points then acts on as
 !> much volume as it should. What is linear there stays as it is
-subroutine spread_level(cloud, given, place, level, error)
-   !> Cloud with a lattice
-   type(cloud_type), intent(in) :: cloud
+subroutine spread_level(scene, given, place, level)
+   !> Scene, whose cloud has a lattice
+   type(scene_type), intent(in) :: scene
    type(expression_type), intent(in) :: given
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: place(:)
    !> Part there; then its mean [-]
    real(wp), intent(inout) :: level
-   !> Error handling: an expression without a value nearby
-   type(error_type), allocatable, intent(inout) :: error
+   type(error_type), allocatable :: error
    real(wp), dimension(size(place)) :: q, half
-   real(wp) :: low(3), step(3), corners
+   real(wp) :: low(3), step(3), corners, mean
+   integer :: k
 
-   call lattice_frame(cloud, low, step)
+   call lattice_frame(scene%cloud, low, step)
    q = place
-   if (cloud%polar) q = [norm2(place), atan2(place(2), place(1))]
+   if (scene%cloud%polar) q = [norm2(place), atan2(place(2), place(1))]
    ! as far to either side, so that a slope has no part in the mean
    associate (before => q - low(:size(q)), spacing => step(:size(q)))
-      half = max(0.0_wp, min(0.5_wp*spacing, before, spacing*(cloud%lattice - 1) - before))
+      half = max(0.0_wp, min(0.5_wp*spacing, before, spacing*(scene%cloud%lattice - 1) - before))
    end associate
+   ! beyond a plane there is another material
+   if (allocated(scene%approximation%kink)) then
+      do k = 1, size(scene%approximation%kink)
+         associate (d => scene%approximation%kink_axis(k))
+            half(d) = min(half(d), abs(q(d) - scene%approximation%kink(k)))
+         end associate
+      end do
+   end if
    ! the midpoints of two parts each way are half as far away
    call mean_of(2, 2.0_wp*half, corners)
-   if (allocated(error)) return
-   if (abs(corners - level) > bent_level) call mean_of(merge(24, 8, size(place) == 2), half, level)
+   ! an expression without a value nearby is what it is here
+   if (allocated(error) .or. .not. abs(corners - level) > bent_level) return
+   call mean_of(merge(24, 8, size(place) == 2), half, mean)
+   if (.not. allocated(error)) level = min(max(mean, 0.0_wp), 1.0_wp)
 
 contains
 
@@ -716,7 +727,7 @@ contains
          associate (digit => digits_of(k, spread(parts, 1, size(place))))
             at = q + reach*((2.0_wp*digit + 1.0_wp)/parts - 1.0_wp)
          end associate
-         if (cloud%polar) at = at(1)*[cos(at(2)), sin(at(2))]
+         if (scene%cloud%polar) at = at(1)*[cos(at(2)), sin(at(2))]
          call given%at(at, value, error)
          if (allocated(error)) return
          mean = mean + value/n

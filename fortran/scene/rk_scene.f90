@@ -86,6 +86,8 @@ module rk_scene
       type(cloud_type) :: cloud
       !> Shape functions
       type(approximation_type) :: approximation
+      !> A material in space is a layer thinner than the points resolve
+      logical :: thin_layers = .false.
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
       !> Shape functions as the deck names them, and interfaces between materials

@@ -24,6 +24,9 @@ module rk_deck_regions
    integer, parameter :: bisections = 12
    !> The same for planes, which are wanted to rounding; most of them across an axis
    integer, parameter :: fine_bisections = 40, most_planes = 8
+   !> Spacings between two planes across an axis at least: a sheet of 0.04 between plates a hundred
+   !> times as stiff was sheared four times too stiffly, and sheets of 1.5 spacings are right to 2 %
+   real(wp), parameter :: least_gap = 1.5_wp
    !> Planes that differ by less, in spacings, are the same, as those beside points: borders of a
    !> map are known to a thousandth of a voxel, and thinner cells have no use [-]
    real(wp), parameter :: same_place = 2.0e-3_wp
@@ -127,13 +130,16 @@ subroutine label_regions(scene, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
+   logical :: close
 
+   close = .false.
    associate (cloud => scene%cloud)
       call fill_points(cloud, scene%tissue, deck, error)
       if (allocated(error) .or. .not. allocated(cloud%fraction)) return
       if (scene%method == 'rkpm-gauss' .and. .not. (cloud%polar .or. cloud%jittered)) &
          & call find_planes(cloud, scene%tissue, scene%approximation%kink_axis, &
-         & scene%approximation%kink, error)
+         & scene%approximation%kink, close, error)
+      scene%thin_layers = close .and. cloud%nd == 3
    end associate
 end subroutine label_regions
 
@@ -326,7 +332,7 @@ contains
 end subroutine fill_points
 
 !> Planes across the axes of a box on which materials meet, if these meet nowhere else
-subroutine find_planes(cloud, tissue, axis, plane, error)
+subroutine find_planes(cloud, tissue, axis, plane, close, error)
    !> Points with fractions
    type(cloud_type), intent(in) :: cloud
    !> Materials with their parts
@@ -334,6 +340,8 @@ subroutine find_planes(cloud, tissue, axis, plane, error)
    !> Axis across each plane, and its place [length]; not allocated where borders are not planes
    integer, allocatable, intent(out) :: axis(:)
    real(wp), allocatable, intent(out) :: plane(:)
+   !> Borders are planes, but two of them too near each other
+   logical, intent(out) :: close
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
    real(wp) :: near(cloud%nd)
@@ -344,6 +352,7 @@ subroutine find_planes(cloud, tissue, axis, plane, error)
    counts = 1
    counts(:cloud%nd) = maxval(cloud%place, dim=2) + 1
    allocate (axis(0), plane(0))
+   close = .false.
    do ip = 1, size(cloud%points, 2)
       do d = 1, cloud%nd
          associate (next => beside(ip, d, 1))
@@ -365,9 +374,26 @@ subroutine find_planes(cloud, tissue, axis, plane, error)
          if (allocated(error)) return
       end do
    end if
-   if (ip <= size(cloud%points, 2) .or. size(plane) == 0) deallocate (axis, plane)
+   close = ip > size(cloud%points, 2) .and. too_close()
+   ! layers in the plane know the way across them; in space nothing better is at hand
+   if (ip <= size(cloud%points, 2) .or. size(plane) == 0 .or. (close .and. cloud%nd == 2)) &
+      & deallocate (axis, plane)
 
 contains
+
+   !> Whether two planes leave fewer spacings between them than two kinks need: what lies between
+   !> would be as stiff as what lies around it
+   logical function too_close()
+      integer :: i, k
+
+      too_close = .false.
+      do k = 2, size(plane)
+         do i = 1, k - 1
+            too_close = too_close .or. (axis(i) == axis(k) .and. abs(plane(i) - plane(k)) &
+               & < least_gap*maxval(cloud%spacing(axis(k), :)))
+         end do
+      end do
+   end function too_close
 
    !> Point beside another one along an axis, itself at the ends of the body
    pure integer function beside(ip, d, step)

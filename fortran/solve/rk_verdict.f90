@@ -136,6 +136,11 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, receiver)
    end if
    outcome%warnings = outcome%warnings//self%reasons
+   if (problem%scene%thin_layers) then
+      call self%object(doubtful, 'a material is a layer between two planes less than 1.5 ' &
+         & //'spacings of the source points apart, and may be too stiff across it')
+      self%curable = .true.
+   end if
    call judge_broken(self, problem, outcome)
    ! of which the run has warned on its way
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)

@@ -86,9 +86,11 @@ module rk_galerkin
       logical :: leaps = .false.
    contains
       procedure :: start, assemble, state, at_place, strain_energy, set_force, set_displacement
-      procedure :: section_force, set_point_loads, renew, inner_forces
+      procedure :: section_force, set_point_loads, renew, inner_forces, material_at
    end type galerkin_problem
 
+   !> Places so near to a plane, in spacings, lie on it [-]
+   real(wp), parameter :: on_plane = 1.0e-9_wp
    !> Source points across four groups of two spacings each, which curvature needs in boxes
    integer, parameter :: least_across = 9
 
@@ -814,7 +816,8 @@ subroutine at_place(self, state, ip, x, u, local)
       call deformation(size(x), u, local%f, h)
       local%j = determinant(local%f)
    end if
-   call self%mixture%stress(ip, local%f, state%load, local%p, volumetric=.false.)
+   call self%mixture%stress(self%material_at(ip, x), local%f, state%load, local%p, &
+      & volumetric=.false.)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
    if (.not. allocated(self%faces) .or. state%tissue > 0) return
@@ -828,6 +831,42 @@ subroutine at_place(self, state, ip, x, u, local)
    call self%faces%release(i, self%mixture, ip, state%load, local%f, at_point)
    local%other = at_point%cauchy
 end subroutine at_place
+
+!> Place of the mixture whose material a place has: the collocation point nearest to it, or where a
+!> plane on which materials meet lies between them the nearest integration point on its own side
+pure integer function material_at(self, ip, x) result(at)
+   class(galerkin_problem), intent(in) :: self
+   !> Collocation point
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   logical, allocatable :: own_side(:)
+   integer :: k
+
+   at = ip
+   if (.not. allocated(self%scene%approximation%kink)) return
+   associate (points => self%scene%cloud%points)
+      if (all(beyond(x) .eqv. beyond(points(:, ip)))) return
+      own_side = [(all(beyond(x) .eqv. beyond(self%cells%point(:, k))), &
+         & k=1, size(self%cells%weight))]
+      at = size(points, 2) + minloc([(sum((self%cells%point(:, k) - x)**2), &
+         & k=1, size(own_side))], dim=1, mask=own_side)
+   end associate
+
+contains
+
+   !> Whether a place lies beyond each plane, on which it has the material there
+   pure function beyond(place)
+      real(wp), intent(in) :: place(:)
+      logical :: beyond(size(self%scene%approximation%kink))
+
+      associate (axis => self%scene%approximation%kink_axis)
+         beyond = place(axis) - self%scene%approximation%kink &
+            & > -on_plane*maxval(self%scene%cloud%spacing)
+      end associate
+   end function beyond
+
+end function material_at
 
 !> Force through a plane section: that of its part behind the normal on the part before it, as the
 !> work of the internal forces in a motion of one side against the other. In equilibrium it is

@@ -297,7 +297,7 @@ subroutine answer_place(full, probe, x, answer, error)
          one(b, g) = 0
       end do
    end do
-   call full%mixture%parts(ip, tissue, fraction, fiber)
+   call full%mixture%parts(full%material_at(ip, place(:, 1)), tissue, fraction, fiber)
    call answer%put('gradient', shape(gradient), gradient)
    call answer%put('weight', shape(weight), weight)
    call answer%put('pressure', shape(pressure), pressure)

@@ -2,8 +2,9 @@
 !>
 !> A result file that was being written when its process was killed can be torn. The journal cannot:
 !> it is written record by record, and a reader stops at the first one that is not whole. A record
-!> is a head of three numbers (kind, bytes of the body, columns) and the body. The journal goes when
-!> the results have taken their names.
+!> is a head of four numbers (kind, bytes of the body, columns, Adler-32 of all of it) and the body:
+!> a disk that lost power may have kept the length of a record and not what it held. The journal
+!> goes when the results have taken their names.
 module rk_journal
    use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, c_null_ptr, &
       & c_ptr, c_size_t
@@ -23,7 +24,7 @@ module rk_journal
       & is_source = 4, is_points = 5, is_line = 6, is_step = 7
 
    !> Bytes of a head
-   integer(i8), parameter :: nhead = 24
+   integer(i8), parameter :: nhead = 32
 
    !> Journal being written
    type :: journal_type
@@ -97,8 +98,10 @@ subroutine add(self, kind, body, columns, error)
    type(error_type), allocatable, intent(inout) :: error
 
    if (allocated(error) .or. .not. c_associated(self%handle)) return
-   call self%check(rkf_write(self%handle, transfer([kind, len(body, i8), columns], &
-      & repeat(' ', nhead))//body, nhead + len(body, c_size_t)), error)
+   associate (head => [kind, len(body, i8), columns])
+      call self%check(rkf_write(self%handle, transfer([head, sum_of(head, body)], &
+         & repeat(' ', nhead))//body, nhead + len(body, c_size_t)), error)
+   end associate
 end subroutine add
 
 subroutine remove_journal(self)
@@ -138,7 +141,7 @@ subroutine read_journal(path, numbers, found, history, whole, error)
    integer(i8), intent(out) :: whole
    !> Error handling: what no journal of this version holds
    type(error_type), allocatable, intent(out) :: error
-   integer(i8) :: at, bytes, head(3)
+   integer(i8) :: at, bytes, head(4)
    integer :: n, stat, unit
    character(len=:), allocatable :: lines, text
    real(wp), allocatable :: values(:)
@@ -166,11 +169,11 @@ subroutine read_journal(path, numbers, found, history, whole, error)
             exit
          end if
          ! a process that is killed leaves a part of its last record
-         if (at + nhead + length > bytes) exit
+         if (length > bytes - at - nhead) exit
          if (allocated(text)) deallocate (text)
          allocate (character(len=length) :: text)
          read (unit, iostat=stat) text
-         if (stat /= 0) exit
+         if (stat /= 0 .or. head(4) /= sum_of(head(:3), text)) exit
          if (any(kind == [is_source, is_points, is_step])) values = transfer(text, [0.0_wp])
          at = at + nhead + length
          select case (kind)
@@ -204,5 +207,28 @@ subroutine read_journal(path, numbers, found, history, whole, error)
    end do
    close (unit)
 end subroutine read_journal
+
+!> Adler-32 of a record (RFC 1950)
+pure integer(i8) function sum_of(head, body) result(check)
+   !> Kind, bytes of the body, columns
+   integer(i8), intent(in) :: head(3)
+   character(len=*), intent(in) :: body
+   integer(i8), parameter :: prime = 65521
+   character(len=24) :: first
+   integer(i8) :: a, b, i
+
+   first = transfer(head, first)
+   a = 1
+   b = 0
+   do i = 1, len(first, i8) + len(body, i8)
+      if (i <= len(first)) then
+         a = mod(a + ichar(first(i:i)), prime)
+      else
+         a = mod(a + ichar(body(i - len(first):i - len(first))), prime)
+      end if
+      b = mod(b + a, prime)
+   end do
+   check = 65536*b + a
+end function sum_of
 
 end module rk_journal
