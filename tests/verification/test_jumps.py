@@ -1,4 +1,4 @@
-"""Loads and activations that jump between points, few cells, and forces that balance to zero."""
+"""What jumps between points: loads, activations, materials; few cells; forces that balance to 0."""
 
 from __future__ import annotations
 
@@ -109,3 +109,82 @@ def test_tractions_of_order_three_are_lifted_with_their_degree() -> None:
     coarse, fine = error(5, 26), error(9, 51)
     assert coarse < 1e-5
     assert fine < coarse / 2**4
+
+
+def plates(*source: int, layer: str, mu: float = 0.5, **more: Any) -> dict[str, Any]:
+    """A square of stiff plates with a soft layer between them, sheared by a twentieth."""
+    stiff = {"name": "plates", "model": "neo-hookean", "mu": 50.0, "K": 200.0}
+    soft = {"name": "layer", "model": "neo-hookean", "mu": mu, "K": 4 * mu, "where": layer}
+    tables = scene(
+        "rkpm-gauss", box(*source), material=[stiff, soft],
+        boundary=[held("y0", 2), held("y1", 2, u_x=0.05)], probe=[force("f", "x", "y1")],
+    )  # fmt: skip
+    return tables | more
+
+
+def test_a_sheet_between_two_planes_is_no_stiffer_than_it_is() -> None:
+    # kinks cannot resolve less than 1.5 spacings: with them 9 x 9 points had 1.70, accepted
+    layer = "y > 0.3 and y < 0.34"
+    found = solved(plates(9, 9, layer=layer) | {"geometry": {"kind": "box", "size": [1.0, 1.0]}})
+    fine = solved(plates(33, 65, layer=layer)).last()["f"]
+    assert found.last()["f"] == pytest.approx(fine, rel=0.02)
+
+
+def test_a_thin_sheet_in_space_is_doubted() -> None:
+    tables = plates(5, 5, 4, layer="z > 0.47 and z < 0.53", mu=5.0)
+    tables |= {"boundary": [held("z0"), held("z1", u_x=0.05)], "probe": [force("f", "x", "z1")]}
+    states = solved(tables, error=True).states
+    assert states.verdict == "doubtful"
+    assert any("less than 1.5 spacings" in reason for reason in states.reasons)
+
+
+@pytest.mark.parametrize(("plane", "near"), [(0.5, 0.48), (0.51, 0.53)])
+def test_a_stress_beside_a_plane_is_of_its_own_side(plane, near) -> None:
+    # along the plane both sides have one strain, and stress the modulus of its own side
+    soft = {"name": "soft", "model": "neo-hookean", "mu": 1.0, "K": 4.0}
+    stiff = soft | {"name": "stiff", "mu": 10.0, "where": f"y > {plane}"}
+    far = 0.25 if near < plane else 0.8
+    tables = scene(
+        "rkpm-gauss", box(9, 9), material=[soft, stiff],
+        boundary=[
+            {"set": "x0", "u_x": 0.0}, {"set": "x1", "u_x": 0.1}, {"set": "y0", "u_y": 0.0},
+            {"set": "y1", "u_y": 0.0},
+        ],
+        probe=[
+            probe("near", "cauchy_xx", (0.5, near)), probe("far", "cauchy_xx", (0.5, far)),
+        ],
+    )  # fmt: skip
+    found = solved(tables).last()
+    assert found["near"] == pytest.approx(found["far"], rel=1e-3)
+
+
+@pytest.mark.parametrize("plane", [0.375, 0.36])
+def test_groups_between_planes_have_a_mirror_image(plane) -> None:
+    # of five spacings beyond a plane none of the two middle lines is the nearer one
+    def aside(where: str, fixed: str, moved: str, u_x: float) -> float:
+        soft = {"name": "soft", "model": "neo-hookean", "mu": 0.5, "K": 2.0}
+        stiff = soft | {"name": "stiff", "mu": 10.0, "K": 40.0, "where": where}
+        tables = scene(
+            "rkpm-gauss", box(9, 9), material=[soft, stiff],
+            boundary=[held(fixed, 2), held(moved, 2, u_x=u_x, u_y=0.1)],
+            probe=[probe("top", "u_y", (0.5, 1.0))],
+        )  # fmt: skip
+        return solved(tables).last()["top"]
+
+    one = aside(f"x > {plane}", "x0", "x1", 0.05)
+    assert aside(f"x < {1 - plane}", "x1", "x0", -0.05) == pytest.approx(one, rel=1e-6)
+
+
+def test_a_muscle_beside_a_plane_has_its_own_activation() -> None:
+    # the mean over a spacing ends at the plane, beyond which the expression is zero or has no value
+    gel = {"name": "gel", "model": "neo-hookean", "mu": 1.0, "K": 4.0, "where": "y > 0.37"}
+
+    def pull(activation: Any) -> float:
+        tables = scene(
+            "rkpm-gauss", box(9, 9), material=[{**_ACTIVE, "activation": activation}, gel],
+            boundary=[held("x0", 2), held("x1", 2)], probe=[force("pull", "x", "x0")],
+        )  # fmt: skip
+        return solved(tables).last()["pull"]
+
+    assert pull("0.3*(y < 0.37)") == pytest.approx(pull(0.3), rel=1e-6)
+    assert pull("0.3*sqrt(max(0.37 - y, 0)/(0.37 - y))") == pytest.approx(pull(0.3), rel=1e-6)

@@ -163,8 +163,8 @@ def test_stresses_are_those_of_the_full_scene(tmp_path: Path, change: list[str])
         more = [f"load.activation={activation}", f"material.muscle.fiber_angle={angle}"]
         with rom.full_model().open(more) as scene:
             truth = scene.probes((rom.basis @ found.amplitudes[i])[None], np.ones(1))[0]
-        told = (probe["name"] for probe in scene.deck["probe"])
-        of = dict(zip(told, truth[:, 0], strict=True))
+        names = (probe["name"] for probe in scene.deck["probe"])
+        of = dict(zip(names, truth[:, 0], strict=True))
         for k in range(len(places)):
             size = abs(of[f"cauchy_zz{k}"])
             for name in named:

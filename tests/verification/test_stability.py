@@ -52,7 +52,7 @@ pytestmark = pytest.mark.nightly
 PATIENCE = 120.0
 #: Ends: the answer is right and accepted; it is refused or not reached, and the message says why;
 #: it is right and the run doubts it; it is off and the run says so
-RIGHT, EXPLAINED, DOUBTED, WARNED = "right", "explained", "right, doubted", "off, told"
+RIGHT, EXPLAINED, DOUBTED, WARNED = "right", "explained", "right, doubted", "off, warned"
 #: All forms, the collocations first
 FORMS = (*METHODS, "rkpm-gauss", "rkpm-scni")
 WEAK = FORMS[2:]
@@ -138,8 +138,8 @@ def judge(case: Case, record: dict[str, Any]) -> str:
     outcome = record["outcome"]
     reasons = (record.get("verdict") or {}).get("reasons", [])
     warned = [text for text in record.get("warnings", []) if text.startswith("J at points")]
-    told = " ".join([record["message"], *reasons, *warned])
-    named = bool(told) and all(word in told for word in case.words)
+    said = " ".join([record["message"], *reasons, *warned])
+    named = bool(said) and all(word in said for word in case.words)
     if outcome in ("refused", "not converged"):
         return EXPLAINED if named else "unexplained"
     if outcome not in ("converged", "done"):

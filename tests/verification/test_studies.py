@@ -177,7 +177,7 @@ def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> None:
-    """Wider errors, wider intervals; errors that are too small are told."""
+    """Wider errors, wider intervals; errors that are too small are reported."""
     plain = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
     rows = [line.split(",")[:3] for line in plain.read_text().splitlines()]
     widths = []
@@ -325,8 +325,8 @@ def test_wrong_doubts(spindle: Path, tmp_path: Path) -> None:
 def test_commands(trained: Path, deck: Path, tmp_path: Path, capsys: Any) -> None:
     words = [str(trained), "--out", str(tmp_path), "-q", "--threads", "1"]
     assert main(["study", "sensitivity", *words, "--samples", "16"]) == 0
-    told = capsys.readouterr().out
-    assert "material.muscle.sigma_max: alone" in told and "full solves as in the training" in told
+    said = capsys.readouterr().out
+    assert "material.muscle.sigma_max: alone" in said and "full solves as in the training" in said
     data = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
     assert main(["study", "identify", *words, "--data", str(data), "--free", "sigma_max"]) == 0
     assert "material.muscle.sigma_max: 3" in capsys.readouterr().out

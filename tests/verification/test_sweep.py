@@ -315,7 +315,14 @@ def test_files_that_are_varied_are_known_by_their_contents(tmp_path: Path, here:
         sweep(made / "deck.toml", vary, out)
 
 
-@pytest.mark.parametrize("damage", ['{"point": 1, "ver', "3", "{}"])
+#: Of a point that is there already, of none that the sweep has, and of no number
+LINE = '{"point": %s, "probes": {}, "errors": {}, "verdict": "failed", "message": "", "cpu_s": 1}'
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ['{"point": 1, "ver', "3", "{}", '{"point": 1}', *(LINE % n for n in ("0", "2", "-1", '"1"'))],
+)
 def test_points_that_are_read_back_are_checked(deck, tmp_path, monkeypatch, here, damage):
     solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
     monkeypatch.setattr(run, "solve_point", lambda *call: solved)

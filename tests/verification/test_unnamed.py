@@ -95,7 +95,7 @@ def test_an_odd_number_of_cells_is_as_good_as_an_even_one() -> None:
     assert -forces[0][2] > -forces[1][2] > -forces[2][2]
 
 
-def test_halved_steps_are_told_and_given_up_early(tmp_path: Path) -> None:
+def test_halved_steps_are_reported_and_given_up_early(tmp_path: Path) -> None:
     """Three load steps of 25 iterations failed before one of an eighth of the load arrived: 103."""
     summary = run_deck(beam(17, 5, load=20.0), tmp_path / "out", threads=1, verbosity=-1)
     assert [step["load"] for step in summary["steps"] if step["load"] > 0] == [1.0]

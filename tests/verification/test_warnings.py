@@ -182,7 +182,7 @@ def test_least_eigenvalue(inputs: Path, tmp_path: Path, method: str, bulk: str) 
         assert wanted - 1e-3 <= found <= wanted + 1e-4
 
 
-def test_loss_is_told_once(inputs: Path, tmp_path: Path) -> None:
+def test_loss_is_reported_once(inputs: Path, tmp_path: Path) -> None:
     """A polynomial that softens: from some stretch on W_1 + 2 W_11 (v F N)^2 is negative."""
     summary = solve(inputs, tmp_path, "material.A20=-14", "material.A30=0", "scene.method=auto")
     values = [step["min_acoustic"]["value"] for step in summary["steps"]]

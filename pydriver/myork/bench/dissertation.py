@@ -755,7 +755,7 @@ WITHOUT_NUMBERS = {
     "4.18 to 4.20": "lower leg, curves without numbers: `myork solve leg_section.toml`",
     "4.21": "the author's images, as of table 4.3",
     "5.5, 5.8, 5.10, 5.11, 5.14, 5.15, 5.18, 5.19, 5.21, 5.22, 5.24, 5.25, 5.28, 5.37": (
-        "points and deformed bodies: `myork solve DECK --report` of the decks of their section"
+        "points and deformed bodies: `myork solve` and `myork report` of the decks of their section"
     ),
     "5.27, 5.29, 5.31 to 5.35": "fields: `myork report` of tube, muscle_block and mg_muscle",
     "6.1 to 6.9, 6.11, 6.14, 6.17": "decays and motions: `myork rom` of the decks of 6.1 to 6.10",

@@ -11,7 +11,7 @@ import numpy as np
 from myork.console import as_html
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
-from myork.errors import InputError
+from myork.errors import FileError, InputError
 from myork.model_file import model_of_bytes
 from myork.rom.full import FullModel
 from myork.rom.marks import DOUBTFUL, LOST, NAMES, NEAR_LOST, Marks
@@ -226,7 +226,13 @@ class ReducedModel:
         - raises FileError: there is no such file, or it is damaged
         - raises InputError: it is of another version
         """
-        return cls(read_arrays(Path(path)), threads)
+        arrays = read_arrays(Path(path))
+        try:
+            return cls(arrays, threads)
+        except (LookupError, ValueError, TypeError) as reason:
+            raise FileError(
+                f"{path}: is not what `myork rom train` writes: {type(reason).__name__}: {reason}"
+            ) from None
 
     def save(self, path: str | Path) -> Path:
         """Write the model to a file."""

@@ -68,11 +68,17 @@ def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     return {key: (low, high) for key, (low, high) in pairs}
 
 
+#: Values of one key of a map at most
+_MOST_VALUES = 1_000_000
+
+
 def grid_in(item: str) -> tuple[str, F64]:
     """Key and values of an item `KEY=LOW:HIGH:N` of the option `--vary`."""
     key, (low, high, count) = numbers_in(item, "KEY=LOW:HIGH:N")
-    if count < 1 or count % 1:
-        raise InputError(f"--vary {item}: N must be a whole number above 0, not {count:g}")
+    if not 1 <= count <= _MOST_VALUES or count % 1:
+        raise InputError(
+            f"--vary {item}: N must be a whole number from 1 to {_MOST_VALUES:,}, not {count:g}"
+        )
     return key, np.linspace(low, high, int(count))
 
 

@@ -23,6 +23,10 @@ def read_head(path: Path) -> Any:
         return None
 
 
+#: What is known of every finished point
+_KEYS = {"probes", "errors", "verdict", "message", "cpu_s"}
+
+
 def read_points(path: Path, head: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
     """Finished points of a file by their numbers; none where there is no file.
 
@@ -38,8 +42,12 @@ def read_points(path: Path, head: Mapping[str, Any]) -> dict[int, dict[str, Any]
     for number, line in enumerate(lines, 2):
         try:
             row = json.loads(line)
-            rows[int(row["point"])] = row
-        except (ValueError, LookupError, TypeError):
+            point = row["point"]
+            whole = type(point) is int and 0 <= point < len(head["points"]) and point not in rows
+            if not whole or not row.keys() >= _KEYS:
+                raise ValueError
+            rows[point] = row
+        except (ValueError, LookupError, TypeError, AttributeError):
             raise InputError(
                 f"{path}:{number}: is not what a sweep wrote; remove the line, and its point is "
                 "solved again"

@@ -296,15 +296,19 @@ class Answers:
         apart = {*(p.key for p in self.rom.parameters), *_OTHER_KEYS}
         try:
             summary = read_summary(folder)
-            if not decks_agree(summary["deck"], self._full.scene.deck, _TABLES, apart):
+            scene = self._full.scene
+            sizes = (summary["dofs"], summary["collocation_points"])
+            if sizes != (scene.dofs, scene.collocation_points) or not decks_agree(
+                summary["deck"], scene.deck, _TABLES, apart
+            ):
                 return None
             last = summary["steps"][-1]
             size, error = (np.linalg.norm(last[k][name]) for k in ("probes", "probe_errors"))
-        except (MyorkError, LookupError, TypeError):
+            judged = summary["converged"] and summary["verdict"]["state"] != "refused"
+        except (MyorkError, LookupError, TypeError, AttributeError, ValueError):
+            # another program may write into the folder: there is no bar then
             return None
-        if not summary["converged"] or summary["verdict"]["state"] == "refused" or not size > 0.0:
-            return None
-        return float(error / size)
+        return float(error / size) if judged and size > 0.0 else None
 
     def _ranges(self) -> tuple[dict[str, list[float]], float]:
         """Ranges of the colours: values at the ends of each parameter and in the middle.

@@ -116,7 +116,7 @@ class _Handler(BaseHTTPRequestHandler):
         except _Refused as refused:
             status, text = refused.args
             body = text.encode()
-        except (MyorkError, ValueError, LookupError) as reason:
+        except MyorkError as reason:
             status, body = HTTPStatus.BAD_REQUEST, str(reason).encode()
         except Exception as reason:
             status = HTTPStatus.INTERNAL_SERVER_ERROR
@@ -176,7 +176,8 @@ def _surface(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
 
 def _state(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     answers = handler.server.answers
-    shown = handler.computed(partial(answers.state, _values(asked), asked["field"]))
+    values = _asked(asked, "p", float)
+    shown = handler.computed(partial(answers.state, values, asked.get("field", "")))
     # shaders need not know what is not a number
     numbers = np.nan_to_num(shown.values, nan=_NONE)
     return _numbers(shown.facts, shown.positions.astype("<f4"), numbers.astype("<f4"))
@@ -184,9 +185,11 @@ def _state(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
 
 def _curves(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     answers = handler.server.answers
-    every = range(len(answers.rom.parameters))
-    of = [int(word) for word in asked["of"].split(",")] if "of" in asked else every
-    values, probe = _values(asked), int(asked["probe"])
+    count = len(answers.rom.parameters)
+    of = _asked(asked, "of", int) if "of" in asked else list(range(count))
+    if not all(0 <= k < count for k in of):
+        raise InputError(f"of: numbers of parameters from 0 to {count - 1} are needed")
+    values, (probe, *_) = _asked(asked, "p", float), _asked(asked, "probe", int)
     family = asked.get("family") == "1"
     found = []
     # one by one: other clients have their turn in between
@@ -195,9 +198,20 @@ def _curves(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     return "application/json", json.dumps(found).encode()
 
 
-def _values(asked: Asked) -> list[float]:
-    """Values of all parameters of a question."""
-    return [float(word) for word in asked["p"].split(",")]
+def _asked(asked: Asked, key: str, kind: Callable[[str], T]) -> list[T]:
+    """Numbers of a question, separated by commas.
+
+    - raises InputError: the key is missing, or one is not a finite number
+    """
+    if key not in asked:
+        raise InputError(f"{key}: is missing")
+    try:
+        found = [kind(word) for word in asked[key].split(",")]
+    except ValueError:
+        raise InputError(f"{key}: '{asked[key][:40]}' is not a list of numbers") from None
+    if not np.isfinite(np.array(found, float)).all():
+        raise InputError(f"{key}: finite numbers are needed")
+    return found
 
 
 def _numbers(facts: dict[str, Any], *arrays: np.ndarray) -> tuple[str, bytes]:
