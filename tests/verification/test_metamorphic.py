@@ -432,11 +432,15 @@ def differences(
     for name, kind, value, bar, other, its in rows:
         wide = np.fmax(bar, its)
         room = (1 if within else OF_BAR) * wide + ROUNDING * kinds[kind]
-        if one.verdict == two.verdict == "refused" and np.isnan([bar, its]).all():
+        refused = one.verdict == two.verdict == "refused"
+        if refused and np.isnan([bar, its]).all():
             # a refused answer without bars says nothing about its values
             continue
         if np.any(abs(value - other) > room) or np.any(np.isnan(value) != np.isnan(other)):
             found.append(f"{name}: {value} +- {bar} becomes {other} +- {its}")
+        elif refused and np.any(np.isnan(bar) != np.isnan(its)):
+            # by another path the second solution of a refused one may find another branch
+            continue
         elif not within and (
             np.any(np.isnan(bar) != np.isnan(its))
             or np.any(abs(bar - its) > OF_BARS * wide + ROUNDING * kinds[kind])
