@@ -191,7 +191,7 @@ def test_quiet_shows_no_progress(solver, deck, tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_waits_for_the_clean_end(solver, deck, tmp_path, number):
-    """The executable is told once, by SIGTERM, which no shell ignores: it finishes and writes."""
+    """The executable gets one signal, SIGTERM, which no shell ignores: it finishes and writes."""
     written = tmp_path / "last_state"
     fake = solver(
         "told = []\n"
