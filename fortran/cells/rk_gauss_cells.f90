@@ -520,7 +520,7 @@ end subroutine cut_lattice
 
 !> Groups of cells in one direction: equal ones between planes, symmetrical ones where there is no
 !> plane: a mirrored body is the same one
-pure subroutine arrange(self, d, whole, groups, bound, axis, plane)
+subroutine arrange(self, d, whole, groups, bound, axis, plane)
    type(lattice_type), intent(in) :: self
    !> Direction
    integer, intent(in) :: d
@@ -539,7 +539,7 @@ pure subroutine arrange(self, d, whole, groups, bound, axis, plane)
    planes = .false.
    if (present(axis)) planes = any(axis == d)
    if (.not. planes) then
-      call arrange_evenly(self%cells(d), whole, groups, bound)
+      call arrange_evenly()
       return
    end if
    groups = 0
@@ -576,37 +576,31 @@ contains
       if (mod(parts, 2) == 0) parts = parts + merge(1, -1, self%nd == 3 .or. nint(width) == 5)
    end function parts_of
 
+   !> Groups in a direction without planes
+   subroutine arrange_evenly()
+      integer :: g, ones, pairs
+
+      associate (cells => self%cells(d))
+         ones = 0
+         groups = max(1, cells/group_size)
+         if (mod(cells, 2) == 1 .and. (whole .or. cells == 5)) then
+            ones = merge(mod(cells, 4), 1, whole)
+            groups = ones + (cells - ones)/group_size
+         else if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0) then
+            ! an odd cell is in the middle group of an odd number of groups
+            groups = groups - 1
+         end if
+         pairs = (cells - ones)/4
+         do g = 0, groups
+            if (ones == 0) then
+               bound(g) = nint(real(g*cells, wp)/groups)
+            else
+               bound(g) = group_size*g - min(max(g - pairs, 0), ones)
+            end if
+         end do
+      end associate
+   end subroutine arrange_evenly
+
 end subroutine arrange
-
-!> Groups of cells in a direction without planes
-pure subroutine arrange_evenly(cells, whole, groups, bound)
-   !> Cells in this direction
-   integer, intent(in) :: cells
-   !> Cells that are left over make groups of their own
-   logical, intent(in) :: whole
-   !> Groups
-   integer, intent(out) :: groups
-   !> First cell of each group, and the number of cells behind them, from 0
-   integer, intent(inout) :: bound(0:)
-   integer :: g, ones, pairs
-
-   ones = 0
-   groups = max(1, cells/group_size)
-   if (mod(cells, 2) == 1 .and. (whole .or. cells == 5)) then
-      ones = merge(mod(cells, 4), 1, whole)
-      groups = ones + (cells - ones)/group_size
-   else if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0) then
-      ! an odd cell is in the middle group of an odd number of groups
-      groups = groups - 1
-   end if
-   pairs = (cells - ones)/4
-   do g = 0, groups
-      if (ones == 0) then
-         bound(g) = nint(real(g*cells, wp)/groups)
-      else
-         bound(g) = group_size*g - min(max(g - pairs, 0), ones)
-      end if
-   end do
-end subroutine arrange_evenly
 
 end module rk_gauss_cells

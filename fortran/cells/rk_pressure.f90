@@ -14,6 +14,7 @@ module rk_pressure
    use rk_kernel, only : window_product, window_radial
    use rk_lapack, only : svd
    use rk_neighbours, only : covers, find_neighbours
+   use rk_place_shape, only : on_plane
    use rk_precision, only : i8, wp
    use rk_tensor, only : cross, determinant
    implicit none
@@ -65,8 +66,6 @@ module rk_pressure
    !> A direction in which a group has no neighbours has no curvature: this share of its size
    !> squared is their distance squared at least
    real(wp), parameter :: alone = 1.0e-9_wp
-   !> A place so near to a plane, in sizes of a group, counts as beyond it [-]
-   real(wp), parameter :: on_plane = 1.0e-9_wp
 
 contains
 

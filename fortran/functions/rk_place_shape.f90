@@ -20,7 +20,7 @@ module rk_place_shape
    implicit none
    private
 
-   public :: approximation_type, new_approximation, shape_at_place
+   public :: approximation_type, new_approximation, shape_at_place, on_plane
 
    !> Choice of the approximation
    type :: approximation_type
@@ -38,7 +38,8 @@ module rk_place_shape
 
    !> A pivot below this share of the unit diagonal means a singular moment matrix
    real(wp), parameter :: pivot_min = 1.0e-13_wp
-   !> Places so near to a plane, in supports, lie on it, and have the derivatives beyond it
+   !> Places so near to a plane, in supports, spacings or groups of cells, lie on it, and have the
+   !> derivatives beyond it [-]
    real(wp), parameter :: on_plane = 1.0e-9_wp
    !> What is added to the moment of a ridge over the kernel's largest value: beams and bars of two
    !> materials are as near with a third and three times of it

@@ -3,6 +3,7 @@ module rk_fractions
    use rk_error, only : error_type
    use rk_material, only : kind_i4
    use rk_neighbours, only : all_nearest, nearest_points
+   use rk_place_shape, only : on_plane
    use rk_precision, only : wp
    use rk_scene, only : last_part, scene_type
    use rk_shape, only : shape_type
@@ -13,9 +14,8 @@ module rk_fractions
 
    !> Fractions below this are none [-]
    real(wp), parameter :: nothing = 1.0e-8_wp
-   !> Places so near to a plane on which tissues meet, in supports, lie on it, and a place so far
-   !> beyond it has the tissue there [-]
-   real(wp), parameter :: on_plane = 1.0e-9_wp, beyond = 1.0e-7_wp
+   !> A place so far beyond a plane on which tissues meet, in supports, has the tissue there [-]
+   real(wp), parameter :: beyond = 1.0e-7_wp
 
 contains
 

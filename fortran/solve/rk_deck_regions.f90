@@ -227,7 +227,8 @@ contains
 
       is_whole = .true.
       do i = 0, 3**cloud%nd - 1
-         is_whole = is_whole .and. material_in(from + 0.5_wp*mod(i/[1, 3, 9], 3)*(to - from)) == own
+         is_whole = material_in(from + 0.5_wp*mod(i/[1, 3, 9], 3)*(to - from)) == own
+         if (.not. is_whole) return
       end do
    end function is_whole
 

@@ -29,6 +29,7 @@ module rk_galerkin
    use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
+   use rk_place_shape, only : on_plane
    use rk_precision, only : i8, wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type, stage_type
@@ -89,8 +90,6 @@ module rk_galerkin
       procedure :: section_force, set_point_loads, renew, inner_forces, material_at
    end type galerkin_problem
 
-   !> Places so near to a plane, in spacings, lie on it [-]
-   real(wp), parameter :: on_plane = 1.0e-9_wp
    !> Source points across four groups of two spacings each, which curvature needs in boxes
    integer, parameter :: least_across = 9
 

@@ -7,6 +7,7 @@ program test_cells
    use rk_lattice, only : jitter, new_annulus, new_box
    use rk_nodal_cells, only : nodal_cells
    use rk_precision, only : pi, wp
+   use rk_scene, only : scene_type
    use tap, only : check, finish
    implicit none
 
@@ -77,12 +78,13 @@ subroutine test_gauss(name, edges, source)
    real(wp), intent(in) :: edges(:)
    !> Source points in each direction, shape (nd)
    integer, intent(in) :: source(:)
-   type(cloud_type) :: cloud
+   type(scene_type) :: scene
    type(cells_type) :: cells
    type(error_type), allocatable :: error
 
-   call new_box(cloud, edges, source, 2*source - 1)
-   call gauss_cells(cells, cloud, 3, 2, error)
+   call new_box(scene%cloud, edges, source, 2*source - 1)
+   call third_order(scene)
+   call gauss_cells(cells, scene, error)
    call check(name//': cells', .not. allocated(error))
    if (allocated(error)) return
    call check(name//': points in all', size(cells%weight) == product(source - 1)*3**size(edges))
@@ -230,15 +232,25 @@ subroutine test_moments
       & <= tight))
 end subroutine test_moments
 
+!> Functions of order three with as many Gauss points, and a surface without conditions
+subroutine third_order(scene)
+   type(scene_type), intent(inout) :: scene
+
+   scene%galerkin%gauss = 3
+   scene%approximation%order = 3
+   allocate (scene%condition(0))
+end subroutine third_order
+
 !> Polar cells of a quarter of a tube
 subroutine test_tube
-   type(cloud_type) :: cloud
+   type(scene_type) :: scene
    type(cells_type) :: cells
    type(error_type), allocatable :: error
    integer :: d
 
-   call new_annulus(cloud, 1.0_wp, 2.0_wp, [4, 7], [7, 13])
-   call gauss_cells(cells, cloud, 3, 2, error)
+   call new_annulus(scene%cloud, 1.0_wp, 2.0_wp, [4, 7], [7, 13])
+   call third_order(scene)
+   call gauss_cells(cells, scene, error)
    call check('tube: cells', .not. allocated(error))
    if (allocated(error)) return
    call check('tube: area of the quarter', abs(sum(cells%weight) - 0.75_wp*pi) <= tight)

@@ -85,7 +85,7 @@ def joint_variation(values: F64, mask: Mask) -> float:
 def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
     """What to say where tissues scatter more without a field than with it, else empty.
 
-    Of an image in which there are no two tissues nothing is said.
+    An image without two tissues is not doubted by it.
 
     - `values`, `mask`: as of `joint_variation`
     - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
