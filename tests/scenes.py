@@ -111,14 +111,15 @@ BODIES = CASES | {
 
 
 def box(*source: int, size: Any = 1.0, places: Any = None, **more: Any) -> dict[str, Any]:
-    """Table `[geometry]` of a box; twice as many collocation points where none are given."""
-    nd = len(source)
-    return {
-        "kind": "box",
-        "size": list(np.broadcast_to(size, nd).tolist()),
-        "source": list(source),
-        "collocation": list(places or [2 * n - 1 for n in source]),
-    } | more
+    """Table `[geometry]` of a box; twice as many collocation points where none are given.
+
+    Without source points, or with `places=False`, the deck names none of these.
+    """
+    size = np.broadcast_to(size, len(source) or len(size)).tolist()
+    given: dict[str, Any] = {"source": list(source)} if source else {}
+    if source and places is not False:
+        given["collocation"] = list(places or [2 * n - 1 for n in source])
+    return {"kind": "box", "size": size} | given | more
 
 
 def annulus(
@@ -131,8 +132,35 @@ def annulus(
 
 def scene(method: str, geometry: Mapping[str, Any], **tables: Any) -> dict[str, Any]:
     """Tables of a deck; the geometry of points that are given is empty, their body solid."""
-    nd = len(geometry.get("source", "xyz"))
+    nd = len(geometry.get("source") or geometry.get("size", "xyz"))
     return {"scene": {"dimension": nd, "method": method}, "geometry": dict(geometry)} | tables
+
+
+def neo(mu: float, bulk: float, name: str = "rubber", **more: Any) -> dict[str, Any]:
+    """A neo-Hookean material."""
+    return {"name": name, "model": "neo-hookean", "mu": mu, "K": bulk} | more
+
+
+def slip(axes: str) -> list[dict[str, Any]]:
+    """Both sides along each of these axes stay in their planes."""
+    return [{"set": f"{axis}{end}", f"u_{axis}": 0} for axis in axes for end in (0, 1)]
+
+
+def gripped(
+    method: str, geometry: Mapping[str, Any], material: Any, ends: str, *wanted: str, **more: Any
+) -> dict[str, Any]:
+    """A body of a material or several, held at the first of two sets and moved at the other.
+
+    `more` are components of the motion, such as `u_x`, and tables; probes are those of `probes`.
+    """
+    tables = scene(method, geometry)
+    nd, (first, second) = tables["scene"]["dimension"], ends.split()
+    moved = {key: more.pop(key) for key in ("u_x", "u_y", "u_z") if key in more}
+    return tables | {
+        "material": [material] if isinstance(material, dict) else list(material),
+        "boundary": [held(first, nd), held(second, nd, **moved)],
+        "probe": probes(*wanted),
+    } | more  # fmt: skip
 
 
 def sheared(
@@ -166,14 +194,20 @@ def places(point: Any, *quantities: str) -> list[dict[str, Any]]:
     return [{"name": name, "quantity": name, "point": list(point)} for name in quantities]
 
 
-def probes(*lines: str) -> list[dict[str, Any]]:
-    """Probes by name, quantity and what they are of: a set, or the coordinates of a point."""
+def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
+    """Probes as tables, or by name, quantity and what they are of: a set, a point or nothing."""
     found: list[dict[str, Any]] = []
-    for name, quantity, *place in map(str.split, lines):
+    for line in lines:
+        if isinstance(line, dict):
+            found.append(line)
+            continue
+        name, quantity, *place = line.split()
+        probe: dict[str, Any] = {"name": name, "quantity": quantity}
         try:
-            found.append({"name": name, "quantity": quantity, "point": [float(x) for x in place]})
+            probe |= {"point": [float(x) for x in place]} if place else {}
         except ValueError:
-            found.append({"name": name, "quantity": quantity, "set": place[0]})
+            probe["set"] = place[0]
+        found.append(probe)
     return found
 
 
@@ -226,6 +260,14 @@ class Answer(NamedTuple):
     def last(self) -> dict[str, float]:
         """First component of each probe in the last state."""
         return {name: float(value[-1, 0]) for name, value in self.probes.items()}
+
+    def ends(self) -> dict[str, F64]:
+        """Each probe in the last state, shape `(3,)`."""
+        return {name: value[-1] for name, value in self.probes.items()}
+
+    def bar(self, name: str) -> float:
+        """Error bar of the first component of a probe in the last state."""
+        return float(self.bars[name][-1, 0])
 
 
 def solved(

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmarks.truths.finite_elements import solve_deck
 from myork import Scene, build, load_deck, run_deck
@@ -16,17 +15,15 @@ from myork.imaging.geometry import canonical
 from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels, PointCloud
-from tests.scenes import box, held, refused, scene, solved, voxels
+from tests.scenes import box, gripped, refused, solved, voxels
 
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "fiber": [0, 0, 1]}
-PULL = [{"name": "pull", "quantity": "force_z", "set": "z1"}]
 
 
-def block(material: list[Any], method: str = "rkpm-gauss", **more: Any) -> dict[str, Any]:
+def block(material: Any, method: str = "rkpm-gauss", **more: Any) -> dict[str, Any]:
     """Held at both ends, across them free to widen."""
-    geometry = box(5, 5, 5, size=[1, 1, 2], places=(5, 5, 5))
-    ends = [held("z0"), held("z1")]
-    return scene(method, geometry, material=material, boundary=ends, probe=PULL, **more)
+    body = box(5, 5, 5, size=[1, 1, 2], places=(5, 5, 5))
+    return gripped(method, body, material, "z0 z1", "pull force_z z1", **more)
 
 
 @pytest.mark.slow
@@ -34,15 +31,15 @@ def block(material: list[Any], method: str = "rkpm-gauss", **more: Any) -> dict[
 def test_a_constant_field_is_a_number(method: str) -> None:
     """To the last bit: a half of 1 and all of a half."""
     table = [{"name": "flat", "x": [0, 2], "value": [0.3, 0.3]}]
-    field = block([MUSCLE | {"activation": "flat(z)"}], method, table=table)
-    number = block([MUSCLE | {"activation": 0.3}], method)
+    field = block(MUSCLE | {"activation": "flat(z)"}, method, table=table)
+    number = block(MUSCLE | {"activation": 0.3}, method)
     assert np.array_equal(solved(field).states.x, solved(number).states.x)
 
 
 @pytest.mark.slow
 def test_halves_that_are_active_are_two_muscles() -> None:
     """A step of the field on a lattice plane against two materials, which mix activations only."""
-    step = block([MUSCLE | {"activation": "0.4*(x < 0.5)"}])
+    step = block(MUSCLE | {"activation": "0.4*(x < 0.5)"})
     active = {"name": "active", "activation": 0.4, "where": "x < 0.5"}
     parts = block([MUSCLE | {"activation": 0.0}, MUSCLE | active])
     found = []
@@ -57,23 +54,16 @@ def test_halves_that_are_active_are_two_muscles() -> None:
     assert found[0] == pytest.approx(found[1], rel=0.03)
 
 
-def bar(activation: Any = None) -> PointCloud:
-    """A bar of voxels whose parts of the activation are these."""
-    return voxels(np.ones((8, 8, 12)), 1.25, activation=activation, source_stride=[2] * 3)
-
-
-def half(value: float) -> NDArray[np.float64]:
-    """One half of the voxels of a bar has a part of the activation, the other none."""
-    parts = np.zeros((8, 8, 12))
-    parts[:4] = value
-    return parts
+def bar(share: float | None = None) -> PointCloud:
+    """A bar of voxels; one half of them may have a share of the activation, the other none."""
+    parts = (
+        None if share is None else np.repeat([share, 0.0], 4)[:, None, None] * np.ones((8, 8, 12))
+    )
+    return voxels(np.ones((8, 8, 12)), 1.25, activation=parts, source_stride=[2] * 3)
 
 
 def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
-    return scene(
-        method, {}, material=[MUSCLE | material], boundary=[held("bottom"), held("top")],
-        probe=[{"name": "pull", "quantity": "force_z", "set": "top"}],
-    )  # fmt: skip
+    return gripped(method, {}, MUSCLE | material, "bottom top", "pull force_z top")
 
 
 @pytest.mark.slow
@@ -84,7 +74,7 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     constant = replace(plain, activation=np.full(len(plain.points), 0.3))
     assert np.array_equal(solved(model_tables(activation=1.0), cloud=constant).states.x, number)
 
-    cloud = bar(half(0.3))
+    cloud = bar(0.3)
     assert cloud.activation is not None
     centre = cloud.points[:, 0].mean()
     assert cloud.activation[cloud.points[:, 0] < centre].mean() > 0.25
@@ -104,7 +94,8 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
 
 def test_images_on_turned_grids_are_turned() -> None:
     turned = canonical(Labels(np.ones((8, 8, 12), np.int32), np.diag([1.25, 1.25, 1.25, 1.0])))
-    image = Image(half(1.0)[::-1].copy(), turned.affine)
+    half = np.repeat([0.0, 1.0], 4)[:, None, None] * np.ones((8, 8, 12))
+    image = Image(half, turned.affine)
     cloud = build_cloud(turned, None, table_defaults("build"), "cm", "", image)[0]
     assert cloud.activation is not None
     assert cloud.activation[cloud.points[:, 0] > cloud.points[:, 0].mean()].mean() > 0.8
@@ -113,10 +104,10 @@ def test_images_on_turned_grids_are_turned() -> None:
 @pytest.mark.parametrize(
     ("tables", "what"),
     [
-        (block([MUSCLE | {"activation": "1.5*x"}]), "must be between 0 and 1"),
-        (block([MUSCLE | {"activation": "1/x"}]), "is not finite"),
-        (block([MUSCLE | {"activation": "x +"}]), "is not an expression"),
-        (block([MUSCLE | {"activation": "x"}], "rkcm"), "an expression is only for scene.method ="),
+        (block(MUSCLE | {"activation": "1.5*x"}), "must be between 0 and 1"),
+        (block(MUSCLE | {"activation": "1/x"}), "is not finite"),
+        (block(MUSCLE | {"activation": "x +"}), "is not an expression"),
+        (block(MUSCLE | {"activation": "x"}, "rkcm"), "an expression is only for scene.method ="),
     ],
 )
 def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
@@ -126,18 +117,17 @@ def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
 
 def test_activations_of_points_that_cannot_be() -> None:
     plain = bar()
-    for values, message in (
-        (np.full(3, 0.5), r"'activation' has shape \(3,\), but \(768,\) is needed"),
-        (np.full(len(plain.points), 1.5), "'activation' must hold numbers from 0 to 1"),
+    n = len(plain.points)
+    for method, values, message in (
+        ("auto", np.full(3, 0.5), "'activation' has shape (3,), but (768,) is needed"),
+        ("auto", np.full(n, 1.5), "'activation' must hold numbers from 0 to 1"),
+        ("rkcm", np.full(n, 0.5), "collocation needs their gradients"),
+        ("rkcm-mixed", np.full(n, 0.5), "collocation needs their gradients"),
     ):
-        with pytest.raises(InputError, match=message):
-            Scene.from_tables(model_tables(), replace(plain, activation=values))
-    active = replace(plain, activation=np.full(len(plain.points), 0.5))
-    for method in ("rkcm", "rkcm-mixed"):
-        with pytest.raises(InputError, match="collocation needs their gradients"):
-            Scene.from_tables(model_tables(method, activation=1.0), active)
+        tables = model_tables(method, activation=1.0)
+        assert message in refused(tables, replace(plain, activation=values))
     with pytest.raises(InputError, match=r"activation must lie between 0 and 1, but is 2"):
-        bar(half(2.0))
+        bar(2.0)
 
 
 def steps(deck: Path, out: Path, *overrides: str) -> dict[str, np.ndarray]:

@@ -13,7 +13,18 @@ from benchmarks.truths.measures import oscillation
 from myork.core.scene import Scene
 from myork.errors import InputError
 from tests import scenes
-from tests.scenes import LINEAR, RUBBER, annulus, box, forces, held, places, scene, sheared, solved
+from tests.scenes import (
+    LINEAR,
+    RUBBER,
+    annulus,
+    box,
+    forces,
+    gripped,
+    held,
+    probes,
+    sheared,
+    solved,
+)
 
 MUSCLE = {**scenes.MUSCLE, "fiber": [0.5, 0.0, 0.87]}
 WEAK = ["rkpm-gauss", "rkpm-scni"]
@@ -66,12 +77,10 @@ def test_stress_does_not_alternate_from_cell_to_cell(inputs):
 @pytest.mark.parametrize("method", WEAK)
 def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
     """Fields, probes and the range of a state are one quantity, not J of integration points."""
-    tables = scene(
-        method, box(6, 6, places=(7, 7)), approximation=LINEAR, material=[RUBBER],
-        boundary=[held("y0", 2), held("y1", 2, u_x=0.5)],
-        probe=places([1.0, 1.0], "J"),
-    )  # fmt: skip
-    opened = open_scene(tables)
+    body = box(6, 6, places=(7, 7))
+    opened = open_scene(
+        gripped(method, body, RUBBER, "y0 y1", "J J 1 1", u_x=0.5, approximation=LINEAR)
+    )
     found = solved(opened)
     j = np.linalg.det(found.fields.f)
     assert_allclose(found.fields.named["J"][:, 0], j, rtol=1e-12)
@@ -83,7 +92,7 @@ def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
 
 def test_gauss_points_need_a_lattice_or_voxels(open_scene):
     cloud = replace(scenes.voxels(np.ones((3, 3, 3)), 1.0, "mm"), voxels=None)
-    tables = scene("rkpm-gauss", {}, material=[RUBBER], boundary=[held("bottom")])
+    tables = scenes.scene("rkpm-gauss", {}, material=[RUBBER], boundary=[held("bottom")])
     with pytest.raises(InputError, match="lattice of a box or an annulus.*rkcm-mixed"):
         open_scene(tables, cloud=cloud)
 
@@ -120,10 +129,8 @@ def test_infinite_k_is_the_limit_of_finite_ones(inputs, method):
 @pytest.mark.slow
 def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_that_it_is_small():
     """The secant takes its pressures along; the error is ten times the tolerance at most."""
-    tables = scene(
-        "rkpm-scni", box(5, 5, 5, places=(6, 6, 6)), approximation=LINEAR, material=[MUSCLE],
-        boundary=[held("z0"), held("z1")], load={"activation": 0.3, "steps": 6},
-    )  # fmt: skip
+    more = {"approximation": LINEAR, "load": {"activation": 0.3, "steps": 6}}
+    tables = gripped("rkpm-scni", box(5, 5, 5, places=(6, 6, 6)), MUSCLE, "z0 z1", **more)
     exact = solved(tables, "solver.tolerance=1e-10").states.x[-1]
     for tolerance in (1e-6, 1e-9):
         states = solved(tables, "galerkin.direct_limit=0", f"solver.tolerance={tolerance}").states
@@ -133,27 +140,24 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
             assert max(states.iterations[2:]) < states.iterations[0]
 
 
-def iterations(inputs, out, *overrides):
-    """Of minimal residuals, in all Newton steps of each load step."""
-    words = ("geometry.source=[5,5,9]", "galerkin.direct_limit=0", "approximation.support=1.82")
-    log = scenes.myork(
-        "solve", inputs / "muscle_fibers.toml", "-v", "--no-error", "--method", "rkpm-scni",
-        "--out", out, *(f"--set={key}" for key in (*CUBIC, *words, *overrides)), check=True,
-    )  # fmt: skip
-    steps = re.split(r"\nstep +\d", log.stdout + log.stderr)
-    found = [[int(n) for n in re.findall(r"minres .* in (\d+) iterations", s)] for s in steps]
-    return [counts for counts in found if counts]
-
-
 @pytest.mark.slow
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
-    """Half the spacing took 1.7 times as many without groups; a first step wants few digits."""
+    """Minimal residuals in all Newton steps; half the spacing took 1.7 times as many without
+    groups. A first step wants few digits.
+    """
+    words = (*CUBIC, "approximation.support=1.82", "galerkin.direct_limit=0", "load.steps=1",
+             "load.activation=0.02")  # fmt: skip
     totals = []
     for size in ("[5,5,9]", "[9,9,17]"):
-        words = (f"geometry.source={size}", "load.steps=1", "load.activation=0.02")
-        (found,) = iterations(inputs, tmp_path / size, *words)
-        assert found[0] < 0.25 * sum(found)
-        totals.append(sum(found))
+        log = scenes.myork(
+            "solve", inputs / "muscle_fibers.toml", "-v", "--no-error", "--method", "rkpm-scni",
+            "--out", tmp_path / size, *(f"--set={key}" for key in words),
+            f"--set=geometry.source={size}", check=True,
+        )  # fmt: skip
+        found = re.findall(r"minres .* in (\d+) iterations", log.stdout + log.stderr)
+        total = sum(map(int, found))
+        assert int(found[0]) < 0.25 * total
+        totals.append(total)
     assert totals[1] < 1.4 * totals[0]
 
 
@@ -163,17 +167,13 @@ def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
 def test_values_follow_amplitudes_and_rotations(open_scene):
     """A plate that turns about its axis while it moves, in steps that are halved and grow."""
     tables = sheared(3, "rkpm-gauss", load={"at": [0.3, 0.7]})
-    tables["boundary"][1:] = [{
-        "set": "z1", "rotation": 60, "axis": [0, 0, 1], "about": [0.5, 0.5, 2], "u_z": 0.4,
-        "amplitude": "there",
-    }]  # fmt: skip
+    about = {"about": [0.5, 0.5, 2]}
+    turned = {"set": "z1", "rotation": 60, "axis": [0, 0, 1], "u_z": 0.4, "amplitude": "there"}
+    tables["boundary"][1:] = [turned | about]
     tables["amplitude"] = [{"name": "there", "time": [0, 0.7, 1], "value": [0, 1, 0.5]}]
-    tables["probe"] += [
-        {"name": f"torque {side}", "quantity": "torque_z", "set": side, "about": [0.5, 0.5, 2]}
-        for side in ("z1", "z0")
-    ]
+    tables["probe"] += [{**probe, **about} for probe in probes("t1 torque_z z1", "t0 torque_z z0")]
     opened = open_scene(tables)
-    states, probes, *_ = solved(opened)
+    states, found, *_ = solved(opened)
     x = opened.points()
     high = x[:, 2] == x[:, 2].max()
     arm = x[high, :2] - 0.5
@@ -183,15 +183,15 @@ def test_values_follow_amplitudes_and_rotations(open_scene):
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         assert_allclose(u[:, :2], arm @ turn.T - arm, atol=1e-13)
         assert_allclose(u[:, 2], 0.4 * share, atol=1e-13)
-        force = probes["z1"][k]
-        assert_allclose(probes["z0"][k], -force, atol=1e-7 * np.abs(force).max())
-        assert probes["torque z1"][k, 0] == pytest.approx(-probes["torque z0"][k, 0], rel=1e-6)
-    assert abs(probes["torque z1"][-2, 0]) > 0.5
+        force = found["z1"][k]
+        assert_allclose(found["z0"][k], -force, atol=1e-7 * np.abs(force).max())
+        assert found["t1"][k, 0] == pytest.approx(-found["t0"][k, 0], rel=1e-6)
+    assert abs(found["t1"][-2, 0]) > 0.5
 
 
 def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
     """Three sets, corners that two of them hold; the forces of the planes balance the wall's."""
-    walls = [{"set": "inner", "radial": 0.5}, {"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0}]
+    walls = [{"set": "inner", "radial": 0.5}, *scenes.PLANES[:2]]
     tables = sheared(2, "rkpm-gauss", boundary=walls, geometry=annulus(4, 13, places=(4, 13)))
     tables["probe"] = forces(*(wall["set"] for wall in walls))
     opened = open_scene(tables)
@@ -201,7 +201,7 @@ def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
     assert_allclose(u[inner, :2], 0.5 * x[inner] / 6, atol=1e-13)
     assert np.abs(u[np.isclose(x[:, 0], 0), 0]).max() < 1e-13
     assert np.abs(u[np.isclose(x[:, 1], 0), 1]).max() < 1e-13
-    pull = np.array([force[-1] for force in found.probes.values()])
+    pull = np.array(list(found.ends().values()))
     assert_allclose(pull.sum(axis=0)[:2], 0, atol=1e-7 * np.abs(pull).max())
     assert np.abs(pull[0]).max() > 1
 
@@ -210,10 +210,7 @@ def test_force_is_the_derivative_of_the_energy():
     """dE/du of a plate that moves is its force; supports that give way have no part in it."""
     tables = sheared(3, "rkpm-gauss")
     tables["boundary"].pop()
-    tables["probe"] = [
-        {"name": "force", "quantity": "force_z", "set": "z1"},
-        {"name": "energy", "quantity": "energy"},
-    ]
+    tables["probe"] = probes("force force_z z1", "energy energy")
     ends = 0.299, 0.3, 0.301
     low, here, high = (solved(tables, f"boundary.z1.u_z={end}").last() for end in ends)
     assert (high["energy"] - low["energy"]) / 2e-3 == pytest.approx(here["force"], rel=2e-6)
@@ -224,13 +221,11 @@ def test_the_penalty_comes_to_it_as_it_grows():
 
     def force(**galerkin):
         tables = sheared(3, "rkpm-gauss", galerkin={"gauss": 2, **galerkin})
-        return solved(tables).probes["z1"][-1]
+        return solved(tables).ends()["z1"]
 
     exact = force(essential="transformation")
-    distance = [
-        np.linalg.norm(force(penalty=penalty) - exact) / np.linalg.norm(exact)
-        for penalty in (10.0, 100.0, 1e4)
-    ]
+    off = [force(penalty=penalty) - exact for penalty in (10.0, 100.0, 1e4)]
+    distance = np.linalg.norm(off, axis=1) / np.linalg.norm(exact)
     assert distance[0] > 2 * distance[1] > 4 * distance[2], distance
     assert distance[2] < 2e-3
 
@@ -238,14 +233,13 @@ def test_the_penalty_comes_to_it_as_it_grows():
 @pytest.mark.parametrize("method", WEAK)
 def test_voxel_bodies(method):
     """Nodal cells hold what is above their points at the ends of the body, blocks their corners."""
-    tables = sheared(3, method, geometry={}, boundary=[held("bottom"), held("top", u_z=0.3)])
-    tables["material"] = [{**RUBBER, "label": 1}]
+    ends = [held("bottom"), held("top", u_z=0.3)]
+    tables = sheared(3, method, {**RUBBER, "label": 1}, geometry={}, boundary=ends)
     tables["probe"] = forces("bottom", "top")
     found = {}
     for essential in ("penalty", "transformation"):
         tables["galerkin"] = {"essential": essential}
-        answer = solved(tables, cloud=scenes.staircase())
-        bottom, top = (force[-1] for force in answer.probes.values())
+        bottom, top = solved(tables, cloud=scenes.staircase()).ends().values()
         assert_allclose(bottom + top, 0, atol=1e-7 * np.abs(top).max())
         found[essential] = top[2]
     assert found["transformation"] == pytest.approx(found["penalty"], rel=0.05)
@@ -265,7 +259,7 @@ def test_points_of_a_part_of_a_side_are_held(open_scene):
     assert inside.sum() == 5
     assert_allclose(u[inside, :2], 0.1, atol=1e-13)
     assert np.abs(u[top & ~inside, 1] - 0.1).min() > 1e-3
-    bottom, right, whole = (force[-1, :2] for force in found.probes.values())
+    bottom, right, whole = (force[:2] for force in found.ends().values())
     assert_allclose(right, -bottom, atol=1e-7 * np.abs(right).max())
     assert_allclose(whole, right, atol=1e-7 * np.abs(right).max())
 
@@ -291,15 +285,12 @@ def test_stress_on_a_free_face_neither_alternates_nor_pulls(open_scene):
     traction of the recovered stress vanishes to the end of its iteration.
     """
     at = [1.0, 0.5, 1.0]
-    components = [f"cauchy_{c}" for c in ("xx", "yy", "zz", "xy", "yz", "xz")]
+    wanted = [f"{c} cauchy_{c} 1 0.5 1" for c in ("xx", "yy", "zz", "xy", "yz", "xz")]
+    gel = {"name": "m", "model": "mooney-rivlin", "C1": 4.0, "C2": 1.0, "K": 3e3}
     found = []
     for n in ([7, 7, 13], [9, 9, 9], [11, 11, 11]):
-        tables = scene(
-            "auto", box(*n, size=[1, 1, 2]), boundary=[held("z0"), held("z1", u_x=0.5056)],
-            material=[{"name": "m", "model": "mooney-rivlin", "C1": 4.0, "C2": 1.0, "K": 3e3}],
-            probe=places(at, *components),
-        )  # fmt: skip
-        opened = open_scene(tables)
+        body = box(*n, size=[1, 1, 2])
+        opened = open_scene(gripped("auto", body, gel, "z0 z1", *wanted, u_x=0.5056))
         answer = solved(opened)
         values = np.array(list(answer.last().values()))
         s = values[[[0, 3, 5], [3, 1, 4], [5, 4, 2]]]

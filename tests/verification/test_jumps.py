@@ -6,22 +6,28 @@ from typing import Any
 
 import pytest
 
-from benchmarks.truths.deck_parts import force, held, probe
 from myork.bench.exact import inner_stress
 from myork.bench.materials import MUSCLE
-from tests.scenes import RUBBER, annulus, box, scene, solved
+from tests import scenes
+from tests.scenes import box, gripped, held, neo, probes, scene, slip, solved
 
-_SOFT = {"name": "gel", "model": "neo-hookean", "mu": 10.0, "K": 40.0}
 _ACTIVE = {**MUSCLE, "fiber": [1, 0, 0]}
 
 
-def plate(*source: int, push: str, **more: Any) -> dict[str, Any]:
+def plate(*source: int, push: str) -> dict[str, Any]:
     """A square that is held at one side and pressed on top."""
-    pressed = {"set": "y1", "traction": ["0", push]}
     return scene(
-        "rkpm-gauss", box(*source), material=[_SOFT], boundary=[held("x0", 2), pressed],
-        probe=[force("reaction", "y", "x0"), probe("corner", "u_y", (1, 1))], **more,
+        "rkpm-gauss", box(*source), material=[neo(10.0, 40.0)],
+        boundary=[held("x0", 2), {"set": "y1", "traction": ["0", push]}],
+        probe=probes("reaction force_y x0", "corner u_y 1 1"),
     )  # fmt: skip
+
+
+def pull(activation: Any, *source: int, size: Any = (2.0, 1.0), beside: Any = ()) -> float:
+    """Force of an active sheet between held ends."""
+    materials = [{**_ACTIVE, "activation": activation}, *beside]
+    tables = gripped("rkpm-gauss", box(*source, size=size), materials, "x0 x1", "pull force_x x0")
+    return solved(tables).last()["pull"]
 
 
 @pytest.mark.parametrize("low, high", [(0.377, 1.0), (0.2, 0.45)])
@@ -41,33 +47,19 @@ def test_smooth_tractions_take_no_finer_points() -> None:
 def test_an_activation_that_jumps_acts_on_its_volume() -> None:
     # along the fibers, between held ends: the pull is that of the active share. At the Gauss points
     # alone the border moved to the middle between two of them, and 0.41 and 0.45 gave one answer
-    def pull(border: float, *source: int) -> float:
-        tables = scene(
-            "rkpm-gauss", box(*source, size=[2.0, 1.0]),
-            material=[{**_ACTIVE, "activation": f"0.3*(y < {border})"}],
-            boundary=[held("x0", 2), held("x1", 2)], probe=[force("pull", "x", "x0")],
-        )  # fmt: skip
-        return solved(tables).last()["pull"]
-
-    half = pull(0.5, 17, 9)
+    half = pull("0.3*(y < 0.5)", 17, 9)
     for border in (0.37, 0.41, 0.45):
-        assert pull(border, 17, 9) == pytest.approx(2 * border * half, rel=0.006)
-        assert pull(border, 33, 17) == pytest.approx(2 * border * half, rel=0.0025)
+        for source, near in (((17, 9), 0.006), ((33, 17), 0.0025)):
+            found = pull(f"0.3*(y < {border})", *source)
+            assert found == pytest.approx(2 * border * half, rel=near)
 
 
 @pytest.mark.parametrize("border", [0.9, 1.0])
-@pytest.mark.parametrize("kind", ["0.1 + 0.05*{x}", "0.3*({x} < BORDER)"])
+@pytest.mark.parametrize("kind", ["0.1 + 0.05*{x}", "0.3*({x} < {border})"])
 def test_activation_and_its_mirror_image_act_alike(kind, border) -> None:
     # the mean over a spacing is that of a slope in its middle, at the surface too
-    pulls = []
-    for x in ("x", "(2 - x)"):
-        tables = scene(
-            "rkpm-gauss", box(6, 5, size=[2.0, 1.0]),
-            material=[{**_ACTIVE, "activation": kind.format(x=x).replace("BORDER", str(border))}],
-            boundary=[held("x0", 2), held("x1", 2)], probe=[force("pull", "x", "x0")],
-        )  # fmt: skip
-        pulls.append(solved(tables).last()["pull"])
-    assert pulls[0] == pytest.approx(pulls[1], rel=1e-9)
+    one, other = (pull(kind.format(x=x, border=border), 6, 5) for x in ("x", "(2 - x)"))
+    assert one == pytest.approx(other, rel=1e-9)
 
 
 def test_the_smallest_square_is_near_finer_ones() -> None:
@@ -79,11 +71,9 @@ def test_the_smallest_square_is_near_finer_ones() -> None:
 def test_a_free_contraction_is_accepted() -> None:
     # its only force is zero, and has the size of the stress
     tables = scene(
-        "rkpm-gauss", box(9, 5, size=[2.0, 1.0]), material=[_ACTIVE],
-        load={"activation": 0.1}, boundary=[held("x0", 2)],
-        probe=[force("pull", "x", "x0"), probe("end", "u_x", (2, 0.5))],
+        "rkpm-gauss", box(size=[2.0, 1.0]), material=[_ACTIVE], load={"activation": 0.1},
+        boundary=[held("x0", 2)], probe=probes("pull force_x x0", "end u_x 2 0.5"),
     )  # fmt: skip
-    tables["geometry"] = {"kind": "box", "size": [2.0, 1.0]}
     found = solved(tables, error=True)
     assert found.states.verdict == "accepted", found.states.reasons
     assert abs(found.last()["pull"]) < 1e-6
@@ -93,14 +83,11 @@ def test_tractions_of_order_three_are_lifted_with_their_degree() -> None:
     # errors of the force fall by 2^4.6; with tractions of degree 1 by 2^3, 3e-5 and 4e-6
     def error(*source: int) -> float:
         tables = scene(
-            "rkpm-gauss", annulus(*source), material=[{**RUBBER, "K": 20.0}],
+            "rkpm-gauss", scenes.annulus(*source), material=[{**scenes.RUBBER, "K": 20.0}],
             approximation={"order": 3, "support": 3.5, "kernel": "quintic", "window": "polar"},
             galerkin={"gauss": 4, "essential": "transformation"},
-            boundary=[
-                {"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0},
-                {"set": "inner", "radial": 6.0},
-            ],
-            probe=[force("force", "x", "x0")],
+            boundary=[*scenes.PLANES[:2], {"set": "inner", "radial": 6.0}],
+            probe=probes("force force_x x0"),
         )  # fmt: skip
         # the cut carries what presses on the bore
         exact = inner_stress(tables) * 12.0
@@ -111,28 +98,23 @@ def test_tractions_of_order_three_are_lifted_with_their_degree() -> None:
     assert fine < coarse / 2**4
 
 
-def plates(*source: int, layer: str, mu: float = 0.5, **more: Any) -> dict[str, Any]:
-    """A square of stiff plates with a soft layer between them, sheared by a twentieth."""
-    stiff = {"name": "plates", "model": "neo-hookean", "mu": 50.0, "K": 200.0}
-    soft = {"name": "layer", "model": "neo-hookean", "mu": mu, "K": 4 * mu, "where": layer}
-    tables = scene(
-        "rkpm-gauss", box(*source), material=[stiff, soft],
-        boundary=[held("y0", 2), held("y1", 2, u_x=0.05)], probe=[force("f", "x", "y1")],
-    )  # fmt: skip
-    return tables | more
+def plates(geometry: Any, layer: str, mu: float = 0.5, ends: str = "y0 y1") -> dict[str, Any]:
+    """Stiff plates with a soft layer between them, sheared by a twentieth."""
+    materials = [neo(50.0, 200.0, "plates"), neo(mu, 4 * mu, "layer", where=layer)]
+    return gripped("rkpm-gauss", geometry, materials, ends, f"f force_x {ends[-2:]}", u_x=0.05)
 
 
 def test_a_sheet_between_two_planes_is_no_stiffer_than_it_is() -> None:
     # kinks cannot resolve less than 1.5 spacings: with them 9 x 9 points had 1.70, accepted
-    layer = "y > 0.3 and y < 0.34"
-    found = solved(plates(9, 9, layer=layer) | {"geometry": {"kind": "box", "size": [1.0, 1.0]}})
-    fine = solved(plates(33, 65, layer=layer)).last()["f"]
-    assert found.last()["f"] == pytest.approx(fine, rel=0.02)
+    found, fine = (
+        solved(plates(body, "y > 0.3 and y < 0.34")).last()["f"]
+        for body in (box(size=[1.0, 1.0]), box(33, 65))
+    )
+    assert found == pytest.approx(fine, rel=0.02)
 
 
 def test_a_thin_sheet_in_space_is_doubted() -> None:
-    tables = plates(5, 5, 4, layer="z > 0.47 and z < 0.53", mu=5.0)
-    tables |= {"boundary": [held("z0"), held("z1", u_x=0.05)], "probe": [force("f", "x", "z1")]}
+    tables = plates(box(5, 5, 4), "z > 0.47 and z < 0.53", 5.0, "z0 z1")
     states = solved(tables, error=True).states
     assert states.verdict == "doubtful"
     assert any("less than 1.5 spacings" in reason for reason in states.reasons)
@@ -141,18 +123,12 @@ def test_a_thin_sheet_in_space_is_doubted() -> None:
 @pytest.mark.parametrize(("plane", "near"), [(0.5, 0.48), (0.51, 0.53)])
 def test_a_stress_beside_a_plane_is_of_its_own_side(plane, near) -> None:
     # along the plane both sides have one strain, and stress the modulus of its own side
-    soft = {"name": "soft", "model": "neo-hookean", "mu": 1.0, "K": 4.0}
-    stiff = soft | {"name": "stiff", "mu": 10.0, "where": f"y > {plane}"}
     far = 0.25 if near < plane else 0.8
     tables = scene(
-        "rkpm-gauss", box(9, 9), material=[soft, stiff],
-        boundary=[
-            {"set": "x0", "u_x": 0.0}, {"set": "x1", "u_x": 0.1}, {"set": "y0", "u_y": 0.0},
-            {"set": "y1", "u_y": 0.0},
-        ],
-        probe=[
-            probe("near", "cauchy_xx", (0.5, near)), probe("far", "cauchy_xx", (0.5, far)),
-        ],
+        "rkpm-gauss", box(9, 9),
+        material=[neo(1.0, 4.0, "soft"), neo(10.0, 4.0, "stiff", where=f"y > {plane}")],
+        boundary=[{"set": "x0", "u_x": 0.0}, {"set": "x1", "u_x": 0.1}, *slip("y")],
+        probe=probes(f"near cauchy_xx 0.5 {near}", f"far cauchy_xx 0.5 {far}"),
     )  # fmt: skip
     found = solved(tables).last()
     assert found["near"] == pytest.approx(found["far"], rel=1e-3)
@@ -161,30 +137,18 @@ def test_a_stress_beside_a_plane_is_of_its_own_side(plane, near) -> None:
 @pytest.mark.parametrize("plane", [0.375, 0.36])
 def test_groups_between_planes_have_a_mirror_image(plane) -> None:
     # of five spacings beyond a plane none of the two middle lines is the nearer one
-    def aside(where: str, fixed: str, moved: str, u_x: float) -> float:
-        soft = {"name": "soft", "model": "neo-hookean", "mu": 0.5, "K": 2.0}
-        stiff = soft | {"name": "stiff", "mu": 10.0, "K": 40.0, "where": where}
-        tables = scene(
-            "rkpm-gauss", box(9, 9), material=[soft, stiff],
-            boundary=[held(fixed, 2), held(moved, 2, u_x=u_x, u_y=0.1)],
-            probe=[probe("top", "u_y", (0.5, 1.0))],
-        )  # fmt: skip
-        return solved(tables).last()["top"]
+    def aside(where: str, ends: str, u_x: float) -> float:
+        materials = [neo(0.5, 2.0, "soft"), neo(10.0, 40.0, "stiff", where=where)]
+        body = "rkpm-gauss", box(9, 9), materials, ends
+        return solved(gripped(*body, "top u_y 0.5 1", u_x=u_x, u_y=0.1)).last()["top"]
 
-    one = aside(f"x > {plane}", "x0", "x1", 0.05)
-    assert aside(f"x < {1 - plane}", "x1", "x0", -0.05) == pytest.approx(one, rel=1e-6)
+    one = aside(f"x > {plane}", "x0 x1", 0.05)
+    assert aside(f"x < {1 - plane}", "x1 x0", -0.05) == pytest.approx(one, rel=1e-6)
 
 
 def test_a_muscle_beside_a_plane_has_its_own_activation() -> None:
     # the mean over a spacing ends at the plane, beyond which the expression is zero or has no value
-    gel = {"name": "gel", "model": "neo-hookean", "mu": 1.0, "K": 4.0, "where": "y > 0.37"}
-
-    def pull(activation: Any) -> float:
-        tables = scene(
-            "rkpm-gauss", box(9, 9), material=[{**_ACTIVE, "activation": activation}, gel],
-            boundary=[held("x0", 2), held("x1", 2)], probe=[force("pull", "x", "x0")],
-        )  # fmt: skip
-        return solved(tables).last()["pull"]
-
-    assert pull("0.3*(y < 0.37)") == pytest.approx(pull(0.3), rel=1e-6)
-    assert pull("0.3*sqrt(max(0.37 - y, 0)/(0.37 - y))") == pytest.approx(pull(0.3), rel=1e-6)
+    gel = {"size": 1.0, "beside": [neo(1.0, 4.0, "gel", where="y > 0.37")]}
+    number = pull(0.3, 9, 9, **gel)
+    for field in ("0.3*(y < 0.37)", "0.3*sqrt(max(0.37 - y, 0)/(0.37 - y))"):
+        assert pull(field, 9, 9, **gel) == pytest.approx(number, rel=1e-6)

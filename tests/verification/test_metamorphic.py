@@ -21,7 +21,7 @@ from myork import Scene
 from myork.errors import MyorkError
 from myork.records import PointCloud, Voxels
 from myork.tables import deck_text
-from tests.scenes import annulus, box, voxels
+from tests.scenes import PLANES, annulus, box, held, neo, probes, voxels
 
 #: A number that is off by this share of its bar says the same; bars are a thousandth of the value
 #: at least, and iterations end at 1e-6 of it
@@ -32,7 +32,15 @@ ROUNDING = 1e-6
 OF_BARS = 0.1
 AXES = "xyz"
 METHODS = ("auto", "rkpm-gauss", "rkpm-scni", "rkcm", "rkcm-mixed")
-MODULI = ("A10", "A01", "A20", "mu", "C1", "C2", "C3", "K", "sigma_max")
+#: Moduli of the models, as parts of the shear modulus
+LAWS = {
+    "neo-hookean": {"mu": 1.0},
+    "mooney-rivlin": {"C1": 0.4, "C2": 0.1},
+    "yeoh": {"C1": 0.5, "C2": 0.02, "C3": 0.001},
+    "polynomial": {"A10": 0.5, "A20": 0.05},
+    "muscle": {"A10": 0.5, "sigma_max": 1.0},
+}
+MODULI = {"K"}.union(*LAWS.values())
 
 
 class Case(NamedTuple):
@@ -62,8 +70,8 @@ class Case(NamedTuple):
 
     def change(self, **tables: Any) -> "Case":
         """The same with other tables, those that are None left out."""
-        every = {**self.tables, **tables}
-        return Case({k: v for k, v in every.items() if v is not None}, self.cloud)
+        every = (self.tables | tables).items()
+        return Case({key: table for key, table in every if table is not None}, self.cloud)
 
 
 class Answer(NamedTuple):
@@ -142,16 +150,10 @@ def _materials(rng: np.random.Generator, case: Case, strong: bool) -> list[dict[
     materials = []
     for label in labels:
         mu = float(rng.uniform(2, 20))
-        model = str(rng.choice(["neo-hookean", "mooney-rivlin", "yeoh", "polynomial", "muscle"]))
+        model = str(rng.choice(list(LAWS)))
         stiff = float(rng.choice([20, 50 if strong else 500]))
         one: dict[str, Any] = {"name": f"m{label}", "model": model, "K": mu * stiff}
-        one |= {
-            "neo-hookean": {"mu": mu},
-            "mooney-rivlin": {"C1": 0.4 * mu, "C2": 0.1 * mu},
-            "yeoh": {"C1": 0.5 * mu, "C2": 0.02 * mu, "C3": 0.001 * mu},
-            "polynomial": {"A10": 0.5 * mu, "A20": 0.05 * mu},
-            "muscle": {"A10": 0.5 * mu, "sigma_max": mu},
-        }[model]
+        one |= {key: part * mu for key, part in LAWS[model].items()}
         if model == "muscle":
             fiber = np.eye(3)[rng.integers(case.nd)]
             if rng.random() < 0.5:
@@ -174,23 +176,23 @@ def _load(rng: np.random.Generator, case: Case, strong: bool) -> dict[str, Any]:
     sides = [(f"{a}{end}", f"{a}{1 - end}", i) for i, a in enumerate(AXES[:nd]) for end in (0, 1)]
     if case.kind == "voxels":
         sides = [("bottom", "top", 2), ("top", "bottom", 2)]
-    held, moved, axis = sides[rng.integers(len(sides))]
+    fixed, moved, axis = sides[rng.integers(len(sides))]
     sets = None
     ways = ["stretch", "traction"] + ["pressure"] * (not strong)
     clamp = {f"u_{a}": 0.0 for a in AXES[:nd]}
     boundary: list[dict[str, Any]] = []
     if case.kind == "annulus":
-        boundary += [{"set": "y0", "u_y": 0.0}, {"set": "x0", "u_x": 0.0}]
-        held, moved = ("outer", "inner") if rng.random() < 0.5 else ("inner", "outer")
+        boundary += PLANES[1::-1]
+        fixed, moved = ("outer", "inner") if rng.random() < 0.5 else ("inner", "outer")
         if rng.random() < 0.4:
-            boundary.append({"set": held, "radial": 0.0})
+            boundary.append({"set": fixed, "radial": 0.0})
         ways = ["radial"] if strong else ["radial", "pressure"]
     elif rng.random() < 0.4 and len(sides) > 2:
         # rollers on one side of each direction
-        boundary += [{"set": f"{a}0", f"u_{a}": 0.0} for a in AXES[:nd]]
+        boundary += PLANES[:nd]
         moved = f"{AXES[axis]}1"
     else:
-        boundary.append({"set": held, **clamp})
+        boundary.append({"set": fixed, **clamp})
         ways += ["grip", "shear", "patch", "turn"]
     amount = float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.1))
     along, across = AXES[axis], AXES[(axis + 1) % nd]
@@ -229,7 +231,7 @@ def _probes(rng: np.random.Generator, case: Case) -> list[dict[str, Any]]:
     nd, (low, size), tables = case.nd, case.frame, case.tables
     names = ["u", "J", "pressure", "principal_max", "cauchy_xx", "cauchy_xy", "u_y", "cauchy_yy"]
     names += ["cauchy_zz", "cauchy_xz"] * (nd == 3)
-    probes = []
+    found: list[Any] = []
     for i in range(int(rng.integers(2, 5))):
         if case.kind == "annulus":
             t, g = rng.uniform(0.2, 1.3), tables["geometry"]
@@ -238,16 +240,13 @@ def _probes(rng: np.random.Generator, case: Case) -> list[dict[str, Any]]:
         else:
             at = low + size * rng.uniform(0.3, 0.7, nd)
         quantity = str(rng.choice(names)) if i else "u"
-        probes.append({"name": f"p{i}", "quantity": quantity, "point": at.tolist()})
+        found.append({"name": f"p{i}", "quantity": quantity, "point": at.tolist()})
     sets = [entry["set"] for entry in tables["boundary"] if "spring" not in entry]
-    for i, side in enumerate(dict.fromkeys(sets)):
-        probes.append({"name": f"f{i}", "quantity": "force", "set": side})
-    probes.append({"name": "turned", "quantity": "torque_z", "set": sets[-1]})
-    probes.append({"name": "moved", "quantity": "u", "set": sets[-1]})
+    found += [f"f{i} force {side}" for i, side in enumerate(dict.fromkeys(sets))]
+    found += [f"turned torque_z {sets[-1]}", f"moved u {sets[-1]}"]
     muscles = [m["name"] for m in tables["material"] if m["model"] == "muscle"]
-    if muscles:
-        probes.append({"name": "s", "quantity": "fiber_stretch", "material": muscles[0]})
-    return probes
+    found += [{"name": "s", "quantity": "fiber_stretch", "material": m} for m in muscles[:1]]
+    return probes(*found)
 
 
 # ---- twins ---------------------------------------------------------------------------------------
@@ -299,8 +298,7 @@ def mapped(case: Case, twin: Twin) -> Case:
     def entry(old: dict[str, Any]) -> dict[str, Any]:
         moved = [key for key in old if re.fullmatch("u_[xyz]", key)]
         ends = {f"u_{axis(key[2])[0]}": old[key] * unit * axis(key[2])[1] for key in moved}
-        rest = {key: value for key, value in old.items() if key not in moved}
-        return {key: new.get(key, lambda v: v)(value) for key, value in rest.items()} | ends
+        return {k: new[k](v) if k in new else v for k, v in old.items() if k not in moved} | ends
 
     tables = dict(case.tables)
     for table in ("material", "set", "boundary", "probe"):
@@ -322,23 +320,18 @@ def mapped(case: Case, twin: Twin) -> Case:
 
 def _quantity(name: str, twin: Twin, nd: int) -> tuple[str, float]:
     """Name of a component in other axes, and the factor of its value there."""
-    factor = 1.0
-    if name[0] == "u":
-        factor = twin.length
-    elif name.startswith(("cauchy", "pressure", "principal")):
-        factor = twin.stress
-    elif name.startswith(("force", "torque")):
-        # in the plane per thickness
-        factor = twin.stress * twin.length ** (nd - 1 + (name[0] == "t"))
     head, _, axes = name.partition("_")
+    # of length and stress; forces and torques in the plane are per thickness
+    powers = {"u": (1, 0), "force": (nd - 1, 1), "torque": (nd, 1), "J": (0, 0), "fiber": (0, 0)}
+    length, stress = powers.get(head, (0, 1))
+    factor = twin.length**length * twin.stress**stress
     if axes and set(axes) <= set(AXES):
         rows = [int(np.argmax(abs(twin.turn[:, AXES.index(a)]))) for a in axes]
         for a, b in zip(axes, rows, strict=True):
             factor *= twin.turn[b, AXES.index(a)]
         if head == "torque":
             factor *= round(np.linalg.det(twin.turn))
-        named = "".join(AXES[b] for b in sorted(rows))
-        name = f"{head}_{'xz' if named == 'xz' else named}"
+        name = f"{head}_{''.join(AXES[b] for b in sorted(rows))}"
     return name, factor
 
 
@@ -349,27 +342,18 @@ def _mapped_cloud(cloud: PointCloud, twin: Twin) -> PointCloud:
     def places(x: np.ndarray) -> np.ndarray:
         return unit * (x @ turn.T + twin.shift)
 
-    voxels = cloud.voxels
-    if voxels is not None:
-        index = voxels.index @ turn.T.astype(int)
-        low = index.min(axis=0)
-        voxels = Voxels(
-            (index - low).astype(np.int32),
-            unit * abs(turn) @ voxels.size,
-            places(voxels.origin) + unit * low * (abs(turn) @ voxels.size),
-        )
+    blocks = cloud.voxels
+    if blocks is not None:
+        index = blocks.index @ turn.T.astype(int)
+        low, size = index.min(axis=0), unit * abs(turn) @ blocks.size
+        origin = places(blocks.origin) + low * size
+        blocks = Voxels((index - low).astype(np.int32), size, origin)
     return replace(
-        cloud,
-        source=places(cloud.source),
-        spacing=unit * abs(turn) @ cloud.spacing,
-        points=places(cloud.points),
-        fiber=cloud.fiber @ turn.T,
-        volume=cloud.volume * unit**3,
-        normal=cloud.normal @ turn.T,
-        area=cloud.area * unit**2,
-        voxels=voxels,
+        cloud, source=places(cloud.source), spacing=unit * abs(turn) @ cloud.spacing,
+        points=places(cloud.points), fiber=cloud.fiber @ turn.T, volume=cloud.volume * unit**3,
+        normal=cloud.normal @ turn.T, area=cloud.area * unit**2, voxels=blocks,
         length_unit="cm" if unit == 1 else "mm",
-    )
+    )  # fmt: skip
 
 
 def _reordered(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
@@ -377,20 +361,14 @@ def _reordered(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     old = rng.permutation(len(cloud.points))
     new = np.argsort(old).astype(np.int32)
     entry = rng.permutation(len(cloud.boundary_point))
-    voxels = cloud.voxels
+    of_points = {k: getattr(cloud, k)[old] for k in ("points", "label", "fiber", "volume")}
+    of_entries = {k: getattr(cloud, k)[entry] for k in ("boundary_set", "normal", "area")}
+    blocks = cloud.voxels
     return replace(
-        cloud,
-        source=rng.permutation(cloud.source),
-        points=cloud.points[old],
-        label=cloud.label[old],
-        fiber=cloud.fiber[old],
-        volume=cloud.volume[old],
+        cloud, source=rng.permutation(cloud.source), **of_points, **of_entries,
         boundary_point=new[cloud.boundary_point][entry],
-        boundary_set=cloud.boundary_set[entry],
-        normal=cloud.normal[entry],
-        area=cloud.area[entry],
-        voxels=None if voxels is None else replace(voxels, index=voxels.index[old]),
-    )
+        voxels=None if blocks is None else replace(blocks, index=blocks.index[old]),
+    )  # fmt: skip
 
 
 # ---- answers -------------------------------------------------------------------------------------
@@ -429,22 +407,20 @@ def differences(
         rows.append((probe["name"], kind, *(entry[:size] for entry in pairs)))
         kinds[kind] = max([kinds.get(kind, 0.0), *abs(value[:size])])
     kinds["torque"] = max(kinds["torque"], kinds["force"] * twin.length * max(case.frame[1]))
+    refused = one.verdict == two.verdict == "refused"
     for name, kind, value, bar, other, its in rows:
-        wide = np.fmax(bar, its)
-        room = (1 if within else OF_BAR) * wide + ROUNDING * kinds[kind]
-        refused = one.verdict == two.verdict == "refused"
+        wide, rounding = np.fmax(bar, its), ROUNDING * kinds[kind]
+        room = (1 if within else OF_BAR) * wide + rounding
+        missing = np.any(np.isnan(bar) != np.isnan(its))
         if refused and np.isnan([bar, its]).all():
             # a refused answer without bars says nothing about its values
             continue
         if np.any(abs(value - other) > room) or np.any(np.isnan(value) != np.isnan(other)):
             found.append(f"{name}: {value} +- {bar} becomes {other} +- {its}")
-        elif refused and np.any(np.isnan(bar) != np.isnan(its)):
+        elif refused and missing:
             # by another path the second solution of a refused one may find another branch
             continue
-        elif not within and (
-            np.any(np.isnan(bar) != np.isnan(its))
-            or np.any(abs(bar - its) > OF_BARS * wide + ROUNDING * kinds[kind])
-        ):
+        elif not within and (missing or np.any(abs(bar - its) > OF_BARS * wide + rounding)):
             found.append(f"{name}: bar of {value}, {bar}, becomes {its}")
     return found
 
@@ -468,7 +444,7 @@ def mirror(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
     if case.kind == "annulus":
         return _moved(case, base, np.eye(3)[[1, 0, 2]])
     axes = list(range(case.nd))
-    if case.cloud is not None and case.cloud.voxels is not None:
+    if case.cloud is not None:
         # the second solution merges two, from one end
         axes = [d for d in axes if np.ptp(case.cloud.voxels.index[:, d]) % 2]
     if not axes:
@@ -519,22 +495,22 @@ def threads(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 def split(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
     """Loads one after the other, in both orders, end where they end together."""
     paths = []
+
+    def second(table: dict[str, Any]) -> dict[str, Any]:
+        return table | ({"amplitude": "second"} if "activation" in table else {})
+
+    *fixed, last = case.tables["boundary"]
+    later = case.change(
+        boundary=[*fixed, {**last, "amplitude": "first"}],
+        material=[second(one) for one in case.tables["material"]],
+        load=second({**case.tables["load"], "steps": 2}),
+    )
     for late in ("first", "second"):
         amplitude = [
             {"name": name, "time": [0, 0.5, 1], "value": [0, float(name != late), 1]}
             for name in ("first", "second")
         ]
-        *held, last = case.tables["boundary"]
-        load = {**case.tables["load"], "steps": 2}
-        if "activation" in load:
-            load["amplitude"] = "second"
-        boundary = [*held, {**last, "amplitude": "first"}]
-        material = [
-            one | ({"amplitude": "second"} if "activation" in one else {})
-            for one in case.tables["material"]
-        ]
-        tables = {"boundary": boundary, "material": material, "load": load}
-        paths.append(solved(case.change(amplitude=amplitude, **tables)))
+        paths.append(solved(later.change(amplitude=amplitude)))
     return differences(case, base, paths[0]) + differences(case, *paths)
 
 
@@ -543,33 +519,23 @@ def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
     if case.kind == "annulus":
         return []
     nd, (low, size) = case.nd, case.frame
-    held, pulled, along = ("bottom", "top", 2) if case.kind == "voxels" else ("x0", "x1", 0)
+    fixed, pulled, along = ("bottom", "top", 2) if case.kind == "voxels" else ("x0", "x1", 0)
     labels = [{"label": m["label"]} for m in case.tables["material"] if "label" in m]
-    rubber = {"model": "neo-hookean", "mu": 10.0, "K": 500.0}
-    clamp = {f"u_{a}": 0.0 for a in AXES[:nd]}
     pull = {f"u_{AXES[along]}": 0.1 * float(size[along])}
     at = low + size * np.where(np.arange(nd) == 1, 0.5, rng.uniform(0.3, 0.7, nd))
+    place = " ".join(map(repr, at.tolist()))
     scene = case.change(
-        material=[{"name": f"m{i}", **rubber, **label} for i, label in enumerate(labels or [{}])],
-        boundary=[
-            {"set": held, **clamp},
-            {"set": pulled, **(clamp if rng.random() < 0.5 else {}), **pull},
-        ],
-        load={"steps": 1},
-        set=None,
-        probe=[
-            {"name": "u", "quantity": "u_y", "point": at.tolist()},
-            {"name": "s", "quantity": "cauchy_xy", "point": at.tolist()},
-            {"name": "f", "quantity": "force_y", "set": pulled},
-            {"name": "g", "quantity": "force_y", "set": held},
-        ],
-    )
+        material=[neo(10.0, 500.0, f"m{i}", **label) for i, label in enumerate(labels or [{}])],
+        boundary=[held(fixed, nd), held(pulled, nd if rng.random() < 0.5 else 0, **pull)],
+        load={"steps": 1}, set=None,
+        probe=probes(f"u u_y {place}", f"s cauchy_xy {place}", f"f force_y {pulled}",
+                     f"g force_y {fixed}"),
+    )  # fmt: skip
     answer = solved(scene)
+    rows = zip(scene.tables["probe"], answer.value[:, 0], answer.bar[:, 0], strict=True)
     return [
         f"{probe['name']}: {value} +- {bar}, {answer.verdict}"
-        for probe, value, bar in zip(
-            scene.tables["probe"], answer.value[:, 0], answer.bar[:, 0], strict=True
-        )
+        for probe, value, bar in rows
         if abs(value) > bar and answer.verdict == "accepted"
     ]
 

@@ -11,10 +11,10 @@ from myork.core.deck import table_defaults
 from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
 from tests import scenes
-from tests.scenes import annulus, box, held, refused, scene, solved, voxels
+from tests.scenes import box, gripped, held, neo, probes, refused, scene, solved, voxels
 
 #: No Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, and a clamped end disturbs no bending
-CORK = {"name": "cork", "model": "neo-hookean", "mu": 1.0, "K": 2 / 3}
+CORK = neo(1.0, 2 / 3, "cork")
 E = 2.0
 PULL = 1e-5
 
@@ -42,12 +42,15 @@ def last(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.
 def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float) -> None:
     """Beam theory holds away from the ends: N = p (1 - b), M = N e, u = -M y^2 / (2 E I)."""
     pad = {"name": "pad", "side": "y1", "where": f"x > {border}"}
-    probes = [
-        *scenes.probes("N force_y pad", "R force_y y0", "u u_x 0.5 4", "end u_x pad"),
+    wanted = probes(
+        "N force_y pad",
+        "R force_y y0",
+        "u u_x 0.5 4",
+        "end u_x pad",
         {"name": "M", "quantity": "torque_z", "set": "pad", "about": [0.5, 8]},
-    ]
+    )
     load = [{"set": "pad", "traction": [0, PULL]}]
-    found = solved(column(method, [pad], load, probe=probes)).last()
+    found = solved(column(method, [pad], load, probe=wanted)).last()
     force = PULL * (1 - border)
     moment = force * 0.5 * border
     assert found["N"] == pytest.approx(force, rel=2e-3)
@@ -83,18 +86,16 @@ def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: s
 
 def test_parts_add_to_the_whole() -> None:
     """Forces, torques and moved centroids of a glued end by its parts, one by its material."""
-    probes = [
+    wanted = [
         {"name": f"{part}{quantity}", "quantity": quantity, "set": part, **more}
         for quantity, more in (("force", {}), ("torque_z", {"about": [0, 8]}), ("u", {}))
-        for part in ("y1", "soft end", "stiff end")
+        for part in ("y1", "soft", "stiff")
     ]
-    sets = [
-        {"name": "soft end", "side": "y1", "where": "x <= 0.5"},
-        {"name": "stiff end", "side": "y1", "on": "stiff"},
-    ]
-    stiff = {**CORK, "name": "stiff", "mu": 3.0, "K": 2.0, "where": "x > 0.5"}
+    sets = [{"name": "soft", "where": "x <= 0.5"}, {"name": "stiff", "on": "stiff"}]
+    sets = [{**part, "side": "y1"} for part in sets]
+    both = [CORK, neo(3.0, 2.0, "stiff", where="x > 0.5")]
     move = [{"set": "y1", "u_x": 0.2, "u_y": "0.1 + 0.1*x"}]
-    tables = column("rkpm-gauss", sets, move, material=[CORK, stiff], probe=probes)
+    tables = column("rkpm-gauss", sets, move, material=both, probe=wanted)
     tables["geometry"] |= {"size": [1, 2], "source": [9, 17], "collocation": [17, 33]}
     found = last(tables)
     for whole, one, other in (found[:3], found[3:6]):
@@ -113,7 +114,7 @@ def test_a_load_on_a_patch_in_space_is_that_of_an_expression() -> None:
             "auto", box(5, 5, 9, size=[1, 1, 2], places=(5, 5, 9)), material=[CORK],
             set=[{"name": "patch", "where": f"{where} and nz > 0.9"}],
             boundary=[held("z0"), {"set": "patch", "traction": [0, 0, PULL]}],
-            probe=[{"name": "f", "quantity": "force_z", "set": "patch"}],
+            probe=probes("f force_z patch"),
         )  # fmt: skip
         x, found[where] = (answer := solved(tables)).states.x, answer.last()["f"]
         if "0.7" in where:
@@ -130,7 +131,7 @@ def test_linear_problems_have_named_sets() -> None:
         "auto", box(9, 9, places=(9, 9)), linear={"problem": "poisson"},
         set=[{"name": "door", "side": "x1", "where": "y > 0.25 and y < 0.75"}],
         boundary=[{"set": "x0", "u": 0}, {"set": "door", "flux": 1}],
-        probe=[{"name": "u", "quantity": "u", "point": [1, 0.5]}],
+        probe=probes("u u 1 0.5"),
     )  # fmt: skip
     found = last(tables)
     tables["boundary"][1] = {"set": "x1", "flux": "y > 0.25 and y < 0.75"}
@@ -142,13 +143,10 @@ def test_linear_problems_have_named_sets() -> None:
 def test_all_of_a_curved_wall_by_its_normals() -> None:
     """An annulus: a set of all outer normals, and halves of it that add up."""
     tables = scene(
-        "auto", annulus(7, 13, radii=(1, 2), places=(7, 13)), material=[CORK],
-        set=[
-            {"name": "steep", "side": "outer", "where": "nx > cos(pi/6)"},
-            {"name": "flat", "side": "outer", "where": "ny > 0.5"},
-        ],
-        boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xy"),
-                  {"set": "outer", "pressure": 0.01}],
+        "auto", scenes.annulus(7, 13, radii=(1, 2), places=(7, 13)), material=[CORK],
+        set=[{"name": name, "side": "outer", "where": where}
+             for name, where in (("steep", "nx > cos(pi/6)"), ("flat", "ny > 0.5"))],
+        boundary=[*scenes.PLANES[:2], {"set": "outer", "pressure": 0.01}],
         probe=scenes.forces("outer", "steep", "flat"),
     )  # fmt: skip
     found = last(tables)
@@ -158,43 +156,37 @@ def test_all_of_a_curved_wall_by_its_normals() -> None:
 
 
 def cylinder(h: float) -> PointCloud:
-    """A cylinder of radius 0.5 and length 1.5 along z, its axis off the voxels."""
+    """A cylinder of radius 0.5 and length 1.5 along z from 0, its axis off the voxels."""
     across = (np.arange(round(1 / h) + 6) - 0.5 * (round(1 / h) + 5)) * h
-    along = (np.arange(round(1.5 / h)) + 0.5) * h
-    x, y, _ = np.meshgrid(across, across, along, indexing="ij")
-    filled = (x - 0.03) ** 2 + (y + 0.01) ** 2 < 0.25
+    disc = (across[:, None] - 0.03) ** 2 + (across + 0.01) ** 2 < 0.25
     affine = np.diag([10 * h] * 3 + [1.0])
-    affine[:3, 3] = 10 * across[0], 10 * across[0], 10 * along[0]
-    labels = Labels(filled.astype(np.int32), affine)
+    affine[:3, 3] = 10 * across[0], 10 * across[0], 5 * h
+    labels = Labels(np.repeat(disc[:, :, None], round(1.5 / h), axis=2).astype(np.int32), affine)
     return build_cloud(labels, None, table_defaults("build"), "cm")[0]
 
 
 @pytest.mark.slow
 def test_sets_of_a_model() -> None:
     """Loads on parts of the wall of a cylinder act on its smooth area, not that of its voxels."""
-    quantities = {"right": "force_x", "upper": "force_y", "bottom": "force", "cap": "u", "top": "u"}
     tables = scene(
-        "auto", {}, material=[{**CORK, "mu": 10.0, "K": 20 / 3}],
+        "auto", {}, material=[neo(10.0, 20 / 3)],
         set=[
             {"name": "right", "side": "surface", "where": "nx > -1e-9"},
             {"name": "upper", "side": "surface", "where": "z > 0.75"},
             {"name": "cap", "where": "nz > 0.7071"},
         ],
-        boundary=[
-            held("bottom"),
-            {"set": "right", "traction": [0.01, 0, 0]},
-            {"set": "upper", "traction": [0, 0.02, 0]},
-        ],
-        probe=[{"name": on, "quantity": what, "set": on} for on, what in quantities.items()],
+        boundary=[held("bottom"), {"set": "right", "traction": [0.01, 0, 0]},
+                  {"set": "upper", "traction": [0, 0.02, 0]}],
+        probe=probes("r force_x right", "u force_y upper", "b force bottom", "c u cap", "t u top"),
     )  # fmt: skip
     answer = solved(tables, cloud=cylinder(0.0625), error=True)
     assert answer.states.verdict != "refused"
-    found = np.array([value[-1] for value in answer.probes.values()])
+    found = list(answer.ends().values())
     half = 0.5 * np.pi * 1.5
     # faces of voxels have 4/pi times as much
-    assert found[0, 0] == pytest.approx(0.01 * half, rel=0.04)
-    assert found[1, 0] == pytest.approx(0.02 * half, rel=0.04)
-    assert found[2, :2] == pytest.approx([-found[0, 0], -found[1, 0]], rel=1e-6)
+    assert found[0][0] == pytest.approx(0.01 * half, rel=0.04)
+    assert found[1][0] == pytest.approx(0.02 * half, rel=0.04)
+    assert found[2][:2] == pytest.approx([-found[0][0], -found[1][0]], rel=1e-6)
     assert found[3] == pytest.approx(found[4], rel=0.02, abs=1e-4)
 
 
@@ -206,11 +198,9 @@ def test_a_half_body_has_half_the_force() -> None:
     whole = np.repeat(disc[:, :, None], n, axis=2)
 
     def stretched(data: NDArray[Any], *cut: dict[str, Any]) -> NDArray[np.float64]:
-        wanted = {"bottom": "force_z", **{str(entry["set"]): "force" for entry in cut}}
-        tables = scene(
-            "auto", {}, material=[CORK], boundary=[held("bottom"), held("top", u_z=1.0), *cut],
-            probe=[{"name": on, "quantity": what, "set": on} for on, what in wanted.items()],
-        )  # fmt: skip
+        sides = [f"cut force {entry['set']}" for entry in cut]
+        tables = gripped("auto", {}, CORK, "bottom top", "f force_z bottom", *sides, u_z=1.0)
+        tables["boundary"] += cut
         return last(tables, voxels(data))
 
     cut = {"set": "x0", "u_x": 0.0}
@@ -231,7 +221,7 @@ def test_a_plane_map_has_as_many_sets_as_asked() -> None:
         "auto", {}, material=[CORK],
         set=[{"name": "left", "where": "nx < -0.7071"}, {"name": "right", "where": "nx > 0.7071"}],
         boundary=[held("left"), {"set": "right", "traction": [PULL, 0, 0]}],
-        probe=scenes.probes("f force_x right", "u u_x right"),
+        probe=probes("f force_x right", "u u_x right"),
     )  # fmt: skip
     found = last(tables, cloud)[:, 0]
     # normals are those of a smooth surface: edges are round, and corner voxels have two faces
@@ -272,8 +262,8 @@ def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: st
 def test_overlaps_are_told() -> None:
     sets = [SIDE, {"name": "half", "side": "y1", "where": "x > 0.5"}]
     boundary = [{"set": "pad", "traction": [0, PULL]}, {"set": "half", "traction": [0, PULL]}]
-    probe = scenes.probes("f force_y pad")
-    with Scene.from_tables(column("rkpm-gauss", sets, boundary, probe=probe)) as opened:
+    tables = column("rkpm-gauss", sets, boundary, probe=probes("f force_y pad"))
+    with Scene.from_tables(tables) as opened:
         found = solved(opened)
         said = "sets pad and half share 4 boundary points (of 9 and 4)"
         assert any(said in line for line in found.states.warnings)
@@ -292,10 +282,9 @@ def test_overlaps_are_told() -> None:
 
 @pytest.mark.slow
 def test_areas_of_sets_are_written(tmp_path):
-    pad = {"name": "pad", "side": "y1", "where": "x > 0.3"}
-    load = [{"set": "pad", "traction": [0, 0.01]}]
-    tables = column("auto", [pad, {"name": "end", "where": "ny > 0.7"}], load)
-    deck = tables | {"geometry": box(5, 9, size=[1, 2], places=(5, 9))}
-    summary = run_deck(deck, tmp_path / "out", error=False)
+    sets = [{"name": "pad", "side": "y1", "where": "x > 0.3"}, {"name": "end", "where": "ny > 0.7"}]
+    tables = column("auto", sets, [{"set": "pad", "traction": [0, 0.01]}])
+    tables["geometry"] = box(5, 9, size=[1, 2], places=(5, 9))
+    summary = run_deck(tables, tmp_path, error=False)
     sizes = {own["name"]: own["area"] for own in summary["sets"]}
     assert sizes == pytest.approx({"pad": 0.7, "end": 1.0}, rel=2e-3)

@@ -16,7 +16,7 @@ from benchmarks.truths.compiled import hessian
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
 from tests.dense import SOLVERS
-from tests.scenes import derivative, execute, history
+from tests.scenes import derivative, execute, history, solved
 
 TOLERANCE = 1e-7
 
@@ -79,14 +79,13 @@ def test_second_derivatives_of_modes(case: str, inputs: Path) -> None:
     np.testing.assert_allclose(found[1], modes.T @ second @ modes, atol=1e-10 * abs(second).max())
 
 
-def converged(deck: Path, out: Path, *overrides: str) -> None:
-    """The iteration does: an answer may be refused none the less."""
+def last_steps(deck: Path, out: Path, tolerance: float, *overrides: str) -> list[float]:
+    """Steps of the last load step, until it goes on with the row weights of the state found.
+
+    The iteration converges; an answer may be refused none the less.
+    """
     summary, done = execute(deck, out, "--no-error", sets=overrides)
     assert summary["converged"], done.stderr
-
-
-def last_steps(out: Path, tolerance: float) -> list[float]:
-    """Steps of the last load step, until it goes on with the row weights of the state found."""
     last = history(out)[-1]["step"]
     steps = [float(row["step_norm"]) for row in history(out) if row["step"] == last]
     return steps[: 1 + next(i for i, step in enumerate(steps) if step < tolerance)]
@@ -99,13 +98,11 @@ def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
     """
     order = {}
     for method in ("full", "gauss-newton"):
-        out = tmp_path / method
         words = (f"solver.newton={method}", *EDGES, "solver.tolerance=1e-8")
-        converged(inputs / "muscle_fibers.toml", out, *words)
-        last = np.log(last_steps(out, 1e-8)[-3:])
+        steps = last_steps(inputs / "muscle_fibers.toml", tmp_path / method, 1e-8, *words)
+        last = np.log(steps[-3:])
         order[method] = (last[2] - last[1]) / (last[1] - last[0])
-        if method == "full":
-            assert {row["solver"] for row in history(out)} == {"newton"}
+    assert {row["solver"] for row in history(tmp_path / "full")} == {"newton"}
     assert order["full"] > 1.5
     assert 0.7 < order["gauss-newton"] < 1.3
 
@@ -113,17 +110,15 @@ def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_methods_agree(inputs: Path) -> None:
     """One minimum, whatever the way: Gauss-Newton ends within its tolerance times 1/(1 - rate)."""
-    states = {}
-    for method in ("gauss-newton", "full", "auto"):
-        overrides = [*EDGES, f"solver.newton={method}", "solver.tolerance=1e-8"]
-        with Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene:
-            states[method] = scene.solve()
-    x = states["full"].x[-1]
-    for method in ("gauss-newton", "auto"):
-        np.testing.assert_allclose(states[method].x[-1], x, rtol=0, atol=1e-6 * abs(x).max())
-    iterations = {method: int(found.iterations.sum()) for method, found in states.items()}
-    assert iterations["auto"] < iterations["gauss-newton"]
-    assert iterations["full"] < iterations["gauss-newton"]
+    words = (*EDGES, "solver.tolerance=1e-8")
+    slow, full, auto = (
+        solved(inputs / "muscle_fibers.toml", *words, f"solver.newton={method}").states
+        for method in ("gauss-newton", "full", "auto")
+    )
+    x = full.x[-1]
+    for states in (slow, auto):
+        np.testing.assert_allclose(states.x[-1], x, rtol=0, atol=1e-6 * abs(x).max())
+    assert max(auto.iterations.sum(), full.iterations.sum()) < slow.iterations.sum()
 
 
 @pytest.mark.slow
@@ -134,8 +129,7 @@ def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=smooth",
         "load.steps=6", "solver.newton=full",
     ]  # fmt: skip
-    converged(inputs / "muscle_fibers.toml", tmp_path, *overrides)
-    assert len(last_steps(tmp_path, 1e-6)) <= 8
+    assert len(last_steps(inputs / "muscle_fibers.toml", tmp_path, 1e-6, *overrides)) <= 8
 
 
 #: A block so coarse that its displacement form is stationary, but no minimum, where it is
@@ -177,8 +171,8 @@ def test_minima_are_not_taken_for_saddles(inputs: Path) -> None:
         "muscle_block": ["geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", *SADDLE[2:]],
         "uniaxial_tension": ["load.steps=5", "scene.method=rkcm"],
     }.items():
-        with Scene(inputs / f"{deck}.toml", overrides, threads=1) as scene:
-            assert not [line for line in scene.solve().warnings if "saddle" in line]
+        warnings = solved(inputs / f"{deck}.toml", *overrides, error=True).states.warnings
+        assert not [line for line in warnings if "saddle" in line]
 
 
 @pytest.mark.slow
@@ -190,9 +184,6 @@ def test_kinks_end_the_iteration(method: str, inputs: Path) -> None:
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=published",
         "solver.max_iterations=25", f"solver.newton={method}",
     ]  # fmt: skip
-    with (
-        Scene(inputs / "muscle_fibers.toml", overrides, threads=1) as scene,
-        pytest.raises(ConvergenceError, match='curve = "smooth"') as caught,
-    ):
-        scene.solve()
+    with pytest.raises(ConvergenceError, match='curve = "smooth"') as caught:
+        solved(inputs / "muscle_fibers.toml", *overrides)
     assert "load 0.0833" in str(caught.value)

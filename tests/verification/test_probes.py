@@ -14,7 +14,8 @@ from numpy.testing import assert_allclose
 
 from myork import Scene
 from myork.stations.solve import run_deck
-from tests.scenes import MUSCLE, box, held, refused, scene, solved
+from tests import scenes
+from tests.scenes import MUSCLE, box, gripped, held, neo, probes, refused, scene, solved
 
 ABOUT = [0.3, 0.2, 0.1]
 PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
@@ -23,24 +24,15 @@ PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
 def block(method: str, source: list[int], bulk: float) -> dict:
     """Block with probes of its ends and of sections from one to the other."""
     cut = {"quantity": "section_force", "normal": [0, 0, 2]}
-    return scene(
-        method, box(*source, size=[1, 1.2, 2]), load={"steps": 2},
-        material=[{"name": "rubber", "model": "polynomial", "A10": 10, "K": bulk}],
-        boundary=[held("z0"), held("z1", u_x=0.3, u_y=0.1, u_z=0.2)],
-        probe=[
-            *({"name": f"force{k}", "quantity": "force", "set": f"z{k}"} for k in (0, 1)),
-            *({"name": f"section{z}", "point": [0.4, 0.5, z], **cut} for z in PLACES),
-            *({"name": f"torque{a}{k}", "quantity": f"torque_{a}", "set": f"z{k}", "about": ABOUT}
-              for a in "xyz" for k in (0, 1)),
-            {"name": "own", "quantity": "torque_y", "set": "z1"},
-            {"name": "middle", "quantity": "u", "set": "z1"},
-            {"name": "side", "quantity": "u_z", "set": "x1"},
-        ],
+    rubber = {"name": "rubber", "model": "polynomial", "A10": 10, "K": bulk}
+    return gripped(
+        method, box(*source, size=[1, 1.2, 2]), rubber, "z0 z1",
+        "force0 force z0", "force1 force z1", "own torque_y z1", "middle u z1", "side u_z x1",
+        *({"name": f"section{z}", "point": [0.4, 0.5, z], **cut} for z in PLACES),
+        *({"name": f"torque{a}{k}", "quantity": f"torque_{a}", "set": f"z{k}", "about": ABOUT}
+          for a in "xyz" for k in (0, 1)),
+        load={"steps": 2}, u_x=0.3, u_y=0.1, u_z=0.2,
     )  # fmt: skip
-
-
-def values(tables: dict) -> dict[str, np.ndarray]:
-    return {name: value[-1] for name, value in solved(tables).probes.items()}
 
 
 @pytest.mark.parametrize(
@@ -54,7 +46,7 @@ def values(tables: dict) -> dict[str, np.ndarray]:
     ],
 )
 def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, tolerance):
-    found = values(block(method, [4, 4, 5], bulk))
+    found = solved(block(method, [4, 4, 5], bulk)).ends()
     force = found["force1"]
     near = tolerance * np.linalg.norm(force)
     assert_allclose(found["force0"], -force, atol=near)
@@ -75,21 +67,16 @@ def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, 
 def test_a_homogeneous_state_knows_its_sections_and_moments(method):
     """Uniaxial tension between symmetry planes: force sigma a b, moment arms half the edges."""
     tables = scene(
-        method, box(4, 4, 4, size=[1, 2, 3]),
-        material=[{"name": "rubber", "model": "neo-hookean", "mu": 2, "K": 10}],
-        boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xyz"), {"set": "z1", "u_z": 0.6}],
-        probe=[
-            {"name": "end", "quantity": "force_z", "set": "z1"},
+        method, box(4, 4, 4, size=[1, 2, 3]), material=[neo(2, 10)],
+        boundary=[*scenes.PLANES, {"set": "z1", "u_z": 0.6}],
+        probe=probes(
+            "end force_z z1", "own torque_x z1", "side u_x x1", "point u_x 1 1 2", "y u_y 1 2 2",
             {"name": "inside", "quantity": "section_force_z", "point": [0.5, 1, 1.2],
              "normal": [0, 0, 1]},
             {"name": "about_x", "quantity": "torque_x", "set": "z1", "about": [0, 0, 0]},
-            {"name": "own", "quantity": "torque_x", "set": "z1"},
-            {"name": "side", "quantity": "u_x", "set": "x1"},
-            {"name": "point", "quantity": "u_x", "point": [1, 1, 2]},
-            {"name": "y", "quantity": "u_y", "point": [1, 2, 2]},
-        ],
+        ),
     )  # fmt: skip
-    found = {name: value[0] for name, value in values(tables).items()}
+    found = solved(tables).last()
     assert found["inside"] == pytest.approx(found["end"], rel=1e-3)
     # the force acts in the middle of the deformed end, half of the narrowed edge from the plane
     assert found["about_x"] == pytest.approx(found["end"] * (1 + found["y"] / 2), rel=2e-3)
@@ -97,10 +84,12 @@ def test_a_homogeneous_state_knows_its_sections_and_moments(method):
     assert found["side"] == pytest.approx(found["point"], rel=2e-3)
 
 
+BLOCK = block("rkpm-gauss", [3, 3, 3], 50.0)
+
+
 def test_a_cloud_without_room_for_a_section_tells_the_force_as_well():
     """Two cells along the block: every source point is seen by an end."""
-    tables = block("rkpm-gauss", [3, 3, 3], 50.0)
-    found = values(tables)
+    found = solved(BLOCK).ends()
     for z in PLACES:
         assert_allclose(found[f"section{z}"], found["force1"], rtol=1e-4)
 
@@ -139,59 +128,50 @@ EXPRESSIONS = {
 }
 
 
-def stretched(method: str, probes: list[dict]) -> dict:
-    """Muscle whose whole surface moves affinely, with probes at PLACE."""
-    a, b, c = STRETCHES
-    motion = {"u_x": f"{a}*x", "u_y": f"{b}*y", "u_z": f"{c}*z"}
-    return scene(
-        method, box(4, 4, 5, size=[1, 1.2, 2]),
-        material=[{**MUSCLE, "name": "muscle", "fiber": [0.6, 0, 0.8]}],
-        boundary=[{"set": side, **motion} for side in ("x0", "x1", "y0", "y1", "z0", "z1")],
-        probe=[{"point": list(PLACE), **probe} for probe in probes],
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkcm-mixed"])
 def test_expressions_of_fields_have_their_values_in_a_uniform_extension(method):
-    probes = [
-        {"name": f"p{k}", "quantity": "expression", "expression": text}
-        for k, text in enumerate(EXPRESSIONS)
-    ]
-    found = values(stretched(method, probes))
-    size = abs(found["p0"][0]) + 1.0
+    """Of muscle whose whole surface moves affinely."""
+    motion = {f"u_{x}": f"{slope}*{x}" for x, slope in zip("xyz", STRETCHES, strict=True)}
+    own = {"quantity": "expression", "point": list(PLACE)}
+    tables = scene(
+        method, box(4, 4, 5, size=[1, 1.2, 2]),
+        material=[{**MUSCLE, "fiber": [0.6, 0, 0.8]}],
+        boundary=[{"set": side, **motion} for side in ("x0", "x1", "y0", "y1", "z0", "z1")],
+        probe=[own | {"name": f"p{k}", "expression": e} for k, e in enumerate(EXPRESSIONS)],
+    )  # fmt: skip
+    found = solved(tables).last()
+    size = abs(found["p0"]) + 1.0
     for k, (text, value) in enumerate(EXPRESSIONS.items()):
         # stresses of a bulk modulus of 500: what cancels leaves their rounding
-        assert_allclose(found[f"p{k}"][0], value, atol=1e-5 * size, err_msg=text)
+        assert_allclose(found[f"p{k}"], value, atol=1e-5 * size, err_msg=text)
 
 
 @pytest.mark.parametrize("quantity", ["cauchy_zz", "u_x", "J", "pressure", "principal_max"])
 def test_an_expression_of_one_field_has_the_bar_of_its_probe(quantity):
     tables = block("rkpm-gauss", [4, 4, 5], 50.0)
-    place = {"point": [0.4, 0.5, 0.6]}
-    tables["probe"] = [
-        {"name": "plain", "quantity": quantity, **place},
-        {"name": "own", "quantity": "expression", "expression": quantity, "unit": "own", **place},
-        {"name": "twice", "quantity": "expression", "expression": f"2*{quantity}", **place},
-    ]
+    own = {"quantity": "expression", "point": [0.4, 0.5, 0.6]}
+    tables["probe"] = probes(
+        f"plain {quantity} 0.4 0.5 0.6",
+        {"name": "own", "expression": quantity, "unit": "own"} | own,
+        {"name": "twice", "expression": f"2*{quantity}"} | own,
+    )  # fmt: skip
     with Scene.from_tables(tables) as opened:
         inside = solved(opened, error=True)
         assert opened.probe_units["own"] == "own"
-    bars = {name: bar[-1, 0] for name, bar in inside.bars.items()}
-    assert_allclose(inside.probes["own"][-1, 0], inside.probes["plain"][-1, 0], rtol=1e-12)
-    assert bars["plain"] > 0
+    assert_allclose(inside.last()["own"], inside.last()["plain"], rtol=1e-12)
+    assert inside.bar("plain") > 0
     # beside the least share of a tensor's norm, which an expression does not have
-    assert_allclose(bars["own"], bars["plain"], rtol=1e-9)
-    assert_allclose(bars["twice"], 2 * bars["plain"], rtol=1e-9)
+    bars = [inside.bar("own"), inside.bar("twice")]
+    assert_allclose(bars, inside.bar("plain") * np.array([1, 2]), rtol=1e-9)
 
 
 SHEET = scene(
     "rkpm-gauss", box(4, 4), boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
-    material=[{"name": "rubber", "model": "neo-hookean", "mu": 1, "K": 10}],
+    material=[neo(1, 10)],
 )  # fmt: skip
 LINEAR = {key: SHEET[key] for key in ("scene", "geometry", "boundary")} | {
     "linear": {"problem": "elasticity", "E": 10, "nu": 0.3}
 }
-BLOCK = block("rkpm-gauss", [3, 3, 3], 50.0)
 CUT = {"quantity": "section_force", "normal": [0, 0, 1]}
 OF_FIELDS = {"quantity": "expression", "point": [0.5, 0.5, 1]}
 

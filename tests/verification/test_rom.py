@@ -13,23 +13,18 @@ from myork.errors import InputError, RefusedError
 from myork.results import REDUCED_FILE, read_reduced
 from myork.rom import study
 from myork.rom.basis import proper_orthogonal_modes, unit_states
-from tests.scenes import box, held, probes
+from tests.scenes import box, gripped, held, probes, solved
 from tests.scenes import scene as tables_of
 
-BLOCK = tables_of(
+BLOCK = gripped(
     "rkcm", box(3, 3, 4, size=[1, 1, 2], places=(5, 5, 7)),
-    material=[
-        {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0, "curve": "smooth",
-         "fiber": [0.5, 0.0, 0.866]}
-    ],
-    boundary=[held("z0"), held("z1")], load={"steps": 5, "activation": 0.5},
-    solver={"tolerance": 1e-9},
+    {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0, "curve": "smooth",
+     "fiber": [0.5, 0.0, 0.866]}, "z0 z1",
+    load={"steps": 5, "activation": 0.5}, solver={"tolerance": 1e-9},
 )  # fmt: skip
-
-
-RUBBER = tables_of(
-    "auto", box(4, 4, 4), boundary=[held("z0"), held("z1", u_x=0.2, u_z=-0.2)], load={"steps": 5},
-    material=[{"name": "rubber", "model": "polynomial", "A10": 10.0, "A01": 2.0, "K": 1000.0}],
+RUBBER = gripped(
+    "auto", box(4, 4, 4), {"name": "rubber", "model": "polynomial", "A10": 10.0, "A01": 2.0,
+                           "K": 1000.0}, "z0 z1", load={"steps": 5}, u_x=0.2, u_z=-0.2,
 )  # fmt: skip
 SMALL = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=5")
 WEAK = ["muscle_block", "rubber", "rubber, nodal cells"]
@@ -38,15 +33,16 @@ WEAK = ["muscle_block", "rubber", "rubber, nodal cells"]
 @pytest.fixture(scope="module", params=["collocation"])
 def full(request, inputs: Path):
     """Scene of a form, its states, modes and proper orthogonal values."""
-    if request.param == "muscle_block":
-        scene = Scene(inputs / "muscle_block.toml", SMALL, threads=1)
-        assert scene.deck["scene"]["method"] == "rkpm-gauss"
-    elif request.param == "collocation":
-        scene = Scene.from_tables(BLOCK, threads=1)
-    else:
-        method = "rkpm-scni" if "nodal" in request.param else "auto"
-        tables = {**RUBBER, "scene": {"dimension": 3, "method": method}}
-        scene = Scene.from_tables(tables, threads=1)
+    tables = {
+        "muscle_block": inputs / "muscle_block.toml", "collocation": BLOCK, "rubber": RUBBER,
+        "rubber, nodal cells": {**RUBBER, "scene": {"dimension": 3, "method": "rkpm-scni"}},
+    }[request.param]  # fmt: skip
+    scene = (
+        Scene.from_tables(tables, threads=1)
+        if isinstance(tables, dict)
+        else Scene(tables, SMALL, threads=1)
+    )
+    assert (scene.deck["scene"]["method"] == "rkcm") == (request.param == "collocation")
     with scene:
         states = scene.solve(error=False)
         yield scene, states, *proper_orthogonal_modes(states.x)
@@ -82,7 +78,6 @@ def test_modes_are_orthonormal_and_span_the_snapshots(full):
 
 @in_forms("collocation", *WEAK)
 def test_as_many_modes_as_snapshots_give_the_full_solution(full):
-    """The full solution lies in the span of the modes, and solves the reduced problem."""
     # Iterations of least squares end within their tolerance, 1e-9, times the condition of the rows,
     # others at 1e-6 after a quadratic fall.
     scene, states, modes, _ = full
@@ -128,7 +123,7 @@ def test_fewer_modes_come_near_to_the_best_that_they_can(full):
 def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     """One step would give one snapshot."""
     tables = {key: value for key, value in RUBBER.items() if key != "load"}
-    tables |= {"probe": [{"name": "pull", "quantity": "force", "set": "z1"}]}
+    tables["probe"] = probes("pull force z1")
     lines: list[str] = []
     study = myork.run_rom(tables, tmp_path, threads=1, progress=lines.append)
     assert any("one load step gives one snapshot" in line for line in lines)
@@ -137,8 +132,7 @@ def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     assert {model["kind"] for model in study["models"]} == {"galerkin"}
     errors = [model["force_error"] for model in study["models"]]
     # one step and ten end at one answer
-    with Scene.from_tables(tables, threads=1) as scene:
-        pull = scene.probes(scene.solve(error=False).x, [1.0])[-1, 0]
+    pull = solved(tables).ends()["pull"]
     assert errors[0] > 10 * errors[2]
     last = study["full"]["probes"]["pull"][-1]
     assert_allclose(last, pull, rtol=1e-6, atol=1e-6 * max(abs(pull)))

@@ -11,21 +11,19 @@ import nibabel
 import numpy as np
 import pytest
 
-from myork import ReducedModel, Scene
+from myork import ReducedModel
 from myork.cli import main
 from myork.errors import ConvergenceError, FileError, InputError
 from myork.records import Labels
 from myork.studies import identify, sensitivity, uncertainty
 from myork.studies.forward import Forward, Values, open_forward, ranges_of
 from myork.studies.uncertainty import Doubt, perturbed
-from tests.scenes import contracting, deck_file, held, probes
+from tests.scenes import contracting, deck_file, held, probes, solved
 
-BLOCK = contracting(
-    3, 3, 5,
-    probe=probes("reaction force_z z1", "belly u 1 0.5 1"),
-)  # fmt: skip
+BLOCK = contracting(3, 3, 5, probe=probes("reaction force_z z1", "belly u 1 0.5 1"))
 RANGES = {"load.activation": (0.0, 0.8), "boundary.z1.u_z": (-0.1, 0.2)}
 RANGES |= {"material.muscle.sigma_max": (20.0, 45.0)}
+TRUE = "material.muscle.sigma_max=36"
 STRETCHES = [(0.1, 0.0), (0.3, 0.1), (0.6, 0.05), (0.8, -0.05), (0.5, 0.15), (0.0, 0.15)]
 
 
@@ -45,15 +43,10 @@ def measured(deck: Path, path: Path, changes: Sequence[str], noise: float) -> Pa
     rows = []
     for activation, u_z in STRETCHES:
         state = [f"load.activation={activation}", f"boundary.z1.u_z={u_z}"]
-        with Scene(deck, [*changes, *state]) as scene:
-            states = scene.solve(error=False)
-            value = scene.probes(states.x[-1:], states.load[-1:])[0]
-        rows.append([activation, u_z, value[0, 0], value[1, 0]])
-    table = np.array(rows)
-    rng = np.random.default_rng(5)
-    for column in (2, 3):
-        size = np.abs(table[:, column]).max()
-        table[:, column] += noise * size * rng.standard_normal(len(table))
+        rows.append([activation, u_z, *solved(deck, *changes, *state).last().values()])
+    table, rng = np.array(rows), np.random.default_rng(5)
+    for values in table.T[2:]:
+        values += noise * np.abs(values).max() * rng.standard_normal(len(table))
     head = "load.activation,boundary.z1.u_z,reaction,belly_x"
     np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.12g")
     return path
@@ -132,7 +125,7 @@ def test_sensitivity_of_a_reduced_model(trained: Path, tmp_path: Path) -> None:
 
 
 def test_sigma_max_by_a_reduced_model(deck: Path, trained: Path, tmp_path: Path) -> None:
-    data = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.01)
+    data = measured(deck, tmp_path / "data.csv", [TRUE], 0.01)
     found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
     entry = found["parameters"]["material.muscle.sigma_max"]
     low, high = entry["interval"]
@@ -178,44 +171,46 @@ def test_data_that_do_not_tell(trained: Path, deck: Path, tmp_path: Path) -> Non
 @pytest.mark.slow
 def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> None:
     """Wider errors, wider intervals; errors that are too small are reported."""
-    plain = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
-    rows = [line.split(",")[:3] for line in plain.read_text().splitlines()]
+    plain = measured(deck, tmp_path / "data.csv", [TRUE], 0.0)
+    head, *rows = (line.split(",")[:3] for line in plain.read_text().splitlines())
+
+    def fitted(error: float, wrong: Callable[[float], float] = float) -> Any:
+        lines = [f"{a},{u},{wrong(float(force))!r},{error}" for a, u, force in rows]
+        plain.write_text("\n".join([",".join([*head, "reaction_error"]), *lines]))
+        return identify(trained, plain, ["sigma_max"], tmp_path, threads=1)
+
     widths = []
     for error in (0.1, 0.3):
-        data = tmp_path / "errors.csv"
-        text = [",".join([*rows[0], "reaction_error"])]
-        text += [",".join([*row, str(error)]) for row in rows[1:]]
-        data.write_text("\n".join(text))
-        found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
-        low, high = found["parameters"]["material.muscle.sigma_max"]["interval"]
+        low, high = fitted(error)["parameters"]["material.muscle.sigma_max"]["interval"]
         assert low < 36 < high
         widths.append(high - low)
     assert widths[1] == pytest.approx(3 * widths[0], rel=0.05)
-    text = [text[0], *(",".join([*r[:2], str(1.1 * float(r[2]) + 1), "0.01"]) for r in rows[1:])]
-    data.write_text("\n".join(text))
-    found = identify(trained, data, ["sigma_max"], tmp_path, threads=1)
-    assert any("times the standard errors" in line for line in found["warnings"])
+    warnings = fitted(0.01, lambda force: 1.1 * force + 1)["warnings"]
+    assert any("times the standard errors" in line for line in warnings)
+
+
+HEAD = "load.activation,u_z,reaction"
 
 
 @pytest.mark.parametrize(
     ("text", "free", "message"),
     [
-        ("load.activation,u_z,push\n0.1,0,1\n", ["sigma_max"], "no column has the name of a probe"),
-        ("load.activation,reaction\n0.1,1\n", ["sigma_max"], "needed for boundary.z1.u_z"),
-        ("load.activation,u_z,reaction\n0.1,0,x\n", ["sigma_max"], "'x' is not a number"),
-        ("load.activation,u_z,reaction\n0.1,0\n", ["sigma_max"], "row 1 has 2 fields"),
-        ("sigma_max,load.activation,u_z,reaction\n30,0.1,0,1\n", ["sigma_max"], "is fitted"),
-        ("load.activation,u_z,reaction\n,0,1\n", ["sigma_max"], "needs a number for each key"),
-        ("load.activation,u_z,reaction,reaction_error\n0.1,0,1,0\n", ["sigma_max"], "above 0"),
-        ("load.activation,u_z,reaction\n0.1,0,1\n", ["sigma_max=3"], "KEY=LOW:HIGH is needed"),
-        ("load.activation,u_z,reaction\n0.1,0,1\n", ["K=1:2"], "K: not a parameter"),
+        ("load.activation,u_z,push\n0.1,0,1\n", "sigma_max", "no column has the name of a probe"),
+        ("load.activation,reaction\n0.1,1\n", "sigma_max", "needed for boundary.z1.u_z"),
+        (f"{HEAD}\n0.1,0,x\n", "sigma_max", "'x' is not a number"),
+        (f"{HEAD}\n0.1,0\n", "sigma_max", "row 1 has 2 fields"),
+        (f"sigma_max,{HEAD}\n30,0.1,0,1\n", "sigma_max", "is fitted"),
+        (f"{HEAD}\n,0,1\n", "sigma_max", "needs a number for each key"),
+        (f"{HEAD},reaction_error\n0.1,0,1,0\n", "sigma_max", "above 0"),
+        (f"{HEAD}\n0.1,0,1\n", "sigma_max=3", "KEY=LOW:HIGH is needed"),
+        (f"{HEAD}\n0.1,0,1\n", "K=1:2", "K: not a parameter"),
     ],
 )
 def test_wrong_data(trained, tmp_path, text, free, message):
     data = tmp_path / "data.csv"
     data.write_text(text)
     with pytest.raises(InputError, match=message):
-        identify(trained, data, free, tmp_path / "out", threads=1)
+        identify(trained, data, [free], tmp_path / "out", threads=1)
 
 
 def test_ranges(trained: Path, deck: Path) -> None:
@@ -281,8 +276,7 @@ def spindle(tmp_path: Path) -> Path:
         "geometry": {"kind": "model"},
         "material": [{**BLOCK["material"][0], "label": 1, "fiber": [0, 0, 1]}],
         "boundary": [held("bottom"), held("top")],
-        "load": {"steps": 2, "activation": 0.2},
-        "probe": [{"name": "force", "quantity": "force_z", "set": "top"}],
+        "load": {"steps": 2, "activation": 0.2}, "probe": probes("force force_z top"),
     }  # fmt: skip
     del tables["material"][0]["fiber_angle"]
     return deck_file(tmp_path / "spindle.toml", tables)
@@ -311,14 +305,14 @@ def test_segmentation_carried_to_force(spindle, tmp_path, capsys):
 
 
 def test_wrong_doubts(spindle: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="must not be negative"):
-        uncertainty(spindle, tmp_path / "out", doubt=Doubt(shift=-1.0))
-    with pytest.raises(InputError, match="at least 2 are needed"):
-        uncertainty(spindle, tmp_path / "out", samples=1)
-    with pytest.raises(FileError, match="no label map"):
-        uncertainty(spindle, tmp_path / "out", fixed=["build.labels=none.nii"])
-    with pytest.raises(InputError, match="--probe pull: there are force"):
-        uncertainty(spindle, tmp_path / "out", samples=2, probe="pull")
+    for how, kind, message in (
+        ({"doubt": Doubt(shift=-1.0)}, InputError, "must not be negative"),
+        ({"samples": 1}, InputError, "at least 2 are needed"),
+        ({"fixed": ["build.labels=none.nii"]}, FileError, "no label map"),
+        ({"samples": 2, "probe": "pull"}, InputError, "--probe pull: there are force"),
+    ):
+        with pytest.raises(kind, match=message):
+            uncertainty(spindle, tmp_path / "out", **how)
 
 
 @pytest.mark.slow
@@ -327,7 +321,7 @@ def test_commands(trained: Path, deck: Path, tmp_path: Path, capsys: Any) -> Non
     assert main(["study", "sensitivity", *words, "--samples", "16"]) == 0
     said = capsys.readouterr().out
     assert "material.muscle.sigma_max: alone" in said and "full solves as in the training" in said
-    data = measured(deck, tmp_path / "data.csv", ["material.muscle.sigma_max=36"], 0.0)
+    data = measured(deck, tmp_path / "data.csv", [TRUE], 0.0)
     assert main(["study", "identify", *words, "--data", str(data), "--free", "sigma_max"]) == 0
     assert "material.muscle.sigma_max: 3" in capsys.readouterr().out
     assert main(["study", "sensitivity", *words, "--samples", "12"]) == 2

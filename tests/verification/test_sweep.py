@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,7 +17,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from myork import Scene, sweep
+from myork import sweep
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
@@ -26,18 +25,19 @@ from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
-from tests.scenes import box, held, probes, scene, wait_for
+from tests.scenes import box, gripped, neo, solved, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
 STRIP = text_of_tables(
-    scene(
-        "auto", box(5, 3, size=[2, 1], places=(5, 3)), title="strip",
-        material=[{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 1000}],
-        boundary=[held("x0", 2), held("x1", 2, u_x=0.2)],
-        probe=probes("pull force_x x1", "middle u 1 0.5"),
+    gripped(
+        "auto", box(5, 3, size=[2, 1], places=(5, 3)), neo(10, 1000), "x0 x1",
+        "pull force_x x1", "middle u 1 0.5", title="strip", u_x=0.2,
     )
 )  # fmt: skip
+#: What a point gives that is not solved
+SOLVED = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
+MU = "material.rubber.mu"
 
 
 @pytest.fixture
@@ -65,10 +65,12 @@ def test_plans() -> None:
 
 
 def test_keys_are_those_of_set(deck: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="material.mu and material.rubber.mu are both material"):
-        sweep(deck, ["material.mu=5", "material.rubber.mu=6"], tmp_path / "out")
-    with pytest.raises(InputError, match=r"strip.toml: material.mv: unknown key; did you mean"):
-        sweep(deck, ["material.mv=5"], tmp_path / "out")
+    for vary, message in (
+        (["material.mu=5", f"{MU}=6"], "material.mu and material.rubber.mu are both material"),
+        (["material.mv=5"], r"strip.toml: material.mv: unknown key; did you mean"),
+    ):
+        with pytest.raises(InputError, match=message):
+            sweep(deck, vary, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -100,15 +102,13 @@ def test_table(deck: Path, tmp_path: Path) -> None:
     rows = rows_of(out)
     assert len(rows) == 6
     for row in rows:
-        over = [f"{key}={row[key]}" for key in ("material.rubber.mu", "boundary.x1.u_x")]
+        over = [f"{key}={row[key]}" for key in (MU, "boundary.x1.u_x")]
         if float(row["boundary.x1.u_x"]) < 0:
             # crushed to a twentieth in one step
             assert row["verdict"] in ("failed", "refused") and row["message"]
             continue
         assert row["verdict"] == "accepted"
-        with Scene(deck, over) as scene:
-            states = scene.solve()
-            pull, middle = scene.probes(states.x[-1:], states.load[-1:])[0]
+        pull, middle = solved(deck, *over).ends().values()
         assert float(row["pull"]) == pytest.approx(pull[0], rel=1e-12)
         assert float(row["middle_y"]) == pytest.approx(middle[1], abs=1e-12)
         assert float(row["pull_error"]) > 0 and float(row["cpu_s"]) > 0
@@ -117,7 +117,7 @@ def test_table(deck: Path, tmp_path: Path) -> None:
     assert json.loads((out / "sweep.json").read_text())["units"] == units
     kept = {f"unit_{name}".encode(): unit.encode() for name, unit in units.items()}
     assert table.num_rows == 6 and table.schema.metadata == kept
-    assert table["material.rubber.mu"].to_pylist() == [5, 5, 10, 10, 20, 20]
+    assert table[MU].to_pylist() == [5, 5, 10, 10, 20, 20]
 
 
 @pytest.mark.slow
@@ -131,31 +131,37 @@ def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.Mon
     assert "pip install 'myork[parquet]'" in said[-1]
 
 
+def long_sweep(deck: Path, points: int) -> list[str]:
+    """Words of a sweep whose points take a while."""
+    return ["sweep", str(deck), "--vary", f"{MU}=5:20:{points}", "-q",
+            "--set", "geometry.source=[17,9]"]  # fmt: skip
+
+
+def started(*words: str) -> subprocess.Popen[bytes]:
+    """The command in a process group of its own."""
+    return subprocess.Popen([sys.executable, "-m", "myork", *words], start_new_session=True)
+
+
 @pytest.mark.slow
 def test_resumed_after_a_kill(deck: Path, tmp_path: Path) -> None:
     """A killed sweep loses no finished point; the table is that of a whole one."""
     out, whole = tmp_path / "out", tmp_path / "whole"
-    words = [
-        "sweep", str(deck), "--vary", "material.rubber.mu=5:20:12", "--workers", "1",
-        "--set", "geometry.source=[17,9]", "-q",
-    ]  # fmt: skip
-    command = [sys.executable, "-m", "myork", *words, "--out", str(out)]
+    path = out / "points.jsonl"
+
+    def lines() -> list[str]:
+        return path.read_text().splitlines() if path.exists() else []
+
+    words = [*long_sweep(deck, 12), "--workers", "1"]
     for _ in range(2):
-        process = subprocess.Popen(command, start_new_session=True)
-        finished = len((out / "points.jsonl").read_text().splitlines()) if out.exists() else 0
-        limit = time.monotonic() + 120
-        while time.monotonic() < limit and process.poll() is None:
-            path = out / "points.jsonl"
-            if path.exists() and len(path.read_text().splitlines()) > max(finished, 1) + 1:
-                break
-            time.sleep(0.02)
+        more, process = max(len(lines()), 1) + 2, started(*words, "--out", str(out))
+        wait_for(lambda n=more, run=process: len(lines()) >= n or run.poll() is not None)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    before = (out / "points.jsonl").read_text().splitlines()
+    before = lines()
     # half a line of a run that was killed while it wrote
-    (out / "points.jsonl").write_text("\n".join(before) + '\n{"point": 11, "pro')
+    path.write_text("\n".join(before) + '\n{"point": 11, "pro')
     assert main([*words, "--out", str(out)]) == 0
-    after = (out / "points.jsonl").read_text().splitlines()
+    after = lines()
     assert after[: len(before)] == before and len(after) == 13
     assert main([*words, "--out", str(whole)]) == 0
     for one, other in zip(rows_of(out), rows_of(whole), strict=True):
@@ -173,11 +179,7 @@ def processes_below(pid: int) -> list[int]:
 def test_workers_end_with_their_sweep(deck: Path, tmp_path: Path) -> None:
     """A SIGKILL of the sweep alone, in the middle of solves, leaves no process behind."""
     out = tmp_path / "out"
-    words = [
-        "sweep", str(deck), "--vary", "material.rubber.mu=5:20:200", "--workers", "2",
-        "--set", "geometry.source=[17,9]", "-q", "--out", str(out),
-    ]  # fmt: skip
-    sweeping = subprocess.Popen([sys.executable, "-m", "myork", *words], start_new_session=True)
+    sweeping = started(*long_sweep(deck, 200), "--workers", "2", "--out", str(out))
     try:
         wait_for(lambda: (out / "points.jsonl").exists() or sweeping.poll() is not None)
         workers = processes_below(sweeping.pid)
@@ -203,14 +205,12 @@ def test_a_sweep_is_extended_in_its_folder(deck, tmp_path, here, monkeypatch):
     out, calls = tmp_path / "out", []
     solve = run.solve_point
     monkeypatch.setattr(run, "solve_point", lambda *call: calls.append(call) or solve(*call))
-    first, second = ["material.rubber.mu=5,10"], ["material.rubber.mu=10,20,5,40"]
+    first, second = [f"{MU}=5,10"], ["material.rubber.mu=10,20,5,40"]
     sweep(deck, first, out)
     before = rows_of(out)
     sweep(deck, second, out, extend=True)
     found = rows_of(out)
-    assert [(row["material.rubber.mu"], row["call"]) for row in found] == [
-        ("5", "1"), ("10", "1"), ("20", "2"), ("40", "2")
-    ]  # fmt: skip
+    assert [row[MU] + row["call"] for row in found] == ["51", "101", "202", "402"]
     assert found[:2] == before and len(calls) == 4
     # a lost point of the first call, by the line of the second; and nothing for either line
     text = (out / "points.jsonl").read_text().splitlines(keepends=True)
@@ -226,27 +226,25 @@ def test_a_sweep_is_extended_in_its_folder(deck, tmp_path, here, monkeypatch):
     assert read_sweep(out).total == 4
 
 
+def stop_after_one(line: str) -> None:
+    """End a sweep when its first point is on the disk."""
+    if line.startswith("point 1/"):
+        raise KeyboardInterrupt
+
+
 def test_an_extension_that_was_cut_short_goes_on(deck: Path, tmp_path: Path, here: None) -> None:
-    """The first point of the extension is on the disk, then it is killed."""
     out = tmp_path / "out"
-    sweep(deck, ["material.rubber.mu=5"], out)
-
-    def stop(line: str) -> None:
-        if line.startswith("point 1/2"):
-            raise KeyboardInterrupt
-
+    sweep(deck, [f"{MU}=5"], out)
     with pytest.raises(KeyboardInterrupt):
-        sweep(deck, ["material.rubber.mu=6,7"], out, extend=True, progress=stop)
+        sweep(deck, [f"{MU}=6,7"], out, extend=True, progress=stop_after_one)
     assert len(rows_of(out)) == 2
-    sweep(deck, ["material.rubber.mu=6,7"], out, extend=True)
+    sweep(deck, [f"{MU}=6,7"], out, extend=True)
     assert [row["call"] for row in rows_of(out)] == ["1", "2", "2"]
 
 
-def test_more_samples_of_sobol_continue_the_first(deck: Path) -> None:
-    few, many = (
-        make_plan(["material.rubber.mu=sobol(5,20)", "material.rubber.K=sobol(500,900)"], n)
-        for n in (4, 16)
-    )
+def test_more_samples_of_sobol_continue_the_first() -> None:
+    vary = [f"{MU}=sobol(5,20)", "material.rubber.K=sobol(500,900)"]
+    few, many = (make_plan(vary, n) for n in (4, 16))
     longer = many.beside(few.points, [4])
     assert longer.points == many.points and longer.calls == (4, 16)
 
@@ -268,27 +266,18 @@ def write_inputs(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("deck", "file"),
     [
-        ("deck.toml", "deck.toml"),
-        ("deck.toml", "push.csv"),
-        ("deck.toml", "labels.nii"),
-        ("block.toml", "block.toml"),
-        ("block.toml", "model.h5"),
+        *(("deck.toml", file) for file in ("deck.toml", "push.csv", "labels.nii")),
+        *(("block.toml", file) for file in ("block.toml", "model.h5")),
     ],
 )
 def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, deck, file):
     """A sweep goes on with what its files held, wherever they are, and with nothing else."""
     made, out, more = tmp_path / "made", tmp_path / "out", {"push.csv": "#", "labels.nii": "\0"}
     write_inputs(made)
-    solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
-    monkeypatch.setattr(run, "solve_point", lambda *call: solved)
+    monkeypatch.setattr(run, "solve_point", lambda *call: SOLVED)
     vary = ["load.steps=1,2,3"]
     before = (made / file).read_bytes()
     changed = before + more.get(file, "\n").encode()
-
-    def stop_after_one(line: str) -> None:
-        if line.startswith("point 1/"):
-            raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
         sweep(made / deck, vary, out, progress=stop_after_one)
     (made / file).write_bytes(changed)
@@ -324,16 +313,15 @@ LINE = '{"point": %s, "probes": {}, "errors": {}, "verdict": "failed", "message"
     ['{"point": 1, "ver', "3", "{}", '{"point": 1}', *(LINE % n for n in ("0", "2", "-1", '"1"'))],
 )
 def test_points_that_are_read_back_are_checked(deck, tmp_path, monkeypatch, here, damage):
-    solved = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
-    monkeypatch.setattr(run, "solve_point", lambda *call: solved)
-    sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+    monkeypatch.setattr(run, "solve_point", lambda *call: SOLVED)
+    sweep(deck, [f"{MU}=5,10"], tmp_path)
     path = tmp_path / "points.jsonl"
     *before, last = path.read_text().splitlines()
     path.write_text("\n".join([*before, damage]) + "\n")
     with pytest.raises(InputError, match=r"points\.jsonl:3: is not what a sweep wrote; remove"):
-        sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+        sweep(deck, [f"{MU}=5,10"], tmp_path)
     path.write_text("\n".join(before) + "\n")
-    sweep(deck, ["material.rubber.mu=5,10"], tmp_path)
+    sweep(deck, [f"{MU}=5,10"], tmp_path)
     assert path.read_text().splitlines() == [*before, last]
 
 
@@ -348,7 +336,7 @@ def test_columns_cannot_overwrite_each_other(deck, tmp_path, name: str, owner: s
     deck.write_text(STRIP.replace('"pull"', f'"{name}"'))
     for dry in (True, False):
         with pytest.raises(InputError, match=r"rename the probe") as ended:
-            sweep(deck, ["material.rubber.mu=5,10"], tmp_path / "out", dry_run=dry)
+            sweep(deck, [f"{MU}=5,10"], tmp_path / "out", dry_run=dry)
         assert f"its column {name} of sweep.csv is also a column of {owner}" in str(ended.value)
     assert not (tmp_path / "out").exists()
 
@@ -378,14 +366,14 @@ def test_only_a_death_costs_a_point_a_message(deck, tmp_path, monkeypatch, here,
     monkeypatch.setattr(run, "solve_point", solve_point)
     said: list[str] = []
     with pytest.raises(caught) if caught else contextlib.nullcontext():
-        sweep(deck, ["material.rubber.mu=5,6"], tmp_path, progress=said.append)
+        sweep(deck, [f"{MU}=5,6"], tmp_path, progress=said.append)
     if caught is None:
         # the reason of the first, whatever the number of the others
         assert sum(line.startswith("failed at material.rubber.mu=5: ") for line in said) == 1
         (message,) = {row["message"] for row in rows_of(tmp_path)}
         assert "out of memory" in message and message.endswith(": killed")
         lines: list[str] = []
-        sweep(deck, ["material.rubber.mu=5,6"], tmp_path, dry_run=True, progress=lines.append)
+        sweep(deck, [f"{MU}=5,6"], tmp_path, dry_run=True, progress=lines.append)
         assert "nan" not in "".join(lines)
 
 
@@ -411,7 +399,7 @@ def test_dry_run(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
 @pytest.mark.slow
 def test_dask(deck: Path, tmp_path: Path) -> None:
     """Workers of Dask give the same table."""
-    vary = ["material.rubber.mu=5,10,20"]
+    vary = [f"{MU}=5,10,20"]
     sweep(deck, vary, tmp_path / "dask", workers=2, dask="local")
     sweep(deck, vary, tmp_path / "local", workers=1)
     pulls = [[row["pull"] for row in rows_of(tmp_path / name)] for name in ("dask", "local")]

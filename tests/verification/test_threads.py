@@ -76,9 +76,19 @@ for threads in (1, 2):
 
 
 def clean_environment() -> dict[str, str]:
-    """Without the limits that the tests run under: libraries may use what the machine has."""
+    """Libraries may use what the machine has."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
     return {**kept, "OMP_WAIT_POLICY": "passive", "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+def run(program: str, *words: object, **environment: str) -> list[str]:
+    """Lines that a program says in a process without the limits that the tests run under."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, words)], env=clean_environment() | environment,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
 
 
 @pytest.mark.slow
@@ -86,14 +96,7 @@ def test_python(inputs: Path, tmp_path: Path) -> None:
     """Scenes, reduced models, least squares, level sets and shape functions in one process."""
     cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
     (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(tmp_path / "cases.json")],
-        env=clean_environment(),
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    one, two = (json.loads(line) for line in done.stdout.splitlines())
+    one, two = map(json.loads, run(PROGRAM, tmp_path / "cases.json"))
     assert len(one) == len(CASES) + 10
     assert [name for name in one if one[name] != two[name]] == []
 
@@ -103,15 +106,9 @@ FORKS = """
 import multiprocessing, os, signal, sys
 import numpy as np
 from myork import ReducedModel, Scene
+from tests.scenes import box, gripped, neo
 
-n = [5, 5, 5]
-tables = {
-    "scene": {"dimension": 3, "method": "rkpm-scni"},
-    "geometry": {"kind": "box", "size": [1, 1, 1], "source": n, "collocation": n},
-    "material": [{"name": "rubber", "model": "polynomial", "A10": 10, "K": 500}],
-    "boundary": [{"set": "x0", "u_x": 0, "u_y": 0, "u_z": 0}, {"set": "x1", "u_x": 0.2}],
-    "load": {"steps": 1},
-}
+tables = gripped("rkpm-scni", box(5, 5, 5, places=(5, 5, 5)), neo(20, 500), "x0 x1", u_x=0.2)
 scene = Scene.from_tables(tables)
 rom = ReducedModel.load(sys.argv[1], threads=2)
 rows = np.linspace([0.0, -0.1], [0.5, 0.1], 40)
@@ -144,11 +141,4 @@ print(first.exitcode, second)
 @pytest.mark.slow
 def test_children_of_a_fork(voxel_rom: Path) -> None:
     """None of their parent's threads come along: the first parallel region waited for them."""
-    done = subprocess.run(
-        [sys.executable, "-c", FORKS, voxel_rom],
-        env=clean_environment() | {"OMP_NUM_THREADS": "2"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["0", "0"]
+    assert run(FORKS, voxel_rom, OMP_NUM_THREADS="2") == ["0 0"]

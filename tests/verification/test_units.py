@@ -15,14 +15,13 @@ from numpy.testing import assert_allclose
 from myork import Results, Scene
 from myork.stations.solve import run_deck
 from myork.summary import printed
-from tests.scenes import box, held, probes, scene, solved, tomllib
+from tests.scenes import box, held, neo, probes, scene, solved, tomllib
 
 ROOT = Path(__file__).parents[2]
 FORCE, LENGTH = 1000.0, 10.0
 #: All quantities of the schema whose units are known; that of an expression is what the deck says
 SCHEMA = tomllib.loads((ROOT / "fortran/deck/schema.toml").read_text(encoding="utf-8"))
 QUANTITIES = set(SCHEMA["probe"]["quantity"]["choices"]) - {"expression"}
-RUBBER = {"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 50}
 PULL = (("x", 0.1), ("y", 0.05), ("z", 0.05))
 PLANE = {q for q in QUANTITIES if not re.search(r"z|torque_[xy]", q)} | {"torque_z", "cauchy_zz"}
 UNITS = {"force": "N", "length": "cm"}
@@ -68,35 +67,26 @@ def bar(dimension: int, force: float = 1.0, length: float = 1.0) -> dict:
 
 def numbers(tables: dict) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     with Scene.from_tables(tables) as opened:
-        found = {name: value[-1] for name, value in solved(opened).probes.items()}
-        return found, opened.probe_units
+        return solved(opened).ends(), opened.probe_units
 
 
 def factor(unit: str) -> float:
     """What a number is multiplied by when N and cm become mN and mm."""
-    above, _, below = unit.partition("/")
-    value = 1.0
-    for words, sign in ((above, 1), (below, -1)):
-        for word in words.split():
-            name, _, power = word.partition("^")
-            size = {"N": FORCE, "cm": LENGTH, "degree": 1.0}[name]
-            value *= size ** (sign * int(power or 1))
+    value, sizes = 1.0, {"N": FORCE, "cm": LENGTH, "degree": 1.0}
+    for words, sign in zip(unit.split("/"), (1, -1), strict=False):
+        for name, power in re.findall(r"(\w+)\^?(\d*)", words):
+            value *= sizes[name] ** (sign * int(power or 1))
     return value
 
 
 @pytest.mark.parametrize(
-    ("make", "dimension"),
-    [
-        (lambda *units: body(3, QUANTITIES, *units), 3),
-        (lambda *units: body(2, PLANE, *units), 2),
-        (lambda *units: bar(1, *units), 1),
-        (lambda *units: bar(2, *units), 2),
-    ],
+    ("make", "dimension", "quantities"),
+    [(body, 3, [QUANTITIES]), (body, 2, [PLANE]), (bar, 1, []), (bar, 2, [])],
     ids=["space", "plane", "line", "linear"],
 )
-def test_units_tell_how_numbers_change(make, dimension: int) -> None:
-    one, units = numbers(make())
-    other, _ = numbers(make(FORCE, LENGTH))
+def test_units_tell_how_numbers_change(make, dimension: int, quantities) -> None:
+    one, units = numbers(make(dimension, *quantities))
+    other, _ = numbers(make(dimension, *quantities, FORCE, LENGTH))
     for name, value in one.items():
         value = value[:dimension]
         assert np.abs(value).max() > 1e-3, name
@@ -107,7 +97,7 @@ def test_units_tell_how_numbers_change(make, dimension: int) -> None:
 def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
     """Of a plane body the force was N on the terminal and N/cm in the report."""
     tables = body(2, {"force_x", "energy", "J", "u", "cauchy_xx"})
-    tables["material"] = [RUBBER]
+    tables["material"] = [neo(10, 50)]
     summary = run_deck(tables, tmp_path, threads=1)
     line = r"^  (\w+) .*\+- (?:\([^)]*\)|\S+)(.*?)(?:  not resolved)?$"
     said = dict(re.findall(line, (tmp_path / "run.log").read_text(), re.M))
@@ -122,9 +112,9 @@ def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
 def test_rounding_below_a_bar_is_printed_as_zero(tmp_path: Path) -> None:
     """By symmetry the middle of a pulled plate does not move sideways."""
     tables = body(2, set())
-    tables["material"] = [RUBBER]
+    tables["material"] = [neo(10, 50)]
     tables["boundary"] = [held("x0", 2), held("x1", 2, u_x=0.1)]
-    tables["probe"] = [{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}]
+    tables["probe"] = probes("middle u 0.5 0.5")
     step = run_deck(tables, tmp_path, threads=1)["steps"][-1]
     found, shown = step["probes"]["middle"], printed(step)["middle"]
     assert 0 < abs(found[1]) < 1e-6 * step["probe_errors"]["middle"][1]

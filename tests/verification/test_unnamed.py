@@ -10,23 +10,21 @@ from numpy.testing import assert_allclose
 from myork import run_deck
 from myork.bench import materials
 from myork.core.deck import load_deck
-from tests.scenes import RUBBER, annulus, beam, box, held, scene, solved
+from tests.scenes import PLANES, RUBBER, annulus, beam, box, gripped, neo, scene, solved
 
-SOFT = {"name": "soft", "model": "neo-hookean", "mu": 2.0, "K": 6.0}
+SOFT = neo(2.0, 6.0, "soft")
 #: The rubber of the reference, table 5.1, nearly incompressible
 STIFF = {**RUBBER, "name": "stiff", "K": 1e5}
 MUSCLE = {**materials.MUSCLE, "K": 5e3}
 
 
-def cube(points: int, material: dict[str, Any] = RUBBER, **geometry: float) -> dict[str, Any]:
+def cube(points: int, material: Any = RUBBER, *wanted: str, **geometry: float) -> dict[str, Any]:
     """A cube between glued plates, 30 % shorter."""
-    ends = [held("z0"), held("z1", u_z=-0.3)]
-    return scene("auto", box(*[points] * 3, **geometry), material=[material], boundary=ends)
+    return gripped("auto", box(*[points] * 3, **geometry), material, "z0 z1", *wanted, u_z=-0.3)
 
 
 def sheet(material: dict[str, Any]) -> dict[str, Any]:
-    ends = [held("x0", 2), held("x1", 2, u_x=1.0)]
-    return scene("auto", box(9, 5, size=[2, 1]), material=[material], boundary=ends)
+    return gripped("auto", box(9, 5, size=[2, 1]), material, "x0 x1", u_x=1.0)
 
 
 #: Tables and the method that they get
@@ -38,19 +36,14 @@ DECKS: dict[str, tuple[dict[str, Any], str]] = {
     "stiff cube, even number of points": (cube(6, STIFF), "rkpm-gauss"),
     "jittered cube": (cube(5, jitter=0.2), "rkpm-scni"),
     "tube": (
-        scene("auto", annulus(5, 15), material=[STIFF], boundary=[
-            {"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0}, {"set": "inner", "radial": 4},
-        ]),
-        "rkpm-gauss",
+        scene("auto", annulus(5, 15), material=[STIFF],
+              boundary=[*PLANES[:2], {"set": "inner", "radial": 4}]), "rkpm-gauss",
     ),
     "beam": (beam(17, 5), "rkpm-gauss"),
     "beam far beyond its length": (beam(17, 5, load=20.0), "rkpm-gauss"),
     "muscle": (
-        scene(
-            "auto", box(4, 4, 7, size=[1, 1, 2]), material=[{**MUSCLE, "fiber_angle": 30}],
-            boundary=[held("z0"), held("z1")], load={"activation": 0.3},
-        ),
-        "rkpm-gauss",
+        gripped("auto", box(4, 4, 7, size=[1, 1, 2]), {**MUSCLE, "fiber_angle": 30}, "z0 z1",
+                load={"activation": 0.3}), "rkpm-gauss",
     ),
 }  # fmt: skip
 
@@ -72,24 +65,19 @@ def test_one_load_step_ends_where_eight_do(name: str) -> None:
 
 def test_slow_iterations_of_a_hard_load_arrive() -> None:
     """A sheet sheared by 1.5 takes 17 iterations: without a halving left they are let run."""
-    sheared = [held("y0", 2), held("y1", 2, u_x=1.5)]
-    tables = scene(
-        "auto", box(17, 9, size=[2, 1]), material=[RUBBER], boundary=sheared,
-        load={"max_halvings": 0},
-    )  # fmt: skip
-    states = solved(tables).states
+    body, load = box(17, 9, size=[2, 1]), {"max_halvings": 0}
+    states = solved(gripped("auto", body, RUBBER, "y0 y1", u_x=1.5, load=load)).states
     assert states.load[-1] == 1.0 and states.iterations.sum() > 10
 
 
 @pytest.mark.slow
 def test_an_odd_number_of_cells_is_as_good_as_an_even_one() -> None:
     """A cell that is left over makes a group of its own: the force falls from cloud to cloud."""
-    pull = {"name": "pull", "quantity": "force", "set": "z1"}
     forces = []
     for points in (5, 6, 7):
-        states, probes, *_ = solved({**cube(points), "probe": [pull]})
-        forces.append(probes["pull"][-1])
-        assert states.min_j[-1] > 0.25 and states.max_j[-1] < 1.5
+        found = solved(cube(points, RUBBER, "pull force z1"))
+        forces.append(found.ends()["pull"])
+        assert found.states.min_j[-1] > 0.25 and found.states.max_j[-1] < 1.5
     across = np.abs(np.array(forces)[:, :2]).max()
     assert across < 1e-9 * abs(forces[0][2])
     assert -forces[0][2] > -forces[1][2] > -forces[2][2]
@@ -100,10 +88,7 @@ def test_halved_steps_are_reported_and_given_up_early(tmp_path: Path) -> None:
     summary = run_deck(beam(17, 5, load=20.0), tmp_path / "out", threads=1, verbosity=-1)
     assert [step["load"] for step in summary["steps"] if step["load"] > 0] == [1.0]
     assert sum(step["iterations"] for step in summary["steps"]) < 60
-    said = [
-        line
-        for line in (tmp_path / "out" / "run.log").read_text(encoding="utf-8").splitlines()
-        if "the load step is halved to" in line
-    ]
+    lines = (tmp_path / "out" / "run.log").read_text(encoding="utf-8").splitlines()
+    said = [line for line in lines if "the load step is halved to" in line]
     assert said and all(line.startswith("  load ") for line in said)
     assert not any("halved" in text for text in summary["warnings"])

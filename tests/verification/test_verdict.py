@@ -21,7 +21,7 @@ from myork.bench.runs import lattice
 from myork.core.states import States
 from myork.errors import ConvergenceError, RefusedError
 from tests import scenes
-from tests.scenes import annulus, box, cantilever, execute, held, scene
+from tests.scenes import Answer, annulus, box, cantilever, execute, gripped, held, neo, scene
 
 GAUSS = (
     "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",
@@ -30,12 +30,10 @@ GAUSS = (
 TIP = 0.9145
 
 
-def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, dict[str, Any]]:
-    """States, and the last values of the probes by name with their bars."""
-    found = scenes.solved(deck, *overrides, **{"error": True, **how})
-    return found.states, {
-        name: (value[-1], found.bars[name][-1]) for name, value in found.probes.items()
-    }
+def solved(deck: Any, *overrides: str) -> tuple[States, Answer]:
+    """States, and the whole answer, with error bars."""
+    found = scenes.solved(deck, *overrides, error=True)
+    return found.states, found
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
@@ -45,21 +43,18 @@ def solved(deck: Any, overrides: tuple[str, ...], **how: Any) -> tuple[States, d
 )
 def test_collocation_that_bends_is_refused(method, points, share, work):
     """Least squares lose the bending, and stresses as much of the work; no bar off equilibrium."""
-    states, found = solved(cantilever(method, *points), ())
+    states, found = solved(cantilever(method, *points))
     assert states.verdict == "refused" and states.work_mismatch < work
     assert any("less work than the forces" in text for text in states.warnings)
-    tip, bar = found["tip"][0][0], found["tip"][1][0]
-    assert tip < share * TIP and np.isnan(bar)
+    assert found.last()["tip"] < share * TIP and np.isnan(found.bar("tip"))
 
 
 def ring(radii: tuple[float, float], source: list[int], material: list[Any], **inner: float) -> Any:
     """A quarter of a ring of two materials with a condition on its bore, in one load step."""
-    geometry = annulus(*source, radii=radii, places=source)
-    planes = [{"set": "y0", "u_y": 0.0}, {"set": "x0", "u_x": 0.0}]
     return scene(
-        "auto", geometry, material=material, load={"steps": 1, "max_halvings": 3},
-        boundary=[*planes, {"set": "inner", **inner}],
-        probe=[{"name": "inside", "quantity": "u", "set": "inner"}],
+        "auto", annulus(*source, radii=radii, places=source), material=material,
+        boundary=[*scenes.PLANES[1::-1], {"set": "inner", **inner}],
+        load={"steps": 1, "max_halvings": 3}, probe=scenes.probes("inside u inner"),
     )  # fmt: skip
 
 
@@ -70,55 +65,45 @@ def test_another_branch_gives_no_bars() -> None:
     tables["boundary"].insert(2, {"set": "outer", "radial": 0.0})
     # beside exact values the other solution takes the penalty, by which few points fold
     tables["galerkin"] = {"essential": "transformation"}
-    states, found = solved(tables, ())
+    states, found = solved(tables)
     assert states.verdict == "refused"
     assert any("on another branch" in reason for reason in states.reasons)
-    assert np.isnan(found["inside"][1]).all()
+    assert np.isnan(found.bars["inside"][-1]).all()
 
 
 @pytest.mark.parametrize(("pressed", "unstable"), [(0.24, False), (0.27, True)])
-@pytest.mark.parametrize("accuracy", [None, 0.05])
-def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, accuracy):
+@pytest.mark.parametrize("asked", [{}, {"accuracy": 0.05}])
+def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, asked):
     """Pressed by an end that may move aside, it stays straight at any load. A push of 1e-4 of what
     presses moves the end by hundredths of the height before it buckles, by tenths after.
     """
-    tables: dict[str, Any] = {
-        "scene": {"dimension": 2},
-        "geometry": {"kind": "box", "size": [3, 1]},
-        "material": [{"name": "gel", "model": "neo-hookean", "mu": 10.0, "K": 300.0}],
-        "boundary": [{"set": "x0", "u_x": 0.0, "u_y": 0.0}, {"set": "x1", "u_x": -pressed}],
-        "probe": [{"name": "sway", "quantity": "u_y", "point": [3, 0.5]}],
-    }
-    if accuracy:
-        tables["accuracy"] = accuracy
-    else:
-        tables["geometry"]["source"] = [25, 9]
-    with Scene.from_tables(tables) as scene:
-        straight = scene.solve()
-        (sway,) = scene.probes(straight.x, straight.load)[-1, :, 0]
-    assert abs(sway) < 1e-6
+    body = box(*([] if asked else [25, 9]), size=[3, 1], places=False)
+    tables = scene(
+        "auto", body, material=[neo(10.0, 300.0)], probe=scenes.probes("sway u_y 3 0.5"), **asked,
+        boundary=[held("x0", 2), {"set": "x1", "u_x": -pressed}],
+    )  # fmt: skip
+    straight, found = solved(tables)
+    assert abs(found.last()["sway"]) < 1e-6
     assert any("the equilibrium is unstable" in reason for reason in straight.reasons) is unstable
     assert straight.verdict == ("doubtful" if unstable else "accepted")
     tables["boundary"][1] |= {"traction": [0, 0.002]}
-    tables["load"] = {"steps": 10}
-    with Scene.from_tables(tables) as scene:
-        pushed = scene.solve()
-        (sway,) = scene.probes(pushed.x, pushed.load)[-1, :, 0]
+    pushed, found = solved(tables | {"load": {"steps": 10}})
     assert pushed.verdict == "accepted"
+    sway = found.last()["sway"]
     assert sway > 0.2 if unstable else sway < 0.03
 
 
 def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
     """Suction buckles a ring at .68 of the load: one step ends behind it, three before it."""
     soft = 2.114535721824404
-    a = {"name": "a", "model": "neo-hookean", "K": 4970.0, "mu": 9.94}
     b = {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
-    body = ((1.933, 2.976), [8, 10], [a, b | {"where": "x > 1.50034"}])
-    states, _ = solved(ring(*body, pressure=-0.6978), ())
+    materials = [neo(9.94, 4970.0, "a"), b | {"where": "x > 1.50034"}]
+    tables = ring((1.933, 2.976), [8, 10], materials, pressure=-0.6978)
+    states, _ = solved(tables)
     assert states.verdict == "refused"
     assert any("reached by a jump past that load" in reason for reason in states.reasons)
     with pytest.raises(ConvergenceError, match="did not converge at load 0.6"):
-        solved(ring(*body, pressure=-0.6978), ("load.steps=3",))
+        solved(tables, "load.steps=3")
 
 
 def test_a_branch_that_is_lost_ends_the_halving() -> None:
@@ -135,14 +120,14 @@ def test_a_branch_that_is_lost_ends_the_halving() -> None:
 
 @pytest.mark.parametrize("points", [(17, 5), (33, 9)])
 def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
-    states, found = solved(cantilever(), (*GAUSS, *lattice([*points])))
+    states, found = solved(cantilever(), *GAUSS, *lattice([*points]))
     assert states.verdict == "accepted" and not states.reasons
     assert np.isnan(states.work_mismatch) and not states.warnings
-    tip, bar = found["tip"][0][0], found["tip"][1][0]
-    assert abs(tip - TIP) < bar < 0.02 * TIP
+    bar = found.bar("tip")
+    assert abs(found.last()["tip"] - TIP) < bar < 0.02 * TIP
     # half of the load is known as well in proportion
     assert states.probe_errors[0, 0, 0] == pytest.approx(0.5 * bar)
-    assert np.all(np.abs(found["root"][0] - [0, -1, 0]) <= found["root"][1])
+    assert np.all(np.abs(found.ends()["root"] - [0, -1, 0]) <= found.bars["root"][-1])
 
 
 @pytest.mark.slow
@@ -159,22 +144,21 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     ],
 )  # fmt: skip
 def test_right_answers_are_accepted_and_covered(inputs, deck, overrides, reference):
-    states, found = solved(inputs / f"{deck}.toml", overrides)
+    states, found = solved(inputs / f"{deck}.toml", *overrides)
     assert states.verdict == "accepted", states.reasons
     for name, wanted in reference.items():
-        value, bar = found[name][0][0], found[name][1][0]
+        value = found.last()[name]
         assert abs(value / wanted - 1) < 0.02
-        assert abs(value - wanted) <= bar
+        assert abs(value - wanted) <= found.bar(name)
 
 
 @pytest.mark.slow
 def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> None:
     """Order 1 has the pressure on the wall of the tube 10 % too low."""
-    overrides = (*GAUSS, *lattice([9, 51]), "material.K=1e3")
-    states, found = solved(inputs / "tube.toml", overrides)
-    (value, *_), (bar, *_) = found["radial_stress"]
-    assert abs(value / -15.588823 - 1) > 0.08
-    assert states.verdict == "doubtful" and abs(value + 15.588823) < 1.05 * bar
+    states, found = solved(inputs / "tube.toml", *GAUSS, *lattice([9, 51]), "material.K=1e3")
+    off = abs(found.last()["radial_stress"] + 15.588823)
+    assert off > 0.08 * 15.588823
+    assert states.verdict == "doubtful" and off < 1.05 * found.bar("radial_stress")
 
 
 @pytest.mark.parametrize(
@@ -184,18 +168,16 @@ def test_collapsed_corners_do_not_make_other_stresses_small(inputs, place, wante
     """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points."""
     where = f"probe.shear_stress.point={list(place)}"
     overrides = ("scene.method=rkpm-gauss", "load.steps=1", where)
-    states, found = solved(inputs / "shear_2d.toml", overrides)
+    states, found = solved(inputs / "shear_2d.toml", *overrides)
     assert states.min_j[-1] < 1e-3
-    (value, *_), (bar, *_) = found["shear_stress"]
-    assert abs(value - wanted) < bar < 0.15 * abs(value)
+    value = found.last()["shear_stress"]
+    assert abs(value - wanted) < found.bar("shear_stress") < 0.15 * abs(value)
     assert states.verdict == verdict
 
 
-PRESSED = scene(
-    "auto", box(9, 9, places=(9, 9)), load={"steps": 4},
-    material=[{"name": "rubber", "model": "neo-hookean", "mu": 20, "K": 2000}],
-    boundary=[held("y0", 2), held("y1", 2, u_y=-0.4)],
-    probe=[{"name": "press", "quantity": "force_y", "set": "y1"}],
+PRESSED = gripped(
+    "auto", box(9, 9, places=(9, 9)), neo(20, 2000), "y0 y1", "press force_y y1", u_y=-0.4,
+    load={"steps": 4},
 )  # fmt: skip
 
 
@@ -231,19 +213,19 @@ def test_material_inside_out_is_said_of_runs_that_end_early(tmp_path: Path) -> N
 
 @pytest.mark.filterwarnings("ignore:.* not finite")
 def test_a_probe_without_a_value_is_refused(tmp_path: Path) -> None:
-    tables = {**PRESSED, "probe": [{"name": "s", "quantity": "cauchy_xx", "point": [0, 0]}]}
+    tables = {**PRESSED, "probe": scenes.probes("s cauchy_xx 0 0")}
     with pytest.raises(RefusedError, match="probe s is not a finite number"):
         run_deck(tables, tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["steps"][-1]["probes"] == {"s": None}
-    assert solved(tables, ())[0].reasons == summary["verdict"]["reasons"]
+    assert solved(tables)[0].reasons == summary["verdict"]["reasons"]
 
 
 def test_a_body_that_waits_is_at_rest_until_it_is_loaded() -> None:
     amplitude = {"name": "late", "time": [0, 0.5, 1], "value": [0, 0, 1]}
     ends = [PRESSED["boundary"][0], {"set": "y1", "u_y": 0.01, "amplitude": "late"}]
     tables = PRESSED | {"amplitude": [amplitude], "boundary": ends}
-    states, _ = solved(tables, ())
+    states, _ = solved(tables)
     assert states.iterations[:2].tolist() == [0, 0] and np.all(states.iterations[2:] > 0)
     assert not np.any(states.x[:2])
 
@@ -251,8 +233,8 @@ def test_a_body_that_waits_is_at_rest_until_it_is_loaded() -> None:
 def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Path) -> None:
     """No bars, and a note in the place of the reasons, however the run was started."""
     deck, overrides = inputs / "shear_2d.toml", (*GAUSS, *lattice([9, 5]))
-    states, found = solved(deck, overrides, error=False)
-    assert np.isnan(found["top_force"][1]).all()
+    states, _, bars, _ = scenes.solved(deck, *overrides)
+    assert np.isnan(bars["top_force"]).all()
     assert states.reasons == ["no error estimate: the second solution was switched off"]
     summary, done = execute(deck, tmp_path, "-q", "--no-error", sets=overrides)
     assert done.returncode == 0
@@ -263,24 +245,23 @@ def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Pat
 def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
     """3P/(2D) = 75 N/m² in the middle of the cantilever, and the force -P."""
     overrides = ("geometry.source=[17,5]", "geometry.collocation=[33,9]")
-    states, found = solved(inputs / "cantilever.toml", overrides)
-    (stress, *_), (bar, *_) = found["shear_stress"]
-    assert abs(stress - 75) == pytest.approx(bar)
+    states, found = solved(inputs / "cantilever.toml", *overrides)
+    stress = found.last()["shear_stress"]
+    assert abs(stress - 75) == pytest.approx(found.bar("shear_stress"))
     assert states.verdict != "accepted" and abs(stress / 75 - 1) > 0.05
 
 
-def pad(**probe: Any) -> dict[str, Any]:
+def pad(quantity: str, *point: float) -> dict[str, Any]:
     """A flat block between glued plates, pressed by a tenth, with one probe of a stress."""
-    return scene(
-        "rkpm-gauss", {"kind": "box", "size": [20, 20, 10], "source": [9, 9, 5]},
-        material=[{"name": "silicone", "model": "neo-hookean", "mu": 0.3, "K": 300}],
-        boundary=[held("z0"), held("z1", u_z=-1)], probe=[{"name": "stress", **probe}],
-    )  # fmt: skip
+    silicone = neo(0.3, 300, "silicone")
+    where = {"name": "stress", "quantity": quantity, "point": point}
+    body = box(9, 9, 5, size=[20, 20, 10], places=False)
+    return gripped("rkpm-gauss", body, silicone, "z0 z1", where, u_z=-1)
 
 
 def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
     """By two spacings of 2.5; more points would not help. There the answer is accepted."""
-    states, _ = solved(pad(quantity="cauchy_zz", point=[20, 20, 0]), ())
+    states, _ = solved(pad("cauchy_zz", 20, 20, 0))
     assert states.verdict == "doubtful"
     (reason,) = (text for text in states.reasons if "stress differs" in text)
     assert reason.endswith(
@@ -288,42 +269,36 @@ def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
         "5 cm away from the rim"
     )
     assert not any("what helps" in text for text in states.reasons)
-    moved, _ = solved(pad(quantity="cauchy_zz", point=[16, 16, 3]), ())
+    moved, _ = solved(pad("cauchy_zz", 16, 16, 3))
     assert moved.verdict == "accepted"
 
 
 def test_an_error_bar_beyond_the_value_is_said() -> None:
     """Of an accepted answer as well: shear that is zero by symmetry, to a bar of 0.02 N/cm^2."""
-    states, found = solved(pad(quantity="cauchy_xz", point=[10, 10, 5]), ())
-    value, bar = (part[0] for part in found["stress"])
-    assert states.verdict == "accepted" and abs(value) < bar
+    states, found = solved(pad("cauchy_xz", 10, 10, 5))
+    assert states.verdict == "accepted" and abs(found.last()["stress"]) < found.bar("stress")
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
     assert not any("zero" in text for text in states.warnings)
 
 
 def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
     """The summary's does not grow with the stiffness, as a difference of stresses does."""
-    tables = pad(quantity="cauchy_zz", point=[16, 16, 3])
     found = []
     for unit in (1, 1000):
-        stiff = {**tables["material"][0], "mu": 0.3 * unit, "K": 300 * unit}
-        summary = run_deck(tables | {"material": [stiff]}, tmp_path / str(unit))
+        tables = pad("cauchy_zz", 16, 16, 3) | {"material": [neo(0.3 * unit, 300 * unit)]}
+        summary = run_deck(tables, tmp_path / str(unit))
         found.append(summary["companion"]["difference"])
     assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
 def test_the_tissue_that_differs_is_named() -> None:
     """Sheared by a traction on the softer layer, which moves most and is one cell thick."""
-    rubber = {"model": "neo-hookean", "mu": 100, "K": 1e5}
     tables = scene(
-        "rkpm-gauss", {"kind": "box", "size": [2, 1, 4], "source": [5, 3, 7]},
-        material=[
-            {"name": "tendon", **rubber},
-            {"name": "fat", **rubber, "mu": 0.3, "K": 300, "where": "x > 1.5"},
-        ],
+        "rkpm-gauss", box(5, 3, 7, size=[2, 1, 4], places=False),
+        material=[neo(100, 1e5, "tendon"), neo(0.3, 300, "fat", where="x > 1.5")],
         boundary=[held("z0"), {"set": "x1", "traction": [0, 0.02, 0]}],
-        probe=[{"name": "shear", "quantity": "force", "set": "z0"}],
+        probe=scenes.probes("shear force z0"),
     )  # fmt: skip
-    states, _ = solved(tables, ())
+    states, _ = solved(tables)
     assert states.verdict == "doubtful"
     assert states.reasons[0].endswith("with [3,5,4] points, most of it in fat")
