@@ -146,21 +146,28 @@ def slip(axes: str) -> list[dict[str, Any]]:
     return [{"set": f"{axis}{end}", f"u_{axis}": 0} for axis in axes for end in (0, 1)]
 
 
+def loaded(
+    method: str, geometry: Mapping[str, Any], material: Any, ends: str, end: Mapping[str, Any],
+    *wanted: str, **tables: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """A body of a material or several, held at the first of two sets, a condition at the other.
+
+    Probes are those of `probes`.
+    """
+    deck, (first, second) = scene(method, geometry), ends.split()
+    deck["material"] = [material] if isinstance(material, dict) else list(material)
+    deck["boundary"] = [held(first, deck["scene"]["dimension"]), {"set": second, **end}]
+    return deck | {"probe": probes(*wanted)} | tables
+
+
 def gripped(
     method: str, geometry: Mapping[str, Any], material: Any, ends: str, *wanted: str, **more: Any
 ) -> dict[str, Any]:
-    """A body of a material or several, held at the first of two sets and moved at the other.
-
-    `more` are components of the motion, such as `u_x`, and tables; probes are those of `probes`.
-    """
-    tables = scene(method, geometry)
-    nd, (first, second) = tables["scene"]["dimension"], ends.split()
+    """The same, of which the other set is held as well; `u_x` and so on among `more` move it."""
     moved = {key: more.pop(key) for key in ("u_x", "u_y", "u_z") if key in more}
-    return tables | {
-        "material": [material] if isinstance(material, dict) else list(material),
-        "boundary": [held(first, nd), held(second, nd, **moved)],
-        "probe": probes(*wanted),
-    } | more  # fmt: skip
+    deck = loaded(method, geometry, material, ends, {}, *wanted)
+    deck["boundary"][1] = held(ends.split()[1], deck["scene"]["dimension"], **moved)
+    return deck | more
 
 
 def sheared(
@@ -217,11 +224,10 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
     Its tip goes up by 0.9145: there the Galerkin form (0.9017, 0.9104, 0.9132 and 0.9141 at 17x5 to
     129x33 points) and felupe's Q2/P1 go.
     """
-    return scene(
-        method, box(*(source or (17, 5)), size=[4, 1]), load={"steps": 2},
-        material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
-        boundary=[held("x0", 2), {"set": "x1", "traction": [0, 1]}],
-        probe=probes("tip u_y 4 0.5", "root force x0"),
+    rubber = {"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}
+    return loaded(
+        method, box(*(source or (17, 5)), size=[4, 1]), rubber, "x0 x1", {"traction": [0, 1]},
+        "tip u_y 4 0.5", "root force x0", load={"steps": 2},
     ) | tables  # fmt: skip
 
 
@@ -232,20 +238,16 @@ BEAM_TIP = 1.6485
 
 def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> dict[str, Any]:
     """A beam of 4 x 1 of rubber under a dead traction on its end; nothing else is named."""
-    return scene(
-        "auto", box(*source, size=[4, 1], places=places), material=[RUBBER],
-        boundary=[held("x0", 2), {"set": "x1", "traction": [0, load]}],
-        probe=probes("tip u_y 4 0.5"),
-    ) | tables  # fmt: skip
+    body, end = box(*source, size=[4, 1], places=places), {"traction": [0, load]}
+    return loaded("auto", body, RUBBER, "x0 x1", end, "tip u_y 4 0.5") | tables
 
 
 def contracting(*source: int, **tables: Any) -> dict[str, Any]:
     """A deck of a block of active muscle with inclined fibers, one end of which moves."""
-    return scene(
-        "rkpm-scni", box(*source, size=[1, 1, 2], places=source),
-        title="block", units={"force": "N", "length": "cm"},
-        material=[{**materials.MUSCLE, "sigma_max": 30, "fiber_angle": 20}],
-        boundary=[held("z0"), held("z1", u_z=0.1)], load={"steps": 3, "activation": 0.5},
+    muscle = {**materials.MUSCLE, "sigma_max": 30, "fiber_angle": 20}
+    return gripped(
+        "rkpm-scni", box(*source, size=[1, 1, 2], places=source), muscle, "z0 z1", u_z=0.1,
+        title="block", units={"force": "N", "length": "cm"}, load={"steps": 3, "activation": 0.5},
     ) | tables  # fmt: skip
 
 
@@ -340,10 +342,15 @@ def explained(deck: Path, *overrides: str) -> str:
     return "\n".join(lines)
 
 
-def history(out: Path) -> list[dict[str, str]]:
-    """Iterations of a run by the names of their columns."""
-    with (out / "history.csv").open(encoding="utf-8") as file:
+def rows_of(table: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file by the names of their columns."""
+    with table.open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
+
+
+def history(out: Path) -> list[dict[str, str]]:
+    """Iterations of a run."""
+    return rows_of(out / "history.csv")
 
 
 def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:

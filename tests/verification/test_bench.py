@@ -18,7 +18,6 @@ from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.measures import oscillation
 from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
-from myork import Scene
 from myork.bench import BENCHES, run_benches
 from myork.bench.chapter_6 import LoadPath
 from myork.bench.dissertation import Run
@@ -30,6 +29,7 @@ from myork.bench.tables import Columns, plot, table
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError
+from tests.scenes import solved
 
 pytestmark = pytest.mark.nightly
 
@@ -73,16 +73,11 @@ def test_tables_and_curves_show_what_cases_have() -> None:
         {"curve": "a", "h": 0.1, "solver": None},
         {"curve": "b", "h": 0.1},
     ]
-    columns: Columns = (
-        ("solver", "solver.used"),
-        ("J", ("J", "0.25")),
-        ("1/h", lambda case: round(1 / case["h"])),
-    )
-    assert table("c", columns, cases) == {
-        "caption": "c",
-        "head": ["solver", "J", "1/h"],
-        "rows": [["lu", 1.1, 2], [None, None, 10], [None, None, 10]],
-    }
+    columns: Columns = (("solver", "solver.used"), ("J", ("J", "0.25")),
+                        ("1/h", lambda case: round(1 / case["h"])))  # fmt: skip
+    rows = [["lu", 1.1, 2], [None, None, 10], [None, None, 10]]
+    shown = {"caption": "c", "head": ["solver", "J", "1/h"], "rows": rows}
+    assert table("c", columns, cases) == shown
     (curve,) = plot("t", ("h [cm]", "error [-]"), cases, "h", "error")["series"]
     assert (curve["name"], curve["x"], curve["y"]) == ("a", [0.5], [0.0])
 
@@ -171,17 +166,16 @@ SHEET = (
 
 
 def test_all_forms_have_one_sheet() -> None:
-    meshes = ((16, 4), (32, 8), (64, 16))
-    deck = read_deck("shear_2d")
+    deck, loads = read_deck("shear_2d"), (0.5, 1.0)
     one, two, three = (
-        solve_deck(deck, n, loads=(0.5, 1.0), tolerance=1e-9)["probes"]["shear_stress"][-1]
-        for n in meshes
+        solve_deck(deck, n, loads=loads, tolerance=1e-9)["probes"]["shear_stress"][-1]
+        for n in ((16, 4), (32, 8), (64, 16))
     )
     wanted = three + (three - two) ** 2 / (two - one - three + two)  # Aitken's limit
     for most, form, words in SHEET:
         choice = (*lattice((17, 5)), f"scene.method={form}", *words, "load.steps=2")
-        case = solve_case("shear_2d", choice)
-        assert abs(case["probes"]["shear_stress"] / wanted - 1) < most, (form, words)
+        found = solve_case("shear_2d", choice)["probes"]["shear_stress"]
+        assert abs(found / wanted - 1) < most, (form, words)
 
 
 def test_cost_is_read_off_behind_the_last_miss() -> None:
@@ -294,11 +288,10 @@ def test_certify(tmp_path: Path) -> None:
 
 def test_there_are_twenty_and_they_name_nothing() -> None:
     assert len({problem.name for problem in DECKS}) == 20
+    names = "title", "units", "scene", "geometry", "material", "boundary", "load", "probe"
     for problem in DECKS:
         tables = problem.tables
-        assert set(tables) == {
-            "title", "units", "scene", "geometry", "material", "boundary", "load", "probe",
-        }  # fmt: skip
+        assert set(tables) == set(names)
         assert set(tables["scene"]) == {"dimension"} and set(tables["load"]) == {"activation"}
         assert not any("curve" in material for material in tables["material"])
 
@@ -321,11 +314,9 @@ def test_a_body_that_nothing_pulls_at_is_in_balance() -> None:
     """A muscle with a free end: its forces are rounding, of which all was left."""
     problem = BY_NAME["free muscle"]
     tables = sized_tables(problem.tables, problem.sizes[0])
-    with Scene.from_tables(tables, threads=1) as scene:
-        states = scene.solve(error=False)
-        moved = scene.probes(states.x, states.load)[-1, 0, 0]
+    states, *_ = found = solved(tables)
     assert states.verdict == "accepted" and states.force_imbalance < 1e-6
-    assert moved < -0.2
+    assert next(iter(found.last().values())) < -0.2
 
 
 def test_errors_of_an_answer() -> None:

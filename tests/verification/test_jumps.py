@@ -9,18 +9,15 @@ import pytest
 from myork.bench.exact import inner_stress
 from myork.bench.materials import MUSCLE
 from tests import scenes
-from tests.scenes import box, gripped, held, neo, probes, scene, slip, solved
+from tests.scenes import box, gripped, held, loaded, neo, probes, scene, slip, solved
 
 _ACTIVE = {**MUSCLE, "fiber": [1, 0, 0]}
 
 
 def plate(*source: int, push: str) -> dict[str, Any]:
     """A square that is held at one side and pressed on top."""
-    return scene(
-        "rkpm-gauss", box(*source), material=[neo(10.0, 40.0)],
-        boundary=[held("x0", 2), {"set": "y1", "traction": ["0", push]}],
-        probe=probes("reaction force_y x0", "corner u_y 1 1"),
-    )  # fmt: skip
+    end, wanted = {"traction": ["0", push]}, ("reaction force_y x0", "corner u_y 1 1")
+    return loaded("rkpm-gauss", box(*source), neo(10.0, 40.0), "x0 y1", end, *wanted)
 
 
 def pull(activation: Any, *source: int, size: Any = (2.0, 1.0), beside: Any = ()) -> float:

@@ -1,6 +1,5 @@
 """Reduced models that outlive their training: exact parts exact, errors known, files safe."""
 
-import csv
 import json
 import shutil
 from pathlib import Path
@@ -20,7 +19,7 @@ from myork.rom import projection
 from myork.rom.check import compare
 from myork.rom.map import map_model
 from myork.rom.marks import LOST
-from tests.scenes import contracting, deck_file, probes, solved
+from tests.scenes import contracting, deck_file, probes, rows_of, solved
 
 BLOCK = contracting(
     4, 4, 6,
@@ -278,8 +277,7 @@ def test_threads_change_nothing(trained: Path) -> None:
     assert np.array_equal(one, two)
 
 
-def test_corrections(rom: ReducedModel) -> None:
-    """The regression alone is rough, one correction is better."""
+def test_the_regression_alone_is_rough_and_one_correction_is_better(rom: ReducedModel) -> None:
     values = np.array([[0.33, 0.07], [0.71, -0.11], [0.52, 0.21]])
     exact = rom.batch(values)
     rough, once = (rom.batch(values, corrections=n) for n in (0, 1))
@@ -333,25 +331,17 @@ def test_what_cannot_be_trained(deck, ranges, change, message) -> None:
         ReducedModel.train(deck, ranges, overrides=change)
 
 
-def rows_of(table: Path) -> list[dict[str, str]]:
-    """Points of a sweep by the names of their columns."""
-    with table.open() as file:
-        return list(csv.DictReader(file))
-
-
 def programme(path: Path, end: float) -> Path:
     """The block's deck with a programme: the muscle, then its end, whose amplitude ends so."""
     low, high = BLOCK["boundary"]
-    tables = {
-        **BLOCK,
+    muscle = {"name": "muscle", "time": [0, 0.5], "value": [0, 1]}
+    plate = {"name": "plate", "time": [0, 0.5, 1], "value": [0, 0, end], "curve": "smooth"}
+    more = {
         "load": {**BLOCK["load"], "activation": 0.6, "amplitude": "muscle"},
         "boundary": [low, high | {"u_z": 0.15, "amplitude": "plate"}],
-        "amplitude": [
-            {"name": "muscle", "time": [0, 0.5], "value": [0, 1]},
-            {"name": "plate", "time": [0, 0.5, 1], "value": [0, 0, end], "curve": "smooth"},
-        ],
+        "amplitude": [muscle, plate],
     }
-    return deck_file(path, tables)
+    return deck_file(path, BLOCK | more)
 
 
 def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path: Path) -> None:
@@ -363,8 +353,8 @@ def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path:
     assert state.force == pytest.approx(rom.solve(activation=0.6, u_z=0.075).force, rel=1e-9)
     truth = solved(deck).last()["reaction"]
     assert state.force == pytest.approx(truth, rel=max(rom.certificate["force"]["max"], 1e-6))
-    path, vary = found.save(tmp_path / "programme.rom.h5"), ["boundary.z1.u_z=0.15"]
-    given = ["load.activation=0.6"]
+    path, given = found.save(tmp_path / "programme.rom.h5"), ["load.activation=0.6"]
+    vary = ["boundary.z1.u_z=0.15"]
     (row,) = rows_of(sweep(deck, vary, tmp_path / "sweep", model=path, overrides=given))
     assert float(row["reaction"]) == pytest.approx(state.force, rel=1e-9)
 
@@ -430,8 +420,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
 
 def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
     """A sweep takes the numbers of the model of its deck, and drops no setting."""
-    vary = ["load.activation=0.2,0.9"]
-    given = ["boundary.z1.u_z=0.15"]
+    vary, given = ["load.activation=0.2,0.9"], ["boundary.z1.u_z=0.15"]
     _, row = rows_of(sweep(deck, vary, tmp_path / "one", model=trained, overrides=given))
     expected = ReducedModel.load(trained, threads=1).solve(activation=0.9, u_z=0.15)
     assert float(row["reaction"]) == pytest.approx(expected.force, rel=1e-10)
@@ -443,16 +432,15 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
         file.write(b"\0")
     with pytest.raises(InputError, match=r"from before --model changed"):
         sweep(deck, vary, tmp_path / "own", model=own, overrides=given)
-    for overrides, message in (
-        ([], "no value for boundary.z1.u_z"),
-        (["boundary.z1.u_z=0.1", "material.muscle.K=100"], "not a parameter of this reduced"),
-    ):
-        with pytest.raises(InputError, match=message):
-            sweep(deck, vary, tmp_path / "none", model=trained, overrides=overrides)
     softer = {**BLOCK["material"][0], "K": 2000}
     other = deck_file(tmp_path / "other.toml", {**BLOCK, "material": [softer]})
-    with pytest.raises(InputError, match="was trained on another deck"):
-        sweep(other, [*vary, "boundary.z1.u_z=0.1"], tmp_path / "other", model=trained)
+    for of, overrides, message in (
+        (deck, [], "no value for boundary.z1.u_z"),
+        (deck, [*given, "material.muscle.K=100"], "not a parameter of this reduced"),
+        (other, given, "was trained on another deck"),
+    ):
+        with pytest.raises(InputError, match=message):
+            sweep(of, vary, tmp_path / "none", model=trained, overrides=overrides)
 
 
 @pytest.mark.slow

@@ -34,13 +34,10 @@ def brick(share: NDArray[Any], slices: int) -> PointCloud:
     middles = bodies.box(0.5 * (np.array(n) - 1.0), n, n)
     index = np.rint(middles.points / 0.5).astype(np.int32)
     return replace(
-        middles,
-        source=middles.source + 0.25,
-        points=middles.points + 0.25,
-        volume=np.repeat(share.ravel(), slices) * 0.125,
-        area=np.full(len(middles.area), 0.25),
+        middles, source=middles.source + 0.25, points=middles.points + 0.25,
+        volume=np.repeat(share.ravel(), slices) * 0.125, area=np.full(len(middles.area), 0.25),
         voxels=Voxels(index, np.full(3, 0.5), np.full(3, 0.25)),
-    )
+    )  # fmt: skip
 
 
 @GALERKIN

@@ -25,6 +25,7 @@ from myork.model_file import write_model
 from myork.report.sweep_page import read_sweep
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
+from tests import scenes
 from tests.scenes import box, gripped, neo, solved, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
@@ -48,8 +49,7 @@ def deck(tmp_path: Path) -> Path:
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
-    with (folder / "sweep.csv").open() as file:
-        return list(csv.DictReader(file))
+    return scenes.rows_of(folder / "sweep.csv")
 
 
 def test_plans() -> None:

@@ -21,7 +21,7 @@ from myork.bench.runs import lattice
 from myork.core.states import States
 from myork.errors import ConvergenceError, RefusedError
 from tests import scenes
-from tests.scenes import Answer, annulus, box, cantilever, execute, gripped, held, neo, scene
+from tests.scenes import Answer, annulus, box, cantilever, execute, gripped, neo, scene
 
 GAUSS = (
     "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",
@@ -78,10 +78,8 @@ def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, asked):
     presses moves the end by hundredths of the height before it buckles, by tenths after.
     """
     body = box(*([] if asked else [25, 9]), size=[3, 1], places=False)
-    tables = scene(
-        "auto", body, material=[neo(10.0, 300.0)], probe=scenes.probes("sway u_y 3 0.5"), **asked,
-        boundary=[held("x0", 2), {"set": "x1", "u_x": -pressed}],
-    )  # fmt: skip
+    sway, end = "sway u_y 3 0.5", {"u_x": -pressed}
+    tables = scenes.loaded("auto", body, neo(10.0, 300.0), "x0 x1", end, sway, **asked)
     straight, found = solved(tables)
     assert abs(found.last()["sway"]) < 1e-6
     assert any("the equilibrium is unstable" in reason for reason in straight.reasons) is unstable
@@ -293,12 +291,9 @@ def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
 
 def test_the_tissue_that_differs_is_named() -> None:
     """Sheared by a traction on the softer layer, which moves most and is one cell thick."""
-    tables = scene(
-        "rkpm-gauss", box(5, 3, 7, size=[2, 1, 4], places=False),
-        material=[neo(100, 1e5, "tendon"), neo(0.3, 300, "fat", where="x > 1.5")],
-        boundary=[held("z0"), {"set": "x1", "traction": [0, 0.02, 0]}],
-        probe=scenes.probes("shear force z0"),
-    )  # fmt: skip
+    tissues = neo(100, 1e5, "tendon"), neo(0.3, 300, "fat", where="x > 1.5")
+    body, end = box(5, 3, 7, size=[2, 1, 4], places=False), {"traction": [0, 0.02, 0]}
+    tables = scenes.loaded("rkpm-gauss", body, tissues, "z0 x1", end, "shear force z0")
     states, _ = solved(tables)
     assert states.verdict == "doubtful"
     assert states.reasons[0].endswith("with [3,5,4] points, most of it in fat")
