@@ -44,7 +44,6 @@ def no_solver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def solver(no_solver: Path) -> Install:
-    """Put a Python script in the place of the executable."""
     real_python = os.path.realpath("/proc/self/exe")
 
     def install(script: str) -> Path:
@@ -91,7 +90,6 @@ def test_what_help_and_version_name(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_help_loads_no_numerics() -> None:
-    """`myork --help` answers at once because it imports nothing heavy."""
     code = (
         "import sys, myork.cli\n"
         "try: myork.cli.main(['solve', '--help'])\n"
@@ -118,8 +116,7 @@ def test_help_loads_no_numerics() -> None:
 def test_wrong_arguments(words, part, capsys):
     assert status_of(*words) == 2
     captured = capsys.readouterr()
-    assert part in captured.err
-    assert captured.out == ""
+    assert part in captured.err and captured.out == ""
 
 
 @pytest.mark.usefixtures("no_solver")
@@ -200,8 +197,7 @@ def test_interrupt_waits_for_the_clean_end(solver, deck, tmp_path, number):
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    assert process.stdout is not None
-    assert process.stdout.readline() == "step  1/2  load 0.5\n"
+    assert process.stdout is not None and process.stdout.readline() == "step  1/2  load 0.5\n"
     process.send_signal(number)
     _, message = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
@@ -227,10 +223,12 @@ def test_executable(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(solve, "find_executable", lambda: program)
     said, deck = r"libgomp\.so\.9 is not .*sh setup\.sh", inputs / "shear_2d.toml"
     refuses(said, run_deck, deck, tmp_path / "out", kind=InstallationError)
+    assert "sh setup.sh" in cure_of("undefined symbol: dgemm_")
+    said = cure_of("loading shared libraries: libfoo-2.so.1: cannot open shared object file")
+    assert "libfoo-2.so.1 is not on this machine" in said
 
 
 def test_extension(inputs: Path, tmp_path: Path) -> None:
-    """`import myork.core` names the library; the command ends with status 3."""
     ignored = shutil.ignore_patterns("inputs", "__pycache__", "_core*.so")
     shutil.copytree(Path(myork.__file__).parent, tmp_path / "myork", ignore=ignored)
     core = Path(_core.__file__)
@@ -243,9 +241,3 @@ def test_extension(inputs: Path, tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 3 and "Traceback" not in done.stderr
     assert "libgomp.so.9 is not on this machine" in done.stderr
-
-
-def test_other_complaints() -> None:
-    assert "sh setup.sh" in cure_of("undefined symbol: dgemm_")
-    said = cure_of("loading shared libraries: libfoo-2.so.1: cannot open shared object file")
-    assert "libfoo-2.so.1 is not on this machine" in said

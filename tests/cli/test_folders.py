@@ -87,7 +87,6 @@ def told(out: Path, name: str = "summary.json") -> tuple[bool, str, str]:
 
 @pytest.fixture
 def good(deck: Path, tmp_path: Path) -> Path:
-    """A folder with the results of the deck."""
     out = tmp_path / "out"
     assert solve(deck, out).returncode == 0
     return out
@@ -225,8 +224,7 @@ def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
     run = subprocess.Popen(words[command], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert run.stdout is not None and run.stderr is not None
     run.stdout.close()
-    assert run.stderr.read() == b""
-    assert run.wait(PATIENCE) == 0
+    assert run.stderr.read() == b"" and run.wait(PATIENCE) == 0
     assert read_summary(out)["converged"] is True
 
 

@@ -62,7 +62,7 @@ def test_a_channel_tells_what_the_anatomy_does_not(folder, way):
     assert channel["name"].endswith("t2.nii.gz") and 1 / 16 <= channel["weight"] <= 16
 
 
-def test_channels_count_by_their_noise():
+def test_channels_count_by_their_noise(folder):
     truth = halves()[2]
     random = np.random.default_rng(3)
     for sigma in (0.02, 0.1):
@@ -71,9 +71,7 @@ def test_channels_count_by_their_noise():
     assert noise_weight(0.02, 0.04) == pytest.approx(0.25)
     assert noise_weight(1.0, 1e-3) == 16.0 and noise_weight(1e-3, 1.0) == 1.0 / 16.0
     assert noise_weight(0.0, 1.0) == noise_weight(1.0, 0.0) == 1.0
-
-
-def test_channels_belong_to_an_anatomy(folder):
+    # channels belong to an anatomy
     refuses("image.channels needs image.anatomy", run, folder, {"channels": ["t2.nii.gz"]})
 
 

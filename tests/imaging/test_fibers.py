@@ -99,6 +99,13 @@ def test_signs_of_vectors_do_not_matter():
     place = random.random((20, 3)) * [5, 5, 3]
     found = fibers_at_points(data, labels, place, np.ones(20, np.int32), (2, 2, 1))
     assert angle(found, direction).max() < 1e-5
+    # a hole in the fibers is named
+    data = np.zeros((20, 3, 3, 3))
+    data[:2] = [0, 0, 1.0]
+    labels = Labels(np.ones((20, 3, 3), np.int32), np.eye(4), {1: "soleus"})
+    points = np.argwhere(labels.data).astype(float), np.ones(180, np.int32), (1, 1, 1)
+    said = "fibers, soleus: .* have no usable fiber vector"
+    refuses(said, fibers_at_points, Image(data, np.eye(4), "fibers"), labels, *points)
 
 
 def test_labels_do_not_mix_and_one_may_have_no_fibers():
@@ -108,17 +115,7 @@ def test_labels_do_not_mix_and_one_may_have_no_fibers():
     labels, place = Labels(label, np.eye(4), {3: "fat"}), np.argwhere(label).astype(float)
     found = fibers_at_points(Image(data, np.eye(4)), labels, place, label.ravel(), (3, 3, 1))
     found = found.reshape(data.shape)
-    assert angle(found[3:5], data[3:5]).max() < 1e-5
-    assert not found[6:].any()
-
-
-def test_hole_in_the_fibers_is_named():
-    data = np.zeros((20, 3, 3, 3))
-    data[:2] = [0, 0, 1.0]
-    labels = Labels(np.ones((20, 3, 3), np.int32), np.eye(4), {1: "soleus"})
-    points = np.argwhere(labels.data).astype(float), np.ones(180, np.int32), (1, 1, 1)
-    said = "fibers, soleus: .* have no usable fiber vector"
-    refuses(said, fibers_at_points, Image(data, np.eye(4), "fibers"), labels, *points)
+    assert angle(found[3:5], data[3:5]).max() < 1e-5 and not found[6:].any()
 
 
 def bent(snr, radius=60.0, **keys):

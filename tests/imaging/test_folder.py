@@ -193,10 +193,7 @@ def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
     found = [f"image.anatomy={tmp_path / 'data' / 'first visit' / 't1.nii.gz'}"]
     assert data_overrides(deck, tmp_path / "data") == found
     assert data_overrides(deck, tmp_path / "data", found) == []
-
-
-def test_a_path_of_the_deck_is_first_joined_to_the_folder(deck, tmp_path):
-    """As in a BIDS tree, in which each subject has files of the same names."""
+    # as in a BIDS tree, in which each subject has files of the same names
     wanted = tmp_path / "data" / "sub-02" / "anat" / "t1.nii.gz"
     touched(wanted)
     own = ["image.anatomy=sub-02/anat/t1.nii.gz"]

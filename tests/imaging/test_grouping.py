@@ -37,6 +37,11 @@ def test_pieces_with_seeds():
     label, warnings = group_by_rules(stripes(1, 1, 1, 0), GRID, rules)
     assert (label[:3] == 1).all() and (label[3:6] == 2).all() and not label[6:].any()
     assert "a, b share pieces of regions (24 voxels)" in warnings[0]
+    # seeds outside of the region
+    region, rules = stripes(1, 0, 2, -1), [muscle("a", 0, 1, 0), muscle("b", 14, 1, 0)]
+    said = "muscle.b: .* not lie in the region to segment"
+    refuses(said, rule_seeds, region, GRID, rules, 0.0)
+    refuses(said, group_by_rules, region, GRID, rules)
 
 
 def test_pieces_take_the_label_most_of_their_voxels_have():
@@ -44,22 +49,6 @@ def test_pieces_take_the_label_most_of_their_voxels_have():
     found = group_by_reference(stripes(1, 0, 0, 1), reference)
     assert np.array_equal(found.data[:2], stripes(4)) and np.array_equal(found.data[6:], stripes(5))
     assert found.names == {4: "four", 5: "five"}
-
-
-def test_seeds_outside_of_the_region():
-    region, rules = stripes(1, 0, 2, -1), [muscle("a", 0, 1, 0), muscle("b", 14, 1, 0)]
-    said = "muscle.b: .* not lie in the region to segment"
-    refuses(said, rule_seeds, region, GRID, rules, 0.0)
-    refuses(said, group_by_rules, region, GRID, rules)
-
-
-def test_scores_of_labels_and_slices():
-    found = np.zeros((4, 4, 2), int)
-    truth = found.copy()
-    found[:2, :, 0], truth[1:3, :, 0] = 1, 7
-    scores = label_scores(found, truth, {"a": (1, [7])})["a"]
-    assert scores["dice"] == pytest.approx(0.5) and scores["dice_by_slice"][0] == pytest.approx(0.5)
-    assert np.isnan(scores["dice_by_slice"][1])
 
 
 def test_fiber_channels_do_not_know_the_sign_and_fade_without_direction():
@@ -129,3 +118,10 @@ def test_dice_by_hand_and_pearson_against_numpy():
     f, g = np.random.default_rng(0).random((2, 5, 7))
     assert pearson(f, g) == pytest.approx(np.corrcoef(f.ravel(), g.ravel())[0, 1], abs=1e-14)
     assert pearson(f, 3 * f + 2) == pytest.approx(1.0) and np.isnan(pearson(f, f * 0 + 1))
+    # of labels and slices
+    found = np.zeros((4, 4, 2), int)
+    truth = found.copy()
+    found[:2, :, 0], truth[1:3, :, 0] = 1, 7
+    scores = label_scores(found, truth, {"a": (1, [7])})["a"]
+    assert scores["dice"] == pytest.approx(0.5) and scores["dice_by_slice"][0] == pytest.approx(0.5)
+    assert np.isnan(scores["dice_by_slice"][1])

@@ -49,12 +49,9 @@ def test_masks_written_under_the_header_of_an_image_are_whole_numbers(tmp_path, 
     np.testing.assert_array_equal(read_labels(tmp_path / "a.nii.gz").data, data)
 
 
-def test_one_slice_and_trailing_axes(tmp_path):
+def test_one_slice_trailing_axes_and_metres(tmp_path):
     assert read_image(save(tmp_path / "a.nii", np.ones((3, 4)))).data.shape == (3, 4, 1)
     assert read_image(save(tmp_path / "b.nii", np.ones((3, 4, 2, 1)))).data.shape == (3, 4, 2)
-
-
-def test_metres_become_millimetres(tmp_path):
     file = nibabel.Nifti1Image(np.ones((2, 2, 2)), np.diag([1e-3, 1e-3, 5e-3, 1]))
     file.header.set_xyzt_units("meter")
     nibabel.save(file, tmp_path / "a.nii")
@@ -109,9 +106,7 @@ def _cut(path):
 ])  # fmt: skip
 def test_bad_files_are_named(tmp_path, read, kind, message):
     path = tmp_path / "bad.nii.gz"
-    with pytest.raises(kind, match=message) as caught:
-        read(path)
-    assert str(path) in str(caught.value)
+    assert str(path) in refuses(message, read, path, kind=kind)
 
 
 def test_names_of_a_folder_are_for_references_only(tmp_path):

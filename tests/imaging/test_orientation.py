@@ -34,8 +34,7 @@ def test_the_right_axes_raise_no_doubt(phantom):
 ])  # fmt: skip
 def test_anatomy_tells_which_axes_are_wrong(phantom, damaged, mended):
     doubt = check_orientation(wrong(phantom, damaged), phantom.truth).doubt
-    assert "contradict anatomy" in doubt
-    assert f'image.gradient_axes = "{mended}"' in doubt
+    assert "contradict anatomy" in doubt and f'image.gradient_axes = "{mended}"' in doubt
 
 
 @pytest.mark.slow

@@ -111,9 +111,6 @@ def test_scale_changes_the_section():
     exact = mg_area(0.5, 0.8)
     assert exact == pytest.approx(0.64 * mg_area(0.5))
     assert (small.truth.data[:, :, 2] == 1).sum() * 1.25**2 == pytest.approx(exact, rel=0.03)
-
-
-def test_impossible_phantoms():
     refuses("leaves no muscle", make_phantom, imat=0.5, imct=0.5)
     refuses("needs 112 x 112 mm", make_phantom, size=(40, 40, 5))
 

@@ -123,7 +123,6 @@ def test_diffusion_images_give_fibers_and_a_wrong_table_is_told(own):
     inside = (phantom.tissue.data == 1) & fibers.any(axis=-1)
     # Asked for: 3 degrees at SNR 25 (there with 30 directions)
     assert np.median(angle(fibers, phantom.fiber.data)[inside]) < 3.0
-
     wrong = GradientTable(table.b, table.direction * [1.0, -1.0, 1.0])
     write_gradients(folder, "dwi", wrong, dwi.affine)
     warnings = run(names=names)["segmentation"]["warnings"]

@@ -56,8 +56,7 @@ def test_block_by_hand():
     np.testing.assert_allclose(np.ptp(cloud.points, axis=0), [1.0, 1.2, 3.0], rtol=0.05)
     np.testing.assert_allclose(cloud.volume, 0.2 * 0.3 * 0.5)
     np.testing.assert_allclose(cloud.spacing, [0.4, 0.6, 1.0])
-    assert cloud.label_names == {1: "block"}
-    assert cloud.set_names == ("bottom", "top", "surface")
+    assert cloud.label_names == {1: "block"} and cloud.set_names == ("bottom", "top", "surface")
     for number, (name, z) in enumerate((("bottom", -1.0), ("top", 1.0))):
         here = cloud.boundary_set == number
         assert here.sum() == 20, name
@@ -84,9 +83,7 @@ def test_every_point_has_a_source_point_nearer_than_a_step(mg):
     assert (apart + 9 * np.eye(len(cloud.source))).min() > 0.49
     assert 300 < len(cloud.source) < 600
     assert 1000 < len(cloud.points) < 2000
-
-
-def test_second_order_shape_functions_exist_at_every_point(mg):
+    # second order shape functions exist at every point
     cloud, _ = mg
     found = shape_functions(cloud.source, 3.0 * cloud.spacing, cloud.points, order=2)
     row = np.repeat(np.arange(len(cloud.points)), np.diff(found.offset))
@@ -209,17 +206,14 @@ def test_a_tip_is_named_with_the_slices_to_take():
     assert [w for w in held if "tip: its upper end has" in w and "lower" not in w]
 
 
-def test_slices_of_models():
-    """One slice makes a plane model; some of a stack are a shorter one."""
+def test_slices_and_blocks_of_models():
     cloud, warnings = build_cloud(box((5, 4, 1)), None, TABLE, "cm")
     assert cloud.set_names == ("surface",) and len(cloud.points) == 20
     np.testing.assert_allclose(cloud.normal[:, 2], 0.0, atol=1e-12)
     assert "one slice" in warnings[0]
     cloud, _ = build_cloud(box(), None, {**TABLE, "slices": [1, 4]}, "cm")
     np.testing.assert_allclose(np.unique(cloud.points[:, 2]), [0.95, 1.7, 2.2, 2.95])
-
-
-def test_blocks_keep_place_and_size():
+    # blocks keep place and size
     coarse = points.coarsen(box((6, 4, 6)), (2, 2, 3))
     assert coarse.data.sum() == 3 * 2 * 2
     np.testing.assert_allclose(coarse.spacing, [4, 6, 15])

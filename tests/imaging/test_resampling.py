@@ -75,6 +75,11 @@ def test_half_a_voxel_beyond_the_outer_centres_has_values_and_more_has_none():
     assert found.data[:, 0, 2].tolist() == [0, 0, *[5.0] * 8]
     assert found.data[5, 0].tolist() == [0, 5, 5, 5, 0]
     assert "48 % of the grid lies in the image" in move.said
+    # worlds apart are refused with their extents
+    one = Image(np.zeros((4, 4, 4)), affine_of(2.0, [0, 0, 900.0]), "a.nii")
+    two = Image(np.zeros((4, 4, 4)), np.eye(4), "b.nii")
+    said = "a.nii and b.nii do not overlap: the first reaches .* z 900 to 906, .* z 0 to 3 mm; "
+    refuses(said, on_grid, one, two)
 
 
 def test_volumes_are_resampled_one_by_one_around_what_is_not_finite():
@@ -121,13 +126,6 @@ def test_tensors_are_interpolated_among_those_that_are_known(calves):
     assert np.median(angle(lead_vector(found.data[known]), fine.fiber.data[known])) < 0.3
     two = replace(tensor, data=data[..., :2])
     refuses("six values per voxel and fibers three", on_grid, two, fine.truth, "tensor-wise")
-
-
-def test_worlds_apart_are_refused_with_their_extents():
-    one = Image(np.zeros((4, 4, 4)), affine_of(2.0, [0, 0, 900.0]), "a.nii")
-    two = Image(np.zeros((4, 4, 4)), np.eye(4), "b.nii")
-    said = "a.nii and b.nii do not overlap: the first reaches .* z 900 to 906, .* z 0 to 3 mm; "
-    refuses(said, on_grid, one, two)
 
 
 def test_what_a_grid_does_not_hold_is_said(calves):
@@ -302,7 +300,6 @@ def test_the_command_resamples_files(calves, tmp_path, capsys):
     mask = read_labels(out)
     np.testing.assert_array_equal(mask.data, on_grid(coarse.truth, fine.anatomy)[0].data)
     assert mask.names == fine.truth.names and mask.data.shape == (72, 72, 29)
-
     dwi = read_image(on_t1("dwi")[1], 6).data
     for k in range(6):
         one = Image(tensor.data[..., k], coarse.fat.affine)
@@ -311,7 +308,6 @@ def test_the_command_resamples_files(calves, tmp_path, capsys):
     expected = on_grid(tensor, fine.anatomy, "tensor-wise")[0].data
     np.testing.assert_allclose(tensors, expected, atol=1e-7)
     assert not np.allclose(tensors, dwi, atol=1e-4)  # at the skin
-
     status, _, said = on_t1("fat", "--how", "cubic")
     assert status == 2 and "--how cubic: is not known; one of nearest, linear" in said.err
     save(tmp_path, affine_of(1.0, 5000.0), fat=np.ones((3, 3, 3)))

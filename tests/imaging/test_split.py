@@ -105,14 +105,12 @@ def test_walks_on_a_strip_follow_the_resistances(monkeypatch):
     assert found[:, 0, 0].tolist() == [1] * 6 + [2] * 15
 
 
-def test_walks_that_are_not_solved_are_told(monkeypatch):
+def test_walks_that_cannot_be_are_refused(monkeypatch):
     image, truth = leg()
     # Slices are solved exactly by the preconditioner; what joins them takes more than one step.
     monkeypatch.setattr(walk, "cg", partial(walk.cg, maxiter=1))
     refuses("walks from label 1 .* lower image.edge_weight = 20", walked, image, truth, RULES)
-
-
-def test_seeds_beside_each_other_and_images_without_signal_are_refused():
+    # seeds beside each other, and images without signal
     rules = [Muscle("a", seeds((60, 42, 1))), Muscle("b", seeds((61, 42, 1)))]
     said = "muscle.a: the seed .* beside one of muscle.b; lower ima"
     refuses(said, walked, *leg(slices=2), rules)
@@ -178,7 +176,6 @@ def test_pieces_and_nearest_labels_of_a_reference():
 
 
 def parted(folder, muscles=(), **keys):
-    """Run the station on the image of a folder."""
     return segmented(folder, image={"anatomy": "leg.nii.gz", **keys}, muscle=muscles)[
         "segmentation"
     ]

@@ -37,9 +37,7 @@ def test_centres_and_memberships_of_two_greys():
     assert np.array_equal(found.place(region, -1), truth)
     again = fuzzy_c_means(data, region, 2)
     assert np.array_equal(found.membership, again.membership)
-
-
-def test_channels_and_a_region_of_any_shape():
+    # channels and a region of any shape
     data, truth = two_greys(0.0)
     both = np.stack([np.ones(data.shape) + 1e-3 * data, data], axis=-1)
     region = np.indices(data.shape)[1] % 3 > 0
@@ -76,6 +74,8 @@ def test_materials_of_a_leg(leg):
     assert scores["muscle"] > 0.95 and scores["fat"] > 0.9 and scores["bone"] > 0.95
     assert scores["connective_tissue"] > 0.7
     assert dice(found.data > 0, leg.tissue.data > 0) > 0.99
+    # tensors in another unit are named
+    refuses("tissue.least_diffusivity = 0.8; check its unit", materials, leg, 0.8)
 
 
 def test_connective_tissue_is_parted_by_its_signal_over_that_of_muscle_around():
@@ -118,13 +118,10 @@ def test_skin_lies_along_air_only():
     assert skin[2, :, 1].all() and not skin[:2, :, 1].any() and not skin[-1, :, 1].any()
 
 
-def test_no_connective_tissue_where_there_is_none():
+def test_no_connective_tissue_and_no_bones_where_there_are_none(leg):
     plain = make_phantom((90, 90, 3), (1.25, 1.25, 20.0))
     found = materials(plain).data
     assert not (found == 3).any() and dice(found == 1, plain.tissue.data == 1) > 0.98
-
-
-def test_no_bones_in_an_image_without(leg):
     plain = np.where(leg.tissue.data == 4, 1000.0, leg.anatomy.data)
     assert not find_bones(Image(plain, leg.anatomy.affine), leg.tissue.data > 0).any()
 
@@ -147,8 +144,7 @@ def test_fat_between_muscles_is_fat_without_a_doubt():
     image, flesh, body = limb()
     found = leg_tissues(image)
     assert dice(found.labels.data == 1, flesh) > 0.98
-    assert dice(found.labels.data == 2, body & ~flesh & ~disc(7.0)) > 0.98
-    assert not found.doubts
+    assert dice(found.labels.data == 2, body & ~flesh & ~disc(7.0)) > 0.98 and not found.doubts
     # a limb without a bone is doubted
     image = limb(bone=0.0)[0]
     (doubt,) = leg_tissues(image).doubts
@@ -163,8 +159,7 @@ def test_bone_of_images_of_water_and_fat():
     noise = np.random.default_rng(2).normal(0.0, 2.0, (2, *clean.shape))
     fat = np.hypot(clean + noise[0], noise[1]) / np.maximum(whole.data, 1e-9)
     found = leg_tissues(whole, fat=Image(np.clip(fat, 0.0, 1.0) * disc(45.0), whole.affine))
-    assert dice(found.labels.data == 4, disc(7.0)) > 0.95
-    assert not found.doubts
+    assert dice(found.labels.data == 4, disc(7.0)) > 0.95 and not found.doubts
 
 
 @pytest.mark.parametrize(("keys", "doubt"), [
@@ -193,10 +188,6 @@ def test_another_echo_parts_what_one_image_does_not():
         for others in ((), (second,))
     )
     assert alone < 0.95 < 0.98 < both
-
-
-def test_tensors_in_another_unit_are_named(leg):
-    refuses("tissue.least_diffusivity = 0.8; check its unit", materials, leg, 0.8)
 
 
 def test_bone_bounds_the_model():

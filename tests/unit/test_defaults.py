@@ -47,10 +47,9 @@ def test_a_search_holds_displacements_exactly(change: dict[str, Any], essential:
     assert load_deck({**free, **change})["galerkin"]["essential"] == essential
 
 
-@pytest.mark.parametrize(
-    ("where", "steps"),
-    [({"load": [0.5, 1.0]}, 10), ({"load": [1.0]}, 1), ({"activation": [0.2]}, 10)],
-)
+@pytest.mark.parametrize(("where", "steps"), [
+    ({"load": [0.5, 1.0]}, 10), ({"load": [1.0]}, 1), ({"activation": [0.2]}, 10),
+])  # fmt: skip
 def test_references_on_the_way_ask_for_steps(where: dict[str, Any], steps: int) -> None:
     reference = {"probe": "there", "source": "nobody", **where}
     reference["value"] = [0.0] * len(next(iter(where.values())))

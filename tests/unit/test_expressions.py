@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import pytest
 
 from myork import Scene
 from myork.core.deck import load_deck
-from myork.errors import InputError
 from tests.refusals import refuses
 from tests.scenes import box, deck_file, execute, held, probes, refused, scene, solved
 
@@ -49,8 +49,7 @@ def test_eccentric_traction_bends() -> None:
     tables = plate([HELD, {"set": "x1", "traction": ["0.1*(0.5 - y)", 0]}])
     tables["probe"] = probes("pull force_x x1", "low u_x 1 0", "high u_x 1 1")
     last = solved(tables).last()
-    assert abs(last["pull"]) < 1e-12
-    assert last["low"] > 1e-3 > -1e-3 > last["high"]
+    assert abs(last["pull"]) < 1e-12 and last["low"] > 1e-3 > -1e-3 > last["high"]
 
 
 @pytest.mark.parametrize(("text", "what"), [
@@ -74,11 +73,6 @@ def test_what_is_no_expression_is_told_with_its_place(text: str, what: str) -> N
         # an item of an array is named by its number
         said = refused(plate([{"set": "x0", "traction": [1, text]}]))
         assert f"traction: item 2, '{text}' is not an expression" in said
-
-
-def test_items_that_are_neither_numbers_nor_texts() -> None:
-    said = refused(plate([{"set": "x0", "traction": [1, True]}]))
-    assert "item 2 must be a number or an expression, not true" in said
 
 
 def heat(**tables: Any) -> dict[str, Any]:
@@ -155,6 +149,9 @@ def test_tables_of_two_scenes_with_one_name() -> None:
     with Scene.from_tables(one) as first, Scene.from_tables(two) as second:
         found = [solved(opened).last()["u"] for opened in (first, second)]
     assert found[0] == pytest.approx(4 * found[1], rel=1e-9)
+    # items that are neither numbers nor texts
+    said = refused(plate([{"set": "x0", "traction": [1, True]}]))
+    assert "item 2 must be a number or an expression, not true" in said
 
 
 def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
@@ -188,11 +185,8 @@ def test_tables_in_files(lines: str, tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None:
     deck = deck_with(tmp_path, lines)
-    with pytest.raises(InputError) as caught:
-        load_deck(deck)
-    assert what in str(caught.value)
     line = deck.read_text().splitlines().index('file = "k.csv"') + 1
-    assert f"rod.toml:{line}" in str(caught.value)
+    assert f"rod.toml:{line}" in refuses(re.escape(what), load_deck, deck)
 
 
 def test_no_file_and_a_pipe_are_no_tables(tmp_path: Path) -> None:

@@ -76,6 +76,9 @@ def test_the_ramp_is_an_amplitude_like_others() -> None:
     del plain["amplitude"], plain["boundary"][1]["amplitude"]
     for one, other in zip(solved(by_name), solved(plain), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+    # an activation of zero, as at the end of a range of them, may follow one
+    zero = with_amplitude({"amplitude": "pull", "activation": 0.0})
+    np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
 
 
 def test_a_body_that_is_let_go_returns_to_rest() -> None:
@@ -150,12 +153,6 @@ def with_amplitude(load: dict[str, Any] | None = None, **change: Any) -> dict[st
 
 def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
     return block(method, probe=[{"name": "p", **probe}])
-
-
-def test_an_activation_of_zero_may_follow_an_amplitude() -> None:
-    """As at the end of a range of activations; it is refused only where none is given."""
-    zero = with_amplitude({"amplitude": "pull", "activation": 0.0})
-    np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
 
 
 @pytest.mark.parametrize(("deck", "complaint"), [

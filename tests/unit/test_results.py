@@ -236,26 +236,17 @@ def test_a_killed_run_leaves_whole_steps(tmp_path: Path) -> None:
 
 
 CLOUD = PointCloud(
-    source=np.arange(6.0).reshape(2, 3),
-    spacing=np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]]),
-    points=np.arange(9.0).reshape(3, 3) / 7,
-    label=np.array([1, 2, 2], np.int32),
+    source=np.arange(6.0).reshape(2, 3), spacing=np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]]),
+    points=np.arange(9.0).reshape(3, 3) / 7, label=np.array([1, 2, 2], np.int32),
     fiber=np.array([[0.0, 0.6, 0.8], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
-    volume=np.full(3, 0.25 * 0.5 * 2.0),
-    boundary_point=np.array([0, 2, 2], np.int32),
-    boundary_set=np.array([0, 0, 1], np.int32),
+    volume=np.full(3, 0.25 * 0.5 * 2.0), boundary_point=np.array([0, 2, 2], np.int32),
+    boundary_set=np.array([0, 0, 1], np.int32), area=np.array([4.0, 5.0, 6.0]),
     normal=np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]),
-    area=np.array([4.0, 5.0, 6.0]),
-    set_names=("bottom", "top"),
-    label_names={1: "muscle", 2: "fat"},
-    length_unit="mm",
+    set_names=("bottom", "top"), label_names={1: "muscle", 2: "fat"}, length_unit="mm",
     source_images="phantom",
-    voxels=Voxels(
-        np.array([[5, -1, 2], [6, 0, 2], [8, 0, 3]], np.int32),
-        np.array([0.25, 0.5, 2.0]),
-        np.array([0.1, -3.0, 7.0]),
-    ),
-)
+    voxels=Voxels(np.array([[5, -1, 2], [6, 0, 2], [8, 0, 3]], np.int32),
+                  np.array([0.25, 0.5, 2.0]), np.array([0.1, -3.0, 7.0])),
+)  # fmt: skip
 
 
 @pytest.fixture

@@ -112,8 +112,7 @@ def test_a_load_of_nothing_converges_at_once(open_scene):
     tables = {**TABLES, "material": [muscle], "boundary": [held("z0")]}
     for activation in (0.0, 1e-12):
         states = open_scene(tables, f"load.activation={activation}").solve(error=False)
-        assert max(states.iterations) <= 2
-        assert abs(states.x).max() < 1e-10
+        assert max(states.iterations) <= 2 and abs(states.x).max() < 1e-10
 
 
 def test_every_load_is_met_exactly_also_after_halvings():
@@ -162,17 +161,13 @@ PULLED = scene(
     probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
 )  # fmt: skip
 CHANGES = [
-    {"material.muscle.K": 120.0},
-    {"load.activation": 0.2},
-    {"boundary.z1.u_z": -0.1},
-    {"boundary.x1.traction": [0.4, 0, 0.1]},
-    {"load.steps": 3},
-    {"amplitude.pull.value": [0, 0.4, 1]},
-    {"amplitude.pull.time": [0, 0.25, 1]},
+    {"material.muscle.K": 120.0}, {"load.activation": 0.2}, {"boundary.z1.u_z": -0.1},
+    {"boundary.x1.traction": [0.4, 0, 0.1]}, {"load.steps": 3},
+    {"amplitude.pull.value": [0, 0.4, 1]}, {"amplitude.pull.time": [0, 0.25, 1]},
     {"material.muscle.A10": 12, "material.muscle.sigma_max": 25},
     {"load.activation": 0, "boundary.z1.u_z": 0.3},
     {"solver.tolerance": 1e-8, "material.muscle.K": 1000},
-]
+]  # fmt: skip
 
 
 @pytest.mark.slow
@@ -224,8 +219,7 @@ def test_what_cannot_be_changed_says_so_and_leaves_the_scene(open_scene, changes
     opened = open_scene(PULLED)
     before, deck = opened.solve(error=False), dict(opened.deck)
     refuses(message, opened.update, {"load.steps": 4, **changes})
-    assert dict(opened.deck) == deck
-    assert np.array_equal(opened.solve(error=False).x, before.x)
+    assert dict(opened.deck) == deck and np.array_equal(opened.solve(error=False).x, before.x)
 
 
 def test_loads_change_where_pressures_are_unknowns(open_scene):
@@ -266,5 +260,4 @@ def test_a_reduced_model_is_made_anew_after_a_change(open_scene):
     modes, _ = np.linalg.qr(opened.solve(error=False).x.T)
     opened.reduce(modes)
     opened.update({"load.activation": 0.2})
-    with pytest.raises(InputError):
-        opened.solve_reduced("")
+    refuses(".", opened.solve_reduced, "")

@@ -15,6 +15,7 @@ from myork.core.threads import core_threads
 from myork.errors import MyorkError
 from myork.stations.station import _placed
 from tests.images import save
+from tests.refusals import refuses
 from tests.scenes import deck_file, scene
 
 
@@ -57,7 +58,6 @@ MATERIALS = [{"name": "muscle", "label": 1, **RUBBER}, {"name": "fat", "label": 
 
 @pytest.fixture
 def build(tmp_path: Path) -> Callable[..., Any]:
-    """Build a model of two labels by a deck, whose lines are those of its path."""
     labels = np.ones((8, 8, 6), np.int16)
     labels[4:] = 2
     save(tmp_path, np.eye(4), map=labels)
@@ -79,11 +79,10 @@ def build(tmp_path: Path) -> Callable[..., Any]:
     ),
 ])  # fmt: skip
 def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
-    with pytest.raises(MyorkError, match=message) as caught:
-        build(**table)
+    said = refuses(message, build, **table, kind=MyorkError)
     lines = (tmp_path / "body.toml").read_text().splitlines()
     line = next(k for k, own in enumerate(lines, 1) if own.startswith(f"{[*table][0]} ="))
-    assert f"body.toml:{line}: build." in str(caught.value)
+    assert f"body.toml:{line}: build." in said
 
 
 @pytest.mark.parametrize(("message", "line"), [

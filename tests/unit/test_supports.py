@@ -57,7 +57,6 @@ def test_bodies_that_are_held(dimension: int, sets: dict[str, str]) -> None:
 
 
 def pinned(points: np.ndarray) -> PointCloud:
-    """A cube of which these points are the only set."""
     cube = bodies.box((1.0, 1.0, 1.0), (4, 4, 4), (4, 4, 4))
     place = [np.linalg.norm(cube.points - point, axis=1).argmin() for point in points]
     n = len(place)
