@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from benchmarks.truths.scanners import even_directions, weighted
 from myork.core.deck import text_of_tables
 from myork.imaging.gradients import GradientTable
-from myork.imaging.io import write_image, write_labels
+from myork.imaging.io import read_labels, write_image, write_labels
 from myork.imaging.phantom import Phantom
 from myork.records import Image, Labels
 from myork.stations.build import build
@@ -63,3 +63,20 @@ def phantom_dwi(
     signal = weighted(phantom.still.data, phantom.clean_tensor.data, table)
     noise = np.random.default_rng(seed).normal(0.0, 400.0 / snr, (2, *signal.shape))
     return Image(np.hypot(signal + noise[0], noise[1]), phantom.still.affine, "dwi"), table
+
+
+def affine_of(spacing: ArrayLike, origin: ArrayLike = 0.0) -> F64:
+    """Affine of a grid along the axes of the world [mm]."""
+    affine = np.diag([*np.broadcast_to(np.asarray(spacing, float), 3), 1.0])
+    affine[:3, 3] = origin
+    return affine
+
+
+def centred(*shape: int) -> F64:
+    """Indices of voxels from the middle of a grid, shape `(3, *shape)`."""
+    return np.indices(shape) - (np.reshape(shape, (-1, *[1] * len(shape))) - 1) / 2
+
+
+def labels_in(folder: Path, name: str = "segmentation") -> Any:
+    """Numbers of a label map that a station wrote."""
+    return read_labels(folder / f"{name}.nii.gz").data

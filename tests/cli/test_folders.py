@@ -51,28 +51,23 @@ def begun(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
 
 
 def files_of(out: Path) -> dict[str, bytes]:
-    return {
-        name: (out / name).read_bytes()
-        for name in ("results.vtkhdf", "history.csv", "run.log")
-        if (out / name).is_file()
-    }
+    paths = [out / name for name in ("results.vtkhdf", "history.csv", "run.log")]
+    return {path.name: path.read_bytes() for path in paths if path.is_file()}
 
 
 @pytest.mark.slow
-def test_a_folder_is_one_run_s(deck: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
-    before = files_of(out)
-    run = begun(deck, out)
-    refused = solve(deck, out)
+def test_a_folder_is_one_run_s(deck: Path, good: Path) -> None:
+    before = files_of(good)
+    run = begun(deck, good)
+    refused = solve(deck, good)
     assert refused.returncode == 2
     assert f"in use by another run (process {run.pid})" in refused.stderr
-    with pytest.raises(FileError, match=f"process {run.pid}"), alone_in(out):
+    with pytest.raises(FileError, match=f"process {run.pid}"), alone_in(good):
         pass
     run.send_signal(signal.SIGINT)
     assert run.wait(PATIENCE) == 1
-    assert files_of(out / "previous") == before
-    assert solve(deck, out).returncode == 0, "the claim ends with the run"
+    assert files_of(good / "previous") == before
+    assert solve(deck, good).returncode == 0, "the claim ends with the run"
 
 
 def test_python_claims_a_folder_against_the_executable(deck: Path, tmp_path: Path) -> None:
@@ -84,14 +79,17 @@ def test_python_claims_a_folder_against_the_executable(deck: Path, tmp_path: Pat
     assert not files_of(out)
 
 
-def told(out: Path) -> tuple[bool, str, str]:
+def told(out: Path, name: str = "summary.json") -> tuple[bool, str, str]:
     """What a script reads first of a folder."""
-    return told_of(out / "summary.json")
-
-
-def told_of(path: Path) -> tuple[bool, str, str]:
-    summary = json.loads(path.read_text())
+    summary = json.loads((out / name).read_text())
     return summary["converged"], summary["verdict"]["state"], summary.get("message", "")
+
+
+@pytest.fixture
+def good(deck: Path, tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    assert solve(deck, out).returncode == 0
+    return out
 
 
 #: What is asked behind a good solve, and what it says of itself
@@ -104,47 +102,43 @@ FAILURES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAILURES)
-def test_the_summary_is_that_of_the_last_run(deck: Path, tmp_path: Path, name: str) -> None:
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
-    update_summary(out, {"model": {"volume": {"rubber": 4.0}}})
-    good = {**files_of(out), "summary.json": (out / "summary.json").read_bytes()}
-    (out / "report.html").write_text("of the good one")
+def test_the_summary_is_that_of_the_last_run(deck: Path, good: Path, name: str) -> None:
+    model = {"volume": {"rubber": 4.0}}
+    update_summary(good, {"model": model})
+    kept = {**files_of(good), "summary.json": (good / "summary.json").read_bytes()}
+    (good / "report.html").write_text("of the good one")
     settings, status, message = FAILURES[name]
     for _ in range(2):
-        ended = solve(deck, out, *(word for item in settings for word in ("--set", item)))
-        assert ended.returncode == status
-        converged, state, why = told(out)
-        assert not converged and state == "refused"
+        ended = solve(deck, good, sets=settings)
+        converged, state, why = told(good)
+        assert ended.returncode == status and not converged and state == "refused"
         assert message in why and why in ended.stderr
-        assert read_summary(out)["model"] == {"volume": {"rubber": 4.0}}, "stations before it stay"
-        assert {key: (out / "previous" / key).read_bytes() for key in good} == good
-        assert (out / "previous" / "report.html").exists() and not (out / "report.html").exists()
-        assert status == 1 or not files_of(out), "no results but those that are set aside"
-    page = html.unescape(make_report(out).read_text())
+        assert read_summary(good)["model"] == model, "stations before it stay"
+        assert {key: (good / "previous" / key).read_bytes() for key in kept} == kept
+        assert (good / "previous" / "report.html").exists() and not (good / "report.html").exists()
+        assert status == 1 or not files_of(good), "no results but those that are set aside"
+    page = html.unescape(make_report(good).read_text())
     assert "✗ no solution" in page and f"No solution: {why}" in page
-    assert solve(deck, out).returncode == 0
-    assert told(out)[0] and not (out / "previous").exists()
-    assert read_summary(out)["model"] == {"volume": {"rubber": 4.0}}
+    assert solve(deck, good).returncode == 0
+    assert told(good)[0] and not (good / "previous").exists()
+    assert read_summary(good)["model"] == model
 
 
 @pytest.mark.slow
-def test_a_killed_run_leaves_no_summary_of_another(deck: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
-    before = files_of(out)
-    run = begun(deck, out)
+def test_a_killed_run_leaves_no_summary_of_another(deck: Path, good: Path) -> None:
+    before = files_of(good)
+    run = begun(deck, good)
     why = f"the run of process {run.pid} has not ended, or was killed"
-    assert told(out) == (False, "refused", why)
+    assert told(good) == (False, "refused", why)
     run.kill()
     run.wait()
-    assert told(out)[:2] == (False, "refused")
-    assert files_of(out / "previous") == before
+    assert told(good)[:2] == (False, "refused")
+    assert files_of(good / "previous") == before
     # nor does a deck that is refused, which leaves the journal
-    assert solve(deck, out, "--set", "load.stps=3").returncode == 2
-    assert (out / "results.journal").exists() and files_of(out / "previous") == before
-    assert solve(deck, out).returncode == 0
-    assert told(out)[0] and not (out / "previous").exists()
+    assert solve(deck, good, "--set", "load.stps=3").returncode == 2
+    assert (good / "results.journal").exists() and files_of(good / "previous") == before
+    assert solve(deck, good).returncode == 0
+    assert told(good)[0] and not (good / "previous").exists()
 
 
 @pytest.mark.slow
@@ -174,54 +168,47 @@ def test_a_refused_resume_leaves_what_the_right_one_needs(deck: Path, tmp_path: 
     assert told(out / "previous")[0]
 
 
-def test_a_start_from_the_same_folder_is_read_first(deck: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
-    assert solve(deck, out, "--start-from", f"{out}:9").returncode == 2
-    assert told(out)[:2] == (False, "refused") and files_of(out)
-    assert solve(deck, out, "--start-from", f"{out}:2").returncode == 0
-    assert told(out)[0] and not list(out.glob("*previous*"))
+def test_a_start_from_the_same_folder_is_read_first(deck: Path, good: Path) -> None:
+    assert solve(deck, good, "--start-from", f"{good}:9").returncode == 2
+    assert told(good)[:2] == (False, "refused") and files_of(good)
+    assert solve(deck, good, "--start-from", f"{good}:2").returncode == 0
+    assert told(good)[0] and not list(good.glob("*previous*"))
 
 
-def test_stations_before_a_solve_set_it_aside(deck: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
-    before = files_of(out)
-    with renewing(out, "rom"):
+def test_stations_before_a_solve_set_it_aside(good: Path) -> None:
+    before = files_of(good)
+    with renewing(good, "rom"):
         pass
-    assert files_of(out) == before
-    with renewing(out, "model"):
-        update_summary(out, {"model": {"volume": 1.0}})
-    assert files_of(out / "previous") == before and not files_of(out)
-    assert read_summary(out) == {"model": {"volume": 1.0}} and told(out / "previous")[0]
+    assert files_of(good) == before
+    with renewing(good, "model"):
+        update_summary(good, {"model": {"volume": 1.0}})
+    assert files_of(good / "previous") == before and not files_of(good)
+    assert read_summary(good) == {"model": {"volume": 1.0}} and told(good / "previous")[0]
 
 
 @pytest.mark.parametrize(
     "words", ["run --data no", "run --set load.stps=3", "solve --set load.stps=3"]
 )
-def test_commands_that_end_before_the_solve_say_so(deck: Path, tmp_path: Path, words: str) -> None:
-    out = tmp_path / "out"
-    assert solve(deck, out).returncode == 0
+def test_commands_that_end_before_the_solve_say_so(deck: Path, good: Path, words: str) -> None:
     command, *rest = words.split()
-    assert main([command, str(deck), "--out", str(out), "-q", *rest]) == 2
-    assert told(out)[:2] == (False, "refused") and told(out / "previous")[0]
-    assert not files_of(out)
+    assert main([command, str(deck), "--out", str(good), "-q", *rest]) == 2
+    assert told(good)[:2] == (False, "refused") and told(good / "previous")[0]
+    assert not files_of(good)
 
 
-def test_a_link_in_place_of_the_folder_is_refused(deck: Path, tmp_path: Path) -> None:
-    out, theirs = tmp_path / "out", tmp_path / "theirs"
-    assert solve(deck, out).returncode == 0
+def test_a_link_in_place_of_the_folder_is_refused(deck: Path, good: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
     theirs.mkdir()
     (theirs / "run.log").write_text("theirs")
-    (out / "previous").symlink_to(theirs)
-    before = files_of(out)
-    with pytest.raises(FileError, match="previous: it is a symbolic link"), renewing(out, "model"):
+    (good / "previous").symlink_to(theirs)
+    before = files_of(good)
+    with pytest.raises(FileError, match="previous: it is a symbolic link"), renewing(good, "model"):
         pass
-    assert told(out)[0]
-    refused = solve(deck, out)
+    assert told(good)[0]
+    refused = solve(deck, good)
     assert refused.returncode == 2 and "previous in it is not a folder" in refused.stderr
-    assert told(out)[:2] == (False, "refused") and told_of(out / "summary.json.previous")[0]
-    assert files_of(out) == before and files_of(theirs) == {"run.log": b"theirs"}
+    assert told(good)[:2] == (False, "refused") and told(good, "summary.json.previous")[0]
+    assert files_of(good) == before and files_of(theirs) == {"run.log": b"theirs"}
 
 
 @pytest.mark.slow
@@ -237,8 +224,7 @@ def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
     run = subprocess.Popen(words[command], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert run.stdout is not None and run.stderr is not None
     run.stdout.close()
-    assert run.stderr.read() == b""
-    assert run.wait(PATIENCE) == 0
+    assert run.stderr.read() == b"" and run.wait(PATIENCE) == 0
     assert read_summary(out)["converged"] is True
 
 
@@ -274,12 +260,8 @@ def test_output_does_not_follow_names(deck: Path, tmp_path: Path, how: str) -> N
     for name in (".lock", *(f"{name}.part" for name in names), "results.journal"):
         place = out / name
         place.unlink(missing_ok=True)
-        if how == "link":
-            place.symlink_to(theirs)
-        elif how == "pipe":
-            os.mkfifo(place)
-        else:
-            place.hardlink_to(theirs)
+        lay = {"link": place.symlink_to, "second name": place.hardlink_to}
+        lay[how](theirs) if how in lay else os.mkfifo(place)
         ended = solve(deck, out)
         assert theirs.read_text() == "theirs", name
         if how == "second name" and name != ".lock":

@@ -227,13 +227,9 @@ _WAYS: dict[str, Way] = {
 
 #: The same damage in every run; what is found is made as small as possible and not kept
 SETTINGS = settings(
-    derandomize=True,
-    database=None,
-    deadline=None,
-    report_multiple_bugs=False,
-    suppress_health_check=list(HealthCheck),
-    phases=[Phase.generate, Phase.shrink],
-)
+    derandomize=True, database=None, deadline=None, report_multiple_bugs=False,
+    suppress_health_check=list(HealthCheck), phases=[Phase.generate, Phase.shrink],
+)  # fmt: skip
 
 
 def _edits(how: str, what: st.SearchStrategy[Any]) -> st.SearchStrategy[Edit]:
@@ -253,7 +249,4 @@ FIELDS = _edits("field", st.tuples(st.sampled_from(header_dtype.names), st.sampl
 ELEMENT = _edits("element", st.tuples(st.sampled_from(ELEMENTS), st.sampled_from(VALUES)))
 _NUMBER = st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS))
 ARRAY = _edits("array", st.sampled_from([*sorted(ARRAYS), *MOVES]) | _NUMBER)
-MODEL = st.one_of(
-    ARRAY,
-    _edits("attribute", st.sampled_from(ATTRIBUTES)),
-)
+MODEL = st.one_of(ARRAY, _edits("attribute", st.sampled_from(ATTRIBUTES)))

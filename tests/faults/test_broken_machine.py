@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -15,9 +16,9 @@ import nibabel
 import numpy as np
 import pytest
 
-from myork.core.deck import text_of_tables
 from myork.summary import WAITING
 from tests.faults.test_damaged_files import AFFINE, BAR, disc, segmented
+from tests.scenes import deck_file
 
 pytestmark = pytest.mark.nightly
 
@@ -34,12 +35,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     box = {"scene": {"dimension": 3}, "build": {"labels": str(place / "labels.nii"), "ids": [1]}}
     decks = (BAR, BAR, segmented(anatomy=place / "anatomy.nii"), box)
     for name, deck in zip(COMMANDS, decks, strict=False):
-        (place / f"{name}.toml").write_text(text_of_tables(deck))
+        deck_file(place / f"{name}.toml", deck)
     for name in COMMANDS:
         if name == "report":
             shutil.copytree(place / "solve", place / "report")
-        done = subprocess.run(words(place, name, place / name), capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+        ended(start(place, name, place / name), 0)
     return place
 
 
@@ -60,11 +60,17 @@ def start(
     )  # fmt: skip
 
 
+def ended(run: subprocess.Popen[str], *codes: int) -> str:
+    said = run.communicate(timeout=PATIENCE)[1]
+    assert run.returncode in codes, said
+    return said
+
+
 def assert_whole(earlier: Path, out: Path) -> None:
     """Every file of the earlier result is there, as it was, set aside, or new and whole."""
     for path in sorted(path for path in earlier.iterdir() if path.is_file()):
         now = out / path.name
-        places = [place for place in (now, out / "previous" / now.name, out / WAITING)]
+        places = (now, out / "previous" / now.name, out / WAITING)
         kept = [place.read_bytes() for place in places if place.is_file()]
         assert kept, now
         if path.name == ".lock" or ".part" in path.name or path.read_bytes() in kept:
@@ -85,21 +91,19 @@ def assert_whole(earlier: Path, out: Path) -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_signal_at_any_moment(place: Path, tmp_path: Path, name: str) -> None:
     began = time.perf_counter()
-    assert start(place, name, place / name).wait(PATIENCE) == 0
+    ended(start(place, name, place / name), 0)
     seconds = time.perf_counter() - began
     moments = np.random.default_rng(11).uniform(0.02, 1.0, 9) * seconds
-    for number, wait in enumerate(moments):
-        kind = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)[number % 3]
+    kinds = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+    for number, (wait, kind) in enumerate(zip(moments, 3 * kinds, strict=True)):
         out = tmp_path / str(number)
         shutil.copytree(place / name, out)
         run = start(place, name, out)
         time.sleep(wait)
         run.send_signal(kind)
-        said = run.communicate(timeout=PATIENCE)[1]
         # 3 where a library was loading; a signal where there was no handler yet, or Python passes
         # on the interrupt that it makes of each
-        ends = (0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
-        assert run.returncode in ends, (kind, wait, said)
+        ended(run, 0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
         assert_whole(place / name, out)
 
 
@@ -109,11 +113,6 @@ def test_a_full_disk(place: Path, tmp_path: Path, name: str) -> None:
     for size in np.geomspace(1, 3e5, 6).astype(int).tolist():
         out = tmp_path / str(size)
         shutil.copytree(place / name, out)
-
-        def before(size: int = size) -> None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-        run = start(place, name, out, before)
-        said = run.communicate(timeout=PATIENCE)[1]
-        assert run.returncode in (0, 1, 2) and "Traceback" not in said, said
+        limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (size, size))
+        assert "Traceback" not in ended(start(place, name, out, limit), 0, 1, 2)
         assert_whole(place / name, out)

@@ -13,12 +13,12 @@ import h5py
 import numpy as np
 import pytest
 
-from myork.core.deck import load_deck, text_of_tables
+from myork.core.deck import load_deck
 from myork.core.scene import Scene
-from myork.errors import InputError
 from myork.model_file import write_model
 from myork.stations.solve import find_executable
-from tests.scenes import myork
+from tests.refusals import refuses
+from tests.scenes import deck_file, myork
 from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
 
 PATIENCE = 60
@@ -31,8 +31,13 @@ def run(*words: str | Path, **more) -> subprocess.CompletedProcess[str]:
 
 
 def explain(folder: Path, *words: str, **more) -> subprocess.CompletedProcess[str]:
-    (folder / "deck.toml").write_text(text_of_tables(BLOCK), encoding="utf-8")
-    return run(folder / "deck.toml", "--explain", "-o", folder, *words, **more)
+    return run(deck_file(folder / "deck.toml", BLOCK), "--explain", "-o", folder, *words, **more)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    write_model(tmp_path / "model.h5", cloud())
+    return tmp_path
 
 
 def limited(size: int) -> dict[str, Callable[[], None]]:
@@ -40,21 +45,20 @@ def limited(size: int) -> dict[str, Callable[[], None]]:
     return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
 
 
-def test_many_names_take_little_memory(tmp_path: Path) -> None:
+def test_many_names_take_little_memory(model: Path) -> None:
     """20,000 names, each of which took the room of all of them: 4 GB."""
-    write_model(tmp_path / "model.h5", cloud())
     names = "z0\nz1\n" + "\n".join(f"set {i}" for i in range(20_000))
-    with h5py.File(tmp_path / "model.h5", "r+") as file:
+    with h5py.File(model / "model.h5", "r+") as file:
         del file["set_names"]
         file["set_names"] = np.frombuffer(names.encode(), np.uint8)
-    done = explain(tmp_path, **limited(1_500_000_000))
+    done = explain(model, **limited(1_500_000_000))
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("name", ["model.h5", "deck.toml"])
 def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "deck.toml").write_text(text_of_tables(BLOCK), encoding="utf-8")
+    deck_file(tmp_path / "deck.toml", BLOCK)
     (tmp_path / name).unlink(missing_ok=True)
     (tmp_path / name).symlink_to("pipe")
     done = run(tmp_path / "deck.toml", "--explain")
@@ -72,30 +76,27 @@ def test_two_points_in_one_place(tmp_path: Path, kind: str) -> None:
     write_model(tmp_path / "model.h5", body)
     done = explain(tmp_path)
     assert done.returncode == 2 and what in done.stderr and "are the same" in done.stderr
-    with pytest.raises(InputError, match=re.escape(what)):
-        Scene.from_tables(PULLED, cloud=body)
+    refuses(re.escape(what), Scene.from_tables, PULLED, cloud=body)
 
 
-def test_exponents_of_three_digits_keep_their_letter(tmp_path: Path) -> None:
+def test_exponents_of_three_digits_keep_their_letter(model: Path) -> None:
+    explain(model)
+    words = ["-v", "-o", model, "--set", "material.A10=1e115", "--set", "material.K=1e117"]
+    done = run(model / "deck.toml", *words)
+    assert re.search(r"iteration 1  \|r\|  \d\.\dE\+10\d  \|A'r\|  \d\.\dE\+2\d\d  ", done.stdout)
     source = cloud().source.copy()
     source[[3, 9]] = 0.5, -1e-123, 0.375
-    write_model(tmp_path / "model.h5", replace(cloud(), source=source))
-    done = explain(tmp_path)
+    write_model(model / "model.h5", replace(cloud(), source=source))
+    done = explain(model)
     assert done.returncode == 2 and "(0.5, -1.00000E-123, 0.375)" in done.stderr
-    write_model(tmp_path / "model.h5", cloud())
-    words = ["-v", "-o", tmp_path, "--set", "material.A10=1e115", "--set", "material.K=1e117"]
-    done = run(tmp_path / "deck.toml", *words)
-    assert re.search(r"iteration 1  \|r\|  \d\.\dE\+10\d  \|A'r\|  \d\.\dE\+2\d\d  ", done.stdout)
 
 
-def test_threads_of_the_environment(tmp_path: Path) -> None:
-    write_model(tmp_path / "model.h5", cloud())
+def test_threads_of_the_environment(model: Path) -> None:
     many = {**os.environ, "OMP_NUM_THREADS": "100000", "PYTHONPATH": os.pathsep.join(sys.path)}
-    for words in ([], ["-t", "2"]):
-        done = explain(tmp_path, *words, env=many)
-        assert done.returncode == (0 if words else 2), done.stderr
-        assert words or "OMP_NUM_THREADS is 100000" in done.stderr
-    assert "OMP_NUM_THREADS is 100000" in myork("explain", tmp_path / "deck.toml", env=many).stderr
+    assert explain(model, "-t", "2", env=many).returncode == 0
+    done = explain(model, env=many)
+    assert done.returncode == 2 and "OMP_NUM_THREADS is 100000" in done.stderr
+    assert "OMP_NUM_THREADS is 100000" in myork("explain", model / "deck.toml", env=many).stderr
 
 
 @pytest.mark.parametrize("word", ["--help", "--version"])
@@ -105,35 +106,29 @@ def test_little_memory_answers_questions(word: str) -> None:
     assert ends[0].stdout == ends[1].stdout and "myork-solve" in ends[0].stdout
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["-t", "100000"], "-t 100000: a number of threads is needed, from 1 to 1024"),
-        (["--threads", "0"], "--threads 0: a number of threads is needed, from 1 to 1024"),
-        (["--threads"], "--threads needs a value"),
-        (["--out"], "--out needs a value"),
-        (["--set", "load.steps=2\nload.activation=1"], "an override is a single line"),
-    ],
-)
-def test_words_of_the_executable(tmp_path: Path, words: list[str], message: str) -> None:
-    write_model(tmp_path / "model.h5", cloud())
-    done = explain(tmp_path, *words)
+@pytest.mark.parametrize(("words", "message"), [
+    (["-t", "100000"], "-t 100000: a number of threads is needed, from 1 to 1024"),
+    (["--threads", "0"], "--threads 0: a number of threads is needed, from 1 to 1024"),
+    (["--threads"], "--threads needs a value"),
+    (["--out"], "--out needs a value"),
+    (["--set", "load.steps=2\nload.activation=1"], "an override is a single line"),
+])  # fmt: skip
+def test_words_of_the_executable(model: Path, words: list[str], message: str) -> None:
+    done = explain(model, *words)
     assert done.returncode == 2 and message in done.stderr
 
 
 def test_texts_of_a_deck() -> None:
     """A null character cut a text; half a megabyte took 15 s."""
-    with pytest.raises(InputError, match=r"title: must not contain the character .u0000"):
-        load_deck({"title": "a\0b"})
-    with pytest.raises(InputError, match="title: must not be longer than 4096 bytes, not 500000"):
-        load_deck({"title": "x" * 500_000})
-    with pytest.raises(InputError, match=r"tables: x{100,200}\.\.\.: unknown"):
-        load_deck({"x" * 500_000: 1})
+    for tables, said in (
+        ({"title": "a\0b"}, r"title: must not contain the character .u0000"),
+        ({"title": "x" * 500_000}, "title: must not be longer than 4096 bytes, not 500000"),
+        ({"x" * 500_000: 1}, r"tables: x{100,200}\.\.\.: unknown"),
+    ):
+        refuses(said, load_deck, tables)
 
 
-def test_little_memory_is_refused_at_once(tmp_path: Path) -> None:
-    write_model(tmp_path / "model.h5", cloud())
-    done = explain(tmp_path, **limited(300_000_000))
-    assert done.returncode == 2 and "ulimit -v" in done.stderr
-    done = myork("explain", tmp_path / "deck.toml", **limited(300_000_000))
-    assert done.returncode == 2 and "ulimit -v" in done.stderr
+def test_little_memory_is_refused_at_once(model: Path) -> None:
+    little = limited(300_000_000)
+    for done in (explain(model, **little), myork("explain", model / "deck.toml", **little)):
+        assert done.returncode == 2 and "ulimit -v" in done.stderr

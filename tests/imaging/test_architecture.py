@@ -8,69 +8,50 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from myork.imaging.diffusion import tensor_maps
-from myork.imaging.io import write_image, write_labels
 from myork.imaging.phantom import make_phantom
 from myork.model.architecture import Maps, muscle_numbers
 from myork.records import Image, Labels
 from myork.report import make_report
 from myork.stations.build import build
 from myork.stations.solve import pcsa_force
-from tests.images import built
+from tests.images import built, centred, save
 
-# Thickness, distance of the ends along z and width of the body [mm], pennation [degree]
-THICK, LONG, WIDE, LEAN = 16.0, 110.0, 30.0, 22.0
+# Thickness, distance of the ends along z and width of the body [mm], pennation; and what follows:
+# ratio of z to y along the fibers and their length [mm]
+THICK, LONG, WIDE, LEAN = 16.0, 110.0, 30.0, np.radians(22.0)
+SLOPE, LENGTH = 1.0 / np.tan(LEAN), THICK / np.sin(LEAN)
 AXIAL = np.eye(3)
 OBLIQUE = Rotation.from_euler("xyz", [25, -15, 40], degrees=True).as_matrix()
 
 
-def unipennate(turn=AXIAL, spacing=(1.0, 1.0, 1.0), margin=6.5, ends=0.0):
-    """A plate of fibers between two planes, its ends cut along the fibers; labels and fibers.
-
-    Each fiber is as long as the others: from one plane, y = -8 mm, to the other.
-    """
-    reach = np.array([0.5 * WIDE, 0.5 * THICK, 0.5 * LONG + 0.5 * THICK / np.tan(np.radians(LEAN))])
-    low = -np.array([*(reach[:2] + margin), reach[2] + margin - ends])
+def unipennate(turn=AXIAL, spacing=(1.0, 1.0, 1.0), ends=0.0):
+    """A plate of fibers from the plane y = -8 mm to the plane y = 8 mm, its ends cut along them."""
+    low = np.array([0.0, 0.0, ends]) - 6.5 - 0.5 * np.array([WIDE, THICK, LONG + THICK * SLOPE])
     count = np.ceil(-2 * low / spacing).astype(int)
     affine = np.eye(4)
-    affine[:3, :3] = turn * spacing
-    affine[:3, 3] = turn @ low
-    grid = Labels(np.zeros(count, np.int32), affine, {1: "plate"})
-    x, y, z = np.moveaxis(np.indices(count), 0, 0) * np.reshape(spacing, (3, 1, 1, 1)) + np.reshape(
-        low, (3, 1, 1, 1)
-    )
-    slope = 1.0 / np.tan(np.radians(LEAN))
-    own = (abs(x) < 0.5 * WIDE) & (abs(y) < 0.5 * THICK) & (abs(z - y * slope) < 0.5 * LONG)
-    grid.data[own] = 1
-    direction = turn @ [0.0, np.sin(np.radians(LEAN)), np.cos(np.radians(LEAN))]
+    affine[:3, :3], affine[:3, 3] = turn * spacing, turn @ low
+    x, y, z = np.moveaxis(np.moveaxis(np.indices(count), 0, -1) * spacing + low, -1, 0)
+    own = (abs(x) < 0.5 * WIDE) & (abs(y) < 0.5 * THICK) & (abs(z - y * SLOPE) < 0.5 * LONG)
     sign = np.random.default_rng(0).choice([-1.0, 1.0], (*count, 1))
-    return grid, Image(own[..., np.newaxis] * sign * direction, affine)
+    fibers = own[..., np.newaxis] * sign * (turn @ [0.0, np.sin(LEAN), np.cos(LEAN)])
+    return Labels(own.astype(np.int32), affine, {1: "plate"}), Image(fibers, affine)
 
 
-def truth():
-    """Volume, section, length, pennation and PCSA of the plate."""
-    slope = 1.0 / np.tan(np.radians(LEAN))
-    volume, length = THICK * LONG * WIDE, THICK / np.sin(np.radians(LEAN))
-    # the long axis leans after the ends: that of the covariance of y and z
-    yy, yz, zz = THICK**2 / 12, THICK**2 / 12 * slope, LONG**2 / 12 + THICK**2 / 12 * slope**2
-    tilt = 0.5 * np.degrees(np.arctan2(2 * yz, zz - yy))
-    pcsa = volume * np.cos(np.radians(LEAN - tilt)) / length
-    return volume, THICK * WIDE, length, LEAN - tilt, pcsa
-
-
-@pytest.mark.parametrize(
-    ("turn", "spacing"),
-    [(AXIAL, (1.0, 1.0, 1.0)), (OBLIQUE, (1.0, 1.0, 1.0)), (OBLIQUE, (0.8, 0.8, 3.0))],
-)
+@pytest.mark.parametrize(("turn", "spacing"), [
+    (AXIAL, (1.0, 1.0, 1.0)), (OBLIQUE, (1.0, 1.0, 1.0)), (OBLIQUE, (0.8, 0.8, 3.0)),
+])  # fmt: skip
 def test_a_plate_of_parallel_fibers(turn, spacing):
     labels, fibers = unipennate(turn, spacing)
     (found,) = muscle_numbers(labels, Maps(fibers))
-    volume, area, length, pennation, pcsa = truth()
+    # the long axis leans after the ends: that of the covariance of y and z
+    yy, yz, zz = np.array([0.0, 0.0, LONG**2 / 12]) + THICK**2 / 12 * np.array([1, SLOPE, SLOPE**2])
+    volume, lean = THICK * LONG * WIDE, LEAN - 0.5 * np.arctan2(2 * yz, zz - yy)
     assert found.muscle == "plate" and not found.cut
     assert found.volume == pytest.approx(volume, rel=0.03)
-    assert found.area == pytest.approx(area, rel=0.03)
-    assert found.fiber_length == pytest.approx(length, rel=0.04)
-    assert found.pennation == pytest.approx(pennation, abs=0.3)
-    assert found.pcsa == pytest.approx(pcsa, rel=0.05)
+    assert found.area == pytest.approx(THICK * WIDE, rel=0.03)
+    assert found.fiber_length == pytest.approx(LENGTH, rel=0.04)
+    assert found.pennation == pytest.approx(np.degrees(lean), abs=0.3)
+    assert found.pcsa == pytest.approx(volume * np.cos(lean) / LENGTH, rel=0.05)
     assert (found.fat_fraction, found.fa, found.md) == (None, None, None)
 
 
@@ -78,7 +59,7 @@ def test_what_an_image_cuts_or_does_not_hold_is_left_out():
     labels, fibers = unipennate(ends=18.0)
     (found,) = muscle_numbers(labels, Maps(fibers))
     assert found.cut and found.pcsa is None
-    assert found.fiber_length == pytest.approx(truth()[2], rel=0.04)
+    assert found.fiber_length == pytest.approx(LENGTH, rel=0.04)
     labels, fibers = unipennate(ends=60.0)  # most fibers leave the image
     assert muscle_numbers(labels, Maps(fibers))[0].fiber_length is None
     (found,) = muscle_numbers(labels, Maps())
@@ -89,32 +70,22 @@ def test_what_an_image_cuts_or_does_not_hold_is_left_out():
 
 
 def test_a_ball_has_no_long_axis_and_a_tight_box_cuts_no_muscle():
-    at = np.indices((21, 21, 21)) - 10
-    ball = Labels((np.hypot(*at[:2]) ** 2 + at[2] ** 2 <= 100.5).astype(np.int32), np.eye(4))
-    along = Image(np.broadcast_to([0.0, 0.0, 1.0], (21, 21, 21, 3)).copy(), np.eye(4))
+    ball = Labels(((centred(21, 21, 21) ** 2).sum(0) <= 100.5).astype(np.int32), np.eye(4))
+    along = Image(np.tile([0.0, 0.0, 1.0], (21, 21, 21, 1)), np.eye(4))
     (found,) = muscle_numbers(ball, Maps(along))
     assert not found.cut and (found.pennation, found.pcsa) == (None, None)
     assert found.volume == pytest.approx(4 / 3 * np.pi * 1000, rel=0.05)
 
 
-@pytest.fixture(scope="module")
-def phantom():
-    return make_phantom((60, 60, 15), (2.0, 2.0, 6.0), snr=1e9, bias=0.0)
-
-
 @pytest.mark.slow
-def test_build_writes_a_table_of_the_muscles(phantom, tmp_path):
-    out = tmp_path / "out"
+def test_build_writes_a_table_of_the_muscles(tmp_path):
+    phantom = make_phantom((60, 60, 15), (2.0, 2.0, 6.0), snr=1e9, bias=0.0)
+    out, affine = tmp_path / "out", phantom.truth.affine
     out.mkdir()
-    write_labels(tmp_path / "labels.nii.gz", phantom.truth)
-    write_image(tmp_path / "fibers.nii.gz", phantom.fiber)
-    maps = tensor_maps(phantom.clean_tensor)
+    save(tmp_path, affine, labels=phantom.truth, fibers=phantom.fiber)
     fraction = np.where(phantom.truth.data == 3, 0.25, 0.125)
-    maps["anatomy"] = Image(np.full(fraction.shape, 3.0), phantom.truth.affine)
-    maps["fat"] = Image(np.full(fraction.shape, 1.0), phantom.truth.affine)
-    maps["fat_fraction"] = Image(fraction, phantom.truth.affine)
-    for name, image in maps.items():
-        write_image(out / f"{name}.nii.gz", image)
+    images = {"anatomy": 3.0 + 0 * fraction, "fat": 1.0 + 0 * fraction, "fat_fraction": fraction}
+    save(out, affine, **tensor_maps(phantom.clean_tensor), **images)
     table = dict(
         labels="labels.nii.gz", fibers="fibers.nii.gz", collocation_stride=[3, 3, 1],
         source_stride=[6, 6, 2], islands="drop",
@@ -126,19 +97,21 @@ def test_build_writes_a_table_of_the_muscles(phantom, tmp_path):
         "fiber_length [mm]", "pennation [deg]", "PCSA [mm^2]",
     ]  # fmt: skip
     assert [row["muscle"] for row in rows] == list(phantom.truth.names.values())
-    gastrocnemius = rows[0]
-    # an ellipse with semi-axes of 23 and 11 mm at its belly, less by 0.3 ((t - .55) / .55)^2
+    # the gastrocnemius: an ellipse with semi-axes of 23 and 11 mm at its belly, less by
+    # 0.3 ((t - .55) / .55)^2
     t = np.arange(15) / 14
     sections = np.pi * 23 * 11 * (1 - 0.3 * ((t - 0.55) / 0.55) ** 2) ** 2
-    assert float(gastrocnemius["area [mm^2]"]) == pytest.approx(sections.max(), rel=0.02)
-    assert float(gastrocnemius["volume [mm^3]"]) == pytest.approx(6 * sections.sum(), rel=0.02)
-    assert float(gastrocnemius["pennation [deg]"]) == pytest.approx(22.0, abs=1.0)
     values = np.array([2.1, 1.5, 1.3]) * 1e-3
     anisotropy = np.sqrt(1.5 * ((values - values.mean()) ** 2).sum() / (values**2).sum())
+    cubic, area, pennation, md = (
+        float(rows[0][key])
+        for key in ("volume [mm^3]", "area [mm^2]", "pennation [deg]", "MD [mm^2/s]")
+    )
+    assert (area, cubic) == pytest.approx((sections.max(), 6 * sections.sum()), rel=0.02)
+    assert pennation == pytest.approx(22.0, abs=1.0)
     for row, fat in zip(rows, (0.125, 0.125, 0.25, 0.125, 0.125, 0.125), strict=True):
-        assert float(row["FA [-]"]) == pytest.approx(anisotropy, rel=1e-3)
-        assert float(row["MD [mm^2/s]"]) == pytest.approx(values.mean(), rel=1e-3)
-        assert float(row["fat_fraction [-]"]) == pytest.approx(fat, rel=1e-3)
+        found = [float(row[key]) for key in ("FA [-]", "MD [mm^2/s]", "fat_fraction [-]")]
+        assert found == pytest.approx([anisotropy, values.mean(), fat], rel=1e-3)
         assert row["PCSA [mm^2]"] == ""  # the stack cuts all of them
     paths = {key: tmp_path / table[key] for key in ("labels", "fibers")}
     lines: list[str] = []
@@ -146,11 +119,9 @@ def test_build_writes_a_table_of_the_muscles(phantom, tmp_path):
     for row in rows:  # why cells are empty is said
         what = "its PCSA is" if row["fiber_length [mm]"] else "fiber length and PCSA are"
         assert f"{row['muscle']}: the image cuts it, so that {what} left out" in lines
-    summary = json.loads((out / "summary.json").read_text())
-    first = summary["model"]["muscles"][0]
-    cubic = float(gastrocnemius["volume [mm^3]"])
+    first = json.loads((out / "summary.json").read_text())["model"]["muscles"][0]
     assert first["volume [cm^3]"] * 1000 == pytest.approx(cubic, rel=1e-4)
-    assert first["MD [mm^2/s]"] == pytest.approx(float(gastrocnemius["MD [mm^2/s]"]))
+    assert first["MD [mm^2/s]"] == pytest.approx(md)
     page = make_report(out).read_text()
     assert "pennation [deg]" in page and "PCSA is volume times" in page
 
@@ -176,14 +147,14 @@ def solved(force, area=4.0, **changes):
 @pytest.mark.parametrize(("force", "ratio"), [(48.0, 1.0), (9.0, 0.1875), (240.0, 5.0)])
 def test_a_force_three_times_off_the_pcsa_is_named(force, ratio):
     entry, warning = pcsa_force(solved([0.6 * force * 1.25, 0.0, -0.8 * force * 1.25]))
-    assert entry == {"value": 60.0, "probe": "pull", "ratio": pytest.approx(ratio * 1.0)}
+    assert entry == {"value": 60.0, "probe": "pull", "ratio": pytest.approx(ratio)}
     assert bool(warning) == (ratio != 1.0)
     if warning:
         assert "probe pull is" in warning and "60 N" in warning
 
 
 def test_no_estimate_without_what_it_needs():
-    assert pcsa_force(solved(48.0, area=None)) is None
-    assert pcsa_force(solved(48.0, steps=[{"activation": 0.0, "probes": {"pull": 1.0}}])) is None
-    assert pcsa_force(solved(48.0, model={})) is None
+    passive = [{"activation": 0.0, "probes": {"pull": 1.0}}]
+    for lacking in ({"area": None}, {"steps": passive}, {"model": {}}):
+        assert pcsa_force(solved(48.0, **lacking)) is None
     assert pcsa_force({}) is None

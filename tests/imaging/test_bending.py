@@ -13,13 +13,11 @@ from myork.records import Image, Labels
 from myork.segmentation.bending import bend_labels
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
-from tests.images import save, segmented
-
-NUMBERS = range(1, 7)
+from tests.images import affine_of, save, segmented
+from tests.refusals import refuses
 
 
 def one_slice(image):
-    """The middle slice of three."""
     affine = image.affine.copy()
     affine[:3, 3] += affine[:3, 2]
     return type(image)(np.ascontiguousarray(image.data[:, :, 1:2]), affine)
@@ -43,44 +41,40 @@ def visits(amount=6.0, size=(96, 96, 3), spacing=(1.25, 1.25, 6.0)):
 
 
 def means(found, truth):
-    return np.array([dice(found == number, truth == number) for number in NUMBERS])
+    """Dice of the six muscles."""
+    numbers = range(1, 7)
+    return np.array([dice(found.data == number, truth.data == number) for number in numbers])
+
+
+def one_slice_of(today, then, drawn):
+    return [one_slice(image) for image in (today.anatomy, then, drawn, today.truth)]
 
 
 @pytest.mark.slow
 def test_every_muscle_of_a_slice_follows_its_own_bend():
-    today, then, drawn = visits()
-    image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
+    """The grid of the earlier visit may be another: finer, turned about, and begun elsewhere."""
+    image, then, drawn, truth = one_slice_of(*visits())
     found, moved = bend_labels(drawn, then, image, body_mask(image))
-    before, after = means(drawn.data, truth.data), means(found.data, truth.data)
-    assert before.mean() < 0.89
+    after = means(found, truth)
+    assert means(drawn, truth).mean() < 0.89
     assert after.mean() > 0.95 and after.min() > 0.88
     assert np.median(moved) > 1.0 and moved.max() < 9.0
     np.testing.assert_array_equal(found.affine, image.affine)
-
-
-@pytest.mark.slow
-def test_the_earlier_grid_may_be_another_one():
-    """Finer, turned about, and begun elsewhere."""
-    today, then, drawn = visits()
-    image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
-    found, _ = bend_labels(drawn, then, image, body_mask(image))
     affine = then.affine @ np.diag([-0.5, 0.5, 1.0, 1.0])
     affine[:3, 3] = (then.affine @ [95.25, -0.25, 0.0, 1.0])[:3]
-
     drawn, then = (
         kind(np.flip(ndimage.zoom(one.data, (2, 2, 1), order=n, grid_mode=True, mode="nearest"), 0),
              affine) for kind, one, n in ((Labels, drawn, 0), (Image, then, 1))
     )  # fmt: skip
     other, _ = bend_labels(drawn, then, image, body_mask(image))
-    assert means(other.data, found.data).min() > 0.95
-    assert means(other.data, truth.data).mean() > 0.96
+    assert means(other, found).min() > 0.95 and means(other, truth).mean() > 0.96
 
 
 @pytest.mark.slow
 def test_stacks_are_bent():
     today, then, drawn = visits(5.0, (48, 48, 6), (2.5, 2.5, 6.0))
     found, moved = bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
-    before, after = (means(one.data, today.truth.data) for one in (drawn, found))
+    before, after = (means(one, today.truth) for one in (drawn, found))
     assert len(moved) == (found.data > 0).sum()
     assert before.mean() < 0.88
     assert after.mean() > 0.93 and after.min() > 0.86
@@ -122,17 +116,13 @@ def test_segment_bends_the_reference(tmp_path):
 def test_what_cannot_be_bent_is_refused(monkeypatch):
     today, then, drawn = visits()
     image = one_slice(today.anatomy)
-    with pytest.raises(InputError, match="must be one parallel to it"):
-        bend_labels(drawn, then, image, body_mask(image))
-    with pytest.raises(InputError, match="it takes 4 slices or more, or single ones"):
-        bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
+    refuses("must be one parallel to it", bend_labels, drawn, then, image, body_mask(image))
+    few = "it takes 4 slices or more, or single ones"
+    refuses(few, bend_labels, drawn, then, today.anatomy, body_mask(today.anatomy))
     today, then, drawn = visits(0.0, (48, 48, 6), (2.5, 2.5, 6.0))
-    affine = then.affine.copy()
-    affine[:3, 3] += 500.0
-    far = Image(then.data, affine, "far")
-    with pytest.raises(InputError, match="same part of the body"):
-        bend_labels(Labels(drawn.data, affine), far, today.anatomy, body_mask(today.anatomy))
-
+    image, body = today.anatomy, body_mask(today.anatomy)
+    far = affine_of(then.spacing, then.affine[:3, 3] + 500.0)
+    labels = Labels(drawn.data, far)
+    refuses("same part of the body", bend_labels, labels, Image(then.data, far), image, body)
     monkeypatch.setitem(sys.modules, "SimpleITK", None)
-    with pytest.raises(InstallationError, match=r"myork\[seg\]"):
-        bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
+    refuses(r"myork\[seg\]", bend_labels, drawn, then, image, body, kind=InstallationError)

@@ -1,6 +1,4 @@
-"""Tensors from diffusion-weighted images: against DIPY, against truth, in any frame; their command
-and maps.
-"""
+"""Tensors of diffusion images: against DIPY, against truth, in any frame; command and maps."""
 
 import nibabel
 import numpy as np
@@ -8,20 +6,21 @@ import pytest
 from dipy.core.gradients import gradient_table
 from dipy.reconst.dti import TensorModel
 
-from benchmarks.truths.scanners import even_directions, write_gradients
+from benchmarks.truths.scanners import even_directions, reordered, write_gradients
 from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.imaging import diffusion
 from myork.imaging.diffusion import fit_tensors, parse_axes, read_tensors, tensor_components
 from myork.imaging.gradients import GradientTable
-from myork.imaging.io import write_image, write_labels
+from myork.imaging.io import write_image
 from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field
-from myork.records import Image, Labels
+from myork.records import Image
 from myork.stations.tensors import write_tensors
 from myork.summary import read_summary
-from tests.images import angle, phantom_dwi
+from tests.images import angle, phantom_dwi, save
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -52,21 +51,17 @@ def test_same_tensors_as_dipy(phantom, series, tensor):
 
 
 def test_without_noise_the_tensors_come_back(phantom):
-    dwi, table = phantom_dwi(phantom, snr=1e12)
-    found = fit_tensors(dwi, table).data
-    muscle = phantom.tissue.data == 1
+    found, muscle = fit_tensors(*phantom_dwi(phantom, snr=1e12)).data, phantom.tissue.data == 1
     exact = phantom.clean_tensor.data[muscle]
     np.testing.assert_allclose(found[muscle], exact, atol=1e-9 * 2e-3)
 
 
 def test_fibers_of_noisy_images_are_within_three_degrees(phantom, tensor):
     muscle = phantom.tissue.data == 1
-    fibers, *_ = fiber_field(tensor, muscle, smoothing=3.0)
-    error = angle(fibers.data[muscle], phantom.fiber.data[muscle])
-    assert np.median(error) < 1.5  # asked for: 3 degrees at SNR 25
-    assert not fibers.data[~muscle].any()
-    raw, *_ = fiber_field(tensor, muscle, smoothing=0.0)
-    assert np.median(angle(raw.data[muscle], phantom.fiber.data[muscle])) > 4.0
+    smooth, raw = (fiber_field(tensor, muscle, smoothing=width).fibers.data for width in (3.0, 0.0))
+    error, rough = (np.median(angle(x, phantom.fiber.data)[muscle]) for x in (smooth, raw))
+    assert error < 1.5 < 4.0 < rough  # asked for: 3 degrees at SNR 25
+    assert not smooth[~muscle].any()
 
 
 def test_bad_signals_give_no_tensor_and_spoil_no_other(series):
@@ -89,29 +84,24 @@ def test_too_few_directions(directions):
         fit_tensors(Image(np.ones((2, 2, 2, n + 1)), np.eye(4), "dwi.nii"), table)
 
 
-def turned_grid(image, affine):
-    """The same world image with its voxel axes exchanged and flipped as in `affine`."""
-    data = np.flip(np.moveaxis(image.data, (0, 1, 2), (1, 2, 0)), (1,))
-    return Image(np.ascontiguousarray(data), affine, image.name)
-
-
 @pytest.mark.slow
 def test_axes_of_the_file_do_not_change_the_fibers(phantom, series, tmp_path):
     dwi, table = series
     keys = {"dwi": "a.nii.gz", "tensor_frame": "world", "gradient_axes": "x y z"}
-    ni = dwi.data.shape[0]
-    # New voxel axes (k, -i, j): x goes down with the second.
-    turned = dwi.affine[:, [2, 0, 1, 3]] * [1.0, -1.0, 1.0, 1.0]
-    turned[:3, 3] += (ni - 1) * dwi.affine[:3, 0]
+
+    def turned(image):
+        return reordered(image, (2, 0, 1), (0,))
+
     found = []
-    for image in (dwi, turned_grid(dwi, turned)):
+    for image in (dwi, turned(dwi)):
         write_image(tmp_path / "a.nii.gz", image)
         write_gradients(tmp_path, "a", table, image.affine)
         found.append(read_tensors(keys, tmp_path).tensor)
-    again = turned_grid(found[0], turned).data
-    inside = turned_grid(phantom.tissue, turned).data == 1
+    inside = turned(phantom.tissue).data == 1
     # Files hold single precision; tensors are of the size 2e-3.
-    np.testing.assert_allclose(found[1].data[inside], again[inside], atol=1e-5 * 2e-3)
+    np.testing.assert_allclose(
+        found[1].data[inside], turned(found[0]).data[inside], atol=1e-5 * 2e-3
+    )
 
 
 def test_gradient_axes_mend_a_wrong_table(phantom, series, tensor):
@@ -125,55 +115,50 @@ def test_gradient_axes_mend_a_wrong_table(phantom, series, tensor):
 def test_turning_in_the_voxel_frame_is_that_of_the_axes():
     components = np.random.default_rng(1).random((1, 1, 1, 6))
     affine = np.array([[0, -2.0, 0, 0], [2.0, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]])
-    image = Image(components, affine)
     axes = parse_axes("y -x z")
-    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ axes
+    turn = affine[:3, :3] / 2.0 @ axes
     full = turn @ diffusion.full_tensors(components) @ turn.T
-    turned = diffusion.turn_tensors(image, axes, "voxel").data
+    turned = diffusion.turn_tensors(Image(components, affine), axes, "voxel").data
     np.testing.assert_allclose(turned, tensor_components(full))
 
 
 @pytest.mark.parametrize("text", ["x y", "x y y", "x y w", "x y z -x", ""])
 def test_bad_axes(text):
     assert read_tensors({"tensor_frame": "world", "gradient_axes": "x y z"}, ".") is None
-    with pytest.raises(InputError, match="image.gradient_axes = .* x, y and z are needed"):
-        parse_axes(text)
+    refuses("image.gradient_axes = .* x, y and z are needed", parse_axes, text)
 
 
 @pytest.mark.slow
 def test_command_needs_no_anatomy(phantom, series, tmp_path):
     images, table = series
     (tmp_path / "leg.toml").write_text(text_of_tables({"image": {"dwi": "dwi.nii.gz"}}))
-    write_image(tmp_path / "dwi.nii.gz", images)
+    save(tmp_path, images.affine, dwi=images, muscles=phantom.truth)
     write_gradients(tmp_path, "dwi", table, images.affine)
-    write_labels(tmp_path / "muscles.nii.gz", phantom.truth)
     out = tmp_path / "out"
     words = ["tensors", str(tmp_path / "leg.toml"), "--out", str(out), "-q"]
     assert main([*words, "--set", f"image.region={tmp_path / 'muscles.nii.gz'}"]) == 0
-    record = read_summary(out)["tensors"]
-    inside = phantom.truth.data > 0
+    record, inside = read_summary(out)["tensors"], phantom.truth.data > 0
     assert record["voxels"] == inside.sum()
     assert record["md"] == pytest.approx((2.1e-3 + 1.5e-3 + 1.3e-3) / 3, rel=0.05)
-    fibers = nibabel.load(out / "tensor_fibers.nii.gz").get_fdata()
+    fibers, values, mean = (
+        nibabel.load(out / f"{name}.nii.gz").get_fdata()
+        for name in ("tensor_fibers", "eigenvalues", "md")
+    )
     assert angle(fibers, phantom.fiber.data)[inside].mean() < 2.5
-    values = nibabel.load(out / "eigenvalues.nii.gz").get_fdata()[inside]
-    assert (np.diff(values) <= 0).all()
-    mean = nibabel.load(out / "md.nii.gz").get_fdata()[inside]
-    np.testing.assert_allclose(values.mean(axis=1), mean, rtol=1e-5)
+    assert (np.diff(values[inside]) <= 0).all()
+    np.testing.assert_allclose(values[inside].mean(axis=1), mean[inside], rtol=1e-5)
     # Without a mask the whole limb has fibers, air has none.
     assert main(words) == 0
     assert read_summary(out)["tensors"]["voxels"] > inside.sum()
-    air = phantom.still.data == 0
     assert not nibabel.load(out / "tensor_fibers.nii.gz").get_fdata()[:10, :10].any()
-    assert air[:10, :10].all()
+    assert not phantom.still.data[:10, :10].any()
 
 
 def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
     data = np.tile([1e-3, 3e-3, 2e-3, 0, 0, 0], (6, 4, 2, 1))
     data[:4] = np.nan
-    write_image(tmp_path / "tensor.nii.gz", Image(data, np.eye(4)))
-    write_labels(tmp_path / "all.nii.gz", Labels(np.ones((6, 4, 2), np.int32), np.eye(4)))
-    write_labels(tmp_path / "none.nii.gz", Labels(np.zeros((6, 4, 2), np.int32), np.eye(4)))
+    everywhere = np.ones((6, 4, 2), np.int32)
+    save(tmp_path, np.eye(4), tensor=data, all=everywhere, none=0 * everywhere)
     image = {"tensor": tmp_path / "tensor.nii.gz", "region": tmp_path / "all.nii.gz"}
     deck = {"image": {**image, "fiber_smoothing": 0.0}}
     told: list[str] = []
@@ -182,8 +167,7 @@ def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
     assert (record["voxels"], record["filled"], record["far"]) == (48, 32, 32)
     assert any("up to 4 mm away" in line for line in told)
     deck["image"]["region"] = tmp_path / "none.nii.gz"
-    with pytest.raises(InputError, match="no voxel to find fibers in"):
-        write_tensors(deck, tmp_path / "out")
+    refuses("no voxel to find fibers in", write_tensors, deck, tmp_path / "out")
 
 
 def test_maps_of_known_tensors():

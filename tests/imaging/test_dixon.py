@@ -1,5 +1,7 @@
 """Water and fat of two and more echoes, against the truth."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from myork.errors import InputError
 from myork.imaging.dixon import echo, fat_factors, separate, separate_many, water_and_fat
 from myork.records import Image
 from myork.segmentation.scores import dice
+from tests.refusals import refuses
 
 SPACING = np.array([1.5, 1.5, 6.0])
 
@@ -18,19 +21,18 @@ def legs(times, strength, *, snr=25.0, turns=1.4, seed=1, rim=5.0):
     """
     i, j, k = np.indices((140, 64, 3))
     water, fat = np.zeros((2, *i.shape))
-    for centre in ((34, 32), (105, 32)):
-        r = np.hypot(i - centre[0], j - centre[1])
-        bone = np.hypot(i - centre[0], j - centre[1] - 6)
+    for centre in (34, 105):
+        r, bone = np.hypot(i - centre, j - 32), np.hypot(i - centre, j - 38)
         kind = np.select([r > 28, r > 28 - rim / 1.5, bone > 9, bone > 6], [0, 2, 1, 3], 4)
         water += np.choose(kind, [0.0, 0.97, 0.1, 0.05, 0.08])
         fat += np.choose(kind, [0.0, 0.03, 1.1, 0.0, 1.0])
     phase = np.pi * turns * (i / 70.0 - 1.0) + 1.5 * np.sin(j / 14.0) + 0.3 * k + 2.0
-    coil = 0.05 * i - 0.02 * j
     random = np.random.default_rng(seed)
-    echoes = []
-    for number, c in enumerate(fat_factors(times, strength) if times else (1.0, -1.0)):
-        signal = (water + c * fat) * np.exp(1j * (coil + number * phase))
-        echoes.append(signal + random.normal(0.0, 1.0 / snr, (*i.shape, 2)) @ (1.0, 1j))
+    echoes = [
+        (water + c * fat) * np.exp(1j * (0.05 * i - 0.02 * j + number * phase))
+        + random.normal(0.0, 1.0 / snr, (*i.shape, 2)) @ (1.0, 1j)
+        for number, c in enumerate(fat_factors(times, strength) if times else (1.0, -1.0))
+    ]
     return echoes, water, fat, phase
 
 
@@ -50,9 +52,8 @@ def decayed(times, strength, *, snr=25.0, hertz=60.0, decay=(30.0, 60.0), rim=5.
 
 
 def scores(found, water, fat):
-    body = water + fat > 0.5
-    true = fat > water
-    mine = found.fraction > 0.5
+    """Dice of water and of fat, and how alike their shares are."""
+    body, true, mine = water + fat > 0.5, fat > water, found.fraction > 0.5
     return (
         dice(~mine & body, ~true & body),
         dice(mine & body, true & body),
@@ -69,52 +70,43 @@ def test_water_and_fat_over_turns_of_the_phase(times, strength):
     factors = fat_factors(times, strength) if times else (1.0, -1.0)
     body = water + fat > 0
     found = separate(one, two, body, spacing=SPACING, factors=factors)
-    assert min(scores(found, water, fat)) >= 0.98
-    assert not found.doubt
-    bright = water + fat > 0.5
-    away = np.abs(np.angle(np.exp(1j * (found.phase - phase))))[bright]
+    assert min(scores(found, water, fat)) >= 0.98 and not found.doubt
+    away = np.abs(np.angle(np.exp(1j * (found.phase - phase))))[water + fat > 0.5]
     assert np.quantile(away, 0.99) < 0.25
     assert not found.water[~body].any() and not found.fraction[~body].any()
 
 
 def test_amounts_without_noise_are_exact():
-    (one, two), water, fat, _ = legs((2.3, 4.6), 1.5, snr=1e9, turns=0.0)
-    body = water + fat > 0
-    found = separate(one, two, body, spacing=SPACING, factors=fat_factors((2.3, 4.6), 1.5))
+    times = ((2.3, 4.6), 1.5)
+    (one, two), water, fat, _ = legs(*times, snr=1e9, turns=0.0)
+    found = separate(one, two, water + fat > 0, spacing=SPACING, factors=fat_factors(*times))
     # What is left is the average of a phase that bends.
-    np.testing.assert_allclose(found.water, water, atol=0.02)
-    np.testing.assert_allclose(found.fat, fat, atol=0.02)
-
-
-def test_what_lies_under_the_skin_decides_and_is_told_where_there_is_nothing():
-    (one, two), water, fat, _ = legs(None, 0.0, rim=0.0)
-    bare = separate(one, two, water + fat > 0, spacing=SPACING)
-    assert "fractions differ by" in bare.doubt and "are swapped" in bare.doubt
+    np.testing.assert_allclose([found.water, found.fat], [water, fat], atol=0.02)
 
 
 def test_echoes_in_the_wrong_order_are_told():
     """Fat of muscle, 30 % of it, is dark in opposed phase, which no mixture is in phase."""
     (one, two), water, fat, _ = legs(None, 0.0)
-    muscle = water > 0.9
-    mixed = [echo - muscle * 0.6 * part * echo for echo, part in ((one, 0.0), (two, 1.0))]
-    body = water + fat > 0
+    mixed, body = [one, two - (water > 0.9) * 0.6 * two], water + fat > 0
     assert not separate(*mixed, body, spacing=SPACING).doubt
     doubt = separate(*mixed[::-1], body, spacing=SPACING).doubt
     assert "with the echoes swapped" in doubt and "dixon.echo_times" in doubt
+    # what lies under the skin decides, and is named where there is nothing
+    (one, two), water, fat, _ = legs(None, 0.0, rim=0.0)
+    bare = separate(one, two, water + fat > 0, spacing=SPACING)
+    assert "fractions differ by" in bare.doubt and "are swapped" in bare.doubt
 
 
 def test_echoes_at_which_fat_turns_by_few_degrees():
     """At 3 T echoes after 2.3 and 4.6 ms are both in phase; 15 degrees are too few, 27 few."""
     (one, two), water, fat, _ = legs((2.3, 4.6), 1.5)
-    alike = fat_factors((2.3, 4.6), 3.0)
-    for factors, message in (
-        (alike, "same phase in both echoes.* cannot separate water"),
-        ((1.0, np.exp(1j * np.radians(15.0))), "the noise of water and fat 5.4 times"),
-    ):
-        with pytest.raises(InputError, match=message):
-            separate(one, two, water + fat > 0, spacing=SPACING, factors=factors)
-    few = {"spacing": SPACING, "factors": (1.0, np.exp(1j * np.radians(27.0)))}
-    assert "noise of water and fat" in separate(one, two, water + fat > 0, **few).doubt
+    parts = partial(separate, one, two, water + fat > 0, spacing=SPACING)
+    alike, few, more = (
+        fat_factors((2.3, 4.6), 3.0), *((1.0, np.exp(1j * np.radians(a))) for a in (15.0, 27.0))
+    )  # fmt: skip
+    refuses("same phase in both echoes.* cannot separate water", parts, factors=alike)
+    refuses("the noise of water and fat 5.4 times", parts, factors=few)
+    assert "noise of water and fat" in parts(factors=more).doubt
 
 
 def test_slices_along_another_axis_are_no_other_image():
@@ -125,15 +117,13 @@ def test_slices_along_another_axis_are_no_other_image():
     assert min(scores(back, water, fat)) > 0.98
 
 
-@pytest.mark.parametrize(
-    ("turn", "offset"), [(2 * np.pi, 0.0), (360.0, 180.0), (4096.0, 2048.0), (8192.0, 0.0),
-                         (2000 * np.pi, 0.0)]
-)  # fmt: skip
+@pytest.mark.parametrize(("turn", "offset"), [
+    (2 * np.pi, 0.0), (360.0, 180.0), (4096.0, 2048.0), (8192.0, 0.0), (2000 * np.pi, 0.0),
+])  # fmt: skip
 def test_a_turn_is_told_by_the_range_of_the_phases(turn, offset):
     angle = np.linspace(-np.pi, 0.999 * np.pi, 1000)
     stored = angle / (2 * np.pi) * turn + offset
-    stored = np.floor(stored) if turn > 100 else stored
-    found = echo(np.ones(1000), stored)
+    found = echo(np.ones(1000), np.floor(stored) if turn > 100 else stored)
     turned = np.exp(1j * (angle + 2 * np.pi * offset / turn))
     assert np.abs(found - turned).max() < 0.03
 
@@ -141,26 +131,18 @@ def test_a_turn_is_told_by_the_range_of_the_phases(turn, offset):
 def test_what_cannot_be_parted_is_told():
     one = np.ones((4, 4, 2), complex)
     everywhere = np.ones((4, 4, 2), bool)
-    with pytest.raises(InputError, match="one of the echoes has no signal"):
-        separate(one, 0 * one, everywhere, spacing=SPACING)
-    with pytest.raises(InputError, match="the body is empty"):
-        separate(one, one, ~everywhere, spacing=SPACING)
-    with pytest.raises(InputError, match="not finite in the body"):
-        separate(one, one * np.nan, everywhere, spacing=SPACING)
+    refuses("one of the echoes has no signal", separate, one, 0 * one, everywhere, spacing=SPACING)
+    refuses("the body is empty", separate, one, one, ~everywhere, spacing=SPACING)
+    refuses("not finite in the body", separate, one, one * np.nan, everywhere, spacing=SPACING)
     with pytest.raises(InputError, match=r"span 1e\+06, more than one turn in any usual unit"):
         echo(np.ones(2), np.array([0.0, 1e6]))
 
 
 @pytest.mark.parametrize("rim", [5.0, 2.0])
-@pytest.mark.parametrize(
-    ("times", "strength"),
-    [
-        ((1.2, 2.2, 3.2, 4.2, 5.2, 6.2), 3.0),
-        ((1.15, 2.3, 3.45, 4.6, 5.75, 6.9), 1.5),
-        ((1.1, 1.9, 2.7), 3.0),
-        ((1.2, 2.0, 3.1, 4.0), 3.0),
-    ],
-)
+@pytest.mark.parametrize(("times", "strength"), [
+    ((1.2, 2.2, 3.2, 4.2, 5.2, 6.2), 3.0), ((1.15, 2.3, 3.45, 4.6, 5.75, 6.9), 1.5),
+    ((1.1, 1.9, 2.7), 3.0), ((1.2, 2.0, 3.1, 4.0), 3.0),
+])  # fmt: skip
 def test_many_echoes_part_what_two_do_not(times, strength, rim):
     """Under thin skin fat two echoes are exchanged, with a doubt; many are right without one."""
     echoes, water, fat, rate = decayed(times, strength, rim=rim)
@@ -176,8 +158,7 @@ def test_many_echoes_part_what_two_do_not(times, strength, rim):
     pair = water_and_fat(*(one[:2] for one in images), body, times=times[:2], strength=strength)
     np.testing.assert_allclose(pair.fraction, two.fraction, atol=1e-9)
     assert (min(scores(two, water, fat)) > 0.98) == (rim == 5.0) == (not two.doubt)
-    with pytest.raises(InputError, match="echoes need . different echo times"):
-        water_and_fat(*images, body)
+    refuses("echoes need . different echo times", water_and_fat, *images, body)
     with pytest.raises(InputError, match="2 echoes need 2 different echo times and a field above"):
         water_and_fat(*(one[:2] for one in images), body, times=times[:2])
     with pytest.raises(InputError, match="2 magnitudes and 1 phases; each echo"):

@@ -5,6 +5,7 @@ data; here synthetic bodies take the place of their files.
 """
 
 import json
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +18,17 @@ from benchmarks.truths.scanners import gradient_table, stack, weighted, write_gr
 from myork.chain import run_chain
 from myork.cli import main
 from myork.core.deck import load_deck
-from myork.errors import FileError, InputError
+from myork.errors import FileError
 from myork.imaging.diffusion import read_diffusion, tensor_components
-from myork.imaging.io import read_image, read_labels, write_image, write_labels
-from myork.records import Image, Labels
+from myork.imaging.io import read_image, read_labels
+from myork.records import Labels
 from myork.stations.data import PATHS, data_overrides
 from myork.stations.explain import stations_of
 from myork.stations.folder import deck_of_folder
 from myork.stations.new import new_deck
 from myork.summary import read_summary
-from tests.images import angle, save
+from tests.images import affine_of, angle, centred, labels_in, save
+from tests.refusals import refuses
 
 AFFINE = np.diag([2.0, 2.0, 6.0, 1.0])
 FIBER = np.array([0.0, np.sin(np.radians(20)), np.cos(np.radians(20))])
@@ -36,15 +38,14 @@ def tree(folder, labels=True):
     """A subject: T1 image of a leg, diffusion with fibers that lean by 20 degrees, labels."""
     for name in ("anat", "dwi"):
         (folder / name).mkdir(parents=True)
-    i, j, _ = np.indices((40, 40, 6)) - np.array([19.5, 19.5, 2.5]).reshape(3, 1, 1, 1)
-    r = np.hypot(i, j)
+    r = np.hypot(*centred(40, 40, 6)[:2])
     anatomy = np.select([r < 12, r < 17], [300.0, 900.0], 0.0)
     anatomy += np.random.default_rng(1).normal(0, 15, r.shape) * (anatomy > 0)
-    save(folder / "anat", AFFINE, **{"sub-01_T1w": anatomy})
     table = gradient_table(12)
     tensor = tensor_components(1.2e-3 * np.eye(3) + 0.8e-3 * np.outer(FIBER, FIBER))
     signal = weighted(np.where(r < 17, 500.0, 0.0), tensor, table)
-    write_image(folder / "dwi" / "sub-01_dwi.nii.gz", Image(signal, AFFINE))
+    save(folder / "anat", AFFINE, **{"sub-01_T1w": anatomy})
+    save(folder / "dwi", AFFINE, **{"sub-01_dwi": signal})
     write_gradients(folder / "dwi", "sub-01_dwi", table, AFFINE)
     if labels:
         save(folder / "anat", AFFINE, **{"sub-01_dseg": (r < 12).astype(int)})
@@ -59,12 +60,11 @@ def test_a_bids_subject_with_labels_becomes_a_force(tmp_path, monkeypatch):
     assert main(["run", "study", "-q", "--set", "build.collocation_stride=[4,4,1]",
                  "--set", "build.source_stride=[8,8,1]"]) == 0  # fmt: skip
     out = tmp_path / "out" / "study"
-    summary = json.loads((out / "summary.json").read_text())
+    summary = read_summary(out)
     assert summary["verdict"]["state"] in ("accepted", "doubtful")
     assert summary["steps"][-1]["probes"]["force"] > 0
     assert summary["model"]["muscles"][0]["muscle"] == "soleus"
-    fibers = read_image(out / "fibers.nii.gz", 3).data[20, 20, 3]
-    assert angle(fibers, FIBER) < 1.0
+    assert angle(read_image(out / "fibers.nii.gz", 3).data[20, 20, 3], FIBER) < 1.0
     assert (out / "report.html").is_file()
 
 
@@ -84,53 +84,48 @@ def test_a_bids_subject_without_labels_has_tissues(tmp_path):
     assert tissue.data[20, 20, 3] == names["muscle"] and tissue.data[20, 6, 3] == names["fat"]
 
 
+def touched(*paths):
+    """Empty files in folders that are made."""
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+
 def test_echoes_of_a_tree_and_what_is_refused(tmp_path):
     folder = tmp_path / "sub-01" / "anat"
-    folder.mkdir(parents=True)
-    for echo in (2, 1, 10):
-        for part in ("mag", "phase"):
-            (folder / f"sub-01_echo-{echo}_part-{part}_MEGRE.nii.gz").touch()
-    deck, lines = deck_of_folder(tmp_path, tmp_path)
-    text = deck.read_text()
-    order = [text.index(f"sub-01_echo-{echo}_part-mag") for echo in (1, 2, 10)]
-    assert order == sorted(order) and "water and fat of 3 echoes" in lines[1]
-    for echo in (2, 1, 10):
-        (folder / f"sub-01_echo-{echo}_MESE.nii.gz").touch()
-    deck, lines = deck_of_folder(tmp_path, tmp_path)
-    text = deck.read_text()
-    order = [text.index(f"sub-01_echo-{echo}_MESE") for echo in (1, 2, 10)]
-    assert order == sorted(order) and "T2 of 3 echoes" in lines[2]
-    (tmp_path / "sub-02").mkdir()
-    (tmp_path / "sub-02" / "sub-02_T1w.nii.gz").touch()
-    with pytest.raises(InputError, match="holds 2 subjects or visits; name the folder of one"):
-        deck_of_folder(tmp_path, tmp_path)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "scan.nii").touch()
-    with pytest.raises(InputError, match="holds no image whose name or header says what it is"):
-        deck_of_folder(tmp_path / "other", tmp_path)
+    for number, kinds, said in (
+        (1, ("part-mag_MEGRE", "part-phase_MEGRE"), "water and fat of 3 echoes"),
+        (2, ("MESE",), "T2 of 3 echoes"),
+    ):
+        for kind, echo in product(kinds, (2, 1, 10)):
+            touched(folder / f"sub-01_echo-{echo}_{kind}.nii.gz")
+        deck, lines = deck_of_folder(tmp_path, tmp_path)
+        order = [deck.read_text().index(f"sub-01_echo-{k}_{kinds[0]}") for k in (1, 2, 10)]
+        assert order == sorted(order) and said in lines[number]
+    touched(tmp_path / "sub-02" / "sub-02_T1w.nii.gz", tmp_path / "other" / "scan.nii")
+    said = "holds 2 subjects or visits; name the folder of one"
+    refuses(said, deck_of_folder, tmp_path, tmp_path)
+    said = "holds no image whose name or header says what it is"
+    refuses(said, deck_of_folder, tmp_path / "other", tmp_path)
 
 
 def test_runs_visits_and_tables_of_the_root(tmp_path):
     """A tree as public ones are: visits, runs, acquisitions; tables that all images inherit."""
-    visit = tmp_path / "study" / "sub-01" / "ses-2"
+    study = tmp_path / "study"
+    visit = study / "sub-01" / "ses-2"
     tree(visit, labels=False)
     for path in [*visit.rglob("sub-01*")]:
         run = "_acq-ep2d_run-1_dwi" if "dwi" in path.name else "_run-1_T1w"
         path.rename(path.with_name("sub-01_ses-2" + run + path.name[path.name.index(".") :]))
     for kind in ("bval", "bvec"):
         (table,) = visit.rglob(f"*.{kind}")
-        table.rename(tmp_path / "study" / f"acq-ep2d_dwi.{kind}")
-    for run in (1, 2):
-        for echo in (1, 2, 3):
-            for part in ("mag", "phase"):
-                name = f"sub-01_ses-2_acq-ME_run-{run}_echo-{echo}_part-{part}_MEGRE.nii.gz"
-                (visit / "anat" / name).touch()
-    (visit / "anat" / "sub-01_ses-2_run-2_T1w.nii.gz").touch()
-    other = tmp_path / "study" / "sub-01" / "ses-1" / "anat"
-    other.mkdir(parents=True)
-    (other / "sub-01_ses-1_T1w.nii.gz").touch()
-    with pytest.raises(InputError, match="name the folder of one, such as .*sub-01/ses-1"):
-        deck_of_folder(tmp_path / "study", tmp_path)
+        table.rename(study / f"acq-ep2d_dwi.{kind}")
+    for run, echo, part in product((1, 2), (1, 2, 3), ("mag", "phase")):
+        name = f"sub-01_ses-2_acq-ME_run-{run}_echo-{echo}_part-{part}_MEGRE.nii.gz"
+        touched(visit / "anat" / name)
+    touched(visit / "anat" / "sub-01_ses-2_run-2_T1w.nii.gz")
+    touched(study / "sub-01" / "ses-1" / "anat" / "sub-01_ses-1_T1w.nii.gz")
+    refuses("name the folder of one, such as .*sub-01/ses-1", deck_of_folder, study, tmp_path)
     deck, lines = deck_of_folder(visit, tmp_path)
     assert "water and fat of 3 echoes" in lines[1] and "run-1_echo-1" in lines[1]
     assert deck.read_text().count("run-2") == 0
@@ -150,17 +145,15 @@ def test_a_dicom_folder(tmp_path):
     tensor = 1e-3 * np.array([0.9, 1.1, 1.6, 0.1, -0.2, 0.3])
     values = weighted(np.full((16, 12, 3), 2000.0), tensor, table)
     stack(folder, values, np.eye(3), number=7, weighting=table)
-    for number, size, slices in ((1, 8, 1), (3, 48, 3)):
+    for number, size, slices, name in ((1, 8, 1, "localizer"), (3, 48, 3, "t1_tse")):
         i, j, k = np.indices((size, size, slices)) - size / 2 + 0.5
         r = np.hypot(i, j) * 48 / size
         values = np.select([r < 14, r < 20], [300, 900], 0) + (r < 20) * (3 * (i + k) % 17)
-        name = "t1_tse" if number == 3 else "localizer"
         stack(folder, values, np.eye(3), first=[-40, -40, 0], number=number, SeriesDescription=name)
     deck, lines = deck_of_folder(folder, tmp_path / "out")
     assert "scan:series=3 (first of 2)" in lines[1] and lines[2].endswith("scan:series=7")
     run_chain(deck, tmp_path / "out")
-    tissue = read_labels(tmp_path / "out" / "tissue.nii.gz")
-    assert set(np.unique(tissue.data)) >= {0, 1, 2}
+    assert set(np.unique(labels_in(tmp_path / "out", "tissue"))) >= {0, 1, 2}
 
 
 SCHEMA = Path(__file__).parents[2] / "fortran" / "deck" / "schema.toml"
@@ -190,42 +183,30 @@ def test_every_path_of_images_is_known():
 
 @pytest.fixture
 def deck(tmp_path):
-    path = tmp_path / "decks" / "own.toml"
-    path.parent.mkdir()
+    path, folder = tmp_path / "decks" / "own.toml", tmp_path / "data" / "first visit"
+    touched(path, path.with_name("truth.nii.gz"), folder / "t1.nii.gz", folder / "truth.nii.gz")
     path.write_text(DECK)
-    (path.parent / "truth.nii.gz").touch()
-    folder = tmp_path / "data" / "first visit"
-    folder.mkdir(parents=True)
-    (folder / "t1.nii.gz").touch()
-    (folder / "truth.nii.gz").touch()
     return path
 
 
 def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
-    place = tmp_path / "data" / "first visit" / "t1.nii.gz"
-    assert data_overrides(deck, tmp_path / "data") == [f"image.anatomy={place}"]
-    here = [f"image.anatomy={place}"]
-    assert data_overrides(deck, tmp_path / "data", here) == []
-
-
-def test_a_path_of_the_deck_is_first_joined_to_the_folder(deck, tmp_path):
-    """As in a BIDS tree, in which each subject has files of the same names."""
+    found = [f"image.anatomy={tmp_path / 'data' / 'first visit' / 't1.nii.gz'}"]
+    assert data_overrides(deck, tmp_path / "data") == found
+    assert data_overrides(deck, tmp_path / "data", found) == []
+    # as in a BIDS tree, in which each subject has files of the same names
     wanted = tmp_path / "data" / "sub-02" / "anat" / "t1.nii.gz"
-    wanted.parent.mkdir(parents=True)
-    wanted.touch()
+    touched(wanted)
     own = ["image.anatomy=sub-02/anat/t1.nii.gz"]
     assert data_overrides(deck, tmp_path / "data", own) == [f"image.anatomy={wanted}"]
 
 
 def test_missing_and_double_files_are_told(deck, tmp_path):
     data = tmp_path / "data"
-    with pytest.raises(FileError, match="there is no such folder"):
-        data_overrides(deck, data / "nowhere")
-    with pytest.raises(FileError, match=r"there is no other.nii.gz \(image.anatomy\) below"):
-        data_overrides(deck, data, ["image.anatomy=other.nii.gz"])
-    (data / "t1.nii.gz").touch()
-    with pytest.raises(InputError, match="2 files .* t1.nii.gz .* --set image.anatomy=PATH"):
-        data_overrides(deck, data)
+    refuses("there is no such folder", data_overrides, deck, data / "nowhere", kind=FileError)
+    said, own = r"there is no other.nii.gz \(image.anatomy\) below", ["image.anatomy=other.nii.gz"]
+    refuses(said, data_overrides, deck, data, own, kind=FileError)
+    touched(data / "t1.nii.gz")
+    refuses("2 files .* t1.nii.gz .* --set image.anatomy=PATH", data_overrides, deck, data)
 
 
 def test_the_command_reads_the_file_that_was_found(deck, tmp_path, capsys):
@@ -237,14 +218,9 @@ def test_the_command_reads_the_file_that_was_found(deck, tmp_path, capsys):
 def test_of_several_files_those_at_the_deck_stay_there(tmp_path, monkeypatch):
     """The deck is named from elsewhere: its folder must not be put before its files twice."""
     monkeypatch.chdir(tmp_path)
-    for name in ("deck/t1.nii.gz", "deck/t2.nii.gz", "data/t3.nii.gz"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    deck = tmp_path / "deck" / "a.toml"
-    deck.write_text(
-        'title = "t"\nunits = {force = "N", length = "mm"}\nscene.dimension = 3\n[image]\n'
-        'anatomy = "t1.nii.gz"\nchannels = ["t2.nii.gz", "t3.nii.gz"]\n'
-    )
+    touched(*(tmp_path / name for name in ("deck/t1.nii.gz", "deck/t2.nii.gz", "data/t3.nii.gz")))
+    image = 'anatomy = "t1.nii.gz"\nchannels = ["t2.nii.gz", "t3.nii.gz"]\n'
+    (tmp_path / "deck" / "a.toml").write_text(DECK.split("anatomy")[0] + image)
     (found,) = data_overrides("deck/a.toml", "data")
     places = [str(tmp_path / name) for name in ("deck/t2.nii.gz", "data/t3.nii.gz")]
     assert found == f"image.channels={json.dumps(places)}"
@@ -259,9 +235,8 @@ def test_what_is_chosen_in_a_folder_stays_behind_its_name(deck, tmp_path):
         f"image.anatomy={place}:kind=water",
     ]
     (found,) = data_overrides(deck, tmp_path / "data", asked)
-    key, value = found.split("=", 1)
-    assert key == "dixon.magnitude"
-    assert json.loads(value) == [f"{place}:series=5,echo={echo}" for echo in (1, 2)]
+    wanted = [f"{place}:series=5,echo={echo}" for echo in (1, 2)]
+    assert found == f"dixon.magnitude={json.dumps(wanted)}"
 
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
@@ -290,34 +265,28 @@ def test_the_attachments_that_the_deck_of_labels_shows_are_right(tmp_path):
     assert [one["set"] for one in values["boundary"]] == ["bottom", "top", "aponeurosis", "bone"]
 
 
-def run(name, data, out, *more):
-    words = [str(DECKS / f"{name}.toml"), "--data", str(data), "--out", str(out), "-q", *more]
-    assert main(["run", *words]) == 0
+def run(name, data, *overrides):
+    """Last probes of a deck of inputs/images on files of a folder, and their bars."""
+    out = data / "out"
+    words = [str(DECKS / f"{name}.toml"), "--data", str(data), "--out", str(out), "-q"]
+    assert main(["run", *words, *(word for text in overrides for word in ("--set", text))]) == 0
     assert (out / "report.html").stat().st_size > 10000
     summary = read_summary(out)
-    assert summary["verdict"]["state"] != "refused"
     last = summary["steps"][-1]
-    assert last["load"] == 1.0
+    assert summary["verdict"]["state"] != "refused" and last["load"] == 1.0
     return last["probes"], last["probe_errors"]
-
-
-def lines(starts, way, length):
-    """Tracts of the same direction."""
-    return [s + np.arange(0, length, 2.0)[:, None] * np.asarray(way) for s in starts]
 
 
 @pytest.mark.slow
 def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
     """A slab whose fibers go from one face to the other, as mg_tracts.toml wants it."""
     lean = np.radians(20.0)
-    way = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    way = np.arange(0, 90, 2.0)[:, None] * [np.sin(lean), 0.0, np.cos(lean)]
     pyvista.Box((-12, 12, -20, 20, 0, 120)).triangulate().save(tmp_path / "MG.stl")
     starts = np.random.default_rng(1).uniform([-50, -20, -10], [12, 20, 60], (300, 3))
-    tracts = lines(starts, way, 90)
-    np.savez(tmp_path / "tracts_MG.npz", points=np.vstack(tracts),
-             offsets=np.arange(301) * len(tracts[0]))  # fmt: skip
-    force, bar = run("mg_tracts", tmp_path, tmp_path / "out", "--set", "build.slices=[1,28]",
-                     "--set", "build.voxel=[3,4,4]")  # fmt: skip
+    points = (starts[:, None] + way).reshape(-1, 3)
+    np.savez(tmp_path / "tracts_MG.npz", points=points, offsets=np.arange(301) * len(way))
+    force, bar = run("mg_tracts", tmp_path, "build.slices=[1,28]", "build.voxel=[3,4,4]")
     # fibers across a face carry it: stress, cosine along the leg, section across the fibers
     estimate = 0.3 * 30 * np.cos(lean) * np.sin(lean) * 4.0 * 11.2
     assert -force["force"] == pytest.approx(estimate, rel=0.35)
@@ -329,16 +298,14 @@ def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
 @pytest.mark.slow
 def test_muscles_of_a_slice_by_a_reference(tmp_path):
     """Two dark muscles in a bright limb, one slice, as calf_reference.toml wants them."""
-    x, y = np.meshgrid(np.arange(64) - 31.5, np.arange(64) - 31.5, indexing="ij")
-    muscles = np.zeros((64, 64, 1), np.int32)
-    muscles[..., 0] = np.where((np.abs(x) < 18) & (np.abs(y) < 10), np.where(x < 0, 1, 2), 0)
-    grey = np.where(np.hypot(x, y) < 27, 200.0, 2.0)[..., None]
-    grey[muscles > 0] = 70.0
+    x, y, _ = centred(64, 64, 1)
+    muscles = np.where((np.abs(x) < 18) & (np.abs(y) < 10), np.where(x < 0, 1, 2), 0)
+    grey = np.select([muscles > 0, np.hypot(x, y) < 27], [70.0, 200.0], 2.0)
     grey += np.random.default_rng(3).normal(0.0, 2.0, grey.shape)
-    affine = np.diag([-2.0, -2.0, 1.0, 1.0])
-    write_image(tmp_path / "t1_a.nii.gz", Image(np.abs(grey), affine))
-    write_labels(tmp_path / "t1_a_muscles.nii.gz", Labels(muscles, affine, {1: "a", 2: "b"}))
-    force, bar = run("calf_reference", tmp_path, tmp_path / "out", "--set", "build.extrude=24")
+    affine = affine_of((-2.0, -2.0, 1.0))
+    labels = Labels(muscles.astype(np.int32), affine, {1: "a", 2: "b"})
+    save(tmp_path, affine, t1_a=np.abs(grey), t1_a_muscles=labels)
+    force, bar = run("calf_reference", tmp_path, "build.extrude=24")
     assert force["force"] == pytest.approx(0.3 * 30 * 36 * 20 * 0.04, rel=0.05)
     assert 0 < bar["force"] < 0.1 * force["force"]
 
@@ -346,20 +313,16 @@ def test_muscles_of_a_slice_by_a_reference(tmp_path):
 @pytest.mark.slow
 def test_muscles_around_a_bone_that_grow_wider(tmp_path):
     """Two cones with a hole, as the walks leave them to thighs.toml."""
-    x, y = np.meshgrid(np.arange(40) * 3.0, np.arange(24) * 3.0, indexing="ij")
-    data = np.zeros((40, 24, 10), np.int32)
-    for k in range(10):
-        for number, middle in ((1, 30.0), (2, 88.0)):
-            away = np.hypot(x - middle, y - 36.0)
-            data[..., k][away < 20 + k] = number
-            data[..., k][away < 6] = 3
-    labels = Labels(data, np.diag([3.0, 3.0, 6.0, 1.0]), {1: "left", 2: "right", 3: "bone"})
-    write_labels(tmp_path / "labels.nii.gz", labels)
-    write_image(tmp_path / "thighs_outphase.nii.gz", Image(data.astype(float), labels.affine))
-    force, bar = run("thighs", tmp_path, tmp_path / "out", "--set",
-                     f"build.labels={tmp_path / 'labels.nii.gz'}", "--set",
-                     "build.collocation_stride=[2,2,1]", "--set",
-                     "build.source_stride=[4,4,2]")  # fmt: skip
+    x, y, k = np.indices((40, 24, 10)) * np.reshape([3.0, 3.0, 1.0], (3, 1, 1, 1))
+    data = np.zeros(x.shape, np.int32)
+    for number, middle in ((1, 30.0), (2, 88.0)):
+        away = np.hypot(x - middle, y - 36.0)
+        data[away < 20 + k], data[away < 6] = number, 3
+    affine = affine_of((3.0, 3.0, 6.0))
+    labels = Labels(data, affine, {1: "left", 2: "right", 3: "bone"})
+    save(tmp_path, affine, labels=labels, thighs_outphase=data.astype(float))
+    force, bar = run("thighs", tmp_path, f"build.labels={tmp_path / 'labels.nii.gz'}",
+                     "build.collocation_stride=[2,2,1]", "build.source_stride=[4,4,2]")  # fmt: skip
     # the lowest section without the bone pulls with what its fibers can, more or less
     section = ((data[..., 0] == 1) | (data[..., 0] == 2)).sum() * 0.09
     assert 0.7 < -force["force"] / (0.3 * 30 * section) < 1.5
@@ -374,8 +337,7 @@ def test_a_grid_of_fibers_is_its_own_surface(tmp_path):
     wide = 1.2 * (1.0 - 0.35 * t**2)
     grid = pyvista.StructuredGrid(a * wide, b * wide, 3.0 * t)
     grid.save(tmp_path / "left_biceps_brachii_7x7fibers.vts")
-    force, bar = run("biceps", tmp_path, tmp_path / "out")
+    force, bar = run("biceps", tmp_path)
     # it pulls with more than its ends could by themselves and less than its middle
-    middle = (2 * 1.2) ** 2
-    assert 0.65**2 < force["force"] / (0.3 * 30 * middle) < 1.0
+    assert 0.65**2 < force["force"] / (0.3 * 30 * (2 * 1.2) ** 2) < 1.0
     assert 0 < bar["force"] < 0.25 * force["force"]

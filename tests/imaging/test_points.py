@@ -1,19 +1,22 @@
 """Points of models from labels, surfaces and tracts: lattices, coverage, boundary sets, islands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import pyvista
+from scipy.spatial.transform import Rotation
 
 from benchmarks.truths.compiled import shape_functions
 from benchmarks.truths.scanners import reordered
 from myork.core.deck import table_defaults
-from myork.errors import InputError
 from myork.imaging.phantom import make_phantom
 from myork.model import points
 from myork.model.cloud import build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.records import Image, Labels
-from tests.images import angle
+from tests.images import affine_of, angle, centred
+from tests.refusals import refuses
 
 TABLE = table_defaults("build")
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}
@@ -31,9 +34,7 @@ def mg(phantom):
 
 def box(shape=(5, 4, 6), spacing=(2.0, 3.0, 5.0), pad=2):
     data = np.pad(np.ones(shape, np.int32), [(pad, pad), (pad, pad), (0, 0)])
-    affine = np.diag([*spacing, 1.0])
-    affine[:3, 3] = [-100.0, 20.0, 7.0]
-    return Labels(data, affine, {1: "block"}, "block.nii")
+    return Labels(data, affine_of(spacing, (-100.0, 20.0, 7.0)), {1: "block"}, "block.nii")
 
 
 def test_block_by_hand():
@@ -55,8 +56,7 @@ def test_block_by_hand():
     np.testing.assert_allclose(np.ptp(cloud.points, axis=0), [1.0, 1.2, 3.0], rtol=0.05)
     np.testing.assert_allclose(cloud.volume, 0.2 * 0.3 * 0.5)
     np.testing.assert_allclose(cloud.spacing, [0.4, 0.6, 1.0])
-    assert cloud.label_names == {1: "block"}
-    assert cloud.set_names == ("bottom", "top", "surface")
+    assert cloud.label_names == {1: "block"} and cloud.set_names == ("bottom", "top", "surface")
     for number, (name, z) in enumerate((("bottom", -1.0), ("top", 1.0))):
         here = cloud.boundary_set == number
         assert here.sum() == 20, name
@@ -74,21 +74,20 @@ def test_block_by_hand():
 
 def test_every_point_has_a_source_point_nearer_than_a_step(mg):
     cloud, _ = mg
-    step = np.abs(cloud.points[:, None, :] - cloud.source[None, :, :]) / cloud.spacing
-    assert step.max(axis=2).min(axis=1).max() < 1.0
-    apart = np.abs(cloud.source[:, None, :] - cloud.source[None, :, :]) / cloud.spacing
-    apart = apart.max(axis=2) + 9 * np.eye(len(cloud.source))
-    assert apart.min() > 0.49  # never nearer than one voxel of the two of a step
+    step, apart = (
+        (np.abs(points[:, None] - cloud.source[None]) / cloud.spacing).max(axis=2)
+        for points in (cloud.points, cloud.source)
+    )
+    assert step.min(axis=1).max() < 1.0
+    # never nearer than one voxel of the two of a step
+    assert (apart + 9 * np.eye(len(cloud.source))).min() > 0.49
     assert 300 < len(cloud.source) < 600
     assert 1000 < len(cloud.points) < 2000
-
-
-def test_second_order_shape_functions_exist_at_every_point(mg):
+    # second order shape functions exist at every point
     cloud, _ = mg
     found = shape_functions(cloud.source, 3.0 * cloud.spacing, cloud.points, order=2)
     row = np.repeat(np.arange(len(cloud.points)), np.diff(found.offset))
-    sums = np.bincount(row, found.value[:, 0])
-    np.testing.assert_allclose(sums, 1.0, atol=1e-9)
+    np.testing.assert_allclose(np.bincount(row, found.value[:, 0]), 1.0, atol=1e-9)
     # A poorly covered boundary shows as large, cancelling values.
     assert np.abs(found.value[:, 0]).max() < 5.0
 
@@ -101,22 +100,16 @@ def test_volume_and_surface_of_the_medial_gastrocnemius(mg, phantom):
     surface = cloud.boundary_set == cloud.set_names.index("surface")
     normal, where = cloud.normal[surface], cloud.boundary_point[surface]
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-12)
-    # Outward: away from the centre of the slice.
-    # Points move along inclined normals, by less than half a slice.
+    # Outward: away from the centre of the slice. Points move along inclined normals, by less than
+    # half a slice.
     z = np.rint((cloud.points[:, 2] - cloud.points[0, 2]) / 0.6)
     for height in np.unique(z):
-        centre = cloud.points[z == height].mean(axis=0)
-        here = z[where] == height
-        out = ((cloud.points[where[here]] - centre) * normal[here]).sum(axis=1)
-        assert out.min() > 0
+        centre, here = cloud.points[z == height].mean(axis=0), z[where] == height
+        assert ((cloud.points[where[here]] - centre) * normal[here]).sum(axis=1).min() > 0
     # Perimeter of the ellipse (Ramanujan) times height. The tips have a radius of two blocks, and
     # there the normals are smoothed.
-    h = 0.6
-    exact = 0.0
-    for k in range(15):
-        s = 1 - 0.3 * ((k / 14 - 0.55) / 0.55) ** 2
-        a, b = 2.3 * s, 1.1 * s
-        exact += h * np.pi * (3 * (a + b) - np.sqrt((3 * a + b) * (a + 3 * b)))
+    a, b = np.outer([2.3, 1.1], 1 - 0.3 * ((np.arange(15) / 14 - 0.55) / 0.55) ** 2)
+    exact = 0.6 * np.pi * (3 * (a + b) - np.sqrt((3 * a + b) * (a + 3 * b))).sum()
     assert cloud.area[surface].sum() == pytest.approx(exact, rel=0.08)
 
 
@@ -127,22 +120,18 @@ def test_storage_order_of_the_image_does_not_change_the_model(mg, phantom, order
     cloud, _ = mg
     labels, fibers = (reordered(own, order, flips) for own in (phantom.truth, phantom.fiber))
     again, _ = build_cloud(labels, fibers, MG, "cm")
-    np.testing.assert_allclose(again.points, cloud.points, atol=1e-12)
-    np.testing.assert_allclose(again.source, cloud.source, atol=1e-12)
-    np.testing.assert_allclose(again.fiber, cloud.fiber, atol=1e-12)
-    np.testing.assert_allclose(again.normal, cloud.normal, atol=1e-12)
+    for name in ("points", "source", "fiber", "normal"):
+        np.testing.assert_allclose(getattr(again, name), getattr(cloud, name), atol=1e-12)
     assert np.array_equal(again.boundary_point, cloud.boundary_point)
 
 
 def test_rotated_header_gives_the_same_model_in_its_own_frame(mg, phantom):
     cloud, _ = mg
-    a = np.radians(15.0)
-    turn = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    turn = Rotation.from_euler("x", 15.0, degrees=True).as_matrix()
     affine = phantom.truth.affine.copy()
     affine[:3] = turn @ affine[:3]
     labels = Labels(phantom.truth.data, affine, phantom.truth.names)
-    fibers = Image(phantom.fiber.data @ turn.T, affine)
-    again, warnings = build_cloud(labels, fibers, MG, "cm")
+    again, warnings = build_cloud(labels, Image(phantom.fiber.data @ turn.T, affine), MG, "cm")
     np.testing.assert_allclose(again.points, cloud.points, atol=1e-9)
     np.testing.assert_allclose(again.fiber, cloud.fiber, atol=1e-9)
     assert any("rotated against the world axes" in text for text in warnings)
@@ -157,59 +146,48 @@ def test_fibers_at_points_are_those_of_the_phantom(mg, phantom):
     assert angle(exact, cloud.fiber)[known].max() < 2.0
 
 
-def with_island():
+def test_islands_are_named_or_dropped():
     labels = box()
     data = np.pad(labels.data, [(0, 6), (0, 0), (0, 0)])
     data[-3:-1, 3:5, 2:4] = 1
-    return Labels(data, labels.affine, labels.names, labels.name)
-
-
-def test_islands_are_named_or_dropped():
-    with pytest.raises(InputError, match=r"island of 8 points \(block\) around .* neither end"):
-        build_cloud(with_island(), None, TABLE, "cm")
-    cloud, warnings = build_cloud(with_island(), None, {**TABLE, "islands": "drop"}, "cm")
-    assert len(cloud.points) == 120
-    assert "island of 8 points" in warnings[0]
+    island = replace(labels, data=data)
+    said = r"island of 8 points \(block\) around .* neither end"
+    refuses(said, build_cloud, island, None, TABLE, "cm")
+    cloud, warnings = build_cloud(island, None, {**TABLE, "islands": "drop"}, "cm")
+    assert len(cloud.points) == 120 and "island of 8 points" in warnings[0]
 
 
 def test_thin_sheet_is_reported_and_its_normals_are_units():
     data = np.zeros((12, 9, 5), np.int32)
-    data[2:8, 2:7] = 1
-    data[8:11, 4] = 1
+    data[2:8, 2:7] = data[8:11, 4] = 1
     cloud, warnings = build_cloud(Labels(data, np.eye(4), {}, "a"), None, TABLE, "mm")
     assert any("in sheets one point thick" in text for text in warnings)
     np.testing.assert_allclose(np.linalg.norm(cloud.normal, axis=1), 1.0, atol=1e-12)
     assert (cloud.area > 0).all()
+    # a tip is no sheet
+    body = np.zeros((7, 7, 1), bool)
+    body[1:6, 2:5] = body[6, 3] = True
+    assert len(points.thin_voxels(body)) == 0
 
 
-def test_few_source_points_across_are_told():
+@pytest.mark.parametrize(("step", "told"), [
+    (1, ["b has 3"]), (2, ["a has 2.5", "b has 2"]),  # the whole has four in seven voxels
+])  # fmt: skip
+def test_few_source_points_across_are_told(step, told):
     data = np.ones((12, 7, 9), np.int32)
     data[:, :3] = 2
-    for step in (1, 2):
-        table = {**TABLE, "source_stride": [step] * 3}
-        labels = Labels(data, np.eye(4), {1: "a", 2: "b"}, "sheets")
-        _, told = build_cloud(labels, None, table, "mm")
-        told = [text for text in told if "across its thickness" in text]
-        if step == 1:
-            assert len(told) == 1 and told[0].startswith("b has 3 source points across")
-        else:
-            # the whole has four in seven voxels at this step
-            assert [text.split(" source")[0] for text in told] == ["a has 2.5", "b has 2"]
-
-
-def test_a_tip_is_no_sheet():
-    body = np.zeros((7, 7, 3), bool)
-    body[1:6, 2:5] = True
-    body[6, 3] = True
-    assert len(points.thin_voxels(body[:, :, :1])) == 0
+    labels = Labels(data, np.eye(4), {1: "a", 2: "b"}, "sheets")
+    warnings = build_cloud(labels, None, {**TABLE, "source_stride": [step] * 3}, "mm")[1]
+    found = [text for text in warnings if "source points across its thickness" in text]
+    assert [text.split(" source")[0] for text in found] == told
 
 
 def spindle(lowest):
     """Ellipsoid of 20 slices whose lowest slice has about a part of the largest section."""
-    i, j, k = np.indices((24, 24, 20)) - np.array([11.5, 11.5, 9.5]).reshape(3, 1, 1, 1)
+    i, j, k = centred(24, 24, 20)
     radius = 10.0 * np.sqrt(np.clip(1.0 - (1.0 - lowest) * (k / 9.5) ** 2, 0.0, None))
     data = (np.hypot(i, j) < np.maximum(radius, 0.8)).astype(np.int32)
-    return Labels(data, np.diag([1.0, 1.0, 4.0, 1.0]), {1: "spindle"}, "spindle.nii")
+    return Labels(data, affine_of((1.0, 1.0, 4.0)), {1: "spindle"}, "spindle.nii")
 
 
 def test_a_tip_is_named_with_the_slices_to_take():
@@ -228,64 +206,45 @@ def test_a_tip_is_named_with_the_slices_to_take():
     assert [w for w in held if "tip: its upper end has" in w and "lower" not in w]
 
 
-def test_one_slice_makes_a_plane_model():
+def test_slices_and_blocks_of_models():
     cloud, warnings = build_cloud(box((5, 4, 1)), None, TABLE, "cm")
-    assert cloud.set_names == ("surface",)
-    assert len(cloud.points) == 20
+    assert cloud.set_names == ("surface",) and len(cloud.points) == 20
     np.testing.assert_allclose(cloud.normal[:, 2], 0.0, atol=1e-12)
     assert "one slice" in warnings[0]
-
-
-def test_slices_cut_the_model():
     cloud, _ = build_cloud(box(), None, {**TABLE, "slices": [1, 4]}, "cm")
     np.testing.assert_allclose(np.unique(cloud.points[:, 2]), [0.95, 1.7, 2.2, 2.95])
-
-
-def test_blocks_keep_place_and_size():
+    # blocks keep place and size
     coarse = points.coarsen(box((6, 4, 6)), (2, 2, 3))
     assert coarse.data.sum() == 3 * 2 * 2
     np.testing.assert_allclose(coarse.spacing, [4, 6, 15])
     # Centre of the first block of 2 x 2 x 3 voxels.
-    first = np.argwhere(coarse.data)[0]
-    world = coarse.affine[:3, :3] @ first + coarse.affine[:3, 3]
-    np.testing.assert_allclose(world, [-95.0, 27.5, 12.0])
+    np.testing.assert_allclose(coarse.world(np.argwhere(coarse.data)[0]), [-95.0, 27.5, 12.0])
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"ids": [4]}, r"no voxel has label \[4\]; the labels there are: 1"),
-        ({"slices": [3, 9]}, r"build.slices = \[3, 9\] does not lie in the 6 slices"),
-        ({"collocation_stride": [2, 2, 1], "source_stride": [3, 4, 1]}, "must be a multiple of bu"),
-        (dict.fromkeys(("collocation_stride", "source_stride"), [40, 40, 1]), "nothing is left of"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"ids": [4]}, r"no voxel has label \[4\]; the labels there are: 1"),
+    ({"slices": [3, 9]}, r"build.slices = \[3, 9\] does not lie in the 6 slices"),
+    ({"collocation_stride": [2, 2, 1], "source_stride": [3, 4, 1]}, "must be a multiple of bu"),
+    (dict.fromkeys(("collocation_stride", "source_stride"), [40, 40, 1]), "nothing is left of"),
+])  # fmt: skip
 def test_impossible_wishes(change, message):
-    with pytest.raises(InputError, match=message):
-        build_cloud(box(), None, {**TABLE, **change}, "cm")
-
-
-def test_empty_map_and_unknown_unit():
+    refuses(message, build_cloud, box(), None, {**TABLE, **change}, "cm")
     empty = Labels(np.zeros((3, 3, 3), np.int32), np.eye(4), {}, "empty.nii")
-    with pytest.raises(InputError, match="empty.nii: no voxel has a label above zero"):
-        build_cloud(empty, None, TABLE, "cm")
-    with pytest.raises(InputError, match="units.length = 'inch'"):
-        build_cloud(box(), None, TABLE, "inch")
+    refuses("empty.nii: no voxel has a label above zero", build_cloud, empty, None, TABLE, "cm")
+    refuses("units.length = 'inch'", build_cloud, box(), None, TABLE, "inch")
 
 
 def test_surface_points_lie_on_the_surface():
     """Round a cylinder of 8.3 voxels centres of surface voxels lie 0.5 voxels inside in the mean,
     the moved ones on it: 0.05 in the mean, a fifth of a voxel by its stairs.
     """
-    x, y, _ = np.meshgrid(np.arange(-12.0, 13), np.arange(-12.0, 13), np.arange(6), indexing="ij")
-    labels = Labels((np.hypot(x, y) <= 8.3).astype(np.int32), np.diag([10.0, 10.0, 10.0, 1.0]))
-    cloud, _ = build_cloud(labels, None, TABLE, "cm")
+    data = (np.hypot(*centred(25, 25, 6)[:2]) <= 8.3).astype(np.int32)
+    cloud, _ = build_cloud(Labels(data, affine_of(10.0)), None, TABLE, "cm")
     skin = cloud.boundary_point[cloud.boundary_set == 2]
     first = cloud.points[np.argmin(np.abs(cloud.points - cloud.points.mean(axis=0)).sum(axis=1))]
     radius = np.hypot(*(cloud.points[skin] - first)[:, :2].T)
-    assert abs(radius.mean() - 8.3) < 0.06
-    assert radius.std() < 0.2
-    np.testing.assert_array_equal(np.unique(cloud.points[:, 2].round(9)).size, 6)
+    assert abs(radius.mean() - 8.3) < 0.06 and radius.std() < 0.2
+    assert np.unique(cloud.points[:, 2].round(9)).size == 6
 
 
 def test_a_hole_of_one_voxel_keeps_the_points_around_it_apart():
@@ -310,9 +269,8 @@ def cylinder(tmp_path):
 @pytest.mark.slow
 def test_volume_and_place_of_a_cylinder(cylinder):
     labels = voxelise(cylinder, 1.0, (2.0, 2.0, 4.0), "muscle")
-    volume = labels.data.sum() * 16.0
-    assert volume == pytest.approx(np.pi * 400 * 60, rel=0.03)
-    world = np.argwhere(labels.data) @ labels.affine[:3, :3].T + labels.affine[:3, 3]
+    assert labels.data.sum() * 16.0 == pytest.approx(np.pi * 400 * 60, rel=0.03)
+    world = labels.world(np.argwhere(labels.data))
     np.testing.assert_allclose(world.mean(axis=0), [5, -3, 100], atol=0.2)
     assert labels.names == {1: "muscle"}
     metres = voxelise(cylinder, 10.0, (20.0, 20.0, 40.0), "muscle")
@@ -323,17 +281,15 @@ def test_volume_and_place_of_a_cylinder(cylinder):
 def test_lines_give_fibers_whatever_their_sign(cylinder, tmp_path):
     labels = voxelise(cylinder, 1.0, (2.0, 2.0, 4.0), "muscle")
     direction = np.array([0.3, 0.0, 0.9]) / np.hypot(0.3, 0.9)
-    random = np.random.default_rng(2)
-    starts = random.uniform([-20, -25, 60], [30, 20, 70], (60, 3))
-    lines = [s + np.arange(0, 70, 2.0)[:, None] * direction for s in starts]
-    lines = [line[::-1] if n % 2 else line for n, line in enumerate(lines)]
+    starts = np.random.default_rng(2).uniform([-20, -25, 60], [30, 20, 70], (60, 3))
+    lines = starts[:, None] + np.arange(0, 70, 2.0)[:, None] * direction
+    lines[1::2] = lines[1::2, ::-1]
     np.savez(tmp_path / "t.npz", points=np.vstack(lines), offsets=np.arange(61) * len(lines[0]))
     again = read_tracts(tmp_path / "t.npz", 1.0)
     assert len(again) == 60
     np.testing.assert_allclose(again[7], lines[7])
     fibers = tract_fibers(again, labels)
-    inside = labels.data > 0
-    assert np.abs(fibers.data[inside] @ direction).min() > 1 - 1e-9
+    assert np.abs(fibers.data[labels.data > 0] @ direction).min() > 1 - 1e-9
     cloud, warnings = build_cloud(labels, fibers, TABLE, "cm")
     assert warnings == [] and cloud.set_names == ("bottom", "top", "surface")
     assert np.abs(cloud.fiber @ direction).min() > 1 - 1e-9
@@ -355,16 +311,13 @@ def test_a_structured_grid_is_a_surface_and_its_fibers(tmp_path):
 
 @pytest.mark.slow
 def test_bad_surfaces_and_tracts_are_named(cylinder, tmp_path):
-    open_ = pyvista.read(cylinder).extract_cells(range(40)).extract_surface(
-        algorithm="dataset_surface")  # fmt: skip
-    open_.save(tmp_path / "open.stl")
-    with pytest.raises(InputError, match="open.stl: the surface is not closed"):
-        voxelise(tmp_path / "open.stl", 1.0, (2.0, 2.0, 2.0), "m")
-    with pytest.raises(InputError, match="check build.surface_unit"):
-        voxelise(cylinder, 1000.0, (2.0, 2.0, 2.0), "m")
+    part = pyvista.read(cylinder).extract_cells(range(40))
+    part.extract_surface(algorithm="dataset_surface").save(tmp_path / "open.stl")
+    size = (2.0, 2.0, 2.0)
+    said = "open.stl: the surface is not closed"
+    refuses(said, voxelise, tmp_path / "open.stl", 1.0, size, "m")
+    refuses("check build.surface_unit", voxelise, cylinder, 1000.0, size, "m")
     np.savez(tmp_path / "a.npz", points=np.zeros((4, 3)))
-    with pytest.raises(InputError, match="needs the arrays points and offsets"):
-        read_tracts(tmp_path / "a.npz", 1.0)
+    refuses("needs the arrays points and offsets", read_tracts, tmp_path / "a.npz", 1.0)
     np.savez(tmp_path / "c.npz", points=np.full((4, 3), np.nan), offsets=[0, 4])
-    with pytest.raises(InputError, match="not finite"):
-        read_tracts(tmp_path / "c.npz", 1.0)
+    refuses("not finite", read_tracts, tmp_path / "c.npz", 1.0)

@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from myork.errors import FileError, InputError
-from myork.imaging.io import read_labels, read_reference, write_image, write_labels
+from myork.imaging.io import read_labels, read_reference
 from myork.records import Image, Labels
 from myork.segmentation import walk
 from myork.segmentation.channels import smoothed_tensor
@@ -17,7 +18,8 @@ from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import heights_of, random_walk
-from tests.images import save, segmented
+from tests.images import affine_of, centred, labels_in, save, segmented
+from tests.refusals import refuses
 
 SPACING = np.array([1.5, 1.5, 6.0])
 AFFINE = np.diag([*SPACING, 1.0])
@@ -27,28 +29,24 @@ def leg(slices=3, seed=0, gap=4):
     """Muscle in fat of the same grey, parted by a dark line of a pixel or two with gaps of `gap`,
     and a bone in it; shading by a factor of three across, noise of a fortieth.
     """
-    i, j = np.indices((84, 84)) - 41.5
-    image, truth = np.zeros((2, 84, 84, slices))
-    random = np.random.default_rng(seed)
-    for k in range(slices):
-        r, angle = np.hypot(i - k, j), np.arctan2(j, i - k)
-        edge = 27 + 1.5 * np.cos(3 * angle) + 0.5 * k
-        here = np.select([r > 38, r > edge, np.hypot(i - k, j - 6) > 7], [0, 2, 1], 3)
-        grey = np.choose(here, [0.0, 1.0, 1.0, 0.7])
-        line = np.abs(r - edge) < 0.9
-        for start in (0.3, 2.0, -1.5):  # gaps
-            line &= np.abs(angle - start) * 27 > gap / 2
-        grey[line & (here > 0)] *= 0.45
-        grey[(np.hypot(i - k, j - 6) < 9) & (here == 1)] = 0.1
-        here[(np.hypot(i - k, j - 6) < 9)] = 3
-        shading = np.exp(0.55 * (i + 0.5 * j) / 41.5)
-        image[..., k], truth[..., k] = grey * shading, here
-    image = 400 * np.abs(image + random.normal(0, 1 / 40, image.shape))
-    return Image(image, AFFINE, "leg"), truth.astype(np.int32)
+    i, j, k = np.indices((84, 84, slices)) - np.reshape([41.5, 41.5, 0], (3, 1, 1, 1))
+    r, angle, bone = np.hypot(i - k, j), np.arctan2(j, i - k), np.hypot(i - k, j - 6)
+    edge = 27 + 1.5 * np.cos(3 * angle) + 0.5 * k
+    here = np.select([r > 38, r > edge, bone > 7], [0, 2, 1], 3)
+    grey = np.choose(here, [0.0, 1.0, 1.0, 0.7])
+    line = np.abs(r - edge) < 0.9
+    for start in (0.3, 2.0, -1.5):  # gaps
+        line &= np.abs(angle - start) * 27 > gap / 2
+    grey[line & (here > 0)] *= 0.45
+    grey[(bone < 9) & (here == 1)] = 0.1
+    here[bone < 9] = 3
+    grey *= np.exp(0.55 * (i + 0.5 * j) / 41.5)
+    image = 400 * np.abs(grey + np.random.default_rng(seed).normal(0, 1 / 40, grey.shape))
+    return Image(image, AFFINE, "leg"), here.astype(np.int32)
 
 
 def seeds(*voxels):
-    return np.array([np.array(v) * SPACING for v in voxels], float)
+    return np.reshape(voxels, (-1, 3)) * SPACING
 
 
 RULES = [
@@ -68,8 +66,7 @@ def walked(image, truth, rules, radius=4.0, weight=20.0):
 def test_walks_find_what_only_a_dark_line_with_gaps_parts():
     image, truth = leg()
     # Grey values cannot tell: in the muscle they differ more than between muscle and fat.
-    grey = image.data
-    fat, muscle = (grey[truth == number] for number in (2, 1))
+    fat, muscle = (image.data[truth == number] for number in (2, 1))
     assert abs(fat.mean() - muscle.mean()) < 0.3 * muscle.std()
     found = walked(image, truth, RULES)
     assert np.array_equal(found >= 0, truth > 0)
@@ -79,13 +76,10 @@ def test_walks_find_what_only_a_dark_line_with_gaps_parts():
     # Without the shyness of edges the seeds' distances decide.
     plain = walked(image, truth, RULES, weight=0.0)
     assert dice(plain == 1, truth == 1) < dice(found == 1, truth == 1) - 0.1
-
-
-def test_seeds_of_one_slice_reach_all_others():
+    # seeds of one slice reach all others
     image, truth = leg(slices=7)
     found = walked(image, truth, RULES)
-    for k in range(7):
-        assert dice(found[..., k] == 1, truth[..., k] == 1) > 0.9
+    assert min(dice(found[..., k] == 1, truth[..., k] == 1) for k in range(7)) > 0.9
 
 
 def test_what_no_seed_reaches_has_no_label():
@@ -111,20 +105,17 @@ def test_walks_on_a_strip_follow_the_resistances(monkeypatch):
     assert found[:, 0, 0].tolist() == [1] * 6 + [2] * 15
 
 
-def test_walks_that_are_not_solved_are_told(monkeypatch):
+def test_walks_that_cannot_be_are_refused(monkeypatch):
     image, truth = leg()
     # Slices are solved exactly by the preconditioner; what joins them takes more than one step.
     monkeypatch.setattr(walk, "cg", partial(walk.cg, maxiter=1))
-    with pytest.raises(InputError, match="walks from label 1 .* lower image.edge_weight = 20"):
-        walked(image, truth, RULES)
-
-
-def test_seeds_beside_each_other_and_images_without_signal_are_refused():
+    refuses("walks from label 1 .* lower image.edge_weight = 20", walked, image, truth, RULES)
+    # seeds beside each other, and images without signal
     rules = [Muscle("a", seeds((60, 42, 1))), Muscle("b", seeds((61, 42, 1)))]
-    with pytest.raises(InputError, match="muscle.a: the seed .* beside one of muscle.b; lower ima"):
-        walked(*leg(slices=2), rules)
-    with pytest.raises(InputError, match="half of the voxels have no signal"):
-        heights_of(np.zeros((3, 3, 1)), np.ones((3, 3, 1), bool))
+    said = "muscle.a: the seed .* beside one of muscle.b; lower ima"
+    refuses(said, walked, *leg(slices=2), rules)
+    there = np.ones((3, 3, 1), bool)
+    refuses("half of the voxels have no signal", heights_of, np.zeros(there.shape), there)
 
 
 def test_regions_start_around_the_seeds_and_clusters_of_the_rest():
@@ -132,8 +123,7 @@ def test_regions_start_around_the_seeds_and_clusters_of_the_rest():
     centre = np.array([[0, 0], [1, 0], [0, 1], [6, 6], [9, 0]])
     kind = np.repeat(np.arange(5), 40).reshape(20, 10, 1)
     values = centre[kind] + random.normal(0, 0.1, (20, 10, 1, 2))
-    region = np.ones(kind.shape, bool)
-    region[:, 9] = False
+    region = np.indices(kind.shape)[1] != 9
     known = np.full(kind.shape, -1, np.int32)
     known[9, 3, 0], known[0, 0, 0], known[5, 4, 0] = 1, 2, 3  # classes 2, 0, 1
     found = seeded_regions(values, region, known, 5)
@@ -142,37 +132,31 @@ def test_regions_start_around_the_seeds_and_clusters_of_the_rest():
     assert np.array_equal(found[region], wanted[region]) and not found[~region].any()
     # With as many regions as muscles all is one of them.
     assert set(np.unique(seeded_regions(values, region, known, 3))) == {0, 1, 2}
-    with pytest.raises(InputError, match="3 muscles have seeds, image.regions is 2; raise it"):
-        seeded_regions(values, region, known, 2)
+    said = "3 muscles have seeds, image.regions is 2; raise it"
+    refuses(said, seeded_regions, values, region, known, 2)
 
 
 def test_smoothing_of_tensors_stays_inside_and_skips_what_is_not_finite():
     data = np.ones((9, 8, 3, 6))
-    data[:4] = 7.0
-    data[6, 3, 1] = np.nan
-    region = np.ones((9, 8, 3), bool)
-    region[:4] = False
-    tensor = Image(data, AFFINE, "tensor")
-    smooth = smoothed_tensor(tensor, region, 2.0)
+    data[:4], data[6, 3, 1] = 7.0, np.nan
+    region = np.indices((9, 8, 3))[0] >= 4
+    smooth = smoothed_tensor(Image(data, AFFINE, "tensor"), region, 2.0)
     np.testing.assert_allclose(smooth.data[region], 1.0)
 
 
 def two_muscles():
     """Two muscles that touch, in fat: no border between them in the image."""
-    i, j = np.indices((80, 70)) - np.array([39.5, 34.5])[:, None, None]
+    i, j, _ = centred(80, 70, 1)
     label = np.where((i / 24) ** 2 + (j / 18) ** 2 < 1, np.where(i + 0.3 * j > 4, 2, 1), 0)
     label[(np.hypot(i - 10, j) < 4)] = 0
     body = np.hypot(i, j * 1.2) < 36
-    grey = np.where(body, 600.0, 0.0)
-    grey[label > 0] = 250.0
+    grey = np.select([label > 0, body], [250.0, 600.0], 0.0)
     noise = np.random.default_rng(3).normal(0, 10, grey.shape)
-    image = Image(np.abs(grey + noise)[..., None], np.eye(4), "two")
-    return image, label[..., None], body[..., None]
+    return Image(np.abs(grey + noise), np.eye(4), "two"), label, body
 
 
-def shifted(label, shift, degrees, scale=1.0):
-    angle = np.radians(degrees)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) / scale
+def shifted(label, shift, degrees):
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()[:2, :2]
     centre = (np.array(label.shape[:2]) - 1) / 2
     offset = centre - turn @ (centre + shift)
     return ndimage.affine_transform(label[..., 0], turn, offset=offset, order=0)[..., None]
@@ -183,25 +167,31 @@ def test_pieces_and_nearest_labels_of_a_reference():
     off = Labels(shifted(truth, (2, -1), 3).astype(np.int32), np.eye(4), {1: "a"})
     label = nearest_labels(truth > 0, off.data, np.ones(3), 5.0)
     for number in (1, 2):
-        before = dice(off.data == number, truth == number)
-        assert dice(label == number, truth == number) > max(before, 0.93)
+        before, after = (dice(one == number, truth == number) for one in (off.data, label))
+        assert after > max(before, 0.93)
     # As pieces the muscles, which touch, are one.
     pieces = group_by_reference(np.where(truth > 0, 0, -1), off)
     assert len(np.unique(pieces.data)) == 2 and pieces.names[1] == "a"
-    empty = Labels(np.zeros_like(off.data), np.eye(4))
-    assert not nearest_labels(body, empty.data, np.ones(3), 5.0).any()
+    assert not nearest_labels(body, 0 * off.data, np.ones(3), 5.0).any()
 
 
 def parted(folder, muscles=(), **keys):
-    """Run the station on the image of a folder."""
-    keys = {"anatomy": "leg.nii.gz", **keys}
-    return segmented(folder, image=keys, muscle=muscles)["segmentation"]
+    return segmented(folder, image={"anatomy": "leg.nii.gz", **keys}, muscle=muscles)[
+        "segmentation"
+    ]
 
 
-def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
+@pytest.fixture
+def legs(tmp_path):
+    """Truth of the leg, which lies in a folder with its image."""
     image, truth = leg()
     names = {1: "muscle", 2: "fat", 3: "b"}
     save(tmp_path, AFFINE, leg=image, truth=Labels(truth, AFFINE, names))
+    return truth
+
+
+@pytest.mark.usefixtures("legs")
+def test_segment_walks_from_the_seeds_of_the_deck(tmp_path):
     rules = [{"name": rule.name, "rim": rule.rim, "seeds": rule.seeds.ravel()} for rule in RULES]
     del rules[1]["seeds"]
     keys = dict(split="walk", seed_radius=4, tolerance=0.01, truth="truth.nii.gz", edge_weight=20)
@@ -213,34 +203,31 @@ def drawn(truth):
     """A map of strokes: inside muscle and bone, and along the skin; 0 elsewhere."""
     strokes = np.zeros(truth.shape, np.int32)
     for number, depth in ((1, 6), (3, 4), (2, 2)):
-        for k in range(truth.shape[2]):
-            inside = ndimage.distance_transform_edt(np.pad(truth[..., k] == number, 1))[1:-1, 1:-1]
-            strokes[..., k][inside > depth] = 10 * number
+        # distances within slices: those between them are longer than any
+        inside = np.pad(truth == number, ((1, 1), (1, 1), (0, 0)))
+        depths = ndimage.distance_transform_edt(inside, sampling=(1, 1, 1000))[1:-1, 1:-1]
+        strokes[depths > depth] = 10 * number
     return strokes
 
 
-def test_segment_walks_from_a_map_of_seeds(tmp_path):
-    image, truth = leg()
-    names = {1: "muscle", 2: "fat", 3: "b"}
-    save(tmp_path, AFFINE, leg=image, truth=Labels(truth, AFFINE, names))
-    strokes = drawn(truth)
+def test_segment_walks_from_a_map_of_seeds(legs, tmp_path):
+    strokes = drawn(legs)
     strokes[0, 0, 0] = 10  # in the air
     names = {10: "muscle", 20: "background", 30: "bone"}
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE, names))
-    keys = dict(split="walk", tolerance=0.01, truth="truth.nii.gz", seeds="seeds.nii.gz")
-    found = parted(tmp_path, **keys)
+    save(tmp_path, AFFINE, seeds=Labels(strokes, AFFINE, names))
+    found = parted(tmp_path, **WALK, truth="truth.nii.gz")
     assert found["scores"]["muscle"]["dice"] > 0.95
     assert set(found["labels"]) == {"muscle", "bone"}
     assert any("1 of" in line and "outside of the region" in line for line in found["warnings"])
-    labels = read_labels(tmp_path / "out" / "segmentation.nii.gz")
-    assert np.unique(labels.data).tolist() == [0, 10, 30]
+    assert np.unique(labels_in(tmp_path / "out")).tolist() == [0, 10, 30]
     # muscle alone parts nothing
-    strokes[strokes != 10] = 0
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes, AFFINE))
-    with pytest.raises(InputError, match="seeds of at least two labels .* there are \\[10\\]"):
-        parted(tmp_path, **keys)
+    save(tmp_path, AFFINE, seeds=strokes * (strokes == 10))
+    said = "seeds of at least two labels .* there are \\[10\\]"
+    refuses(said, parted, tmp_path, **WALK, truth="truth.nii.gz")
 
 
+#: Image keys of a walk from a map of seeds
+WALK = {"split": "walk", "tolerance": 0.01, "seeds": "seeds.nii.gz"}
 RIM = {"name": "fat", "rim": 4}
 
 
@@ -251,56 +238,49 @@ def bone(*seeds):
 SEED = bone(39, 34, 0)
 
 
-@pytest.mark.parametrize(
-    ("rules", "keys", "message"),
-    [
-        ([RIM], {}, "muscle.fat.rim: only for image.split = walk"),
-        ([SEED], {"split": "nearest"}, "image.reference: missing, a text is needed"),
-        ([], {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
-        ([{"name": "a"}], {}, "muscle.a: needs one of the keys seeds, rim"),
-        ([], {"split": "walk"}, r"'walk' needs image.seeds or \[\[muscle\]\]"),
-        ([], {"split": "walk", "reference": "old.nii.gz"}, "image.reference: only for split = pie"),
-        ([SEED], {"reference": "old.nii.gz"}, "both define the muscles; leave one of them out"),
-        ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates per point are needed, no"),
-        ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
-        ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
-        ([bone(1, 34, 0)], {"split": "walk"}, "muscle.bone: .* does not lie in the"),
-        ([bone(-9, 34, 0)], {"split": "walk"}, "muscle.bone: .* lies outside"),
-        ([], {"seeds": "seeds.nii.gz"}, "image.seeds: only for split = walk"),
-        ([], {"split": "walk", "seeds": "seeds.nii.gz", "reference": "old.nii.gz"},
-         "image.reference: only for|cannot be given beside"),
-        ([], {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
-        *(([], {"split": split, "reference": "old.nii.gz", key: 1},
-           f"{key}: only for split = .*; here split = {split}")
-          for split, key in (("pieces", "edge_weight"), ("nearest", "edge_weight"),
-                             ("pieces", "reference_margin"))),
-        ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
-        ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("rules", "keys", "message"), [
+    ([RIM], {}, "muscle.fat.rim: only for image.split = walk"),
+    ([SEED], {"split": "nearest"}, "image.reference: missing, a text is needed"),
+    ([], {"start": "seeds"}, r"start = 'seeds' needs \[\[muscle\]\] with seeds or a rim"),
+    ([{"name": "a"}], {}, "muscle.a: needs one of the keys seeds, rim"),
+    ([], {"split": "walk"}, r"'walk' needs image.seeds or \[\[muscle\]\]"),
+    ([], {"split": "walk", "reference": "old.nii.gz"}, "image.reference: only for split = pie"),
+    ([SEED], {"reference": "old.nii.gz"}, "both define the muscles; leave one of them out"),
+    ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates per point are needed, no"),
+    ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
+    ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
+    ([bone(1, 34, 0)], {"split": "walk"}, "muscle.bone: .* does not lie in the"),
+    ([bone(-9, 34, 0)], {"split": "walk"}, "muscle.bone: .* lies outside"),
+    ([], {"seeds": "seeds.nii.gz"}, "image.seeds: only for split = walk"),
+    ([], {"split": "walk", "seeds": "seeds.nii.gz", "reference": "old.nii.gz"},
+     "image.reference: only for|cannot be given beside"),
+    ([], {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
+    *(([], {"split": split, "reference": "old.nii.gz", key: 1},
+       f"{key}: only for split = .*; here split = {split}")
+      for split, key in (("pieces", "edge_weight"), ("nearest", "edge_weight"),
+                         ("pieces", "reference_margin"))),
+    ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
+    ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
+])  # fmt: skip
 def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rules, keys, message):
     image, truth, _ = two_muscles()
-    far = np.eye(4)
-    far[0, 3] = 500.0
-    save(tmp_path, far, leg=image, old=truth)
+    save(tmp_path, affine_of(1.0, (500.0, 0, 0)), leg=image, old=truth)
     save(tmp_path, np.eye(4), seeds=10 * (truth == 1))
 
     def computed(*args, **kwargs):
         pytest.fail("the level sets ran")
 
     monkeypatch.setattr("myork.segmentation.images.segment_regions", computed)
-    with pytest.raises((InputError, FileError), match=message):
-        parted(tmp_path, rules, **keys)
+    refuses(message, parted, tmp_path, rules, kind=(InputError, FileError), **keys)
 
 
 def test_seeds_of_one_muscle_start_all_regions(tmp_path):
     image, truth, body = two_muscles()
-    write_image(tmp_path / "leg.nii.gz", image)
+    save(tmp_path, np.eye(4), leg=image)
     parted(tmp_path, [{**SEED, "name": "muscle"}], start="seeds")
-    found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
-    assert dice(found == 1, truth > 0) > 0.95
+    assert dice(labels_in(tmp_path / "out") == 1, truth > 0) > 0.95
     # what is like none of the seeds
-    rest = read_labels(tmp_path / "out" / "regions.nii.gz").data == 2
+    rest = labels_in(tmp_path / "out", "regions") == 2
     assert dice(rest, body & (truth == 0)) > 0.95
 
 
@@ -322,15 +302,11 @@ def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
 
 def leaning_rods():
     """Two rods that touch and shift, with no edge between them, in 9 slices of 4 mm."""
-    x, y = np.meshgrid(np.arange(40.0), np.arange(30.0), indexing="ij")
-    label = np.full((40, 30, 9), 3, np.int32)
-    for k in range(9):
-        wall = 14 + k
-        inside = np.hypot((x - wall) / 1.3, y - 15) < 10
-        label[..., k] = np.where(inside, np.where(x < wall, 1, 2), 3)
-    grey = np.where(label == 3, 300.0, 100.0)
+    x, y, k = np.indices((40, 30, 9))
+    inside = np.hypot((x - 14 - k) / 1.3, y - 15) < 10
+    label = np.where(inside, np.where(x < 14 + k, 1, 2), 3).astype(np.int32)
     noise = np.random.default_rng(2).normal(0.0, 5.0, label.shape)
-    return grey + noise, label, np.array([1.0, 1.0, 4.0])
+    return np.where(label == 3, 300.0, 100.0) + noise, label, np.array([1.0, 1.0, 4.0])
 
 
 @pytest.mark.parametrize("axis", [2, 0])
@@ -351,30 +327,30 @@ def test_outlines_of_the_first_and_last_slice_tell_the_border_that_no_edge_shows
 def test_shapes_decide_nothing_against_edges_and_strokes_foretell_nothing():
     _, label, spacing = leaning_rods()
     known = np.full(label.shape, -1, np.int32)
-    known[5:7, 15, 0], known[30:32, 15, 8] = 1, 1
-    known[20:22, 15, 0], known[15:17, 15, 8] = 2, 2
+    known[5:7, 15, 0] = known[30:32, 15, 8] = 1
+    known[20:22, 15, 0] = known[15:17, 15, 8] = 2
     assert pull_of_outlines(known, spacing) is None
     # A label that is wider in the middle slices than in those that are drawn
-    wide = np.full(label.shape, 2, np.int32)
-    for k in range(9):
-        half = 6 if k in (0, 8) else 9
-        wide[20 - half : 20 + half, 15 - half : 15 + half, k] = 1
-    known = np.where(np.isin(np.arange(9), (0, 8)), wide, -1).astype(np.int32)
-    heights = heights_of(np.where(wide == 1, 100.0, 300.0), wide > 0)
+    i, j, k = np.indices(label.shape)
+    end = (k == 0) | (k == 8)
+    half = np.where(end, 6, 9)
+    wide = (abs(i - 19.5) < half) & (abs(j - 14.5) < half)
+    known = np.where(end, np.where(wide, 1, 2), -1).astype(np.int32)
+    heights = heights_of(np.where(wide, 100.0, 300.0), k >= 0)
     pull = pull_of_outlines(known, spacing)
-    assert (pull[1] > pull[0])[wide == 1].any()
-    found = random_walk(heights, wide > 0, known, spacing, 40.0, pull)
-    assert dice(found == 1, wide == 1) > 0.99
+    assert (pull[1] > pull[0])[wide].any()
+    found = random_walk(heights, k >= 0, known, spacing, 40.0, pull)
+    assert dice(found == 1, wide) > 0.99
 
 
 def test_the_number_of_the_background_does_not_matter(tmp_path):
     """Lone voxels that no walk leaves are background, whether its seeds come first or last."""
-    _, label, _ = leaning_rods()
+    _, label, spacing = leaning_rods()
     random = np.random.default_rng(1)
     grey = np.choose(label, [0.0, 100.0, 140.0, 300.0]) * np.ones(label.shape)
     lone = (label == 3) & (random.random(label.shape) < 0.1)
     grey[lone] *= 12.0
-    affine = np.diag([1.0, 1.0, 4.0, 1.0])
+    affine = affine_of(spacing)
     save(tmp_path, affine, leg=grey, body=np.ones(label.shape, np.int32))
     even = ndimage.uniform_filter(label * 1.0, (5, 5, 1)) == label
     drawn = np.isin(np.arange(9), (0, 4, 8)) & even
@@ -382,8 +358,8 @@ def test_the_number_of_the_background_does_not_matter(tmp_path):
     for order in ([1, 2, 3], [2, 3, 1]):
         known = np.where(drawn, np.array([0, *order])[label], 0).astype(np.int32)
         names = dict(zip(order, ("one", "two", "background"), strict=True))
-        write_labels(tmp_path / "seeds.nii.gz", Labels(known, affine, names))
-        parted(tmp_path, split="walk", seeds="seeds.nii.gz", body="body.nii.gz", tolerance=0.01)
+        save(tmp_path, affine, seeds=Labels(known, affine, names))
+        parted(tmp_path, **WALK, body="body.nii.gz")
         labels = read_labels(tmp_path / "out" / "segmentation.nii.gz")
         assert sorted(labels.names.values()) == ["one", "two"]
         found.append([labels.data == n for n in order[:2]])
@@ -394,7 +370,7 @@ def test_the_number_of_the_background_does_not_matter(tmp_path):
 
 def bright_fat(folder, seed, contrast=3.0, rim=4.0, snr=20.0):
     """Two muscles, parted by a line of fat, in fat as bright as in T1 images, with a bone."""
-    i, j, k = np.indices((70, 70, 3)) - np.array([34.5, 34.5, 1.0]).reshape(3, 1, 1, 1)
+    i, j, _ = centred(70, 70, 3)
     r, bone = np.hypot(i, j), np.hypot(i - 4, j - 9)
     kind = np.select([r > 32, r > 32 - rim, bone < 4, bone < 6, np.abs(i) < 0.9], [0, 3, 4, 5, 3],
                      np.where(i < 0, 1, 2))  # fmt: skip
@@ -413,38 +389,31 @@ def inside(region, size):
 def test_seeds_of_muscles_alone_leave_the_rest_without_a_label(tmp_path, case):
     kind = bright_fat(tmp_path, **case)
     strokes = inside(kind == 1, 9) + 2 * inside(kind == 2, 9)
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
-    keys = dict(split="walk", tolerance=0.01, seeds="seeds.nii.gz")
-    (warning,) = parted(tmp_path, **keys)["warnings"]
+    save(tmp_path, AFFINE, seeds=strokes)
+    (warning,) = parted(tmp_path, **WALK)["warnings"]
     assert "resembles none of the seeds and becomes background" in warning
-    found = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
+    found = labels_in(tmp_path / "out")
     assert min(dice(found == n, kind == n) for n in (1, 2)) > 0.95
     # one muscle alone, and all else as it is drawn
     strokes[strokes == 2] = 0
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
-    parted(tmp_path, **keys)
-    strokes[inside(kind == 3, 3)] = 3
-    strokes[(kind == 4) | (kind == 5)] = 4
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, {}))
-    assert not parted(tmp_path, **keys)["warnings"]
+    save(tmp_path, AFFINE, seeds=strokes)
+    parted(tmp_path, **WALK)
+    strokes[inside(kind == 3, 3)], strokes[(kind == 4) | (kind == 5)] = 3, 4
+    save(tmp_path, AFFINE, seeds=strokes)
+    assert not parted(tmp_path, **WALK)["warnings"]
 
 
 def test_a_band_of_fat_drawn_at_the_skin_is_kept(tmp_path):
     kind = bright_fat(tmp_path, 3)
     r = np.hypot(*(np.indices(kind.shape)[:2] - 34.5))
     places = [(r > 30) & (kind == 3), inside(kind == 1, 9), inside(kind == 2, 9), kind > 3]
-    strokes = np.select(places, [3, 1, 2, 4], 0)
+    strokes = np.select(places, [3, 1, 2, 4], 0).astype(np.int32)
     names = {1: "a", 2: "b", 3: "fat", 4: "bone"}
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, names))
-    found = parted(tmp_path, split="walk", tolerance=0.01, seeds="seeds.nii.gz")
-    assert not found["warnings"]
-    labels = read_labels(tmp_path / "out" / "segmentation.nii.gz").data
+    save(tmp_path, AFFINE, seeds=Labels(strokes, AFFINE, names))
+    assert not parted(tmp_path, **WALK)["warnings"]
+    fat, ring = labels_in(tmp_path / "out") == 3, (kind == 3) & (r > 28)
     # on the outermost pixels as well
-    ring = (kind == 3) & (r > 28)
-    assert (labels == 3)[ring & (r > 30)].mean() > 0.99
-    assert dice((labels == 3) & (r > 26), ring) > 0.97
+    assert fat[ring & (r > 30)].mean() > 0.99 and dice(fat & (r > 26), ring) > 0.97
     # a background over the skin does not bring it back
-    names[3] = "background"
-    write_labels(tmp_path / "seeds.nii.gz", Labels(strokes.astype(np.int32), AFFINE, names))
-    again = parted(tmp_path, split="walk", tolerance=0.01, seeds="seeds.nii.gz")
-    assert "lie outside of the region" in again["warnings"][0]
+    save(tmp_path, AFFINE, seeds=Labels(strokes, AFFINE, names | {3: "background"}))
+    assert "lie outside of the region" in parted(tmp_path, **WALK)["warnings"][0]

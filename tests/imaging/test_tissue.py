@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from myork.core.deck import table_defaults
-from myork.errors import InputError
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.boundary import boundary_sets
 from myork.model.cloud import build_cloud
@@ -16,6 +15,8 @@ from myork.records import Image, Labels
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.leg import _skin, find_bones, leg_tissues
 from myork.segmentation.scores import dice
+from tests.images import affine_of, centred
+from tests.refusals import refuses
 
 LEAST = 0.8e-3  # of the mean diffusivity of muscle
 
@@ -36,33 +37,28 @@ def test_centres_and_memberships_of_two_greys():
     assert np.array_equal(found.place(region, -1), truth)
     again = fuzzy_c_means(data, region, 2)
     assert np.array_equal(found.membership, again.membership)
-
-
-def test_channels_and_a_region_of_any_shape():
+    # channels and a region of any shape
     data, truth = two_greys(0.0)
     both = np.stack([np.ones(data.shape) + 1e-3 * data, data], axis=-1)
-    region = np.arange(30)[None, :, None] % 3 > 0
-    region = np.broadcast_to(region, data.shape)
+    region = np.indices(data.shape)[1] % 3 > 0
     found = fuzzy_c_means(both, region, 2)
     assert np.array_equal(found.place(region, -1), truth & region)
 
 
 def test_bad_regions_are_named():
     data, _ = two_greys(0.1)
-    with pytest.raises(InputError, match="the region is empty"):
-        fuzzy_c_means(data, np.zeros(data.shape, bool), 2)
-    with pytest.raises(InputError, match="fewer different grey values than 3 clusters"):
-        fuzzy_c_means(two_greys(0.0)[0], np.ones(data.shape, bool), 3)
+    everywhere = np.ones(data.shape, bool)
+    refuses("the region is empty", fuzzy_c_means, data, ~everywhere, 2)
+    said = "fewer different grey values than 3 clusters"
+    refuses(said, fuzzy_c_means, two_greys(0.0)[0], everywhere, 3)
     data[0, 0, 0] = np.nan
-    with pytest.raises(InputError, match="not finite"):
-        fuzzy_c_means(data, np.ones(data.shape, bool), 2)
+    refuses("not finite", fuzzy_c_means, data, everywhere, 2)
 
 
 @pytest.fixture(scope="module")
 def leg():
-    return make_phantom(
-        (90, 90, 3), (1.25, 1.25, 20.0), septum=0.6, growth=15.0, imat=0.05, imct=0.2
-    )
+    keys = {"septum": 0.6, "growth": 15.0, "imat": 0.05, "imct": 0.2}
+    return make_phantom((90, 90, 3), (1.25, 1.25, 20.0), **keys)
 
 
 def materials(leg, least=LEAST):
@@ -78,16 +74,15 @@ def test_materials_of_a_leg(leg):
     assert scores["muscle"] > 0.95 and scores["fat"] > 0.9 and scores["bone"] > 0.95
     assert scores["connective_tissue"] > 0.7
     assert dice(found.data > 0, leg.tissue.data > 0) > 0.99
+    # tensors in another unit are named
+    refuses("tissue.least_diffusivity = 0.8; check its unit", materials, leg, 0.8)
 
 
 def test_connective_tissue_is_parted_by_its_signal_over_that_of_muscle_around():
     """Published are clusters of the image alone, which shading moves; no threshold is better."""
-    leg = make_phantom(
-        (96, 96, 3), (1.25, 1.25, 18.0), septum=0.6, growth=15.0, aponeurosis=1.5, imat=0.03,
-        imct=0.1,
-    )  # fmt: skip
-    truth, image = leg.tissue.data == 3, leg.connective.data
-    found = materials(leg).data
+    keys = {"septum": 0.6, "growth": 15.0, "aponeurosis": 1.5, "imat": 0.03, "imct": 0.1}
+    leg = make_phantom((96, 96, 3), (1.25, 1.25, 18.0), **keys)
+    truth, image, found = leg.tissue.data == 3, leg.connective.data, materials(leg).data
     soft = (found > 0) & (found < 4)
     clusters = dice(fuzzy_c_means(image, soft, 2).place(soft, -1), truth)
     even = image / leg.bias.data
@@ -97,12 +92,12 @@ def test_connective_tissue_is_parted_by_its_signal_over_that_of_muscle_around():
 
 @pytest.mark.slow
 def test_fewer_images_give_fewer_materials(leg):
-    found = leg_tissues(leg.anatomy).labels
-    assert not (found.data == 3).any()
-    assert dice(found.data == 4, leg.tissue.data == 4) > 0.95
-    # The skin, as grey as muscle, is told from it by its place; skin counts as fat.
-    assert dice(found.data == 2, leg.tissue.data == 2) > 0.9
-    assert dice(found.data == 1, leg.tissue.data == 1) > 0.85  # sheets are muscle to the anatomy
+    found = leg_tissues(leg.anatomy).labels.data
+    assert not (found == 3).any()
+    # The skin, as grey as muscle, is told from it by its place and counts as fat; sheets are muscle
+    # to the anatomy.
+    for number, least in ((4, 0.95), (2, 0.9), (1, 0.85)):
+        assert dice(found == number, leg.tissue.data == number) > least
 
 
 def test_a_single_slice_is_a_leg_as_well():
@@ -123,45 +118,34 @@ def test_skin_lies_along_air_only():
     assert skin[2, :, 1].all() and not skin[:2, :, 1].any() and not skin[-1, :, 1].any()
 
 
-def test_no_connective_tissue_where_there_is_none():
+def test_no_connective_tissue_and_no_bones_where_there_are_none(leg):
     plain = make_phantom((90, 90, 3), (1.25, 1.25, 20.0))
-    found = materials(plain)
-    assert not (found.data == 3).any()
-    assert dice(found.data == 1, plain.tissue.data == 1) > 0.98
-
-
-def test_no_bones_in_an_image_without(leg):
+    found = materials(plain).data
+    assert not (found == 3).any() and dice(found == 1, plain.tissue.data == 1) > 0.98
     plain = np.where(leg.tissue.data == 4, 1000.0, leg.anatomy.data)
-    body = leg.tissue.data > 0
-    assert not find_bones(Image(plain, leg.anatomy.affine), body).any()
+    assert not find_bones(Image(plain, leg.anatomy.affine), leg.tissue.data > 0).any()
 
 
-def disc(radius, size=100):
-    i, j = np.mgrid[:size, :size] - 0.5 * (size - 1)
-    return (np.hypot(i, j) < radius)[..., None]
+def disc(radius):
+    return np.hypot(*centred(100, 100, 1)[:2]) < radius
 
 
 def limb(muscle=0.4, fat=1.0, skin=45.0, core=34.0, gap=4, noise=0.02, bone=7.0):
     """A round section of four muscles around a bone, with fat between and around them."""
-    body, flesh = disc(skin), disc(core)
-    flesh[50 - gap // 2 : 50 + gap // 2] = False
-    flesh[:, 50 - gap // 2 : 50 + gap // 2] = False
-    flesh &= ~disc(bone)
+    i, j, _ = np.abs(centred(100, 100, 1))
+    body, flesh = disc(skin), disc(core) & ~disc(bone) & (np.minimum(i, j) > gap // 2)
     grey = np.where(flesh, muscle, fat) * body
     grey[disc(bone) & ~disc(bone - 2.0)] = 0.02
     real, other = np.random.default_rng(1).normal(0.0, noise, (2, *grey.shape))
-    return Image(100 * np.hypot(grey + real, other), np.diag([2.0, 2.0, 5.0, 1.0])), flesh, body
+    return Image(100 * np.hypot(grey + real, other), affine_of((2.0, 2.0, 5.0))), flesh, body
 
 
 def test_fat_between_muscles_is_fat_without_a_doubt():
     image, flesh, body = limb()
     found = leg_tissues(image)
     assert dice(found.labels.data == 1, flesh) > 0.98
-    assert dice(found.labels.data == 2, body & ~flesh & ~disc(7.0)) > 0.98
-    assert not found.doubts
-
-
-def test_a_limb_without_a_bone_is_doubted():
+    assert dice(found.labels.data == 2, body & ~flesh & ~disc(7.0)) > 0.98 and not found.doubts
+    # a limb without a bone is doubted
     image = limb(bone=0.0)[0]
     (doubt,) = leg_tissues(image).doubts
     assert "no bone was found in 1 of 1 slices" in doubt
@@ -170,35 +154,29 @@ def test_a_limb_without_a_bone_is_doubted():
 
 def test_bone_of_images_of_water_and_fat():
     """Their sum shows fat and muscle alike, what little signal cortex has is mostly noise."""
-    whole = limb(muscle=1.0)[0]
-    clean = limb(muscle=0.05, noise=0.0)[0].data
+    whole, clean = limb(muscle=1.0)[0], limb(muscle=0.05, noise=0.0)[0].data
     clean[disc(7.0) & ~disc(5.0)] *= 0.1
     noise = np.random.default_rng(2).normal(0.0, 2.0, (2, *clean.shape))
     fat = np.hypot(clean + noise[0], noise[1]) / np.maximum(whole.data, 1e-9)
     found = leg_tissues(whole, fat=Image(np.clip(fat, 0.0, 1.0) * disc(45.0), whole.affine))
-    assert dice(found.labels.data == 4, disc(7.0)) > 0.95
-    assert not found.doubts
+    assert dice(found.labels.data == 4, disc(7.0)) > 0.95 and not found.doubts
 
 
-@pytest.mark.parametrize(
-    ("keys", "doubt"),
-    [
-        ({"muscle": 0.93, "noise": 0.05, "bone": 0.0}, "too little to separate them"),
-        ({"muscle": 1.0, "fat": 0.3}, "not under the skin|beyond what was taken for the skin"),
-        ({"skin": 36.0, "gap": 2}, "of the voxels of fat have no other tissue beside them"),
-    ],
-)
+@pytest.mark.parametrize(("keys", "doubt"), [
+    ({"muscle": 0.93, "noise": 0.05, "bone": 0.0}, "too little to separate them"),
+    ({"muscle": 1.0, "fat": 0.3}, "not under the skin|beyond what was taken for the skin"),
+    ({"skin": 36.0, "gap": 2}, "of the voxels of fat have no other tissue beside them"),
+])  # fmt: skip
 def test_what_the_rule_supposes_is_checked(keys, doubt):
     assert re.search(doubt, " ".join(leg_tissues(limb(**keys)[0]).doubts))
 
 
 def test_a_trunk_is_no_limb_and_a_third_grey_no_fat():
-    image, _, body = limb()
-    wide = Image(image.data, np.diag([4.0, 4.0, 5.0, 1.0]))
+    image = limb()[0]
+    wide = Image(image.data, affine_of((4.0, 4.0, 5.0)))
     assert "1020 cm^2, more than a limb" in " ".join(leg_tissues(wide).doubts)
-    organ = np.where(disc(10.0), 70.0 + 0.0 * image.data, image.data)
-    doubts = " ".join(leg_tissues(Image(organ, image.affine)).doubts)
-    assert "between those of fat and muscle" in doubts
+    organ = Image(np.where(disc(10.0), 70.0, image.data), image.affine)
+    assert "between those of fat and muscle" in " ".join(leg_tissues(organ).doubts)
 
 
 def test_another_echo_parts_what_one_image_does_not():
@@ -206,35 +184,28 @@ def test_another_echo_parts_what_one_image_does_not():
     first, flesh, body = limb(muscle=0.6, noise=0.15)
     second = limb(muscle=1.0, fat=0.5, noise=0.05)[0]
     alone, both = (
-        leg_tissues(first, others=others, body=body).labels.data for others in ((), (second,))
+        dice(leg_tissues(first, others=others, body=body).labels.data == 1, flesh)
+        for others in ((), (second,))
     )
-    assert dice(alone == 1, flesh) < 0.95 < 0.98 < dice(both == 1, flesh)
-
-
-def test_tensors_in_another_unit_are_named(leg):
-    with pytest.raises(InputError, match="tissue.least_diffusivity = 0.8; check its unit"):
-        materials(leg, 0.8)
+    assert alone < 0.95 < 0.98 < both
 
 
 def test_bone_bounds_the_model():
-    i, j = np.mgrid[:41, :41] - 20.0
-    away = np.hypot(i, j)
+    away = np.hypot(*centred(41, 41, 4)[:2])
     data = np.select([away < 6, away < 16], [4, 1], 0).astype(np.int32)
-    data = np.repeat(data[..., None], 4, axis=2)
-    labels = trimmed(select(Labels(data, np.diag([1.0, 1.0, 5.0, 1.0])), [1], None, [4]))
+    labels = trimmed(select(Labels(data, affine_of((1.0, 1.0, 5.0))), [1], None, [4]))
     assert set(np.unique(labels.data)) == {BONE, 0, 1}
     sets = boundary_sets(labels, "multiquadric")
     assert sets.names == ("bottom", "top", "bone", "surface")
-    voxels = np.argwhere(labels.data > 0)[sets.point]
-    radial = voxels[:, :2] - 15.0
+    radial = np.argwhere(labels.data > 0)[sets.point][:, :2] - 15.0
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
     outward = (sets.normal[:, :2] * radial).sum(axis=1)
     bone, skin = sets.set == 2, sets.set == 3
     # Out of the muscle is into the bone.
     assert outward[bone].max() < -0.95 and outward[skin].min() > 0.95
     # A circle of pixels has its true length where facets are projected on the normal.
-    assert sets.area[bone].sum() == pytest.approx(2 * np.pi * 6 * 20, rel=0.1)
-    assert sets.area[skin].sum() == pytest.approx(2 * np.pi * 16 * 20, rel=0.1)
+    for where, radius in ((bone, 6), (skin, 16)):
+        assert sets.area[where].sum() == pytest.approx(2 * np.pi * radius * 20, rel=0.1)
 
 
 @pytest.mark.parametrize("block", [[1, 1, 1], [2, 2, 1], [2, 2, 2]])
@@ -242,15 +213,13 @@ def test_bone_bounds_the_model():
 def test_bone_beyond_the_box_of_the_body_bounds_it(block, side):
     # A block of muscle whose faces look at the ends of the map: one at bone, one at nothing.
     data = np.zeros((24, 24, 4), np.int32)
-    data[8:16, 6:18] = 1
-    data[(slice(16, 24), slice(0, 8))[side], 4:20] = 7
-    labels = Labels(data, np.diag([1.0, 1.0, 5.0, 1.0]), {1: "muscle", 7: "bone"})
+    data[8:16, 6:18], data[(slice(16, 24), slice(0, 8))[side], 4:20] = 1, 7
+    labels = Labels(data, affine_of((1.0, 1.0, 5.0)), {1: "muscle", 7: "bone"})
     own = {"ids": [1], "bone": [7], "collocation_stride": block, "source_stride": block}
     cloud, _ = build_cloud(labels, None, {**table_defaults("build"), **own}, "mm")
     assert cloud.set_names == ("bottom", "top", "bone", "surface")
     here = cloud.boundary_set == 2
-    count = 12 * 4 // (block[1] * block[2])
-    assert here.sum() == count
+    assert here.sum() == 12 * 4 // (block[1] * block[2])
     assert ((cloud.normal[here][:, 0] > 0) == (side == 0)).all()
 
 
@@ -266,10 +235,8 @@ def test_thin_sheets_keep_their_volume_where_no_block_is_theirs():
     np.testing.assert_allclose(shares.sum(axis=0) * 16, [2800, 400])
     assert set(np.unique(shares[:, 1])) == {0.0, 0.25}
     assert changed_volumes(labels, {1: 2800.0, 3: 400.0}) == []
-    told = changed_volumes(labels, {1: 2800.0})
-    assert (
-        len(told) == 1 and "sheet has 0 cm^3" in told[0] and "build.collocation_stride" in told[0]
-    )
+    (told,) = changed_volumes(labels, {1: 2800.0})
+    assert "sheet has 0 cm^3" in told and "build.collocation_stride" in told
     data[:] = np.where(np.random.default_rng(1).random(data.shape) < 0.3, 3, 1)
     sampled = coarsen(Labels(data, np.eye(4)), (2, 2, 1), "sample")
     assert np.mean(sampled.data == 3) == pytest.approx(0.3, abs=0.05)

@@ -11,7 +11,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from matplotlib.path import Path as MarkerPath
 from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks.truths.scanners import reordered
@@ -27,6 +26,8 @@ from myork.report.sources import Deformation, read_folder
 from myork.report.tables import orientation_table, probe_table
 from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.summary import printed
+from tests.images import affine_of
+from tests.refusals import refuses
 from tests.report.pages import Page, change_summary, grid, lattice_of
 
 UNITS = {"length": "cm", "stress": "N/cm^2"}
@@ -57,7 +58,6 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
         assert base64.b64decode(data).startswith(b"\x89PNG")
     assert not re.search(r"(src|href)=\"(?!#|data:)|url\(|@import", page.source)
     assert not list(folder.glob("*.part"))
-
     text = page.text
     assert "Muscle block, fibers inclined 30° <test>" in text, "text is escaped"
     assert "✓ numerical error accepted" in text and "no error estimate: none was wanted" in text
@@ -73,14 +73,11 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("names", "sections"),
-    [
-        (("summary.json", "anatomy.nii.gz"), ["probes", "run"]),
-        (("segmentation.nii.gz",), ["images"]),
-        (("results.vtkhdf",), ["deformation", "planes"]),
-    ],
-)
+@pytest.mark.parametrize(("names", "sections"), [
+    (("summary.json", "anatomy.nii.gz"), ["probes", "run"]),
+    (("segmentation.nii.gz",), ["images"]),
+    (("results.vtkhdf",), ["deformation", "planes"]),
+])  # fmt: skip
 def test_only_what_is_there_is_shown(folder, names, sections):
     keep(folder, *names)
     if "summary.json" in names:
@@ -100,17 +97,14 @@ def test_a_single_state_is_a_row_of_numbers(folder: Path) -> None:
     assert "Values in all converged steps" not in single.text
 
 
-@pytest.mark.parametrize(
-    ("change", "badge"),
-    [
-        ({"verdict": {"state": "doubtful", "reasons": ["it is off"]}}, "? doubtful"),
-        ({"verdict": {"state": "refused", "reasons": ["it is off"]}}, "✗ refused"),
-        # nobody asked
-        ({"verdict": None}, "converged"),
-        ({"converged": False}, "✗ not converged, last state at load 1"),
-        ({"converged": False, "steps": []}, "✗ no solution"),
-    ],
-)
+@pytest.mark.parametrize(("change", "badge"), [
+    ({"verdict": {"state": "doubtful", "reasons": ["it is off"]}}, "? doubtful"),
+    ({"verdict": {"state": "refused", "reasons": ["it is off"]}}, "✗ refused"),
+    # nobody asked
+    ({"verdict": None}, "converged"),
+    ({"converged": False}, "✗ not converged, last state at load 1"),
+    ({"converged": False, "steps": []}, "✗ no solution"),
+])  # fmt: skip
 def test_only_an_accepted_answer_is_green(folder: Path, change: dict[str, Any], badge: str) -> None:
     keep(folder, "summary.json")
     change_summary(folder, lambda summary: summary.update(change))
@@ -137,24 +131,10 @@ def test_gaps_in_the_summary(folder: Path) -> None:
     assert tuple(Page(make_report(folder)).sections) == SECTIONS
 
 
-def test_a_repeated_column_is_refused(folder: Path) -> None:
-    path = folder / "history.csv"
-    head, _, rest = path.read_text().partition("\n")
-    path.write_text(",".join([*head.split(",")[:-1], "load"]) + "\n" + rest)
-    with pytest.raises(FileError, match="two columns of one name"):
-        make_report(folder)
-    assert not (folder / "report.html").exists()
-
-
-@pytest.mark.parametrize(
-    ("where", "value"),
-    [
-        (["steps", 3, "probes", "reaction"], "x"),
-        (["steps"], 7),
-        (["rom", "models", 0, "r"], []),
-        (["reference", "reaction", "activation"], [0.5]),
-    ],
-)
+@pytest.mark.parametrize(("where", "value"), [
+    (["steps", 3, "probes", "reaction"], "x"), (["steps"], 7), (["rom", "models", 0, "r"], []),
+    (["reference", "reaction", "activation"], [0.5]),
+])  # fmt: skip
 def test_a_damaged_summary_is_named(folder: Path, where: list[Any], value: Any) -> None:
     def change(summary: Any) -> None:
         for key in where[:-1]:
@@ -165,19 +145,21 @@ def test_a_damaged_summary_is_named(folder: Path, where: list[Any], value: Any) 
         if path.name != "summary.json":
             path.unlink()
     change_summary(folder, change)
-    with pytest.raises(FileError, match=r"summary\.json or another file is damaged"):
-        make_report(folder)
+    refuses(r"summary\.json or another file is damaged", make_report, folder, kind=FileError)
 
 
 def test_refused_folders(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    with pytest.raises(FileError, match="nowhere: no such folder"):
-        make_report(folder / "nowhere")
-    with pytest.raises(FileError, match="nothing to report: neither summary.json"):
-        make_report(tmp_path_factory.mktemp("empty"))
+    history = folder / "history.csv"
+    head, _, rest = history.read_text().partition("\n")
+    history.write_text(",".join([*head.split(",")[:-1], "load"]) + "\n" + rest)
+    refuses("two columns of one name", make_report, folder, kind=FileError)
+    assert not (folder / "report.html").exists()
+    empty = tmp_path_factory.mktemp("empty")
+    refuses("nowhere: no such folder", make_report, folder / "nowhere", kind=FileError)
+    refuses("nothing to report: neither summary.json", make_report, empty, kind=FileError)
     keep(folder, "summary.json")
     (folder / "report.html").mkdir()
-    with pytest.raises(FileError, match=r"report\.html: cannot be written: Is a directory"):
-        make_report(folder)
+    refuses(r"report\.html: cannot be written: Is a directory", make_report, folder, kind=FileError)
 
 
 def test_history_columns(folder: Path) -> None:
@@ -186,6 +168,11 @@ def test_history_columns(folder: Path) -> None:
     assert history["solver"].dtype.kind == "U"
     (folder / "history.csv").write_text("step,load,gradient\n1,0.5,\n1,0.5,1e-3\n")
     assert_array_equal(read_folder(folder).history["gradient"], [np.nan, 1e-3])
+    # load steps are not joined
+    history = {"step": np.array([1, 1, 2]), "load": np.array([0.5, 0.5, 1.0])}
+    history["gradient"] = np.array([1e-1, 1e-5, 1e-2])
+    curve = history_figure(history).axes[0].lines[0].get_xydata()
+    assert_allclose(curve, [[1, 1e-1], [2, 1e-5], [np.nan, np.nan], [3, 1e-2]])
 
 
 def test_values_are_those_that_the_solver_prints() -> None:
@@ -194,34 +181,21 @@ def test_values_are_those_that_the_solver_prints() -> None:
     assert printed(step) == {"u": [0.0, 0.2], "j": 1.0}
     shown = probe_table([step], {"u": "cm", "j": ""})
     assert "<td>(0, 0.2000)</td>" in shown and "u [cm]" in shown and ">j</th>" in shown
-
-
-@pytest.mark.parametrize(
-    ("value", "digits", "text"),
-    [
-        (3.06, 4, "3.060"),
-        (-0.0123456, 3, "−0.0123"),
-        (8198.36, 4, "8\u202f198"),
-        (25432.0, 3, "25\u202f400"),
-        (-7309.0, 4, "−7\u202f309"),
-        (2e-6, 2, "2.0·10<sup>−6</sup>"),
-        (1e8, 2, "1.0·10<sup>8</sup>"),
-        (0.0, 3, "0"),
-        (36411, 4, "36\u202f411"),
-        ([1.0, -2.5], 2, "(1.0, −2.5)"),
-        (None, 4, "–"),
-        (float("nan"), 4, "–"),
-        (float("inf"), 4, "–"),
-    ],
-)
-def test_numbers(value: Any, digits: int, text: str) -> None:
-    assert number(value, digits) == text
-
-
-def test_units_are_read_and_typeset() -> None:
+    # units are read and typeset
     summary = {"probe_units": {"f": "N/cm^2", "j": ""}, "steps": [{"probes": {"old": 1.0}}]}
     assert probe_units(summary) == {"f": "N/cm²", "j": "", "old": ""}
     assert [labelled("f", "N/cm²"), labelled("j", "")] == ["f [N/cm²]", "j"]
+
+
+@pytest.mark.parametrize(("value", "digits", "text"), [
+    (3.06, 4, "3.060"), (-0.0123456, 3, "−0.0123"), (8198.36, 4, "8\u202f198"),
+    (25432.0, 3, "25\u202f400"), (-7309.0, 4, "−7\u202f309"), (2e-6, 2, "2.0·10<sup>−6</sup>"),
+    (1e8, 2, "1.0·10<sup>8</sup>"), (0.0, 3, "0"), (36411, 4, "36\u202f411"),
+    ([1.0, -2.5], 2, "(1.0, −2.5)"), (None, 4, "–"), (float("nan"), 4, "–"),
+    (float("inf"), 4, "–"),
+])  # fmt: skip
+def test_numbers(value: Any, digits: int, text: str) -> None:
+    assert number(value, digits) == text
 
 
 MM = {"length": "mm", "stress": "N/mm^2"}
@@ -230,16 +204,12 @@ MM = {"length": "mm", "stress": "N/mm^2"}
 def block(plane: bool = False) -> Deformation:
     """A box of 1 x 2 x 3 that moves by (0.5, 0, 0)."""
     points, surface = grid(*[4] * (3 - plane), size=[1, 2, 3][: 3 - plane])
+    n = len(points)
     return Deformation(
-        points=points,
-        displacement=np.broadcast_to([0.5, 0.0, 0.0], points.shape),
-        stress=np.arange(len(points), dtype=float),
-        volume_ratio=np.ones(len(points)),
-        loads=np.array([0.0, 1.0]),
-        activations=np.array([0.0, 0.3]),
-        surface=surface,
-        lattice=lattice_of(points),
-    )
+        points=points, displacement=np.tile([0.5, 0.0, 0.0], (n, 1)), stress=np.arange(1.0 * n),
+        volume_ratio=np.ones(n), loads=np.array([0.0, 1.0]), activations=np.array([0.0, 0.3]),
+        surface=surface, lattice=lattice_of(points),
+    )  # fmt: skip
 
 
 @pytest.mark.slow
@@ -262,22 +232,13 @@ def test_bodies_without_a_surface_are_drawn_as_points(folder: Path) -> None:
 
 
 def test_plane_body_is_drawn_where_it_is() -> None:
-    body = block(plane=True)
-    figure = plane_figure(body, MM)
-    displacement, stress = figure.axes[:2]
+    displacement, stress = plane_figure(block(plane=True), MM).axes[:2]
     assert displacement.get_aspect() == 1.0 and "N/mm²" in stress.get_title()
-    corners = np.unique(np.concatenate([p.vertices for p in _outlines(displacement)]), axis=0)
-    assert_allclose(corners.min(axis=0), [0.0, 0.0], atol=1e-9)
-    assert_allclose(corners.max(axis=0), [1.5, 2.0], atol=1e-9)
-
-
-def _outlines(axes: Any) -> list[Any]:
-    """Edges of the undeformed body and points of the map."""
-    maps = [c for c in axes.collections if hasattr(c, "_triangulation")]
-    assert len(maps) == 1
-    shape = maps[0]._triangulation
-    places = [MarkerPath(np.column_stack([shape.x, shape.y]))]
-    return places + [MarkerPath(line.get_xydata()) for line in axes.lines]
+    # edges of the undeformed body and points of the map
+    (shape,) = [c._triangulation for c in displacement.collections if hasattr(c, "_triangulation")]
+    lines = [line.get_xydata() for line in displacement.lines]
+    corners = np.concatenate([np.column_stack([shape.x, shape.y]), *lines])
+    assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0, 0], [1.5, 2]], atol=1e-9)
 
 
 def test_planes_show_what_lies_in_them() -> None:
@@ -295,16 +256,11 @@ def test_planes_show_what_lies_in_them() -> None:
 def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
     """Where J <= 0: a cross in place of a colour, and all others keep theirs."""
     body = block(plane=plane)
-    lacking = np.arange(len(body.points)) % 3 == 0
-    stress = np.where(lacking, np.nan, body.stress)
+    stress = np.where(np.arange(len(body.points)) % 3 == 0, np.nan, body.stress)
     cauchy = np.full((len(body.points), 3, 3), np.eye(3)) * stress[:, None, None]
     figure = draw(replace(body, stress=stress, cauchy=cauchy), MM)
-    crosses = [
-        line
-        for axes in figure.axes
-        for line in axes.lines
-        if line.get_marker() == "x" and len(line.get_xdata())
-    ]
+    lines = [line for axes in figure.axes for line in axes.lines]
+    crosses = [line for line in lines if line.get_marker() == "x" and len(line.get_xdata())]
     assert crosses and all(line.get_color() == NO_VALUE for line in crosses)
     bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
     assert np.isfinite([axes.get_ylim() for axes in bars]).all()
@@ -348,25 +304,17 @@ def test_page_in_a_browser(folder: Path, open_page: Callable[[str], Any]) -> Non
 def test_probes_against_activation() -> None:
     steps = [{"load": load, "activation": 0.3 * load, "probes": {"f": -load}} for load in (0.5, 1)]
     reference = {"f": {"load": [0.25], "activation": [0.075], "reference": [-0.2]}}
-    axes = probe_figure(
-        [Series("", steps)], {"f": "N"}, reference, {"f": {"reference": -1.1}}
-    ).axes[0]
+    exact = {"f": {"reference": -1.1}}
+    axes = probe_figure([Series("", steps)], {"f": "N"}, reference, exact).axes[0]
     assert axes.get_xlabel() == "activation [-]"
-    computed, theirs, star = axes.lines
-    assert_allclose(computed.get_xydata(), [[0.15, -0.5], [0.3, -1.0]])
-    assert_allclose(theirs.get_xydata(), [[0.075, -0.2]])
-    assert_allclose(star.get_xydata(), [[0.3, -1.1]])
+    for line, places in zip(
+        axes.lines, ([[0.15, -0.5], [0.3, -1.0]], [[0.075, -0.2]], [[0.3, -1.1]]), strict=True
+    ):
+        assert_allclose(line.get_xydata(), places)
     passive = [{**step, "activation": 0.0} for step in steps]
     axes = probe_figure([Series("", passive)], {"f": "N"}, reference, {}).axes[0]
     assert axes.get_xlabel() == "load [-]"
     assert_allclose(axes.lines[1].get_xydata(), [[0.25, -0.2]])
-
-
-def test_load_steps_are_not_joined() -> None:
-    history = {"step": np.array([1, 1, 2]), "load": np.array([0.5, 0.5, 1.0])}
-    history["gradient"] = np.array([1e-1, 1e-5, 1e-2])
-    curve = history_figure(history).axes[0].lines[0].get_xydata()
-    assert_allclose(curve, [[1, 1e-1], [2, 1e-5], [np.nan, np.nan], [3, 1e-2]])
 
 
 def test_full_against_reduced() -> None:
@@ -384,15 +332,9 @@ def reduced_fields(wrong: float) -> ReducedFields:
     """A sheet that is pulled, by models of 3 modes and of 1; the latter is off."""
     points, surface = grid(9, 5, size=[2, 1])
     shares = np.array([1.0, 1.0, 1.0 + wrong])
-    moved = points * [0.2, 0.0, 0.0]
-    stress = 5.0 + points[:, 1]
-    return ReducedFields(
-        points,
-        np.array([3, 1]),
-        shares[:, None, None] * moved,
-        shares[:, None] * stress,
-        surface,
-    )
+    moved = shares[:, None, None] * points * [0.2, 0.0, 0.0]
+    stress = shares[:, None] * (5.0 + points[:, 1])
+    return ReducedFields(points, np.array([3, 1]), moved, stress, surface)
 
 
 @pytest.mark.slow
@@ -431,31 +373,25 @@ def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path:
     content = (tmp_path / REDUCED_FILE).read_bytes()
     for damaged in (b"", content[:100], content[:-40]):
         (tmp_path / REDUCED_FILE).write_bytes(damaged)
-        with pytest.raises(FileError, match=f"{REDUCED_FILE}: .*run `myork rom` again"):
-            make_report(tmp_path)
+        refuses(f"{REDUCED_FILE}: .*run `myork rom` again", make_report, tmp_path, kind=FileError)
 
 
-@pytest.mark.parametrize(
-    ("axes", "flipped"),
-    [((0, 1, 2), ()), ((0, 1, 2), (0,)), ((0, 1, 2), (0, 1)), ((2, 0, 1), ())],
-)
+@pytest.mark.parametrize(("axes", "flipped"), [
+    ((0, 1, 2), ()), ((0, 1, 2), (0,)), ((0, 1, 2), (0, 1)), ((2, 0, 1), ()),
+])  # fmt: skip
 def test_slices_are_canonical(axes: tuple[int, ...], flipped: tuple[int, ...]) -> None:
     """Label at the right and front, fibers to the right and up: whatever the voxel axes."""
     data = np.zeros((10, 12, 5), dtype=np.int32)
     data[6:9, 7:11, 1:4] = 1  # x from 12 to 18 mm, y from 14 to 22 mm
     vectors = np.where(data[..., None] > 0, [0.6, 0.0, 0.8], 0.0)
-    affine = np.diag([2.0, 2.0, 5.0, 1.0])
-    affine[:3, 3] = [1.0, 1.0, 2.5]
-    labels, fiber = (
-        reordered(image, axes, flipped)
-        for image in (Labels(data, affine, {1: "muscle"}), Image(vectors, affine))
-    )
+    affine = affine_of((2.0, 2.0, 5.0), (1.0, 1.0, 2.5))
+    images = Labels(data, affine, {1: "muscle"}), Image(vectors, affine)
+    labels, fiber = (reordered(image, axes, flipped) for image in images)
     figure = slice_figure(labels, None, fiber)
-    axial, coronal = figure.axes[1], figure.axes[3]
+    axial, strokes = figure.axes[1], figure.axes[3].collections[-1]
     corners = np.concatenate([path.vertices for path in axial.collections[1].get_paths()])
     assert_allclose(corners.mean(axis=0), [15.0, 18.0], atol=0.5)
     assert axial.get_xlim() == (2.0, 20.0) and axial.get_ylim() == (4.0, 24.0)
-    strokes = coronal.collections[-1]
     assert np.all(np.asarray(strokes.U) > 0.59)
     assert_allclose(strokes.V, 0.8)
     area = area_figure(labels, []).axes[0].lines[0]
@@ -465,14 +401,12 @@ def test_slices_are_canonical(axes: tuple[int, ...], flipped: tuple[int, ...]) -
 def test_a_single_slice_is_one_picture() -> None:
     label = np.zeros((12, 10, 1), np.int32)
     label[3:8, 2:7] = 1
-    flat = slice_figure(Labels(label, np.eye(4)), None, None)
-    assert len(flat.axes) == 1
-    stack = slice_figure(Labels(np.repeat(label, 4, axis=2), np.eye(4)), None, None)
-    assert len(stack.axes) == 4
+    for count, pictures in ((1, 1), (4, 4)):
+        stack = Labels(np.repeat(label, count, axis=2), np.eye(4))
+        assert len(slice_figure(stack, None, None).axes) == pictures
     coronal = np.moveaxis(label, 2, 1)  # a single row from front to back
-    drawn = slice_figure(
-        Labels(coronal, np.eye(4)), None, Image(coronal[..., None] * [0, 0, 1.0], np.eye(4))
-    )
+    fibers = Image(coronal[..., None] * [0, 0, 1.0], np.eye(4))
+    drawn = slice_figure(Labels(coronal, np.eye(4)), None, fibers)
     assert len(drawn.axes[3].collections[-1].V) > 0
 
 

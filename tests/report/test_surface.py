@@ -81,12 +81,11 @@ def picture_of(panel: Panel, middle: F64, half: F64) -> F64:
 def picture(whole: bool = True) -> F64:
     """A sheet of three tissues in the plane of the picture, or its points alone."""
     points, triangles = grid(9, 9)
-    label = np.where(points[:, 0] < 4, 0.0, np.where(points[:, 0] < 7, 2.0, 1.0))
-    ends = (-0.5, 2.5, "neither")
-    shown = triangles if whole else triangles[:0]
+    label = np.select([points[:, 0] < 4, points[:, 0] < 7], [0.0, 2.0], 1.0)
+    shown, ends = triangles if whole else triangles[:0], (-0.5, 2.5, "neither")
     panel = Panel(points, points, shown, label, ends, "#FF0000,#00FF00,#0000FF")
-    middle, half = np.array([3.5, 4.0, 0.0]), np.array([2.0, 4.0])  # 0 and 2 meet in it
-    return picture_of(panel, middle, half)
+    # 0 and 2 meet in it
+    return picture_of(panel, np.array([3.5, 4.0, 0.0]), np.array([2.0, 4.0]))
 
 
 @pytest.mark.slow

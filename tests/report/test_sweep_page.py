@@ -11,6 +11,7 @@ import pytest
 from myork.errors import FileError
 from myork.report import make_report
 from myork.report.sweep_page import Column, trend_figure
+from tests.refusals import refuses
 from tests.report.pages import Page
 
 
@@ -68,5 +69,4 @@ def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
         with pytest.raises(FileError, match=r"points\.jsonl: is not what myork sweep writes"):
             make_report(swept)
     file.write_text(first + "\n")
-    with pytest.raises(FileError, match="no point is finished"):
-        make_report(swept)
+    refuses("no point is finished", make_report, swept, kind=FileError)

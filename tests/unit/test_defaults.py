@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from myork.core.deck import load_deck
-from tests.scenes import annulus, box, held, scene
+from tests.scenes import annulus, box, held, probes, scene
 
 #: Tables of small bodies, and what a form gives where they name nothing
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
@@ -17,55 +17,44 @@ CUBE = {"scene": {"dimension": 3}, "geometry": box(3, 3, 3)}
 _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
 
 
-@pytest.mark.parametrize(
-    ("tables", "method"),
-    [
-        ({}, "rkpm-gauss"),
-        ({"scene": {"dimension": 2, "method": "auto"}}, "rkpm-gauss"),
-        ({"scene": {"dimension": 2, "method": "rkpm"}}, "rkpm-scni"),
-        ({"scene": {"dimension": 2, "method": "rkcm"}}, "rkcm"),
-        ({"geometry": {**SHEET["geometry"], "jitter": 0.0}}, "rkpm-gauss"),
-        ({"geometry": {**SHEET["geometry"], "jitter": 0.1}}, "rkpm-scni"),
-        ({"geometry": ANNULUS}, "rkpm-gauss"),
-        ({"scene": {"dimension": 3}, "geometry": {"kind": "model"}}, "rkpm-gauss"),
-        ({"material": [{**RUBBER, "K": float("inf")}]}, "rkpm-gauss"),
-        ({"material": [{**RUBBER, "K": 1e7}]}, "rkpm-gauss"),
-    ],
-)
+@pytest.mark.parametrize(("tables", "method"), [
+    ({}, "rkpm-gauss"),
+    ({"scene": {"dimension": 2, "method": "auto"}}, "rkpm-gauss"),
+    ({"scene": {"dimension": 2, "method": "rkpm"}}, "rkpm-scni"),
+    ({"scene": {"dimension": 2, "method": "rkcm"}}, "rkcm"),
+    ({"geometry": {**SHEET["geometry"], "jitter": 0.0}}, "rkpm-gauss"),
+    ({"geometry": {**SHEET["geometry"], "jitter": 0.1}}, "rkpm-scni"),
+    ({"geometry": ANNULUS}, "rkpm-gauss"),
+    ({"scene": {"dimension": 3}, "geometry": {"kind": "model"}}, "rkpm-gauss"),
+    ({"material": [{**RUBBER, "K": float("inf")}]}, "rkpm-gauss"),
+    ({"material": [{**RUBBER, "K": 1e7}]}, "rkpm-gauss"),
+])  # fmt: skip
 def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
     """Of linear problems test_linear.test_patch."""
     assert load_deck({**SHEET, **tables})["scene"]["method"] == method
 
 
-@pytest.mark.parametrize(
-    ("change", "essential"),
-    [
-        ({}, "transformation"),
-        ({"probe": []}, "penalty"),
-        ({"geometry": SHEET["geometry"]}, "penalty"),
-        ({"galerkin": {"gauss": 3}}, "transformation"),
-        ({"galerkin": {"penalty": 50.0}}, "penalty"),
-        ({"galerkin": {"direct_limit": 0}}, "penalty"),
-        ({"boundary": [held("y0", 2), {"set": "y1", "pressure": 1.0}]}, "penalty"),
-    ],
-)
+@pytest.mark.parametrize(("change", "essential"), [
+    ({}, "transformation"), ({"galerkin": {"gauss": 3}}, "transformation"),
+    *((change, "penalty") for change in (
+        {"probe": []}, {"geometry": SHEET["geometry"]}, {"galerkin": {"penalty": 50.0}},
+        {"galerkin": {"direct_limit": 0}},
+        {"boundary": [held("y0", 2), {"set": "y1", "pressure": 1.0}]},
+    )),
+])  # fmt: skip
 def test_a_search_holds_displacements_exactly(change: dict[str, Any], essential: str) -> None:
-    free = {**SHEET, "geometry": {"kind": "box", "size": [2, 1]}}
-    probe = {"name": "tip", "quantity": "u_y", "point": [1, 1]}
-    deck = load_deck({**free, "probe": [probe], **change})
-    assert deck["galerkin"]["essential"] == essential
+    free = {**SHEET, "geometry": {"kind": "box", "size": [2, 1]}, "probe": probes("tip u_y 1 1")}
+    assert load_deck({**free, **change})["galerkin"]["essential"] == essential
 
 
-@pytest.mark.parametrize(
-    ("where", "steps"),
-    [({"load": [0.5, 1.0]}, 10), ({"load": [1.0]}, 1), ({"activation": [0.2]}, 10)],
-)
+@pytest.mark.parametrize(("where", "steps"), [
+    ({"load": [0.5, 1.0]}, 10), ({"load": [1.0]}, 1), ({"activation": [0.2]}, 10),
+])  # fmt: skip
 def test_references_on_the_way_ask_for_steps(where: dict[str, Any], steps: int) -> None:
-    probe = {"name": "u", "quantity": "u_x", "point": _WITHIN}
-    values = [0.0] * len(next(iter(where.values())))
-    reference = {"probe": "u", "value": values, "source": "nobody", **where}
-    tables = {**SHEET, "probe": [probe], "reference": [reference], "load": {"activation": 0.4}}
-    assert load_deck(tables)["load"]["steps"] == steps
+    reference = {"probe": "there", "source": "nobody", **where}
+    reference["value"] = [0.0] * len(next(iter(where.values())))
+    tables = probed("u_x", _WITHIN, reference=[reference], load={"activation": 0.4})
+    assert load_deck({**SHEET, **tables})["load"]["steps"] == steps
 
 
 def probed(quantity: str, point: list[float], **tables: Any) -> dict[str, Any]:
@@ -82,39 +71,36 @@ NARROW = WIDE | {"kernel": "cubic"}
 WALL = ("cauchy_xx", [0.0, 1.0])
 
 
-@pytest.mark.parametrize(
-    ("tables", "wanted"),
-    [
-        # a support that fits the order
-        *(({"approximation": {"order": n}}, {"order": n, "support": n + 1.0}) for n in range(1, 5)),
-        # stresses on the surface of plane bodies ask for order 2
-        (probed("cauchy_xy", _ON), SECOND),
-        (probed("pressure", [2.0, 0.3]), SECOND),
-        (probed("principal_max", [0.0, 0.3]), SECOND),
-        (probed("cauchy_xy", _WITHIN), FIRST),
-        (probed("u_x", _ON), FIRST),
-        (probed("J", _ON), FIRST),
-        (probed("cauchy_xy", _ON, approximation={"order": 1}), FIRST),
-        (probed("cauchy_xy", _ON, approximation={"support": 1.8}), FIRST | {"support": 1.8}),
-        (probed("cauchy_xy", _ON, approximation={"kernel": "quintic"}), SECOND),
-        (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkcm"}), SECOND),
-        (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkpm-scni"}), FIRST),
-        (probed("cauchy_rr", [0.6, 0.8], geometry=ANNULUS), SECOND),
-        (probed("cauchy_rr", [1.2, 1.6], geometry=ANNULUS), SECOND),
-        (probed("cauchy_tt", [0.0, 1.5], geometry=ANNULUS), SECOND),
-        # annuli take it whatever is asked, where they have points for it
-        (probed("cauchy_rr", [0.9, 1.2], geometry=ANNULUS), SECOND),
-        (probed("u_x", [0.9, 1.2], geometry={**ANNULUS, "source": [2, 9]}), FIRST),
-        (probed("cauchy_xy", [0.5, 1.0, 0.5], **CUBE), FIRST),
-        # with a spline and Gauss points for it
-        (probed(*WALL), WIDE),
-        (probed(*WALL, geometry=ANNULUS), TURNED),
-        (probed(*WALL, geometry=ANNULUS, approximation={"order": 2}), TURNED),
-        (probed(*WALL, geometry=ANNULUS, approximation={"order": 2, "support": 2.5}),
-         NARROW | {"support": 2.5}),
-        (probed(*WALL, geometry=ANNULUS, approximation={"order": 1}), NARROW | FIRST),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tables", "wanted"), [
+    # a support that fits the order
+    *(({"approximation": {"order": n}}, {"order": n, "support": n + 1.0}) for n in range(1, 5)),
+    # stresses on the surface of plane bodies ask for order 2
+    (probed("cauchy_xy", _ON), SECOND),
+    (probed("pressure", [2.0, 0.3]), SECOND),
+    (probed("principal_max", [0.0, 0.3]), SECOND),
+    (probed("cauchy_xy", _WITHIN), FIRST),
+    (probed("u_x", _ON), FIRST),
+    (probed("J", _ON), FIRST),
+    (probed("cauchy_xy", _ON, approximation={"order": 1}), FIRST),
+    (probed("cauchy_xy", _ON, approximation={"support": 1.8}), FIRST | {"support": 1.8}),
+    (probed("cauchy_xy", _ON, approximation={"kernel": "quintic"}), SECOND),
+    (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkcm"}), SECOND),
+    (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkpm-scni"}), FIRST),
+    (probed("cauchy_rr", [0.6, 0.8], geometry=ANNULUS), SECOND),
+    (probed("cauchy_rr", [1.2, 1.6], geometry=ANNULUS), SECOND),
+    (probed("cauchy_tt", [0.0, 1.5], geometry=ANNULUS), SECOND),
+    # annuli take it whatever is asked, where they have points for it
+    (probed("cauchy_rr", [0.9, 1.2], geometry=ANNULUS), SECOND),
+    (probed("u_x", [0.9, 1.2], geometry={**ANNULUS, "source": [2, 9]}), FIRST),
+    (probed("cauchy_xy", [0.5, 1.0, 0.5], **CUBE), FIRST),
+    # with a spline and Gauss points for it
+    (probed(*WALL), WIDE),
+    (probed(*WALL, geometry=ANNULUS), TURNED),
+    (probed(*WALL, geometry=ANNULUS, approximation={"order": 2}), TURNED),
+    (probed(*WALL, geometry=ANNULUS, approximation={"order": 2, "support": 2.5}),
+     NARROW | {"support": 2.5}),
+    (probed(*WALL, geometry=ANNULUS, approximation={"order": 1}), NARROW | FIRST),
+])  # fmt: skip
 def test_approximation_by_what_is_asked(tables: dict[str, Any], wanted: dict[str, Any]) -> None:
     deck = load_deck({**SHEET, **tables})
     (support,) = set(deck["approximation"]["support"])

@@ -10,27 +10,26 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from myork import Results, Scene, run_deck
-from myork.core.deck import text_of_tables
-from myork.errors import InputError, InstallationError
+from myork.errors import InstallationError
 from myork.model_file import write_model
 from myork.stations.export import cells_of, export
-from tests.scenes import LINEAR, MUSCLE, box, held, scene, staircase
+from tests.refusals import refuses
+from tests.scenes import LINEAR, MUSCLE, box, deck_file, held, probes, scene, staircase
 
-RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
-ENDS = [
-    {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},
-    {"set": "z1", "u_x": 0, "u_y": 0, "u_z": -0.2},
-]
+#: A polynomial of the third order
+THIRD = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
 UNITS = {"title": "cube", "units": {"force": "N", "length": "cm"}}
 CUBE = scene(
-    "rkpm-gauss", box(5, 5, 5), **UNITS, approximation=LINEAR, material=[RUBBER], boundary=ENDS,
-    load={"steps": 2}, probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
+    "rkpm-gauss", box(5, 5, 5), **UNITS, approximation=LINEAR, material=[THIRD],
+    boundary=[held("z0"), held("z1", u_z=-0.2)],
+    load={"steps": 2}, probe=probes("force force_z z1"),
 )  # fmt: skip
 
 
-def written(tables: dict, path: Path) -> Path:
-    path.write_text(text_of_tables(tables))
-    return path
+def exported(tables: dict, folder: Path) -> tuple[list[str], str]:
+    """What the export of tables says, and the file."""
+    deck = deck_file(folder / "deck.toml", tables)
+    return export(deck, folder / "out.inp"), (folder / "out.inp").read_text()
 
 
 def blocks(text: str) -> dict[str, list[list[str]]]:
@@ -46,34 +45,30 @@ def blocks(text: str) -> dict[str, list[list[str]]]:
 
 def test_cells_have_all_their_corners() -> None:
     place = np.array([(x, y, z) for z in range(3) for y in range(3) for x in range(4)], np.int32)
-    points = place * [0.5, 1.0, 2.0]
     cells, lacking = cells_of(place + 7)
     assert (len(cells), lacking) == (3 * 2 * 2, 0)
-    edges = points[cells] - points[cells[:, :1]]
+    edges = (place[cells] - place[cells[:, :1]]) * [0.5, 1.0, 2.0]
     volume = np.linalg.det(edges[:, [1, 3, 4]])  # right-handed, first edge, last edge, up
     assert_allclose(volume, 1.0)
     # a missing point takes its cells along
-    gone = ~(place == [1, 1, 1]).all(axis=1)
-    cells, lacking = cells_of(place[gone])
+    cells, lacking = cells_of(place[~(place == [1, 1, 1]).all(axis=1)])
     assert (len(cells), lacking) == (12 - 8, 8)
     flat, _ = cells_of(place[place[:, 2] == 0][:, :2])
     assert_array_equal(flat[0], [0, 1, 5, 4])
 
 
 def test_input_deck_has_sets_law_and_conditions(tmp_path: Path) -> None:
-    deck = written(CUBE, tmp_path / "cube.toml")
-    says = export(deck, tmp_path / "out" / "cube.inp")
-    assert says == [f"729 points, 512 cells: {tmp_path / 'out' / 'cube.inp'}"]
-    text = (tmp_path / "out" / "cube.inp").read_text()
-    found = blocks(text)
+    deck = deck_file(tmp_path / "cube.toml", CUBE)
+    file = tmp_path / "out" / "cube.inp"
+    assert export(deck, file) == [f"729 points, 512 cells: {file}"]
+    found = blocks(file.read_text())
     nodes = np.array(found["*NODE, NSET=ALL"], float)
     with Scene(deck) as opened:
         assert_allclose(nodes[:, 1:], opened.points(), atol=1e-12)
         point, area = opened.set_points("z1")
         assert_allclose(opened.points()[point, 2], 1.0)
         assert_allclose(area.sum(), 1.0)
-        with pytest.raises(InputError, match="'q0' is not a boundary set"):
-            opened.set_points("q0")
+        refuses("'q0' is not a boundary set", opened.set_points, "q0")
     top = {int(word) for row in found["*NSET, NSET=z1"] for word in row}
     assert_allclose(nodes[[n - 1 for n in top], 3], 1.0)
     assert top == {*point + 1}
@@ -91,8 +86,7 @@ def test_what_a_file_does_not_hold_is_said_and_written(tmp_path: Path) -> None:
         boundary=[held("z0", 3), {"set": "z1", "pressure": 2.0}, {"set": "x1", "u_x": "0.1*z"},
                   {"set": "y1", "traction": [0, 3, 0]}],
     )  # fmt: skip
-    says = export(written(muscle, tmp_path / "m.toml"), tmp_path / "m.inp")
-    text = (tmp_path / "m.inp").read_text()
+    says, text = exported(muscle, tmp_path)
     for missing in ("material.calf: no keyword for 'muscle'", "boundary.z1.pressure",
                     "boundary.x1.u_x: an expression"):  # fmt: skip
         assert f"not in it: {missing}" in says and f"** not in it: {missing}\n" in text
@@ -102,13 +96,8 @@ def test_what_a_file_does_not_hold_is_said_and_written(tmp_path: Path) -> None:
 
 
 def test_each_material_has_its_cells(tmp_path: Path) -> None:
-    halves = {
-        **CUBE,
-        "material": [RUBBER, {"name": "gel", "model": "neo-hookean", "mu": 2, "K": 50,
-                              "where": "z > 0.5"}],
-    }  # fmt: skip
-    export(written(halves, tmp_path / "h.toml"), tmp_path / "h.inp")
-    found = blocks((tmp_path / "h.inp").read_text())
+    gel = {"name": "gel", "model": "neo-hookean", "mu": 2, "K": 50, "where": "z > 0.5"}
+    found = blocks(exported({**CUBE, "material": [THIRD, gel]}, tmp_path)[1])
     assert "*SOLID SECTION, ELSET=label2, MATERIAL=gel" in found
     nodes = np.array(found["*NODE, NSET=ALL"], float)[:, 1:]
     for label, low in ((1, 0.0), (2, 0.5)):
@@ -129,22 +118,16 @@ def test_results_keep_their_fields(tmp_path: Path) -> None:
         assert_allclose(mesh.point_data["u"], results.field("u"))
         assert_allclose(mesh.point_data["cauchy"][:, 5], results.field("cauchy")[:, 1, 2])
     assert_array_equal(mesh.cell_data["label"][0], 1)
-    with pytest.raises(InputError, match=r"an \.inp file needs the deck"):
-        export(tmp_path, tmp_path / "cube.inp")
-    with pytest.raises(InputError, match=r"cube\.doc: meshio cannot write it"):
-        export(tmp_path, tmp_path / "cube.doc")
+    refuses(r"an \.inp file needs the deck", export, tmp_path, tmp_path / "cube.inp")
+    refuses(r"cube\.doc: meshio cannot write it", export, tmp_path, tmp_path / "cube.doc")
 
 
 def test_cells_of_voxels_that_lack_a_corner_are_counted(tmp_path: Path) -> None:
     cloud = staircase()
     write_model(tmp_path / "model.h5", cloud)
-    soft = {key: CUBE[key] for key in ("title", "units", "scene", "approximation")} | {
-        "geometry": {"kind": "model"},
-        "material": [RUBBER],
-        "boundary": [{"set": cloud.set_names[0], "u_x": 0, "u_y": 0, "u_z": 0}],
-    }
-    says = export(written(soft, tmp_path / "deck.toml"), tmp_path / "deck.inp")
-    text = (tmp_path / "deck.inp").read_text()
+    soft = {key: CUBE[key] for key in ("title", "units", "scene", "approximation", "material")}
+    soft |= {"geometry": {"kind": "model"}, "boundary": [held(cloud.set_names[0])]}
+    says, text = exported(soft, tmp_path)
     cells, lacking = cells_of(cloud.voxels.index)
     assert len(cells) and lacking
     line = f"not in it: {lacking} cells at the surface, which lack a corner"
@@ -155,26 +138,26 @@ def test_cells_of_voxels_that_lack_a_corner_are_counted(tmp_path: Path) -> None:
 
 def test_without_meshio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "meshio", None)
-    with pytest.raises(InstallationError, match=r"meshio: pip install 'myork\[mesh\]'"):
-        export(written(CUBE, tmp_path / "cube.toml"), tmp_path / "cube.vtu")
+    deck, said = deck_file(tmp_path / "cube.toml", CUBE), r"meshio: pip install 'myork\[mesh\]'"
+    refuses(said, export, deck, tmp_path / "cube.vtu", kind=InstallationError)
 
 
 def test_bodies_and_laws_that_cannot_be_written(tmp_path: Path, inputs: Path) -> None:
-    with pytest.raises(InputError, match="no lattice in the plane or in space"):
-        export(inputs / "poisson_1d.toml", tmp_path / "line.inp")
-    with pytest.raises(InputError, match=r"needs \[\[material\]\], not \[linear\]"):
-        export(inputs / "poisson_2d.toml", tmp_path / "square.inp")
     rigid = {**CUBE, "approximation": {"order": 2, "support": 3},
              "scene": {"dimension": 3, "method": "rkcm-mixed"},
-             "material": [{**RUBBER, "K": float("inf")}]}  # fmt: skip
-    with pytest.raises(InputError, match=r"--set material\.rubber\.K=1e4"):
-        export(written(rigid, tmp_path / "rigid.toml"), tmp_path / "rigid.inp")
+             "material": [{**THIRD, "K": float("inf")}]}  # fmt: skip
+    for deck, said in (
+        (inputs / "poisson_1d.toml", "no lattice in the plane or in space"),
+        (inputs / "poisson_2d.toml", r"needs \[\[material\]\], not \[linear\]"),
+        (deck_file(tmp_path / "rigid.toml", rigid), r"--set material\.rubber\.K=1e4"),
+    ):
+        refuses(said, export, deck, tmp_path / "out.inp")
 
 
 @pytest.mark.slow
 def test_calculix_finds_our_force(tmp_path: Path) -> None:
     assert shutil.which("ccx"), "CalculiX is needed: apt install calculix-ccx"
-    deck = written(CUBE, tmp_path / "cube.toml")
+    deck = deck_file(tmp_path / "cube.toml", CUBE)
     export(deck, tmp_path / "cube.inp")
     subprocess.run(["ccx", "cube"], cwd=tmp_path, check=True, capture_output=True)
     # the last line of three numbers: the total force on the last set, z1

@@ -11,6 +11,7 @@ from myork import Scene, run_deck
 from tests import scenes
 from tests.scenes import box, held, refused, scene
 
+RAMP = {"name": "pull", "time": [0, 1], "value": [0, 1]}
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0}
 #: Forms with options that let a coarse block converge
 METHODS: dict[str, Any] = {"rkpm-gauss": {}, "rkpm-scni": {}, "rkcm": {"order": 2, "support": 2.5}}
@@ -61,7 +62,7 @@ def test_load_times_of_all_kinds_are_merged() -> None:
 
 def test_a_smooth_amplitude_has_no_slope_at_its_knots() -> None:
     deck = block(load={"at": [0.01, 0.25, 0.5, 0.99]})
-    deck["amplitude"] = [{"name": "pull", "time": [0, 1], "value": [0, 1], "curve": "smooth"}]
+    deck["amplitude"] = [RAMP | {"curve": "smooth"}]
     load, probes, _ = solved(deck)
     assert load.tolist() == [0.01, 0.25, 0.5, 0.99, 1.0]
     expected = load**3 * (10 - load * (15 - 6 * load))
@@ -70,21 +71,20 @@ def test_a_smooth_amplitude_has_no_slope_at_its_knots() -> None:
 
 
 def test_the_ramp_is_an_amplitude_like_others() -> None:
-    by_name = block(load={"steps": 3, "activation": 0.2, "amplitude": "pull"})
-    by_name["amplitude"] = [{"name": "pull", "time": [0, 1], "value": [0, 1]}]
-    plain = block(load={"steps": 3, "activation": 0.2})
+    load = {"steps": 3, "activation": 0.2}
+    by_name, plain = block(load=load | {"amplitude": "pull"}, amplitude=[RAMP]), block(load=load)
     del plain["amplitude"], plain["boundary"][1]["amplitude"]
     for one, other in zip(solved(by_name), solved(plain), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+    # an activation of zero, as at the end of a range of them, may follow one
+    zero = with_amplitude({"amplitude": "pull", "activation": 0.0})
+    np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
 
 
 def test_a_body_that_is_let_go_returns_to_rest() -> None:
-    deck = block()
-    deck["amplitude"][0]["value"] = [0, 1, 1, 0]
-    _, probes, x = solved(deck)
+    _, probes, x = solved(with_amplitude(value=[0, 1, 1, 0]))
     assert np.abs(probes[0]).min() > 0.1
-    assert np.abs(probes[-1]).max() < 1e-6
-    assert np.abs(x).max() < 1e-7
+    assert np.abs(probes[-1]).max() < 1e-6 and np.abs(x).max() < 1e-7
 
 
 def test_a_programme_that_ends_at_rest_is_judged_by_its_way(tmp_path: Path) -> None:
@@ -101,38 +101,33 @@ def test_a_programme_that_ends_at_rest_is_judged_by_its_way(tmp_path: Path) -> N
 
 
 def test_each_muscle_has_an_activation_of_its_own() -> None:
-    common = block(load={"activation": 0.2, "amplitude": "pull"})
-    own = block()
+    common, own = block(load={"activation": 0.2, "amplitude": "pull"}), block()
     own["material"][0] |= {"activation": 0.2, "amplitude": "pull"}
-    for one, other in zip(solved(common), solved(own), strict=True):
+    together = solved(common)
+    for one, other in zip(together, solved(own), strict=True):
         np.testing.assert_array_equal(one, other)
     own["load"] = {"activation": 0.9}
     own["material"][0]["amplitude"] = "hold"
     own["amplitude"].append({"name": "hold", "time": [0, 0.2], "value": [0, 1]})
     load, probes, _ = solved(own)
-    assert load[0] == 0.2
     # active already while it is stretched
-    assert probes[0, 1] > solved(common)[1][0, 1] / 2
+    assert load[0] == 0.2 and probes[0, 1] > together[1][0, 1] / 2
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
     axis, about, angle = np.array([1.0, 2, -0.5]), np.array([0.2, 0, 1.5]), 150.0
-    motion = {
-        **{"rotation": angle, "axis": axis.tolist(), "about": about.tolist()},
-        **{"u_x": 0.3, "amplitude": "turn"},
-    }
+    motion = {"rotation": angle, "axis": axis.tolist(), "about": about.tolist(), "u_x": 0.3}
     place = np.array([0.3, 0.6, 0.4])
     deck = block(
-        method,
-        boundary=[{"set": "z0", **motion}, {"set": "z1", **motion}],
+        method, boundary=[{"set": name, **motion, "amplitude": "turn"} for name in ("z0", "z1")],
         amplitude=[{"name": "turn", "time": [0, 0.5, 1], "value": [0, 1, 0.8]}],
         load={"steps": 1 if method != "rkcm" else 8},
         probe=scenes.probes("inside u 0.3 0.6 0.4", "stress cauchy_xy 0.3 0.6 0.4"),
-    )
+    )  # fmt: skip
     states, probes, *_ = scenes.solved(deck)
     for load, part in ((0.5, 1.0), (1.0, 0.8)):
-        step = int(np.flatnonzero(states.load == load)[0])
+        step = states.load.tolist().index(load)
         turn = Rotation.from_rotvec(part * angle * axis / np.linalg.norm(axis), degrees=True)
         expected = about + turn.apply(place - about) - place + [0.3 * part, 0, 0]
         np.testing.assert_allclose(probes["inside"][step], expected, atol=1e-6)
@@ -160,24 +155,15 @@ def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
     return block(method, probe=[{"name": "p", **probe}])
 
 
-def test_an_activation_of_zero_may_follow_an_amplitude() -> None:
-    """As at the end of a range of activations; it is refused only where none is given."""
-    zero = with_amplitude({"amplitude": "pull", "activation": 0.0})
-    np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
-
-
-@pytest.mark.parametrize(
-    ("deck", "complaint"),
-    [
-        (with_amplitude(time=[0.1, 0.2, 0.3, 1]), "pull.time: must start at 0, not 0.1"),
-        (with_amplitude({"amplitude": "pull"}), "there is no activation to scale by it"),
-        (with_amplitude({"amplitude": "pull", "activation": 0.7}, value=[0, 2, 1, 0]),
-         "leads to an activation of 1.4 of muscle"),
-        (with_probe(quantity="energy", set="z1"), "set: cannot be given for energy, a quantity of"),
-        (with_probe("rkcm", quantity="force", set="z1", material="muscle"),
-         "the force of one material needs a Galerkin form"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("deck", "complaint"), [
+    (with_amplitude(time=[0.1, 0.2, 0.3, 1]), "pull.time: must start at 0, not 0.1"),
+    (with_amplitude({"amplitude": "pull"}), "there is no activation to scale by it"),
+    (with_amplitude({"amplitude": "pull", "activation": 0.7}, value=[0, 2, 1, 0]),
+     "leads to an activation of 1.4 of muscle"),
+    (with_probe(quantity="energy", set="z1"), "set: cannot be given for energy, a quantity of"),
+    (with_probe("rkcm", quantity="force", set="z1", material="muscle"),
+     "the force of one material needs a Galerkin form"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(deck: dict[str, Any], complaint: str) -> None:
     assert complaint in refused(deck)
 
@@ -193,17 +179,13 @@ def test_summary_tells_activations_where_they_differ(tmp_path: Path) -> None:
     assert "activations" not in run_deck(deck, tmp_path, error=False)["steps"][0]
 
 
-# ---- muscles -------------------------------------------------------------------------------------
-
-
 #: Numbers of a muscle as a whole
 WHOLE = [
-    {"name": "pull", "quantity": "force_z", "set": "z1"},
-    {"name": "energy", "quantity": "energy"},
+    *scenes.probes("pull force_z z1"), {"name": "energy", "quantity": "energy"},
     {"name": "part", "quantity": "energy", "material": "muscle"},
     {"name": "stretch", "quantity": "fiber_stretch", "material": "muscle"},
     {"name": "angle", "quantity": "pennation", "normal": [0, 0, 2], "material": "muscle"},
-]
+]  # fmt: skip
 
 
 def test_work_is_stored_energy_and_what_activation_adds() -> None:

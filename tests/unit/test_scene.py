@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from myork import Scene
 from myork.errors import InputError
+from tests.refusals import refuses
 from tests.scenes import box, held, probes, refused, scene, solved
 
 TABLES = scene(
@@ -25,19 +26,14 @@ def test_a_closed_scene_is_recognised(open_scene):
     x = np.zeros(opened.dofs)
     opened.close()
     opened.close()
-    for use in (
-        opened.solve,
-        lambda: opened.fields(x, 1.0),
-        lambda: opened.probes(x[None], [1.0]),
-        lambda: opened.linearise(x, 1.0, x),
-        lambda: opened.reduce(np.ones((opened.dofs, 1))),
-    ):
-        with pytest.raises(InputError, match="this scene is closed"):
-            use()
+    for use, *words in (
+        (opened.solve,), (opened.fields, x, 1.0), (opened.probes, x[None], [1.0]),
+        (opened.linearise, x, 1.0, x), (opened.reduce, np.ones((len(x), 1))),
+    ):  # fmt: skip
+        refuses("this scene is closed", use, *words)
     # another one in its place is another
     assert open_scene(TABLES).solve().load[-1] == 1.0
-    with pytest.raises(InputError, match="closed"):
-        opened.solve()
+    refuses("closed", opened.solve)
 
 
 def test_too_many_scenes_are_refused_and_closing_makes_room(open_scene, write_deck):
@@ -45,8 +41,7 @@ def test_too_many_scenes_are_refused_and_closing_makes_room(open_scene, write_de
     with pytest.raises(InputError, match="at most 64: close some"):
         for _ in range(65):
             open_scene(path)
-    with pytest.raises(InputError, match="close some"):
-        Scene(path)
+    refuses("close some", Scene, path)
 
 
 def test_scenes_opened_at_once_do_not_meet(write_deck):
@@ -61,49 +56,40 @@ def test_scenes_opened_at_once_do_not_meet(write_deck):
 
 def test_wrong_shapes_are_refused(open_scene):
     opened = open_scene(TABLES)
-    x = np.zeros(opened.dofs)
-    for use in (
-        lambda: opened.fields(x[:-1], 1.0),
-        lambda: opened.fields(x.reshape(-1, 3), 1.0),
-        lambda: opened.probes(x[None], [0.5, 1.0]),
-        lambda: opened.probes(x[None, :-3], [1.0]),
-        lambda: opened.linearise(x, 1.0, x[:3]),
-        lambda: opened.reduce(x),
-        lambda: opened.reduce(np.ones((opened.dofs - 1, 2))),
-        lambda: opened.reduce(np.zeros((opened.dofs, 0))),
-    ):
-        with pytest.raises(InputError, match="must have shape"):
-            use()
-    for modes in (np.full((opened.dofs, 1), np.nan), np.full((opened.dofs, 1), np.inf)):
-        with pytest.raises(InputError, match="finite"):
-            opened.reduce(modes)
-    with pytest.raises(InputError, match="no reduced model"):
-        opened.solve_reduced("dgels")
+    x, one = np.zeros(opened.dofs), np.ones((opened.dofs, 1))
+    for use, *words in (
+        (opened.fields, x[:-1], 1.0), (opened.fields, x.reshape(-1, 3), 1.0),
+        (opened.probes, x[None], [0.5, 1.0]), (opened.probes, x[None, :-3], [1.0]),
+        (opened.linearise, x, 1.0, x[:3]), (opened.reduce, x),
+        (opened.reduce, np.ones((opened.dofs - 1, 2))), (opened.reduce, one[:, :0]),
+    ):  # fmt: skip
+        refuses("must have shape", use, *words)
+    for value in (np.nan, np.inf):
+        refuses("finite", opened.reduce, value * one)
+    refuses("no reduced model", opened.solve_reduced, "dgels")
     n = np.zeros((opened.collocation_points, 3))
     for force, stress, what in ((n, n, "stress"), (n + np.nan, n[..., None] * n[:1], "body_force")):
-        with pytest.raises(InputError, match=f"{what} must be finite and have shape"):
-            opened.set_fields(force, n, stress)
+        said = f"{what} must be finite and have shape"
+        refuses(said, opened.set_fields, force, n, stress)
 
 
-def test_essential_conditions_beat_tractions_at_edges(open_scene):
+def test_essential_conditions_beat_tractions_at_edges():
     """Points that a dead load shares with rollers keep both: homogeneous, with P_xx = 5."""
     load = {"set": "x1", "traction": [5.0, 0.0, 0.0]}
-    walls = [*SLIP, {"set": "y1", "u_y": 0}, {"set": "z1", "u_z": 0}]
-    side = {"name": "side", "quantity": "force", "set": "x1"}
-    found = solved({**TABLES, "boundary": [load, *walls], "probe": [side]}, "load.steps=1")
-    fields = found.fields
-    assert fields.f[0, 0, 0] > 1.02
-    assert_allclose(fields.f[:, 1, 1], 1.0, rtol=0, atol=1e-6)
-    assert_allclose(fields.f[:, 2, 2], 1.0, rtol=0, atol=1e-6)
+    walls = [load, *SLIP, {"set": "y1", "u_y": 0}, {"set": "z1", "u_z": 0}]
+    tables = {**TABLES, "boundary": walls, "probe": probes("side force x1")}
+    found = solved(tables, "load.steps=1")
+    f = found.fields.f
+    assert f[0, 0, 0] > 1.02
+    assert_allclose([f[:, 1, 1], f[:, 2, 2]], 1.0, rtol=0, atol=1e-6)
     assert_allclose(found.probes["side"][-1], [5.0 * 2.0, 0, 0], rtol=0, atol=1e-5)
 
 
-def test_a_free_component_of_a_condition_is_free_of_traction(open_scene):
+def test_a_free_component_of_a_condition_is_free_of_traction():
     """A smooth plate presses: no shear traction where only the normal component is prescribed."""
     smooth = {**TABLES, "boundary": [held("z0"), {"set": "z1", "u_z": -0.1}]}
     top = solved(smooth).probes["top"][-1]
-    assert top[2] < -1.0
-    assert abs(top[:2]).max() < 1e-8 * abs(top[2])
+    assert top[2] < -1.0 and abs(top[:2]).max() < 1e-8 * abs(top[2])
 
 
 METHODS = ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"]
@@ -115,11 +101,9 @@ def test_contradicting_conditions_are_refused(method):
     said = refused(contradiction, overrides=[f'scene.method="{method}"'])
     assert said.startswith("tables: ") and "two displacements, " in said
     assert "component 1 at (0, 0, 0)" in said
-
-
-def test_the_same_condition_twice_is_none_too_many(open_scene):
+    # the same condition twice is none too many
     agreeing = {**TABLES, "boundary": [*TABLES["boundary"], {"set": "x0", "u_x": 0}]}
-    assert open_scene(agreeing).solve(error=False).load[-1] == 1.0
+    assert method != "rkcm" or solved(agreeing).states.load[-1] == 1.0
 
 
 def test_a_load_of_nothing_converges_at_once(open_scene):
@@ -128,17 +112,15 @@ def test_a_load_of_nothing_converges_at_once(open_scene):
     tables = {**TABLES, "material": [muscle], "boundary": [held("z0")]}
     for activation in (0.0, 1e-12):
         states = open_scene(tables, f"load.activation={activation}").solve(error=False)
-        assert max(states.iterations) <= 2
-        assert abs(states.x).max() < 1e-10
+        assert max(states.iterations) <= 2 and abs(states.x).max() < 1e-10
 
 
-def test_every_load_is_met_exactly_also_after_halvings(open_scene):
+def test_every_load_is_met_exactly_also_after_halvings():
     """A step too large for one go: pressed to a fifth at once."""
     pressed = {**TABLES, "boundary": [*SLIP, {"set": "z1", "u_z": -1.8}]}
     found = solved(pressed, "load.steps=3", "solver.max_iterations=8")
-    states = found.states
-    assert states.load.tolist() == [1 / 3, 2 / 3, 1.0]
-    assert max(states.iterations) > 4, "nothing was halved"
+    assert found.states.load.tolist() == [1 / 3, 2 / 3, 1.0]
+    assert max(found.states.iterations) > 4, "nothing was halved"
     assert_allclose(found.fields.f[:, 2, 2], 0.1, rtol=1e-4)
 
 
@@ -179,29 +161,20 @@ PULLED = scene(
     probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
 )  # fmt: skip
 CHANGES = [
-    {"material.muscle.K": 120.0},
-    {"load.activation": 0.2},
-    {"boundary.z1.u_z": -0.1},
-    {"boundary.x1.traction": [0.4, 0, 0.1]},
-    {"load.steps": 3},
-    {"amplitude.pull.value": [0, 0.4, 1]},
-    {"amplitude.pull.time": [0, 0.25, 1]},
+    {"material.muscle.K": 120.0}, {"load.activation": 0.2}, {"boundary.z1.u_z": -0.1},
+    {"boundary.x1.traction": [0.4, 0, 0.1]}, {"load.steps": 3},
+    {"amplitude.pull.value": [0, 0.4, 1]}, {"amplitude.pull.time": [0, 0.25, 1]},
     {"material.muscle.A10": 12, "material.muscle.sigma_max": 25},
     {"load.activation": 0, "boundary.z1.u_z": 0.3},
     {"solver.tolerance": 1e-8, "material.muscle.K": 1000},
-]
+]  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "tables"),
-    [
-        ("rkpm-gauss", {}),
-        ("rkpm-gauss", {"galerkin": {"essential": "transformation"}}),
-        ("rkpm-scni", {}),
-        ("rkcm-mixed", {}),
-    ],
-)
+@pytest.mark.parametrize(("method", "tables"), [
+    ("rkpm-gauss", {}), ("rkpm-gauss", {"galerkin": {"essential": "transformation"}}),
+    ("rkpm-scni", {}), ("rkcm-mixed", {}),
+])  # fmt: skip
 def test_ten_changes_are_ten_fresh_scenes(method, tables):
     tables = {**PULLED, "scene": {"dimension": 3, "method": method}, **tables}
     overrides: list[str] = []
@@ -215,11 +188,11 @@ def test_ten_changes_are_ten_fresh_scenes(method, tables):
                 expected = fresh.solve(error=False)
                 assert opened.deck == fresh.deck
                 assert (opened.steps, opened.rows) == (fresh.steps, fresh.rows)
-                assert np.array_equal(found.x, expected.x)
-                assert np.array_equal(found.load, expected.load)
-                assert np.array_equal(
-                    opened.probes(found.x, found.load), fresh.probes(expected.x, expected.load)
-                )
+                for own, other in (
+                    (found.x, expected.x), (found.load, expected.load),
+                    (opened.probes(found.x, found.load), fresh.probes(expected.x, expected.load)),
+                ):  # fmt: skip
+                    assert np.array_equal(own, other)
 
 
 def test_error_bars_are_those_of_the_changed_scene():
@@ -231,78 +204,60 @@ def test_error_bars_are_those_of_the_changed_scene():
     assert np.array_equal(found.probe_errors, expected.probe_errors, equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"geometry.source": [5, 5, 5]}, "geometry.source cannot be changed in an open scene"),
-        ({"approximation.order": 2}, "cannot be changed"),
-        ({"scene.method": "rkcm"}, "cannot be changed"),
-        ({"galerkin.penalty": 10}, "cannot be changed"),
-        ({"material.muscle.fiber_angle": 10}, "cannot be changed"),
-        ({"boundary.z1.set": "z0"}, "cannot be changed"),
-        ({"boundary.x1.u_x": 0.1}, "boundary.x1: an open scene keeps which components"),
-        ({"material.muscle.K": -1}, "material.muscle.K: "),
-        ({"material.muscle.KK": 1}, "KK"),
-        ({"material.muscle.K": float("inf")}, "K = inf makes pressures unknowns"),
-        ({"load.activation": None}, "None is not a value"),
-    ],
-)
-def test_what_cannot_be_changed_says_so_and_leaves_the_scene(changes, message):
-    with Scene.from_tables(PULLED, threads=1) as opened:
-        before = opened.solve(error=False)
-        deck = dict(opened.deck)
-        with pytest.raises(InputError) as caught:
-            opened.update({"load.steps": 4, **changes})
-        assert message in str(caught.value)
-        assert dict(opened.deck) == deck
-        assert np.array_equal(opened.solve(error=False).x, before.x)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"geometry.source": [5, 5, 5]}, "geometry.source cannot be changed in an open scene"),
+    *(({key: value}, "cannot be changed") for key, value in (
+        ("approximation.order", 2), ("scene.method", "rkcm"), ("galerkin.penalty", 10),
+        ("material.muscle.fiber_angle", 10), ("boundary.z1.set", "z0"))),
+    ({"boundary.x1.u_x": 0.1}, "boundary.x1: an open scene keeps which components"),
+    ({"material.muscle.K": -1}, "material.muscle.K: "),
+    ({"material.muscle.KK": 1}, "KK"),
+    ({"material.muscle.K": float("inf")}, "K = inf makes pressures unknowns"),
+    ({"load.activation": None}, "None is not a value"),
+])  # fmt: skip
+def test_what_cannot_be_changed_says_so_and_leaves_the_scene(open_scene, changes, message):
+    opened = open_scene(PULLED)
+    before, deck = opened.solve(error=False), dict(opened.deck)
+    refuses(message, opened.update, {"load.steps": 4, **changes})
+    assert dict(opened.deck) == deck and np.array_equal(opened.solve(error=False).x, before.x)
 
 
-def test_loads_change_where_pressures_are_unknowns():
+def test_loads_change_where_pressures_are_unknowns(open_scene):
     tables = {**PULLED, "material": [{**PULLED["material"][0], "K": float("inf")}]}
-    with Scene.from_tables(tables, threads=1) as opened:
-        opened.update({"load.activation": 0.2})
-        found = opened.solve(error=False)
-    with Scene.from_tables(tables, overrides=["load.activation=0.2"], threads=1) as fresh:
-        assert np.array_equal(found.x, fresh.solve(error=False).x)
+    opened = open_scene(tables)
+    opened.update({"load.activation": 0.2})
+    found = opened.solve(error=False)
+    assert np.array_equal(found.x, solved(tables, "load.activation=0.2").states.x)
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
-def test_loads_of_a_linear_problem_are_those_of_its_deck(method):
-    tables = {
-        "scene": {"dimension": 2, "method": method},
-        "geometry": box(5, 5),
-        "linear": {"problem": "poisson", "source": "1"},
-        "boundary": [{"set": "x0", "u": 0.0}],
-    }
-    with Scene.from_tables(tables) as opened:
-        n = len(opened.field_points())
-        with pytest.raises(InputError, match="loads of a linear problem"):
-            opened.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+def test_loads_of_a_linear_problem_are_those_of_its_deck(open_scene, method):
+    linear = {"problem": "poisson", "source": "1"}
+    tables = scene(method, box(5, 5), linear=linear, boundary=[{"set": "x0", "u": 0.0}])
+    opened = open_scene(tables)
+    n = len(opened.field_points())
+    fields = np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3))
+    refuses("loads of a linear problem", opened.set_fields, *fields)
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-scni", "rkpm-gauss"])
-def test_loads_of_its_own_have_no_second_solution(method):
+def test_loads_of_its_own_have_no_second_solution(open_scene, method):
     """Nothing can speak for such an answer: it is doubtful; and it cannot be changed."""
     tables = {key: value for key, value in PULLED.items() if key != "amplitude"}
     tables |= {"boundary": [PULLED["boundary"][0]], "scene": {"dimension": 3, "method": method}}
-    with Scene.from_tables(tables, threads=1) as opened:
-        n = len(opened.field_points())
-        opened.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
-        with pytest.raises(InputError, match="set_fields"):
-            opened.update({"load.activation": 0.2})
-        states = opened.solve()
+    opened = open_scene(tables)
+    n = len(opened.field_points())
+    opened.set_fields(np.ones((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+    refuses("set_fields", opened.update, {"load.activation": 0.2})
+    states = opened.solve()
     assert np.any(states.x) and np.isnan(states.probe_errors).all()
     assert states.verdict != "accepted"
     assert any("set point by point" in reason for reason in states.reasons)
 
 
-def test_a_reduced_model_is_made_anew_after_a_change():
-    tables = {key: value for key, value in PULLED.items() if key != "probe"}
-    with Scene.from_tables(tables, threads=1) as opened:
-        states = opened.solve(error=False)
-        modes, _ = np.linalg.qr(states.x.T)
-        opened.reduce(modes)
-        opened.update({"load.activation": 0.2})
-        with pytest.raises(InputError):
-            opened.solve_reduced("")
+def test_a_reduced_model_is_made_anew_after_a_change(open_scene):
+    opened = open_scene({key: value for key, value in PULLED.items() if key != "probe"})
+    modes, _ = np.linalg.qr(opened.solve(error=False).x.T)
+    opened.reduce(modes)
+    opened.update({"load.activation": 0.2})
+    refuses(".", opened.solve_reduced, "")

@@ -5,18 +5,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import nibabel
 import numpy as np
 import pytest
 
 import myork
 from myork import _core
 from myork.console import silent
-from myork.core.deck import text_of_tables
 from myork.core.threads import core_threads
 from myork.errors import MyorkError
 from myork.stations.station import _placed
-from tests.scenes import scene
+from tests.images import save
+from tests.refusals import refuses
+from tests.scenes import deck_file, scene
 
 
 def test_public_names() -> None:
@@ -33,10 +33,9 @@ def test_public_names() -> None:
 @pytest.mark.parametrize("name", ["segment", "build", "run_deck", "run_rom", "run_demo"])
 def test_one_signature(name: str) -> None:
     parameters = inspect.signature(getattr(myork, name)).parameters
-    common = {"overrides": (), "threads": None, "progress": silent}
     plain = [p.name for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
     assert plain == (["out"] if name == "run_demo" else ["deck", "out"])
-    for key, default in common.items():
+    for key, default in {"overrides": (), "threads": None, "progress": silent}.items():
         assert parameters[key].kind is inspect.Parameter.KEYWORD_ONLY
         assert parameters[key].default == default
 
@@ -59,50 +58,40 @@ MATERIALS = [{"name": "muscle", "label": 1, **RUBBER}, {"name": "fat", "label": 
 
 @pytest.fixture
 def build(tmp_path: Path) -> Callable[..., Any]:
-    """Build a model of two labels by a deck, whose lines are those of its path."""
     labels = np.ones((8, 8, 6), np.int16)
     labels[4:] = 2
-    nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), tmp_path / "map.nii.gz")
+    save(tmp_path, np.eye(4), map=labels)
 
     def run(**table: Any) -> Any:
-        tables = scene(
-            "auto", {"kind": "model"}, build={"labels": "map.nii.gz", **table}, material=MATERIALS
-        )
-        (tmp_path / "body.toml").write_text(text_of_tables(tables))
-        return myork.build(tmp_path / "body.toml", tmp_path / "out")
+        table = {"labels": "map.nii.gz", **table}
+        tables = scene("auto", {"kind": "model"}, build=table, material=MATERIALS)
+        return myork.build(deck_file(tmp_path / "body.toml", tables), tmp_path / "out")
 
     return run
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"labels": "nothing.nii.gz"}, "build.labels: .*nothing.nii.gz: there is no such file"),
-        ({"fibers": "map.nii.gz"}, "build.fibers: .*a 4-D image with 3 volumes"),
-        (
-            {"source_stride": [3, 3, 1], "collocation_stride": [2, 2, 1]},
-            "build.source_stride = .* must be a multiple",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("table", "message"), [
+    ({"labels": "nothing.nii.gz"}, "build.labels: .*nothing.nii.gz: there is no such file"),
+    ({"fibers": "map.nii.gz"}, "build.fibers: .*a 4-D image with 3 volumes"),
+    (
+        {"source_stride": [3, 3, 1], "collocation_stride": [2, 2, 1]},
+        "build.source_stride = .* must be a multiple",
+    ),
+])  # fmt: skip
 def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
-    with pytest.raises(MyorkError, match=message) as caught:
-        build(**table)
+    said = refuses(message, build, **table, kind=MyorkError)
     lines = (tmp_path / "body.toml").read_text().splitlines()
     line = next(k for k, own in enumerate(lines, 1) if own.startswith(f"{[*table][0]} ="))
-    assert f"body.toml:{line}: build." in str(caught.value)
+    assert f"body.toml:{line}: build." in said
 
 
-@pytest.mark.parametrize(
-    ("message", "line"),
-    [
-        ("build.labels: there is no such file", 7),
-        ("/data/build.fibers.nii.gz: damaged; build.labels names it", 7),
-        ("build.fibers.nii: there is no such file", None),
-        ("build.fibers: there is no such file", None),
-        ("scene.dimension must be 3", 2),
-    ],
-)
+@pytest.mark.parametrize(("message", "line"), [
+    ("build.labels: there is no such file", 7),
+    ("/data/build.fibers.nii.gz: damaged; build.labels names it", 7),
+    ("build.fibers.nii: there is no such file", None),
+    ("build.fibers: there is no such file", None),
+    ("scene.dimension must be 3", 2),
+])  # fmt: skip
 def test_a_file_called_like_a_key_is_not_that_key(tmp_path, message, line):
     """`build.fibers` is the name of the file of labels here."""
     deck = tmp_path / "body.toml"

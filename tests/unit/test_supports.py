@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,9 @@ import pytest
 
 from benchmarks.truths import bodies
 from myork import Scene
-from myork.errors import ConvergenceError, InputError
+from myork.errors import ConvergenceError
 from myork.records import PointCloud
+from tests.refusals import refuses
 from tests.scenes import box, held, refused, scene
 
 METHODS = ("rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni")
@@ -46,15 +46,10 @@ def test_motions_that_nothing_hinders(dimension, sets, motions, method):
     assert f"leave the body free to {motions}" in refused(tables(dimension, method, **sets))
 
 
-@pytest.mark.parametrize(
-    ("dimension", "sets"),
-    [
-        (3, {"z0": "xyz"}),
-        (3, {"x0": "x", "y0": "y", "z0": "z"}),
-        (3, {"x0": "yz", "x1": "x"}),
-        (2, {"x0": "x", "y0": "y"}),
-    ],
-)
+@pytest.mark.parametrize(("dimension", "sets"), [
+    (3, {"z0": "xyz"}), (3, {"x0": "x", "y0": "y", "z0": "z"}), (3, {"x0": "yz", "x1": "x"}),
+    (2, {"x0": "x", "y0": "y"}),
+])  # fmt: skip
 def test_bodies_that_are_held(dimension: int, sets: dict[str, str]) -> None:
     """Clamped, by planes of symmetry, by sides of which each holds what the other leaves."""
     for method in METHODS:
@@ -62,17 +57,13 @@ def test_bodies_that_are_held(dimension: int, sets: dict[str, str]) -> None:
 
 
 def pinned(points: np.ndarray) -> PointCloud:
-    """A cube of which these points are the only set."""
     cube = bodies.box((1.0, 1.0, 1.0), (4, 4, 4), (4, 4, 4))
-    place = np.array([np.linalg.norm(cube.points - point, axis=1).argmin() for point in points])
+    place = [np.linalg.norm(cube.points - point, axis=1).argmin() for point in points]
+    n = len(place)
     return replace(
-        cube,
-        boundary_point=place.astype(np.int32),
-        boundary_set=np.zeros(len(place), np.int32),
-        normal=np.tile([0.0, 0, -1], (len(place), 1)),
-        area=np.full(len(place), 1 / 16),
-        set_names=("pins",),
-    )
+        cube, boundary_point=np.array(place, np.int32), boundary_set=np.zeros(n, np.int32),
+        normal=np.tile([0.0, 0, -1], (n, 1)), area=np.full(n, 1 / 16), set_names=("pins",),
+    )  # fmt: skip
 
 
 def test_a_hinge_is_no_support_and_three_pins_are() -> None:
@@ -82,12 +73,9 @@ def test_a_hinge_is_no_support_and_three_pins_are() -> None:
         approximation={"order": 2, "support": 3},
     )  # fmt: skip
     diagonal = np.array([[0, 0, 0], [1 / 3, 1 / 3, 0], [2 / 3, 2 / 3, 0], [1, 1, 0]])
-    with pytest.raises(InputError, match=r"free to turn about an axis along \(1, 1, 0\);"):
-        Scene.from_tables(deck, pinned(diagonal))
+    assert "free to turn about an axis along (1, 1, 0);" in refused(deck, pinned(diagonal))
     Scene.from_tables(deck, pinned(np.vstack([diagonal, [1, 0, 0]]))).close()
 
-
-# ---- numbers that say nothing --------------------------------------------------------------------
 
 #: A stiffness beside which the stress of the muscle, 1.5, is less than a rounding
 DROWNED = (
@@ -97,14 +85,9 @@ DROWNED = (
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
-def test_a_load_that_drowns_in_rounding_has_no_answer(inputs: Path, method: str) -> None:
-    with (
-        Scene(inputs / "muscle_block.toml", [*DROWNED, f"scene.method={method}"]) as scene,
-        pytest.raises(ConvergenceError, match=r"rounding errors of a stiffness of 1\.8E\+19"),
-    ):
-        scene.solve()
-
-
-def test_no_load_is_no_reason_to_complain(inputs: Path) -> None:
-    with Scene(inputs / "muscle_block.toml", [*DROWNED[:3], "load.activation=0"]) as scene:
-        assert not scene.solve().x.any()
+def test_a_load_that_drowns_in_rounding_has_no_answer(inputs, open_scene, method: str) -> None:
+    opened = open_scene(inputs / "muscle_block.toml", *DROWNED, f"scene.method={method}")
+    refuses(r"rounding errors of a stiffness of 1\.8E\+19", opened.solve, kind=ConvergenceError)
+    # no load is no reason to complain
+    opened = open_scene(inputs / "muscle_block.toml", *DROWNED[:3], "load.activation=0")
+    assert not opened.solve().x.any()
