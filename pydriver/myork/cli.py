@@ -322,20 +322,6 @@ def _study(
     return found, out
 
 
-def _sensitivity(options: argparse.Namespace, console: Console) -> str:
-    found, out = _study(
-        options, console, "sensitivity",
-        vary=options.vary, probe=options.probe, samples=options.samples,
-    )  # fmt: skip
-    lines = [f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}"]
-    number = "{value:.3f} ({low:.3f} to {high:.3f})"
-    for key, entry in found["indices"].items():
-        alone, total = (number.format(**entry[k]) for k in ("first_order", "total_order"))
-        lines.append(f"  {key}: alone {alone}, in all {total}")
-    files = f"{out / 'sensitivity.csv'}, {out / 'sensitivity.png'}"
-    return "\n".join([*lines, _cost(found["cost"]), f"study: {files}"])
-
-
 def _identify(options: argparse.Namespace, console: Console) -> str:
     found, out = _study(options, console, "identify", options.data, options.free)
     lines = [
@@ -344,7 +330,8 @@ def _identify(options: argparse.Namespace, console: Console) -> str:
     ]
     lines += [f"warning: {line}" for line in found["warnings"]]
     files = f"{out / 'identify.json'}, {out / 'identify.csv'}"
-    return "\n".join([*lines, _cost(found["cost"]), f"study: {files}"])
+    cost = "{states} states by {by}: {cpu_s:.1f} s of processor time".format(**found["cost"])
+    return "\n".join([*lines, cost, f"study: {files}"])
 
 
 def _uncertainty(options: argparse.Namespace, console: Console) -> str:
@@ -362,13 +349,6 @@ def _uncertainty(options: argparse.Namespace, console: Console) -> str:
         f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
         f"study: {out / 'uncertainty.csv'}, {out / 'uncertainty.png'}"
     )
-
-
-def _cost(cost: dict[str, Any]) -> str:
-    line = f"{cost['states']} states by {cost['by']}: {cost['cpu_s']:.1f} s of processor time"
-    if "full_cpu_s" in cost:
-        line += f"; full solves as in the training would take {cost['full_cpu_s']:.0f} s"
-    return line
 
 
 # ---- options -------------------------------------------------------------------------------------
@@ -648,18 +628,6 @@ _COMMANDS = {
             _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         "folder of the results; default out/<deck>_sweep",
-    ),
-    "study sensitivity": _Command(
-        _sensitivity,
-        "sensitivity of a force: Sobol indices over ranges of parameters",
-        "  myork study sensitivity block.rom.h5 --samples 256\n"
-        "  myork study sensitivity deck.toml --vary material.muscle.A10=5:8 \\\n"
-        "      --vary load.activation=0.2:0.4 --samples 32",
-        (
-            *_MODEL, _vary("LOW:HIGH", "parameter with its range; default those of the training"),
-            _PROBE, _option("--samples", "N", "a power of two; default 256", int, default=256),
-        ),
-        _OUT_STUDY,
     ),
     "study identify": _Command(
         _identify,

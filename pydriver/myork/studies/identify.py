@@ -1,6 +1,7 @@
 """Parameters that fit measured forces and displacements, with confidence intervals."""
 
 import csv
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -60,14 +61,8 @@ def identify(
     - raises ConvergenceError: a state that the fit asks for could not be found
     """
     out = Path(out)
-
-    def failures(line: str) -> None:
-        # of the solves the fit says enough
-        if not line.startswith("solve "):
-            progress(line)
-
-    with closing(open_forward(source, fixed, threads, failures, out)) as forward:
-        ranges = ranges_of(forward, free, "--free")
+    with closing(open_forward(source, fixed, threads, progress, out)) as forward:
+        ranges = ranges_of(forward, free)
         if not ranges:
             raise InputError("name the parameters to fit: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
@@ -122,7 +117,7 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
             f"{path}: {', '.join(set(keys) & set(free))}: is fitted (--free) and has a column; "
             "leave one of them out"
         )
-    missing = forward.unknown([*keys, *free])
+    missing = [key for key in forward.unfixed if key not in {*keys, *free}]
     if missing:
         raise InputError(f"{path}: a column or --set is needed for {', '.join(missing)}")
     conditions = table[:, [head.index(name) for name in others]]
@@ -159,14 +154,17 @@ def _fit(
     size = np.sqrt(np.nanmean(data.values**2, axis=0))
     scale = data.errors if data.errors is not None else np.where(size > 0, size, 1.0)
     scale = np.broadcast_to(scale, data.values.shape)
+    cost: dict[str, Any] = {"states": 0, "cpu_s": 0.0, "by": forward.by}
 
     def model(shares: F64) -> F64:
         """Values of all measurements at shares of the ranges, from one on, shape `(n, m, k)`."""
         place = low + (high - low) * (np.atleast_2d(shares) - 1.0)
         rows = [np.hstack([data.conditions, np.tile(p, (len(data.values), 1))]) for p in place]
+        cost["states"] += len(place) * len(data.values)
+        start = time.process_time()
         found = forward.ask([*data.keys, *keys], np.concatenate(rows))
-        value = np.stack([found.probes[name] for name in data.names], axis=1)
-        value[~found.good] = np.nan
+        cost["cpu_s"] += time.process_time() - start
+        value = np.stack([found[name] for name in data.names], axis=1)
         return value.reshape(len(place), *data.values.shape)
 
     def residual(shares: F64) -> F64:
@@ -176,13 +174,13 @@ def _fit(
             place = low + (high - low) * (shares - 1.0)
             named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, place, strict=True))
             raise ConvergenceError(f"no state at {named}: narrow the ranges of --free")
-        if not forward.is_reduced:
-            spent = f"{forward.states} states, {forward.cpu_s:.1f} CPU s"
+        if not forward.ranges:
+            spent = f"{cost['states']} states, {cost['cpu_s']:.1f} CPU s"
             progress(f"{spent}: misfit {left @ left:.4g}")
         return left
 
     starts = np.full((1, len(keys)), 1.5)
-    if forward.is_reduced:
+    if forward.ranges:
         tried = 1.0 + qmc.Sobol(len(keys), seed=seed).random(_STARTS)
         off = ((model(tried) - data.values) / scale)[:, known]
         misfit = np.where(np.isfinite(off).all(axis=1), (off**2).sum(axis=1), np.inf)
@@ -237,7 +235,7 @@ def _fit(
         "largest_residual": float(np.abs(best.fun).max()),
         "residual_unit": "standard errors" if data.errors is not None else "rms of the probe",
         "warnings": warnings,
-        "cost": forward.cost(),
+        "cost": cost,
     }
     return summary, fitted
 

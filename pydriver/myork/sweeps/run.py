@@ -29,7 +29,7 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, optional
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
-from myork.rom.probes import places_of
+from myork.rom.probes import places_of, units_of
 from myork.stations.explain import explain_deck
 from myork.sweeps.plan import Plan, identity, make_plan
 from myork.sweeps.store import Store, has_parquet, read_head, read_points
@@ -114,7 +114,7 @@ def sweep(
         return out / "sweep.csv"
     about = {
         "title": one["title"],
-        "units": _units(one),
+        "units": units_of(one["probe"], one["scene"]["dimension"], one["probe_units"]),
         "model": None if model is None else Path(model).name,
     }
     with alone_in(out):
@@ -144,12 +144,6 @@ def sweep(
     if not has_parquet():
         progress("no sweep.parquet without pyarrow: pip install 'myork[parquet]'")
     return table
-
-
-def _units(deck: Mapping[str, Any]) -> dict[str, str]:
-    """Unit of each column of the probes."""
-    names = places_of(deck["probe"], deck["scene"]["dimension"])
-    return {name: deck["probe_units"][deck["probe"][i]["name"]] for name, (i, _) in names.items()}
 
 
 def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
