@@ -16,14 +16,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from myork.bench.chapter_6 import MODES, LoadPath
-from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Row, Run, Table
+from myork.bench.dissertation import MODES, TABLES, WITHOUT_NUMBERS, Row, Run, Table
 from myork.bench.linear import Study, study_rates
 from myork.bench.machine import machine
 from myork.bench.page import write_page
@@ -215,43 +215,40 @@ def _strong(scene: Scene) -> bool:
     return str(scene.deck["scene"]["method"]).startswith("rkcm")
 
 
-def _path(run: Run, progress: ProgressCallback) -> Record:
+def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Record:
     """Errors and times of a path of loads, full and by numbers of modes.
 
-    As published, rows are assembled in full and projected, and Cholesky's factor is taken; the full
-    model's time is that of an iteration by dense QR times their number. Beside them stand rows in
-    the span of the modes (`span`), modes of states of unit norm, also so (`unit`), and the time of
-    the full model by `auto`.
+    Rows are assembled in full and projected, and Cholesky's factor is taken. Beside them stand
+    modes of states of unit norm, with rows in their span (`unit`), and the time of the full model
+    by `auto`; beside those `published` rows in the span of the modes (`span`), and the time of the
+    full model by dense QR: that of an iteration times their number.
     """
-    path = run.more
-    assert isinstance(path, LoadPath)
+    assert isinstance(run.more, tuple)
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
-        if path.deck == "mg_muscle":
+        if run.deck == "mg_muscle":
             for station in (segment, build):
                 station(INPUTS / "mg_muscle.toml", Path(folder), overrides=_images(run), threads=1)
-        with Scene(INPUTS / f"{path.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
-            progress(f"{path.deck}: full model, {scene.dofs} unknowns")
+        with Scene(INPUTS / f"{run.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
+            progress(f"{run.deck}: full model, {scene.dofs} unknowns")
             before = time.process_time()
             states = scene.solve(error=False)
             auto = time.process_time() - before
             full = PathStates.of(scene, states.x, states.load)
             last = scene.probes(states.x[-1:], states.load[-1:])[0, :, 0]
-            names = [probe["name"] for probe in read_deck(path.deck, run.overrides)["probe"]]
+            names = [probe["name"] for probe in scene.deck["probe"]]
             modes, _ = proper_orthogonal_modes(states.x)
             alike, _ = proper_orthogonal_modes(unit_states(states.x))
             ways = {"": (modes, _strong(scene)), "unit ": (alike, False)}
-            if path.full_min:
+            if published:
                 ways["span "] = modes, False
             record: dict[str, Any] = {}
-            for (way, (basis, published)), r in product(ways.items(), path.modes):
-                progress(f"{path.deck}: {way}r = {r}")
-                record[f"{way}{r}"], _ = reduced_path(
-                    scene, full, basis[:, :r], published=published
-                )
-            progress(f"{path.deck}: an iteration by dense QR")
-            # last: the scene keeps its single load step
+            for (way, (basis, whole)), r in product(ways.items(), run.more):
+                progress(f"{run.deck}: {way}r = {r}")
+                record[f"{way}{r}"], _ = reduced_path(scene, full, basis[:, :r], published=whole)
             dense = auto
-            if path.full_min:
+            if published:
+                progress(f"{run.deck}: an iteration by dense QR")
+                # last: the scene keeps its single load step
                 dense = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
     for entry in record.values():
         entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
@@ -288,6 +285,7 @@ RUNS: dict[str, Callable[..., Record]] = {
     "fibers": _fibers,
     "motion": _motion,
     "path": _path,
+    "states": partial(_path, published=False),
 }
 
 
