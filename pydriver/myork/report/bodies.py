@@ -28,7 +28,7 @@ from myork.report.sketch import (
     shade_plane,
     views_of,
 )
-from myork.report.sources import Deformation
+from myork.report.sources import Body, Deformation
 from myork.results import ReducedFields
 from myork.types import F64, I32, Index
 
@@ -59,12 +59,13 @@ def surface_figure(
         body.shaded(getattr(deformation, name), title=titles[name], bar=" ")
         for name in ("size", "stress", "volume_ratio")
     ]
-    labels, fibers = _labels(deformation), _has_fibers(deformation)
+    labels, tissue = np.unique(deformation.label, return_inverse=True)
+    fibers = deformation.fiber.any()
     if fibers or len(labels) > 1:
         colours = [_TISSUES[k % len(_TISSUES)] for k in range(len(labels))]
         panels[2] = Panel(
-            points, points, deformation.surface, _tissues(deformation),
-            (-0.5, max(len(labels), 1) - 0.5, "neither"),
+            points, points, deformation.surface, tissue.astype(float),
+            (-0.5, len(labels) - 0.5, "neither"),
             ",".join(colours) if len(labels) > 1 else _PLAIN,
             _strokes(deformation, body.seen) if fibers else body.strokes,
             title="fibers and tissue, undeformed" if fibers else "tissue, undeformed",
@@ -92,14 +93,10 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
 
     Both in one scale; their difference in its own, on the full model's body.
     """
-    none = np.empty(0)
     full, reduced = (
-        Deformation(
-            fields.points, fields.displacement[at], fields.stress[at], none, none, none,
-            fields.surface, np.empty((0, 3), np.int32),
-        )
+        Body(fields.points, fields.displacement[at], fields.stress[at], fields.surface)
         for at in (0, model + 1)
-    )  # fmt: skip
+    )
     cells = _compared((full, reduced), ("full", f"reduced, r = {fields.modes[model]}"), units)
     off = np.linalg.norm(reduced.displacement - full.displacement, axis=1)
     for row, wrong, of, low, colours in (
@@ -119,7 +116,7 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
 
 
 def _compared(
-    bodies: Sequence[Deformation], names: Sequence[str], units: Mapping[str, str]
+    bodies: Sequence[Body], names: Sequence[str], units: Mapping[str, str]
 ) -> list[list[Panel]]:
     """Displacement and stress of bodies, a column each, in one view and one scale of colours."""
     every = np.vstack([part for own in bodies for part in (own.points, own.moved)])
@@ -159,24 +156,8 @@ def _titles(units: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def _has_fibers(deformation: Deformation) -> bool:
-    return deformation.fiber is not None and bool(np.any(deformation.fiber))
-
-
-def _labels(deformation: Deformation) -> list[int]:
-    return [] if deformation.label is None else np.unique(deformation.label).tolist()
-
-
-def _tissues(deformation: Deformation) -> F64:
-    """Place of the label of each point among all labels."""
-    if deformation.label is None:
-        return np.zeros(len(deformation.points))
-    return np.searchsorted(_labels(deformation), deformation.label).astype(float)
-
-
 def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
     """Fibers of points on the surface, thinned to an even distance, cut where the body ends."""
-    assert deformation.fiber is not None
     points = deformation.points
     own = seen[np.any(deformation.fiber[seen] != 0.0, axis=1)]
     own = own[_thinned(points[own], _reach(points))]
@@ -216,7 +197,7 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     Displacement, fibers, principal stresses.
     """
     length = _length(units)
-    kinds = ("size", "fiber", "stress") if _has_fibers(deformation) else ("size", "stress")
+    kinds = ("size", "fiber", "stress") if deformation.fiber.any() else ("size", "stress")
     sides = np.ptp(deformation.points, axis=0)
     heights = [min(3.4 * sides[b] / sides[a], 4.6) + 0.8 for a, b, _ in _PLANES]
     figure = Figure(figsize=(3.7 * len(kinds), sum(heights)), layout="constrained")
@@ -270,8 +251,8 @@ def _map(
     """
     few, own = _thinned(places, _reach(places)), list(plane)
     if kind == "fiber":
-        assert deformation.fiber is not None
-        _tissue(axes, places, triangles, _tissues(deformation)[kept])
+        tissue = np.unique(deformation.label, return_inverse=True)[1].astype(float)
+        _tissue(axes, places, triangles, tissue[kept])
         fibers = deformation.fiber[kept][few][:, own]
         draw_strokes(
             axes, places[few], fibers, _reach(places) / 1.2, width=0.008, color="#222222"
@@ -289,7 +270,7 @@ def _map(
     bar.ax.locator_params(nbins=6)
     if kind == "size":
         _arrows(axes, places, few, deformation.displacement[kept][:, own])
-    elif kind == "stress" and deformation.cauchy is not None:
+    elif kind == "stress":
         _crosses(axes, places[few], deformation.cauchy[kept][few][:, own][:, :, own])
 
 

@@ -190,7 +190,7 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
         yield figure(shown, Markup("{} {}").format(caption, _STROKES))
         return
     tissues = list(folder.summary.get("model", {}).get("volume", {}))
-    if deformation.label is None or len(tissues) != len(np.unique(deformation.label)):
+    if len(tissues) != len(np.unique(deformation.label)):
         materials = folder.summary.get("deck", {}).get("material", [])
         tissues = [str(own.get("name", "")) for own in materials]
     if not len(deformation.surface):
