@@ -248,7 +248,7 @@ def _rom_train(options: argparse.Namespace, console: Console) -> str:
 
 
 def _rom_solve(options: argparse.Namespace, console: Console) -> None:
-    state = _model(options, threads=1).state(_load("rom.parameters:numbers_of")(options.set))
+    state = _model(options, threads=1).solve(**_load("rom.parameters:numbers_of")(options.set))
     print(json.dumps(state.as_dict()) if options.json else state.describe())
     if not state.converged:
         raise ConvergenceError("the reduced model found no state for these parameters")

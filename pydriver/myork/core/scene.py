@@ -85,11 +85,7 @@ class Scene:
           of the defaults of a muscle, or in those of the cloud.
         - `cloud`: points of the body, in place of a model file; the table `geometry` is left out
           then
-        - `overrides`: `"table.key=value"` each
-        - `out`: folder in which a model file that the tables name is looked for first
-        - `threads`: number of threads of a solve; default all cores
-        - `progress`: called with every line of a search for points
-        - raises InputError: the tables, the cloud or the points are wrong; the message says where
+        - `overrides`, `out`, `threads`, `progress`: as of `Scene`
 
         >>> from myork import Scene
         >>> n = [7, 7]

@@ -70,7 +70,7 @@ def make_setting(
     """
     base, units = full.loads(kinds)
     parts = galerkin_parts(scene)
-    probes = deck.get("probe", [])
+    probes = deck["probe"]
     sets = probe_sets(scene)
     loads = [base, *units]
     wanted: list[int] = []

@@ -101,23 +101,23 @@ def train(
     values = load_deck(deck, overrides, "solve")
     kinds = as_parameters(ranges, values, lambda key: deck_key(deck, key, overrides))
     for key in ("pressure", "spring", "tendon"):
-        if any(key in entry for entry in values.get("boundary", [])):
+        if any(key in entry for entry in values["boundary"]):
             raise InputError(f"{deck}: boundary.{key}: reduced models do not support it")
     varied = {p.key for p in kinds}
-    for entry in values.get("boundary", []):
+    for entry in values["boundary"]:
         key = f"boundary.{entry['set']}.rotation"
         if "rotation" in entry and key not in varied:
             raise InputError(
                 f"{deck}: {key}: reduced models support it as a parameter only: vary it"
             )
-    for entry in values.get("material", []):
+    for entry in values["material"]:
         if isinstance(entry.get("activation"), str):
             raise InputError(
                 f"{deck}: material.{entry['name']}.activation: reduced models do not support "
                 "expressions: all cells of a muscle have one activation"
             )
-    named = {entry["name"] for entry in values.get("set", [])}
-    for probe in values.get("probe", []):
+    named = {entry["name"] for entry in values["set"]}
+    for probe in values["probe"]:
         if probe.get("set") in named:
             raise InputError(
                 f"{deck}: probe.{probe['name']}.set: reduced models have forces of sides, not of "
@@ -175,7 +175,7 @@ def _ramps(values: Mapping[str, Any]) -> list[str]:
     """
     return [
         override_text(f"amplitude.{entry['name']}.{key}", value)
-        for entry in values.get("amplitude", [])
+        for entry in values["amplitude"]
         for key, value in (
             ("time", [0, 1]), ("value", [0, entry["value"][-1]]), ("curve", "linear")
         )
@@ -553,7 +553,7 @@ def _shapes(scene: Scene, modes: F64, r: int) -> dict[str, F64]:
     small = 1e-6 / np.abs(modes).max()
     fields = [scene.fields(small * mode, 0.0).u / small for mode in modes.T[:r]]
     found = {"shapes": np.stack(fields, axis=2), "points": scene.points()}
-    probes = scene.deck.get("probe", [])
+    probes = scene.deck["probe"]
     if probes:
         values = scene.probes(small * modes.T, np.zeros(modes.shape[1])) / small
         for i, probe in enumerate(probes):

@@ -194,7 +194,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]
                 row["verdict"] = states.verdict
                 row["message"] = "; ".join(states.reasons)
                 values = scene.probes(states.x[-1:], states.load[-1:])[0]
-                for name, at in places_of(scene.deck.get("probe", []), scene.dimension).items():
+                for name, at in places_of(scene.deck["probe"], scene.dimension).items():
                     row["probes"][name] = float(values[at])
                     row["errors"][name] = float(states.probe_errors[-1][at])
             except ConvergenceError as ended:
