@@ -38,6 +38,8 @@ _LEAST = 0.1
 _ROUNDING = 1e-9
 #: Part of a range by which sliders go beyond it
 _BEYOND = 0.15
+#: Kinds of parameters that come first
+FIRST = {"activation": 0, "load": 1}
 #: Points of a curve, and curves of a family
 _POINTS, _CURVES = 31, 5
 #: Per cent of the values of sample states at either end that have the colour of the end: stresses
@@ -71,8 +73,9 @@ class Answers:
         points = self._full.scene.points()
         self._corners, renumbered = np.unique(self._full.scene.surface(), return_inverse=True)
         self.triangles = renumbered.reshape(-1, 3).astype(np.uint32)
-        self._rest = np.zeros((len(self._corners), 3))
-        self._rest[:, : points.shape[1]] = points[self._corners]
+        #: Undeformed corners of the surface, shape `(n, 3)` [length]
+        self.rest = np.zeros((len(self._corners), 3))
+        self.rest[:, : points.shape[1]] = points[self._corners]
         self.probes = self._probes()
         self.ranges, self._largest = self._ranges()
         self._bar = self._bar_of_force(path.parent)
@@ -82,11 +85,6 @@ class Answers:
 
     def __exit__(self, *_: object) -> None:
         self._full.scene.close()
-
-    @property
-    def rest(self) -> F64:
-        """Undeformed corners of the surface, shape `(n, 3)` [length]."""
-        return self._rest
 
     def about(self) -> dict[str, Any]:
         """What the page is built from."""
@@ -179,65 +177,39 @@ class Answers:
             "J": [_number(j.min()), _number(j.max())],
             "ms": 1e3 * took,
         }
-        return facts, self._rest + fields.u[self._corners], found
+        return facts, self.rest + fields.u[self._corners], found
 
-    def curves(
-        self, values: Sequence[float], probe: int, of: Sequence[int], *, family: bool = False
-    ) -> list[dict[str, Any]]:
-        """A probe along parameters through a state, or families of such curves.
+    def curve(
+        self, values: Sequence[float], probe: int, k: int, *, family: bool = False
+    ) -> dict[str, Any] | None:
+        """A probe along a parameter through a state, or a family of such curves.
 
         - `values`: the state
-        - `probe`: place in `probes`
-        - `of`: parameters
+        - `probe`, `k`: places in `probes` and among the parameters
         - `family`: curves at values of one other parameter, activation first, instead of that
-          through the state itself
-        - returns one a parameter: `x`, the values of what the curves differ in (`at`, none of the
-          curve through the state), its key, and `y`, shape `(curves, n)`; None where no state is
+          through the state itself; None where there is no other
+        - returns `x`, values `at` of the other parameter, its key `of`, and `y`, shape
+          `(curves, n)`; None where no state is
         """
         if not 0 <= probe < len(self.probes):
             raise InputError(f"probe {probe}: there are {len(self.probes)}")
-        found, rows = [], []
-        for k in of:
-            p = self.rom.parameters[k]
-            other = self._other(k) if family else None
-            if family and other is None:
-                continue
-            x = np.linspace(p.low, p.high, _POINTS)
-            at: list[float] = []
-            if other is not None:
-                ends = self.rom.parameters[other]
-                at = np.linspace(ends.low, ends.high, _CURVES).tolist()
-            for level in at or [0.0]:
-                row = np.tile(np.asarray(values, float), (_POINTS, 1))
-                if other is not None:
-                    row[:, other] = level
-                row[:, k] = x
-                rows.append(row)
-            found.append(
-                {"parameter": k, "x": x.tolist(), "at": at,
-                 "of": "" if other is None else self.rom.parameters[other].key}
-            )  # fmt: skip
-        if not rows:
-            return []
-        y = self.along(np.concatenate(rows), probe)
-        lines = iter(y[k : k + _POINTS] for k in range(0, len(y), _POINTS))
-        for one in found:
-            one["y"] = [next(lines) for _ in one["at"] or [0.0]]
-        return found
-
-    def along(self, rows: F64, probe: int) -> list[float | None]:
-        """A probe at rows of parameters; None where no state is."""
-        batch = self.rom.batch(rows)
-        y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
-        return [_number(v) for v in y]
-
-    def _other(self, k: int) -> int | None:
-        """What the curves of a parameter's family differ in."""
-        kinds = [p.kind for p in self.rom.parameters]
-        others = [i for i in range(len(kinds)) if i != k]
-        others.sort(key=lambda i: ("activation", "load").index(kinds[i]) if kinds[i] in
-                    ("activation", "load") else 2)  # fmt: skip
-        return others[0] if others else None
+        every = self.rom.parameters
+        x = np.linspace(every[k].low, every[k].high, _POINTS)
+        at: list[float] = []
+        of = ""
+        rows = np.tile(np.asarray(values, float), (_CURVES if family else 1, _POINTS, 1))
+        rows[..., k] = x
+        if family:
+            others = sorted(set(range(len(every))) - {k}, key=lambda i: FIRST.get(every[i].kind, 2))
+            if not others:
+                return None
+            other = every[others[0]]
+            at, of = np.linspace(other.low, other.high, _CURVES).tolist(), other.key
+            rows[..., others[0]] = np.array(at)[:, None]
+        batch = self.rom.batch(rows.reshape(-1, rows.shape[2]))
+        found = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
+        y = [[_number(v) for v in line] for line in found.reshape(-1, _POINTS)]
+        return {"parameter": k, "x": x.tolist(), "at": at, "of": of, "y": y}
 
     def _fields(self, row: F64, amplitudes: F64) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""
