@@ -20,7 +20,7 @@ from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
 from myork.report.figures import COLOURS, DASHES, MARKERS
 from myork.report.sketch import draw_strokes
-from myork.types import F64, I32
+from myork.types import F64, I32, Mask
 
 #: What is shown around the labels [mm]
 _AROUND = 10.0
@@ -39,13 +39,8 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     seeds are given, from the corner of the image where that lies askew.
     """
     body = _Body.of(labels, image, fibers)
-    filled = np.flatnonzero(body.labels.any(axis=(0, 1)))
-    if not len(filled):
-        filled = np.arange(body.labels.shape[2])
     rows = np.flatnonzero(body.labels.any(axis=(0, 2)))
-    cuts = [
-        (2, int(k)) for k in filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)]
-    ]
+    cuts = [(2, k) for k in _axial(body.labels > 0)]
     cuts.append((1, int(np.median(rows)) if len(rows) else body.labels.shape[1] // 2))
 
     width, depth, height = np.array(body.labels.shape) * body.spacing
@@ -80,10 +75,7 @@ def map_figure(values: Image, name: str) -> Figure:
     """
     shown = canonical(values)
     known = shown.data > 0
-    filled = np.flatnonzero(known.any(axis=(0, 1)))
-    if not len(filled):
-        filled = np.arange(known.shape[2])
-    chosen = np.unique(filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)])
+    chosen = np.unique(_axial(known))
     top = float(np.percentile(shown.data[known], 99.0)) if known.any() else 1.0
     figure = Figure(figsize=(3.2 * len(chosen) + 1.0, 3.4), layout="constrained")
     panels = figure.subplots(1, len(chosen), squeeze=False)[0]
@@ -97,6 +89,12 @@ def map_figure(values: Image, name: str) -> Figure:
     panels[0].set_ylabel("anterior → [mm]")
     figure.colorbar(picture, ax=panels[-1], label=name)
     return figure
+
+
+def _axial(known: Mask) -> list[int]:
+    """Three axial slices among those that hold something, or among all."""
+    filled = np.flatnonzero(known.any(axis=(0, 1)) | (not known.any()))
+    return list(filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)].tolist())
 
 
 def draw_labels(folder: Path) -> list[Path]:

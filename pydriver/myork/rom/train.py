@@ -398,7 +398,8 @@ class _Training:
                 f"{off[-1].failed} fail, displacement off by {off[-1].u:.1e} from all cells, which "
                 f"are off by {left:.1e}, force by {off[-1].force:.1e}"
             )
-            if off[-1].within(max(self.tolerance, left), self.tolerance):
+            failed, wrong, u = off[-1]
+            if failed == 0 and wrong <= self.tolerance and u <= max(self.tolerance, left):
                 break
         # more cells need not be better ones
         best = found[off.index(min(off))]
