@@ -294,8 +294,8 @@ def _identify(options: argparse.Namespace, console: Console) -> str:
     ]
     lines += [f"warning: {line}" for line in found["warnings"]]
     lines.append("{states} states by {by}: {cpu_s:.1f} s of processor time".format(**found["cost"]))
-    files = f"{options.out / 'identify.json'}, {options.out / 'identify.csv'}"
-    return "\n".join([*lines, f"study: {files}"])
+    lines.append(f"study: {options.out / 'identify.json'}, {options.out / 'identify.csv'}")
+    return "\n".join(lines)
 
 
 def _uncertainty(options: argparse.Namespace, console: Console) -> str:
@@ -310,7 +310,7 @@ def _uncertainty(options: argparse.Namespace, console: Console) -> str:
         f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
         f"maps from {low:.4g} to {high:.4g}; the original map: {found['as_it_is']:.4g}\n"
         f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
-        f"study: {options.out / 'uncertainty.csv'}, {options.out / 'uncertainty.png'}"
+        f"study: {options.out / 'uncertainty.json'}, {options.out / 'uncertainty.csv'}"
     )
 
 

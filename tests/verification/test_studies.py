@@ -67,7 +67,6 @@ def test_sigma_max_by_a_reduced_model(deck: Path, trained: Path, tmp_path: Path)
     assert found["warnings"] == [] and found["measurements"] == 12
     assert found["cost"]["by"] == "the reduced model"
     # the same measurements, the deck's own value: the fit is off by what it says
-    assert (tmp_path / "identify.png").stat().st_size > 3000
     with (tmp_path / "identify.csv").open() as file:
         rows = list(csv.DictReader(file))
     off = [float(r["reaction"]) - float(r["reaction_fitted"]) for r in rows]
@@ -230,7 +229,6 @@ def test_segmentation_carried_to_force(spindle, tmp_path, capsys):
     assert found["as_it_is"] == pytest.approx(found["mean"], rel=0.3)
     with (out / "uncertainty.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 7
-    assert (out / "uncertainty.png").stat().st_size > 3000
     # a bias moves all of them
     wider = uncertainty(spindle, out, doubt=Doubt(bias=1.0, shift=0.2, noise=0.0), samples=3)
     assert wider["mean"] > 1.15 * wider["as_it_is"]

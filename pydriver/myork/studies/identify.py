@@ -11,8 +11,7 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, FileError, InputError
-from myork.files import write_csv, write_figure, write_json
-from myork.report.numbers import labelled
+from myork.files import write_csv, write_json
 from myork.studies.forward import Forward, open_forward, ranges_of
 from myork.types import F64
 
@@ -54,7 +53,7 @@ def identify(
       errors. Without them all measurements of a probe are equally good, and the scatter about the
       fit says how good. Empty fields were not measured.
     - `free`: keys that are wanted, `KEY=LOW:HIGH` each; `KEY` takes the range of the training
-    - `out`: folder of `identify.json`, `.csv` (measured and fitted) and `.png`
+    - `out`: folder of `identify.json` and `.csv` (measured and fitted)
     - `fixed`: `KEY=VALUE` each: other parameters, or overrides of the deck
     - returns what `identify.json` holds: values with intervals, correlations, warnings
     - raises InputError: a key or the data are wrong
@@ -74,7 +73,6 @@ def identify(
         [*measured.keys, *(c for name in measured.names for c in (name, f"{name}_fitted"))],
         ([*c, *("" if np.isnan(x) else float(x) for x in np.ravel(v, "F"))] for c, *v in rows),
     )
-    _draw(forward, measured, fitted, out / "identify.png")
     write_json(out / "identify.json", summary)
     return summary
 
@@ -269,22 +267,3 @@ def _warnings(
     if near:
         found.append("another set of values fits almost as well: the data do not determine them")
     return found
-
-
-def _draw(forward: Forward, data: _Data, fitted: F64, path: Path) -> None:
-    """Fitted against measured values of each probe."""
-    from matplotlib.figure import Figure
-
-    count = len(data.names)
-    figure = Figure(figsize=(4.2 * count, 4), layout="constrained")
-    for k, axes in enumerate(figure.subplots(1, count, squeeze=False)[0]):
-        measured = data.values[:, k]
-        bars = None if data.errors is None else 1.96 * data.errors[:, k]
-        axes.errorbar(measured, fitted[:, k], xerr=bars, fmt="o", color="#0b5c96", ms=4)
-        ends = [np.nanmin(measured), np.nanmax(measured)]
-        axes.plot(ends, ends, color="#5b6875", lw=1)
-        unit = forward.units[data.names[k]]
-        axes.set_xlabel(labelled(f"{data.names[k]} measured", unit))
-        axes.set_ylabel(labelled("fitted", unit))
-        axes.spines[["top", "right"]].set_visible(False)
-    write_figure(path, figure)

@@ -14,11 +14,10 @@ from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, FileError, InputError
-from myork.files import write_csv, write_figure, write_json
+from myork.files import write_csv, write_json
 from myork.imaging.io import read_labels, write_labels
 from myork.model_file import read_model
 from myork.records import Labels
-from myork.report.numbers import labelled
 from myork.rom.probes import places_of, units_of
 from myork.stations.build import build
 from myork.tables import override_text
@@ -52,7 +51,7 @@ def uncertainty(
     by a random field along it; the model is rebuilt and solved for each map.
 
     - `deck`: deck of a model from labels: `build.labels`, or what `myork segment` left in `out`
-    - `out`: folder of `uncertainty.json`, `.csv` and `.png`
+    - `out`: folder of `uncertainty.json` and `.csv`
     - `doubt`: how the boundaries may be wrong
     - `samples`: perturbed maps; the map as it is comes first
     - `probe`: its name; the first one of a force by default
@@ -119,7 +118,6 @@ def uncertainty(
     summary |= {"unit": unit, "units": dict(values["result_units"])}
     names = ["map", "shift", "volume", "value", "message", "cpu_s"]
     write_csv(out / "uncertainty.csv", names, ([row.get(n, "") for n in names] for row in rows))
-    _draw(rows, summary, out / "uncertainty.png")
     write_json(out / "uncertainty.json", summary)
     return summary
 
@@ -212,27 +210,3 @@ def _summary(rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, seed: int)
         "explained_by_volume": 1.0 - float(np.var(left)) / total if total > 0 else None,
         "cpu_s": float(sum(row["cpu_s"] for row in rows)),
     }
-
-
-def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -> None:
-    """Values of the maps in order, and against their volumes."""
-    from matplotlib.figure import Figure
-
-    value = np.array([row["value"] for row in rows])
-    volume = np.array([row.get("volume", np.nan) for row in rows])
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.hist(value[1:][np.isfinite(value[1:])], bins="auto", color="#0b5c96")
-    left.axvline(value[0], color="#d55e00", label="the original map")
-    label = labelled(summary["probe"], summary["unit"])
-    left.set_xlabel(label)
-    left.set_ylabel("maps")
-    left.margins(y=0.2)
-    left.legend(frameon=False, loc="upper right")
-    right.plot(volume[1:], value[1:], "o", color="#0b5c96")
-    right.plot(volume[0], value[0], "o", color="#d55e00")
-    right.set_xlabel(labelled("volume", summary["units"]["volume"]))
-    right.set_ylabel(label)
-    for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    write_figure(path, figure)
