@@ -720,14 +720,6 @@ _COMMANDS = {
 # fmt: on
 
 
-class _Version(argparse.Action):
-    """Print the version; it is not looked up before."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        print(f"myork {myork.__version__}")
-        parser.exit()
-
-
 def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
@@ -736,7 +728,10 @@ def _parser() -> argparse.ArgumentParser:
         epilog=f"examples:\n  myork demo\n  myork solve --help\n\n{_EXIT_STATUS}",
         formatter_class=raw,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    parser.add_argument(
+        "--version", action="version", version=f"myork {myork.__version__}",
+        help="print the version and exit",
+    )  # fmt: skip
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--threads", type=_THREADS, metavar="N", help="number of threads; default all cores"

@@ -135,15 +135,10 @@ def by_slice(score: Record) -> dict[str, Any]:
     return record
 
 
-def _only(labels: Labels, numbers: Sequence[int]) -> Labels:
-    """Some labels as label 1."""
-    return replace(labels, data=np.isin(labels.data, numbers).astype(np.int32))
-
-
 def _gastrocnemius(labels: Labels) -> Labels:
     """The gastrocnemius as label 1, of which the truth of all muscles has the first number."""
     found = (n for n, name in labels.names.items() if name == "medial_gastrocnemius")
-    return _only(labels, [next(found, 1)])
+    return replace(labels, data=(labels.data == next(found, 1)).astype(np.int32))
 
 
 def _tissue(run: Run, progress: ProgressCallback) -> Record:
@@ -512,10 +507,6 @@ def _number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def _mark(row: Mapping[str, Any]) -> str:
-    return _number(row["ratio"], 3) + (" *" if row["far"] else "")
-
-
 def _heading(name: str) -> str:
     """`table 6.8` or `figure 5.2`."""
     return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
@@ -525,11 +516,12 @@ def _text(entry: Table, rows: Sequence[Mapping[str, Any]], out: Path) -> str:
     """A table as the command prints it and as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
     lines += ["```", *_runs_text(entry), "```", ""]
+    far = r" \*"
     lines += ["| row | published | ours | ratio | CPU [s] |"]
     lines += ["|---|---|---|---|---|"]
     lines += [
         f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
-        f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} |"
+        f"{_number(row['ratio'], 3)}{far if row['far'] else ''} | {_number(row['cpu_s'], 3)} |"
         for row in rows
     ]
     for file, caption in _shown(entry, out):

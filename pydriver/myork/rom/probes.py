@@ -48,11 +48,6 @@ def named_probes(scene: Scene, x: F64, load: F64) -> dict[str, Any]:
     return named
 
 
-def force_names(scene: Scene) -> list[str]:
-    """Names of the probes of forces."""
-    return [probe["name"] for probe in scene.deck["probe"] if "set" in probe]
-
-
 def is_stress(quantity: str) -> bool:
     """Whether a quantity follows from the deformation and the pressure at a point."""
     return quantity in _STRESSES

@@ -42,6 +42,8 @@ _DIED = (
     "the process of this point ended (out of memory, or a script that calls a sweep outside "
     "`if __name__ == '__main__':`)"
 )
+#: Points that a dry run shows
+_SHOWN = 5
 #: How `myork explain` prints the time of a solve with its error bars
 _TIME = r"about ([\d.eE+-]+) CPU s"
 
@@ -109,7 +111,11 @@ def sweep(
         () if rom is None else [probe["name"] for probe in rom.head["probes"]],
     )  # fmt: skip
     if dry_run:
-        for line in (*_preview(plan), *_cost(plan, out, head)):
+        for point in plan.points[:_SHOWN]:
+            progress(f"  {', '.join(plan.settings(point))}")
+        if len(plan.points) > _SHOWN:
+            progress(f"  and {len(plan.points) - _SHOWN} more")
+        for line in _cost(plan, out, head):
             progress(line)
         return out / "sweep.csv"
     about = {
@@ -169,14 +175,6 @@ def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
         f"  about {found[1]} CPU s per point, {hours:.2g} CPU hours in all, by counts alone (myork "
         "explain); finished points give a better estimate"
     ]
-
-
-def _preview(plan: Plan) -> Iterator[str]:
-    shown = plan.points[:5]
-    for point in shown:
-        yield "  " + ", ".join(plan.settings(point))
-    if len(plan.points) > len(shown):
-        yield f"  and {len(plan.points) - len(shown)} more"
 
 
 def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:

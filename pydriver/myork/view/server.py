@@ -52,7 +52,14 @@ def serve(
       in it gets no answer
     - raises InputError: the port is in use
     """
-    with _server(port) as server, Answers(Path(path), threads) as server.answers:
+    try:
+        server = _Server(port)
+    except OSError as reason:
+        if reason.errno not in (errno.EADDRINUSE, errno.EACCES):
+            raise
+        taken = "is in use" if reason.errno == errno.EADDRINUSE else "is not allowed"
+        raise InputError(f"--port {port}: {taken}; name another, or none for a free one") from None
+    with server, Answers(Path(path), threads) as server.answers:
         progress(f"view: {server.address}  (Ctrl-C ends it)")
         if browser:
             webbrowser.open(server.address)
@@ -63,17 +70,6 @@ def serve(
         finally:
             # no answer is computed while the scene closes
             server.turn.shutdown(cancel_futures=True)
-
-
-def _server(port: int) -> "_Server":
-    """A server that has its port."""
-    try:
-        return _Server(port)
-    except OSError as reason:
-        if reason.errno not in (errno.EADDRINUSE, errno.EACCES):
-            raise
-        taken = "is in use" if reason.errno == errno.EADDRINUSE else "is not allowed"
-        raise InputError(f"--port {port}: {taken}; name another, or none for a free one") from None
 
 
 class _Refused(Exception):
