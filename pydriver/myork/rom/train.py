@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -182,38 +183,31 @@ def _ramps(values: Mapping[str, Any]) -> list[str]:
     ]  # fmt: skip
 
 
+@dataclass
 class _Training:
-    """Full solves of a training, and the reduced model that they make.
+    """Full solves of a training, and the reduced model that they make."""
 
-    - `full`: full model
-    - `scene`: the deck as it is, of which the parts are taken
-    - `setting`: what is the same for all models
-    - `tolerance`, `full_solves`, `seed`, `progress`: as in `train`
-    """
+    full: FullModel
+    scene: Scene  #: The deck as it is, of which the parts are taken
+    setting: Setting
+    #: As in `train`
+    tolerance: float
+    full_solves: int
+    seed: int
+    progress: ProgressCallback
+    #: Processor times of solves from rest, and of those from a state of the reduced model [s]
+    cpu: list[float] = field(default_factory=list)
+    started_cpu: list[float] = field(default_factory=list)
+    failed: int = 0
+    failed_cpu: float = 0.0
+    snapshots: Snapshots | None = None
+    tests: Tests | None = None
+    draft: Draft | None = None
 
-    def __init__(
-        self,
-        full: FullModel,
-        scene: Scene,
-        setting: Setting,
-        tolerance: float,
-        full_solves: int,
-        seed: int,
-        progress: ProgressCallback,
-    ) -> None:
-        self.full, self.scene, self.setting = full, scene, setting
-        self.tolerance, self.full_solves, self.seed = tolerance, full_solves, seed
-        self.progress = progress
-        self.snapshots: Snapshots | None = None
-        p = len(setting.parameters)
+    def __post_init__(self) -> None:
+        p = len(self.setting.parameters)
         self.marks = Marks(np.zeros((0, p)), np.zeros(0, np.int64))
-        self.lifts = np.zeros((0, scene.dofs))
-        self.cpu: list[float] = []
-        self.started_cpu: list[float] = []
-        self.failed = 0
-        self.failed_cpu = 0.0
-        self.tests: Tests | None = None
-        self.draft: Draft | None = None
+        self.lifts = np.zeros((0, self.scene.dofs))
 
     def run(self, tests: int) -> None:
         """Solve until the test is met or no solves are left."""
