@@ -77,6 +77,7 @@ _RKPM = (
 )
 
 
+# fmt: off
 # ---- chapter 4 -----------------------------------------------------------------------------------
 
 
@@ -153,15 +154,11 @@ _AGED_NOTE = (
 
 _CHAPTER_4 = (
     _constants(
-        "4.1",
-        "Material constants of muscle",
-        "muscle_block",
+        "4.1", "Material constants of muscle", "muscle_block",
         {"muscle": {"A10": 6.43, "A01": -3.8, "A20": 0.94, "A02": 5e-4, "A11": -4.3e-3, "K": 5000}},
     ),
     _constants(
-        "4.2",
-        "Material constants of connective tissue and fat",
-        "leg_section",
+        "4.2", "Material constants of connective tissue and fat", "leg_section",
         {
             "connective_tissue": {"A10": 30, "A20": 80, "A30": 800, "K": 50000},
             "fat": {"A10": 3, "A20": 8, "A30": 80, "K": 5000},
@@ -169,8 +166,7 @@ _CHAPTER_4 = (
     ),
     Table("4.3", "Young and old gastrocnemius", _AGED_RUNS, _AGED, 90, _AGED_NOTE),
     Table(
-        "figure-4.7",
-        "Segmented medial gastrocnemius against manual labels, means over the slices",
+        "figure-4.7", "Segmented medial gastrocnemius against manual labels, means over the slices",
         {"enriched": Run("segment", "leg_muscles"), "phase": Run("segment", "mg_muscle")},
         (
             Row("Dice coefficient DC", 0.8744, ("enriched", "dice")),
@@ -217,8 +213,7 @@ _CHAPTER_4 = (
         ),
     ),
     Table(
-        "figure-4.22",
-        "Force of young and old gastrocnemius at full activation",
+        "figure-4.22", "Force of young and old gastrocnemius at full activation",
         {name: run for name, run in _AGED_RUNS.items() if run.overrides == ()},
         _PER_VOLUME,
         45,
@@ -266,7 +261,7 @@ _BESIDE = "Solution beside the analytical one"
 _SINES = _solved(
     "5.9", f"{_BESIDE}, Poisson 3-D", "poisson_3d", 8,
     ("value in the middle, sin sin sin", 1.0, "probes.centre"),
-)  # fmt: skip
+)
 #: The one problem without a figure of its convergence
 _CUBE = _rates("5.9", "Poisson 3-D", (None, None), ", published form")
 _LINEAR = (
@@ -285,10 +280,7 @@ _LINEAR = (
         ("on the axis, 3P/(2D) [N/m²]", 75.0, "probes.shear_stress"),
     ),
     _rates(
-        "5.7",
-        "cantilever",
-        (3.0, 2.0),
-        ", theory (5.18)",
+        "5.7", "cantilever", (3.0, 2.0), ", theory (5.18)",
         "the rates stand on the figure only, which has no numbers in the text: theory is "
         "compared. Traction rows of weight 1, as published, are outvoted by the many more rows "
         "inside, which costs an order in L2: with support 4h the rate is 3, `myork bench linear`",
@@ -296,7 +288,7 @@ _LINEAR = (
     _SINES._replace(
         runs=_SINES.runs | _CUBE.runs, rows=_SINES.rows + _CUBE.rows, picture=_CUBE.picture
     ),
-)  # fmt: skip
+)
 
 
 # ---- chapter 5: nonlinear problems ---------------------------------------------------------------
@@ -317,8 +309,7 @@ def _both(
     """Fields by both forms, the Galerkin one with Gauss points and transformation as published."""
     words = {"RKCM": (), "RKPM": (*_RKPM, f"galerkin.gauss={gauss}")}
     return Table(
-        f"figure-{number}",
-        f"{title} by RKCM and RKPM",
+        f"figure-{number}", f"{title} by RKCM and RKPM",
         {form: Run("solve", deck, more) for form, more in words.items()},
         tuple(Row(f"{form}, middle [N/cm²]", value, (form, f"probes.{probe}")) for form in words),
         1 if deck == "shear_3d" else 5,
@@ -332,9 +323,7 @@ def _both(
 
 _NONLINEAR = (
     _constants(
-        "5.1",
-        "Material constants of rubber",
-        "shear_3d",
+        "5.1", "Material constants of rubber", "shear_3d",
         {"rubber": {"A10": 37.3, "A20": -3.1, "A30": 0.5}},
     ),
     _solved(
@@ -348,19 +337,12 @@ _NONLINEAR = (
         ("gamma = 5 [N/cm²]", 8198.0, "probes.shear_stress"),
     ),
     _both(
-        "5.13",
-        "Shear stress of the sheared block",
-        "shear_3d",
-        "shear_stress",
-        8198.0,
-        2,
-        (0, 1),
+        "5.13", "Shear stress of the sheared block", "shear_3d", "shear_stress", 8198.0, 2, (0, 1),
         "as the text says, RKCM is smooth and RKPM oscillates, most at the free ends, which RKCM "
         "with weights of 1 does not see",
     ),
     Table(
-        "figure-5.16",
-        "Axial stress in tension and compression",
+        "figure-5.16", "Axial stress in tension and compression",
         {
             "tension": Run("solve", "uniaxial_tension"),
             "press": Run("solve", "uniaxial_compression"),
@@ -376,13 +358,7 @@ _NONLINEAR = (
         3,
     ),
     _both(
-        "5.17",
-        "Axial stress in compression",
-        "uniaxial_compression",
-        "stress",
-        -7309.0,
-        4,
-        (0, 0),
+        "5.17", "Axial stress in compression", "uniaxial_compression", "stress", -7309.0, 4, (0, 0),
         "the text has oscillations of RKPM: here the state is homogeneous by both methods, as the "
         "gradients of cells are those of their surfaces and pass the patch test",
     ),
@@ -410,8 +386,7 @@ _NONLINEAR = (
         ),
     ),
     Table(
-        "figure-5.30",
-        "Muscle block with fixed ends by RKCM and RKPM",
+        "figure-5.30", "Muscle block with fixed ends by RKCM and RKPM",
         {
             form: Run(
                 "solve", "muscle_block", (*words, 'material.curve="published"', "load.steps=10")
@@ -454,14 +429,14 @@ _NONLINEAR = (
         "lean by 17° in the mean. An assumed direction along the axis of the leg gives the "
         "published ratio, one that leans a smaller one. Blocks of 5 mm",
     ),
-)  # fmt: skip
+)
 
 
 # ---- chapter 5: performance ----------------------------------------------------------------------
 
 _PARTS = {
     "total": "total", "shape functions": "shape", "assembly": "assemble", "solution": "solve",
-}  # fmt: skip
+}
 #: As published: dense QR by LAPACK, Gauss-Newton; the first of ten load steps to 100 % shear
 _FIRST_STEP = ("load.steps=1", "boundary.y1.u_x=0.1")
 _QR = ("solver.linear=dgels", "solver.newton=gauss-newton")
@@ -493,20 +468,17 @@ def _performance(
 
 _PERFORMANCE = (
     _performance(
-        "5.2",
-        (17, 5),
+        "5.2", (17, 5),
         {"RKCM": (0.517, 0.216, 0.1439, 0.1319), "RKPM": (5.247, 0.4579, 4.675, 0.009997)},
         1,
     ),
     _performance(
-        "5.3",
-        (65, 17),
+        "5.3", (65, 17),
         {"RKCM": (86.5, 1.797, 1.455, 82.79), "RKPM": (1148.0, 5.063, 1027.0, 7.597)},
         20,
     ),
     Table(
-        "figure-5.38",
-        "Shear stress in the middle at 100 % shear by RKCM and RKPM",
+        "figure-5.38", "Shear stress in the middle at 100 % shear by RKCM and RKPM",
         {
             f"{method} {size}": Run("solve", "shear_2d", (*lattice(source), *words))
             for size, source in (("coarse", (17, 5)), ("fine", (65, 17)))
@@ -552,16 +524,14 @@ def _motions(
         for name, key, value in (
             ("e1", "e1", e1 if form in runs else None), ("e1 of the modes alone", "best_e1", None)
         )
-    ]  # fmt: skip
+    ]
     title = f"Error e1 of reduced models, {title}"
     return Table(number, title, runs | weak, tuple(rows), 1, note)
 
 
 _MOTION_TABLES = (
     _motions(
-        "6.1",
-        "wave in 1-D",
-        "wave_1d",
+        "6.1", "wave in 1-D", "wave_1d",
         {"order 2, 3h": (_STRONG,), "order 3, 3.5h, weights (6.41)": (_STRONG, *_THIRD)},
         (3.202e-3, 4.791e-4, 5.597e-9),
         "the exact motion is one sine, so that e1 at r = 1 is what else the full solution by "
@@ -570,9 +540,7 @@ _MOTION_TABLES = (
         "published e1. At r = 25 of 30 states e1 is what the last modes hold",
     ),
     _motions(
-        "6.2",
-        "bar in 1-D",
-        "bar_1d",
+        "6.2", "bar in 1-D", "bar_1d",
         {"E = 1 and 1/4": (_STRONG,)},
         (5.776, 3.547e-2, 3.018e-7),
         "both stiffnesses of the bar stand in a figure only. e1 at r = 1 grows with their ratio: "
@@ -692,7 +660,7 @@ _PATH_TABLES = (
         f"{_TOLERANCE}. What else was tried, and what the verdict says of the published form: "
         "docs/reduced.md",
     ),
-)  # fmt: skip
+)
 
 
 def _beside(entry: Table, runs: dict[str, Run], *rows: Row) -> Table:

@@ -6,7 +6,6 @@ reference is theory or an exact solution.
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -73,10 +72,6 @@ _LOADS = (
 )
 
 
-def _value(deck: str, words: Sequence[str], solution: _Solution) -> float:
-    return solution(read_deck(deck, words))
-
-
 def _homogeneous(function: Callable[[exact.Polynomial, float], float], amount: float) -> _Solution:
     return lambda deck: function(exact.Polynomial.from_deck(deck["material"][0]), amount)
 
@@ -97,8 +92,11 @@ def _known(
 ) -> Table:
     """A problem in both forms beside the exact solution for its bulk modulus."""
     runs = {form: Run("solve", deck, (*words, f"scene.method={form}")) for form in methods}
-    # the last form takes any bulk modulus
-    wanted = partial(_value, deck, runs[methods[-1]].overrides, solution)
+
+    def wanted() -> float:
+        # the last form takes any bulk modulus
+        return solution(read_deck(deck, runs[methods[-1]].overrides))
+
     rows = tuple(Row(f"{form} [N/cm²]", wanted, (form, f"probes.{probe}")) for form in methods)
     return Table(name, "stress at full load", runs, rows, cost)
 

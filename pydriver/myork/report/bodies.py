@@ -77,7 +77,9 @@ def surface_figure(
         [panel._replace(view=views[0]), panel._replace(view=views[1], title="")] for panel in panels
     ]
     wide = half[0] > _WIDE * half[1]
-    figure, grid = board(cells if wide else list(zip(*cells, strict=True)), _length(units))
+    figure, grid = board(
+        cells if wide else list(zip(*cells, strict=True)), unit_of(units, "length")
+    )
     if panels[2].colours not in (body.colours, _PLAIN):
         named = [*tissues[: len(labels)], *(f"label {k}" for k in range(len(tissues), len(labels)))]
         grid[-1, -1].legend(
@@ -112,7 +114,7 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
                 bar=f"difference {unit}\nat most {_share(wrong, of)} of the largest",
             )
         )  # fmt: skip
-    return board(cells, _length(units))[0]
+    return board(cells, unit_of(units, "length"))[0]
 
 
 def _compared(
@@ -142,14 +144,10 @@ def _share(wrong: F64, of: F64) -> str:
     return rf"${digits}\cdot 10^{{{int(power)}}}$" if share > 0.0 else "0"
 
 
-def _length(units: Mapping[str, str]) -> str:
-    return units.get("length", "?")
-
-
 def _titles(units: Mapping[str, str]) -> dict[str, str]:
     """What stands beside a field of a body, by the name that `Deformation` gives it."""
     return {
-        "size": f"displacement |u| [{_length(units)}]",
+        "size": f"displacement |u| [{unit_of(units, 'length')}]",
         "stress": f"largest principal stress [{unit_of(units, 'stress')}]",
         "volume_ratio": "volume ratio J [-]",
         "fiber": "fibers and tissue",
@@ -186,8 +184,8 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
         axes.plot(*points[rim_of(deformation.surface)].transpose(2, 1, 0), **RIM)
         _map(axes, deformation, kind, moved, deformation.surface, everything, (0, 1))
         axes.set_title(_titles(units)[kind], fontsize=10)
-        axes.set_xlabel(f"x [{_length(units)}]")
-    panels[0].set_ylabel(f"y [{_length(units)}]")
+        axes.set_xlabel(f"x [{unit_of(units, 'length')}]")
+    panels[0].set_ylabel(f"y [{unit_of(units, 'length')}]")
     return figure
 
 
@@ -196,7 +194,7 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
 
     Displacement, fibers, principal stresses.
     """
-    length = _length(units)
+    length = unit_of(units, "length")
     kinds = ("size", "fiber", "stress") if deformation.fiber.any() else ("size", "stress")
     sides = np.ptp(deformation.points, axis=0)
     heights = [min(3.4 * sides[b] / sides[a], 4.6) + 0.8 for a, b, _ in _PLANES]
