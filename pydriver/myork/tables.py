@@ -116,9 +116,6 @@ class _Fixed:
     __setitem__ = __delitem__ = __ior__ = __iadd__ = __imul__ = clear = pop = _refuse
     popitem = setdefault = update = append = extend = insert = remove = reverse = sort = _refuse
 
-    def __deepcopy__(self, _: Any) -> Any:
-        return _plain(self)
-
     def __reduce__(self) -> tuple[Any, ...]:
         return type(_plain(self)), (_plain(self),)
 
