@@ -48,11 +48,8 @@ class RestartState:
     load: float  #: Fraction of the full load [-]
     activation: float  #: Activation of the muscle fibers [-]
     coefficients: F64  #: Coefficients of the approximation, shape `(ndof,)`
-    source: F64  #: Undeformed source points they belong to, shape `(ns, 3)` [length]
     points: F64  #: Undeformed collocation points, shape `(np, 3)` [length]
     approximation: str  #: Shape functions they belong to, in words; empty where none were given
-    deck: str  #: Text of the deck that was solved
-    version: str  #: Version of the program that wrote them
 
 
 class Results:
@@ -332,24 +329,15 @@ class Results:
         - returns load, activation, coefficients and what they belong to
         """
         step = self._step(step)
-        with _damage(self.path, "the version"):
-            version = self._file["MyoRK"].attrs["version"]
+        words = self._read("MyoRK/approximation", missing=np.empty(0, np.uint8))
         return RestartState(
             step=step,
             load=float(self.loads[step]),
             activation=float(self.activations[step]),
             coefficients=self._read("MyoRK/coefficients", step),
-            source=self._read("MyoRK/source"),
             points=self.points,
-            approximation=self._words("approximation"),
-            deck=self._words("deck"),
-            version=version.decode("utf-8", "replace") if isinstance(version, bytes) else version,
+            approximation=words.tobytes().decode("utf-8", "replace"),
         )
-
-    def _words(self, name: str) -> str:
-        """Text of the group of a restart; empty where the file has none of this name."""
-        found = self._read(f"MyoRK/{name}", missing=np.empty(0, np.uint8))
-        return found.tobytes().decode("utf-8", "replace")
 
     @cached_property
     def summary(self) -> dict[str, Any]:
