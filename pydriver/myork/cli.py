@@ -8,6 +8,7 @@ import argparse
 import importlib
 import json
 import os
+import re
 import resource
 import signal
 import sys
@@ -45,6 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # commands of a trained model stand beside `rom DECK`
         words[:2] = [" ".join(words[:2])]
     options = _parser().parse_args(words)
+    if options.default_out and options.out is None:
+        options.out = Path(re.sub("<.*>", _name_of(options), options.default_out))
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < _LEAST_BYTES:
         return _complain(
@@ -86,6 +89,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _name_of(options: argparse.Namespace) -> str:
+    """Name of what a command is given: all commands of one deck or model share a folder."""
+    given = next((vars(options)[key] for key in ("deck", "file", "source") if key in options), "")
+    path = Path(given)
+    return path.resolve().name if path.is_dir() else re.sub(r"(\.rom)?\.\w+$", "", path.name)
+
+
 def _complain(message: str, status: int) -> int:
     sys.stdout.flush()
     print(f"myork: {message}", file=sys.stderr)
@@ -108,46 +118,7 @@ def _explanation(error: Exception) -> tuple[str, int]:
 
 # ---- what commands do: options and console -> what is printed at the end -------------------------
 
-
-def _overrides(options: argparse.Namespace) -> list[str]:
-    """Overrides of the deck: files found by `--data`, options with a name of their own last."""
-    found: list[str] = []
-    if getattr(options, "data", None) is not None:
-        from myork.stations.data import data_overrides
-
-        found = data_overrides(options.deck, options.data, options.set)
-    keys = {"scene.method": "method", "solver.linear": "solver"}
-    named = {key: getattr(options, name, None) for key, name in keys.items()}
-    return [*options.set, *found, *(f"{key}={v}" for key, v in named.items() if v is not None)]
-
-
-def _out(options: argparse.Namespace, source: Path) -> Path:
-    """Folder of the results; all commands of one deck or model share the default one."""
-    out: Path = options.out or Path("out", source.name.split(".")[0])
-    return out
-
-
-def _station(place: str, says: str = "", **more: str) -> Callable[..., str]:
-    """Command that runs a function of the deck and its folder; `more` are options it takes."""
-
-    def run(options: argparse.Namespace, console: Console) -> str:
-        name = options.deck.resolve().name if options.deck.is_dir() else options.deck.stem
-        out = options.out or Path("out", name)
-        out.mkdir(parents=True, exist_ok=True)
-        with asked(out) if "verbosity" in more else nullcontext():
-            if options.deck.is_dir():
-                options.deck, lines = _load("stations.folder:deck_of_folder")(options.deck, out)
-                for line in lines:
-                    console(line)
-            overrides = _overrides(options)
-        function = _load(place)
-        found = function(
-            options.deck, out, overrides=overrides, threads=options.threads, progress=console,
-            **{name: getattr(options, option) for name, option in more.items()},
-        )  # fmt: skip
-        return says.format(found=found, out=out)
-
-    return run
+_Run = Callable[[argparse.Namespace, Console], str | None]
 
 
 def _load(place: str) -> Any:
@@ -156,20 +127,52 @@ def _load(place: str) -> Any:
     return getattr(importlib.import_module(f"myork.{module}"), name)
 
 
-def _demo(options: argparse.Namespace, console: Console) -> str:
-    out = options.out or Path("out", "demo")
-    return str(_load("demo:run_demo")(out, threads=options.threads, progress=console))
+def _call(place: str, says: str, *own: str, **more: str) -> _Run:
+    """Command that calls a function with options, by their names; `console` takes its progress."""
+
+    def run(options: argparse.Namespace, console: Console) -> str:
+        values = {**vars(options), "console": console}
+        keys = {key: values[option] for key, option in more.items()}
+        found = _load(place)(*(values[option] for option in own), **keys)
+        return says.format(found="\n".join(found) if isinstance(found, list) else found)
+
+    return run
 
 
-def _explain(options: argparse.Namespace, console: Console) -> None:
-    _load("stations.explain:explain_deck")(
-        options.deck, out=options.out, overrides=_overrides(options)
-    )
+def _station(place: str, says: str = "", **more: str) -> _Run:
+    """Command that runs a function of the deck and its folder; `more` are options it takes."""
+
+    def run(options: argparse.Namespace, console: Console) -> str:
+        options.out.mkdir(parents=True, exist_ok=True)
+        with asked(options.out) if "verbosity" in more else nullcontext():
+            if options.deck.is_dir():
+                read = _load("stations.folder:deck_of_folder")
+                options.deck, lines = read(options.deck, options.out)
+                for line in lines:
+                    console(line)
+            overrides = _overrides(options)
+        found = _load(place)(
+            options.deck, options.out, overrides=overrides, threads=options.threads,
+            progress=console, **{name: getattr(options, option) for name, option in more.items()},
+        )  # fmt: skip
+        return says.format(found=found, out=options.out)
+
+    return run
+
+
+def _overrides(options: argparse.Namespace) -> list[str]:
+    """Overrides of the deck: files found by `--data`, options with a name of their own last."""
+    found: list[str] = []
+    if getattr(options, "data", None) is not None:
+        found = _load("stations.data:data_overrides")(options.deck, options.data, options.set)
+    keys = {"scene.method": "method", "solver.linear": "solver"}
+    named = {key: getattr(options, name, None) for key, name in keys.items()}
+    return [*options.set, *found, *(f"{key}={v}" for key, v in named.items() if v is not None)]
 
 
 def _check(options: argparse.Namespace, console: Console) -> None:
     found = _load("stations.check:check_deck")(
-        options.deck, options.out, overrides=_overrides(options), quick=options.quick,
+        options.deck, options.out, overrides=options.set, quick=options.quick,
         progress=silent if options.verbosity < 0 else print,
     )  # fmt: skip
     failed = [check.name for check in found if check.passed is False]
@@ -177,32 +180,10 @@ def _check(options: argparse.Namespace, console: Console) -> None:
         raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
 
 
-def _new(options: argparse.Namespace, console: Console) -> str:
-    return f"deck: {_load('stations.new:new_deck')(options.kind, options.output)}"
-
-
-def _resample(options: argparse.Namespace, console: Console) -> str:
-    found = _load("stations.resample:resample")(
-        options.image, options.like, options.output, way=options.how, progress=console
-    )
-    return f"image: {found}"
-
-
-def _export(options: argparse.Namespace, console: Console) -> str:
-    return "\n".join(
-        _load("stations.export:export")(
-            options.source,
-            options.output,
-            overrides=options.set,
-            out=options.out or Path("out", options.source.stem),
-        )  # fmt: skip
-    )
-
-
 def _bench(options: argparse.Namespace, console: Console) -> None:
-    out = options.out or Path("out", "bench")
-    record = _load("bench:run_benches")(options.names, out, quick=options.quick, progress=console)
-    print(f"benchmarks: {out / 'bench.html'}")
+    run = _load("bench:run_benches")
+    record = run(options.names, options.out, quick=options.quick, progress=console)
+    print(f"benchmarks: {options.out / 'bench.html'}")
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
     if ended:
         raise MyorkError(f"no result for {', '.join(ended)}")
@@ -213,16 +194,15 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
         return str(_load("bench.reproduce:list_tables")())
     if not options.names:
         raise InputError("name tables or figures, such as 6.8, or all; --list names them")
-    out = options.out or Path("out", "reproduce")
     names = {table.name for table in _load("bench.reproduce:find_tables")(options.names)}
     content = _load("bench.reproduce:reproduce")(
-        options.names, out, progress=console,
+        options.names, options.out, progress=console,
         show=silent if options.verbosity < 0 else print,
     )  # fmt: skip
     ended = {row["table"] for row in content["rows"] if "ended" in row} & names
     if ended:
         raise ConvergenceError(f"no number for {', '.join(sorted(ended))}")
-    return f"published and ours: {out / 'reproduce.html'}"
+    return f"published and ours: {options.out / 'reproduce.html'}"
 
 
 def _report(options: argparse.Namespace, console: Console) -> str:
@@ -235,24 +215,18 @@ def _report(options: argparse.Namespace, console: Console) -> str:
 
 
 def _view(options: argparse.Namespace, console: Console) -> str | None:
+    threads = options.threads or 1
     if options.still is not None:
-        page = _load("view:still_page")(
-            options.file, options.still, threads=options.threads or 1, progress=console
-        )
-        return f"page: {page}"
+        still = _load("view:still_page")
+        return f"page: {still(options.file, options.still, threads=threads, progress=console)}"
     # a closed terminal ends the page as Ctrl-C does; under nohup it stays
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     _load("view:serve")(
-        options.file, port=options.port, browser=not options.no_browser,
-        threads=options.threads or 1, progress=lambda line: print(line, flush=True),
+        options.file, port=options.port, browser=not options.no_browser, threads=threads,
+        progress=lambda line: print(line, flush=True),
     )  # fmt: skip
     return None
-
-
-def _numbers(options: argparse.Namespace) -> dict[str, float]:
-    """Values of `--set`."""
-    return dict(_load("rom.parameters:numbers_of")(options.set))
 
 
 def _model(options: argparse.Namespace, threads: int | None = None) -> Any:
@@ -263,27 +237,26 @@ def _model(options: argparse.Namespace, threads: int | None = None) -> Any:
 
 
 def _rom_train(options: argparse.Namespace, console: Console) -> str:
-    folder = options.out or Path("out", options.deck.stem)
-    path = options.output or folder / f"{options.deck.stem}.rom.h5"
+    path = options.output or options.out / f"{options.deck.stem}.rom.h5"
     rom = _load("rom.train:train")(
         options.deck, options.vary, tolerance=options.tolerance, full_solves=options.full_solves,
-        tests=options.tests, seed=options.seed, out=folder,
-        overrides=_overrides(options), threads=options.threads, progress=console,
+        tests=options.tests, seed=options.seed, out=options.out, overrides=options.set,
+        threads=options.threads, progress=console,
     )  # fmt: skip
     rom.save(path)
     return f"{rom.describe()}\nreduced model: {path}"
 
 
 def _rom_solve(options: argparse.Namespace, console: Console) -> None:
-    state = _model(options, threads=1).state(_numbers(options))
+    state = _model(options, threads=1).solve(**_load("rom.parameters:numbers_of")(options.set))
     print(json.dumps(state.as_dict()) if options.json else state.describe())
     if not state.converged:
         raise ConvergenceError("the reduced model found no state for these parameters")
 
 
 def _rom_map(options: argparse.Namespace, console: Console) -> str:
-    out = _out(options, options.file)
-    found = _load("rom.map:map_model")(_model(options), options.vary, _numbers(options), out)
+    fixed, out = _load("rom.parameters:numbers_of")(options.set), options.out
+    found = _load("rom.map:map_model")(_model(options), options.vary, fixed, out)
     return (
         f"{found['states']} states, {found['failed']} failed, {found['full']['lost']} near full "
         f"solves that are unstable or found none, {found['certified']} within the tolerance, "
@@ -292,7 +265,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
 
 
 def _rom_check(options: argparse.Namespace, console: Console) -> str:
-    out, rom = _out(options, options.file), _model(options)
+    out, rom = options.out, _model(options)
     found = _load("rom.check:compare")(rom, rom.full_model(), options.points, options.seed, console)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "check.json", found)
@@ -302,73 +275,43 @@ def _rom_check(options: argparse.Namespace, console: Console) -> str:
 
 def _sweep(options: argparse.Namespace, console: Console) -> str:
     table = _load("sweeps:sweep")(
-        options.deck, options.vary, options.out or Path("out", f"{options.deck.stem}_sweep"),
-        samples=options.samples, seed=options.seed, workers=options.workers, dask=options.dask,
-        model=options.model, overrides=_overrides(options), dry_run=options.dry_run,
-        extend=options.extend, progress=print if options.dry_run else console,
+        options.deck, options.vary, options.out, samples=options.samples, seed=options.seed,
+        workers=options.workers, dask=options.dask, model=options.model, overrides=options.set,
+        dry_run=options.dry_run, extend=options.extend,
+        progress=print if options.dry_run else console,
     )  # fmt: skip
     return "" if options.dry_run else f"table: {table}"
 
 
-def _study(
-    options: argparse.Namespace, console: Console, name: str, *own: Any, **more: Any
-) -> tuple[dict[str, Any], Path]:
-    """Run a study of a deck or model; what it found, and its folder."""
-    out = _out(options, options.source)
-    found = _load(f"studies:{name}")(
-        options.source, *own, out, fixed=options.set, seed=options.seed, threads=options.threads,
-        progress=console, **more,
-    )  # fmt: skip
-    return found, out
-
-
-def _sensitivity(options: argparse.Namespace, console: Console) -> str:
-    found, out = _study(
-        options, console, "sensitivity",
-        vary=options.vary, probe=options.probe, samples=options.samples,
-    )  # fmt: skip
-    lines = [f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}"]
-    number = "{value:.3f} ({low:.3f} to {high:.3f})"
-    for key, entry in found["indices"].items():
-        alone, total = (number.format(**entry[k]) for k in ("first_order", "total_order"))
-        lines.append(f"  {key}: alone {alone}, in all {total}")
-    files = f"{out / 'sensitivity.csv'}, {out / 'sensitivity.png'}"
-    return "\n".join([*lines, _cost(found["cost"]), f"study: {files}"])
-
-
 def _identify(options: argparse.Namespace, console: Console) -> str:
-    found, out = _study(options, console, "identify", options.data, options.free)
+    found = _load("studies:identify")(
+        options.source, options.data, options.free, options.out, fixed=options.set,
+        seed=options.seed, threads=options.threads, progress=console,
+    )  # fmt: skip
     lines = [
         "{}: {:.5g}, 95 % from {:.5g} to {:.5g}".format(key, entry["value"], *entry["interval"])
         for key, entry in found["parameters"].items()
     ]
     lines += [f"warning: {line}" for line in found["warnings"]]
-    files = f"{out / 'identify.json'}, {out / 'identify.csv'}"
-    return "\n".join([*lines, _cost(found["cost"]), f"study: {files}"])
+    lines.append("{states} states by {by}: {cpu_s:.1f} s of processor time".format(**found["cost"]))
+    lines.append(f"study: {options.out / 'identify.json'}, {options.out / 'identify.csv'}")
+    return "\n".join(lines)
 
 
 def _uncertainty(options: argparse.Namespace, console: Console) -> str:
-    doubt = _load("studies.uncertainty:Doubt")(
-        options.bias, options.shift, options.noise, options.length
-    )
-    found, out = _study(
-        options, console, "uncertainty",
-        doubt=doubt, samples=options.samples, probe=options.probe,
+    doubt = _load("studies.uncertainty:Doubt")
+    found = _load("studies:uncertainty")(
+        options.deck, options.out, samples=options.samples, probe=options.probe,
+        doubt=doubt(options.bias, options.shift, options.noise, options.length),
+        fixed=options.set, seed=options.seed, threads=options.threads, progress=console,
     )  # fmt: skip
     low, high = (found["percentiles"][end] for end in ("2.5", "97.5"))
     return (
         f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
         f"maps from {low:.4g} to {high:.4g}; the original map: {found['as_it_is']:.4g}\n"
         f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
-        f"study: {out / 'uncertainty.csv'}, {out / 'uncertainty.png'}"
+        f"study: {options.out / 'uncertainty.json'}, {options.out / 'uncertainty.csv'}"
     )
-
-
-def _cost(cost: dict[str, Any]) -> str:
-    line = f"{cost['states']} states by {cost['by']}: {cost['cpu_s']:.1f} s of processor time"
-    if "full_cpu_s" in cost:
-        line += f"; full solves as in the training would take {cost['full_cpu_s']:.0f} s"
-    return line
 
 
 # ---- options -------------------------------------------------------------------------------------
@@ -419,77 +362,59 @@ def _several(names: str, metavar: str, what: str, kind: Any = None, **settings: 
     return _option(names, metavar, f"{what}; may be repeated", kind, action="append", **settings)
 
 
-def _vary(form: str, what: str, **settings: Any) -> _Option:
-    return _several("--vary", f"KEY={form}", what, **settings)
+def _vary(form: str, what: str) -> _Option:
+    return _several("--vary", f"KEY={form}", what, required=True)
 
 
-_THREADS = _whole(1, 1024)
-_DECK = (
-    _option(
-        "deck",
-        "DECK",
-        "deck file (TOML); run, segment, tensors and build take a folder of images as well, a BIDS "
-        "tree or DICOM, which makes the deck",
-        Path,
-    ),
-    _several(
-        "--set",
-        "KEY=VALUE",
-        "override a key of the deck, such as load.steps=20 or material.fat.K=5e3",
-        _override,
-    ),
-)
-_DATA = _option(
-    "--data", "DIR", "where the files that the deck names lie, in any folders of it", _folder
-)
-_NO_ERROR = _flag(
-    "--no-error", "no second solution, so no error bars of the probes",
-    dest="error", action="store_false",
-)  # fmt: skip
-_FILE = _option("file", "FILE", "reduced model (.rom.h5)", Path)
-_VALUE = _several(
-    "--set", "KEY=VALUE", "value of a parameter, such as load.activation=0.4", _override
-)
-_PROBE = _option("--probe", "NAME", "probe, such as reaction or pull_x; default the first force")
+def _set(what: str) -> _Option:
+    return _several("--set", "KEY=VALUE", what, _override)
 
 
 def _seed(start: int = 0) -> _Option:
     return _option("--seed", "S", "seed of the random numbers", int, default=start)
 
 
-def _source(words: str) -> tuple[_Option, ...]:
-    """Options of a study."""
-    what = "value of another parameter, or override of the deck"
-    return (
-        _option("source", words.split()[0], words, Path),
-        _several("--set", "KEY=VALUE", what, _override),
-        _seed(),
-    )
-
-
-_MODEL = _source("MODEL is a reduced model (.rom.h5), or a deck whose scene is solved in full")
-_OUT_DECK, _OUT_MODEL, _OUT_STUDY = (
-    f"folder of the results; default out/<{name}>" for name in ("deck", "model", "name")
+# fmt: off
+_THREADS = _whole(1, 1024)
+_SET = _set("override a key of the deck, such as load.steps=20 or material.fat.K=5e3")
+_DECK = (
+    _option(
+        "deck", "DECK",
+        "deck file (TOML); run, segment, tensors and build take a folder of images as well, a BIDS "
+        "tree or DICOM, which makes the deck", Path,
+    ),
+    _SET,
 )
+_IMAGES = (
+    *_DECK,
+    _option("--data", "DIR", "where the files that the deck names lie, in any folders of it",
+            _folder),
+)
+_NO_ERROR = _flag(
+    "--no-error", "no second solution, so no error bars of the probes",
+    dest="error", action="store_false",
+)
+_FILE = _option("file", "FILE", "reduced model (.rom.h5)", Path)
+_VALUE = _set("value of a parameter, such as load.activation=0.4")
 
 
 class _Command(NamedTuple):
     """A command: what it runs, what `--help` says, its options, and what `--out` is."""
 
-    run: Callable[[argparse.Namespace, Console], str | None]
+    run: _Run
     what: str
     examples: str
     options: tuple[_Option, ...] = ()
-    out: str = _OUT_DECK
+    out: str = "folder of the results"  #: Empty where there is no such option
+    default: str = "out/<deck>"
 
 
-# fmt: off
 _COMMANDS = {
     "demo": _Command(
-        _demo,
+        _call("demo:run_demo", "{found}", "out", threads="threads", progress="console"),
         "phantom images to a muscle force, a trained reduced model, a report, a page with sliders",
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
-        out="folder of the results; default out/demo",
+        default="out/demo",
     ),
     "segment": _Command(
         _station("chain:segment_and_draw", "labels and fibers in {out}"),
@@ -497,17 +422,18 @@ _COMMANDS = {
         "  myork segment inputs/mg_muscle.toml\n"
         "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
         "  myork segment inputs/images/thighs.toml --data ~/images",
-        (*_DECK, _DATA),
+        _IMAGES,
     ),
     "tensors": _Command(
         _station("stations.tensors:write_tensors", "tensors and fibers in {out}"),
         "diffusion images to tensors, their numbers and fibers, without a segmentation",
         "  myork tensors leg.toml\n"
         "  myork tensors leg.toml --set image.dwi=dwi.nii.gz --set image.region=muscles.nii.gz",
-        (*_DECK, _DATA),
+        _IMAGES,
     ),
     "resample": _Command(
-        _resample,
+        _call("stations.resample:resample", "image: {found}", "image", "like", "output", way="how",
+              progress="console"),
         "an image, label map, tensors or fibers on the grid of another image",
         "  myork resample mask.nii.gz t1.nii.gz -o mask_on_t1.nii.gz\n"
         "  myork resample fibers.nii.gz t1.nii.gz -o fibers_on_t1.nii.gz --how tensor-wise",
@@ -529,7 +455,7 @@ _COMMANDS = {
         "labels and fibers to the points of a model (model.h5)",
         "  myork build inputs/mg_muscle.toml\n"
         "  myork build inputs/images/biceps.toml --data ~/images",
-        (*_DECK, _DATA),
+        _IMAGES,
     ),
     "run": _Command(
         _station("chain:run_chain", "report: {found}", verbosity="verbosity", error="error"),
@@ -538,7 +464,7 @@ _COMMANDS = {
         "  myork run inputs/mg_muscle.toml --set load.activation=0.2\n"
         "  myork run study/sub-01\n"
         "  myork run dicom --set image.anatomy=dicom:series=3",
-        (*_DECK, _DATA, _NO_ERROR),
+        (*_IMAGES, _NO_ERROR),
     ),
     "solve": _Command(
         _station(
@@ -582,9 +508,7 @@ _COMMANDS = {
         "      --vary boundary.z1.u_z=-0.2:0.3 -o block.rom.h5",
         (
             *_DECK,
-            _vary(
-                "LOW:HIGH", "parameter with its range, such as load.activation=0:1", required=True
-            ),
+            _vary("LOW:HIGH", "parameter with its range, such as load.activation=0:1"),
             _option("-o --output", "FILE", "file of the model", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
             _option("--full-solves", "N", "largest number of full solves", int, default=60),
@@ -597,7 +521,7 @@ _COMMANDS = {
         "the state of a reduced model for values of its parameters",
         "  myork rom solve block.rom.h5 --set load.activation=0.4 --set u_z=0.1 --json",
         (_FILE, _VALUE, _flag("--json", "print JSON")),
-        _OUT_MODEL,
+        default="out/<model>",
     ),
     "rom map": _Command(
         _rom_map,
@@ -605,13 +529,10 @@ _COMMANDS = {
         "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
         (
             _FILE,
-            _vary(
-                "LOW:HIGH:N", "parameter with its range, such as load.activation=0:1:21",
-                required=True,
-            ),
+            _vary("LOW:HIGH:N", "parameter with its range, such as load.activation=0:1:21"),
             _VALUE,
         ),
-        _OUT_MODEL,
+        default="out/<model>",
     ),
     "rom check": _Command(
         _rom_check,
@@ -622,7 +543,7 @@ _COMMANDS = {
             _option("--points", "N", "full solves", _THREADS, default=20),
             _seed(1),
         ),
-        _OUT_MODEL,
+        default="out/<model>",
     ),
     "sweep": _Command(
         _sweep,
@@ -637,7 +558,7 @@ _COMMANDS = {
             _vary(
                 "...",
                 "LOW:HIGH:N for a grid, a,b,c for a list, lhs(LOW,HIGH) or sobol(LOW,HIGH) for "
-                "samples", required=True,
+                "samples",
             ),
             _option("--samples", "N", "samples; default 32", int, default=32),
             _seed(),
@@ -647,19 +568,7 @@ _COMMANDS = {
             _flag("--dry-run", "print what would be solved and what it costs, and exit"),
             _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
-        "folder of the results; default out/<deck>_sweep",
-    ),
-    "study sensitivity": _Command(
-        _sensitivity,
-        "sensitivity of a force: Sobol indices over ranges of parameters",
-        "  myork study sensitivity block.rom.h5 --samples 256\n"
-        "  myork study sensitivity deck.toml --vary material.muscle.A10=5:8 \\\n"
-        "      --vary load.activation=0.2:0.4 --samples 32",
-        (
-            *_MODEL, _vary("LOW:HIGH", "parameter with its range; default those of the training"),
-            _PROBE, _option("--samples", "N", "a power of two; default 256", int, default=256),
-        ),
-        _OUT_STUDY,
+        default="out/<deck>_sweep",
     ),
     "study identify": _Command(
         _identify,
@@ -668,7 +577,11 @@ _COMMANDS = {
         "  myork study identify deck.toml --data measured.csv \\\n"
         "      --free material.muscle.sigma_max=20:60 --free material.muscle.A10=4:9",
         (
-            *_MODEL,
+            _option(
+                "source", "MODEL", "MODEL is a reduced model (.rom.h5), or a deck whose scene is "
+                "solved in full", Path,
+            ),
+            _set("value of another parameter, or override of the deck"), _seed(),
             _option(
                 "--data", "FILE",
                 "CSV: a column for each key that was set and each probe, NAME_error for its error",
@@ -680,15 +593,17 @@ _COMMANDS = {
                 required=True,
             ),
         ),
-        _OUT_STUDY,
+        default="out/<name>",
     ),
     "study uncertainty": _Command(
         _uncertainty,
         "uncertainty of a force from that of the segmentation: label maps moved, rebuilt, solved",
         "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
         (
-            *_source("DECK of a model from a label map"),
-            _PROBE,
+            _option("deck", "DECK", "DECK of a model from a label map", Path), _SET, _seed(),
+            _option(
+                "--probe", "NAME", "probe, such as reaction or pull_x; default the first force"
+            ),
             _option("--samples", "N", "maps; default 12", int, default=12),
             *(
                 _option(f"--{name}", "MM", f"{what} [mm]; default {value:g}", float, default=value)
@@ -700,7 +615,7 @@ _COMMANDS = {
                 )
             ),
         ),
-        _OUT_STUDY,
+        default="out/<name>",
     ),
     "view": _Command(
         _view,
@@ -736,7 +651,7 @@ _COMMANDS = {
             ),
             _flag("--quick", "small cases only"),
         ),
-        "folder of bench.json and bench.html; default out/bench",
+        "folder of bench.json and bench.html", "out/bench",
     ),
     "reproduce": _Command(
         _reproduce,
@@ -750,8 +665,8 @@ _COMMANDS = {
             ),
             _flag("--list", "name all, with their decks and costs, and end"),
         ),
-        "folder of reproduce.json, reproduce.md, reproduce.html and pictures; tables there stay; "
-        "default out/reproduce",
+        "folder of reproduce.json, reproduce.md, reproduce.html and pictures; tables there stay",
+        "out/reproduce",
     ),
     "report": _Command(
         _report,
@@ -759,16 +674,16 @@ _COMMANDS = {
         "  myork report out/muscle_block\n"
         "  myork report out/muscle_block_sweep",
         (_option("folder", "DIR", "output folder of a command", Path),),
-        "put a copy of the page there",
+        "put a copy of the page there", "",
     ),
     "export": _Command(
-        _export,
+        _call("stations.export:export", "{found}", "source", "output", overrides="set", out="out"),
         "the body as hexahedra for other programs: an input deck of Abaqus and CalculiX, or a mesh",
         "  myork export inputs/cube_plates.toml -o cube.inp\n"
         "  myork export out/muscle_block -o muscle_block.vtu",
         (
             _option("source", "DECK|DIR", "deck, or output folder of a solve", Path),
-            _DECK[1],
+            _SET,
             _option(
                 "-o --output", "FILE",
                 ".inp: sets, materials and conditions of a deck; other suffixes are those of "
@@ -776,10 +691,10 @@ _COMMANDS = {
                 Path, required=True,
             ),
         ),
-        "folder with the model of the deck; default out/<deck>",
+        "folder with the model of the deck",
     ),
     "explain": _Command(
-        _explain,
+        _call("stations.explain:explain_deck", "", "deck", out="out", overrides="set"),
         "print what a deck models: sizes, memory and cost; refuse what does not fit",
         "  myork explain inputs/muscle_block.toml",
         _DECK,
@@ -789,9 +704,10 @@ _COMMANDS = {
         "self-checks of a deck: tangent, materials, fibers, balance, restart, threads",
         "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
         (*_DECK, _flag("--quick", "without those that solve the deck")),
+        "put check.json there", "",
     ),
     "new": _Command(
-        _new,
+        _call("stations.new:new_deck", "deck: {found}", "kind", "output"),
         f"a commented deck to start from: {_KINDS}",
         "  myork new box\n  myork new labels -o leg.toml",
         (
@@ -804,14 +720,6 @@ _COMMANDS = {
 # fmt: on
 
 
-class _Version(argparse.Action):
-    """Print the version; it is not looked up before."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        print(f"myork {myork.__version__}")
-        parser.exit()
-
-
 def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
@@ -820,7 +728,10 @@ def _parser() -> argparse.ArgumentParser:
         epilog=f"examples:\n  myork demo\n  myork solve --help\n\n{_EXIT_STATUS}",
         formatter_class=raw,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    parser.add_argument(
+        "--version", action="version", version=f"myork {myork.__version__}",
+        help="print the version and exit",
+    )  # fmt: skip
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--threads", type=_THREADS, metavar="N", help="number of threads; default all cores"
@@ -834,7 +745,7 @@ def _parser() -> argparse.ArgumentParser:
             *names, dest="verbosity", action="store_const", const=value, default=0, help=what
         )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for name, (run, what, examples, options, out) in _COMMANDS.items():
+    for name, (run, what, examples, options, out, default) in _COMMANDS.items():
         command = commands.add_parser(
             name,
             parents=[common],
@@ -843,9 +754,10 @@ def _parser() -> argparse.ArgumentParser:
             epilog=f"examples:\n{examples}\n\n{_EXIT_STATUS}",
             formatter_class=raw,
         )
-        command.set_defaults(run=run)
+        command.set_defaults(run=run, default_out=default if out else "")
         if out:
-            command.add_argument("--out", type=_folder, metavar="DIR", help=out)
+            place = f"{out}; default {default}" if default else out
+            command.add_argument("--out", type=_folder, metavar="DIR", help=place)
         for own, settings in options:
             given = {key: v for key, v in settings.items() if v is not None}
             command.add_argument(*own, **given)

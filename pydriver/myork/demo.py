@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import RefusedError
@@ -70,12 +69,15 @@ def run_demo(
     write_text(out / _PAGE, render("view.html", **states))
     report = make_report(out)
     summary = read_summary(out)
-    verdict = summary["verdict"]
+    verdict, last, units = summary["verdict"], summary["steps"][-1], summary["probe_units"]
+    probes = load_deck(_DECK, overrides)["probe"]
+    forces = (own["name"] for own in probes if own["quantity"].startswith("force"))
     return "\n".join(
         [
             states["about"]["describe"],
-            _checks(summary),
-            *_forces(load_deck(_DECK, overrides), summary),
+            f"J {last['min_J']:.3g} to {last['max_J']:.3g}, force imbalance "
+            f"{summary['force_imbalance']:.1e} of the largest",
+            *(f"{k} at load {last['load']:g}: {with_bar(last, k, units[k], 4)}" for k in forces),
             "; ".join([f"verdict: {verdict['state']}", *verdict["reasons"]]),
             f"report: {report}",
             f"the muscle with sliders, in any browser: {out / _PAGE}",
@@ -104,22 +106,3 @@ def _reduced(
     write_json(out / "check.json", found)
     rom.set_certificate(found)
     rom.save(out / _MODEL)
-
-
-def _forces(deck: dict[str, Any], summary: dict[str, Any]) -> list[str]:
-    """One line for each force probed at full load, with its error bar where there is one."""
-    last = summary["steps"][-1]
-    names = [probe["name"] for probe in deck["probe"] if probe["quantity"].startswith("force")]
-    return [
-        f"{name} at load {last['load']:g}: {with_bar(last, name, summary['probe_units'][name], 4)}"
-        for name in names
-    ]
-
-
-def _checks(summary: dict[str, Any]) -> str:
-    """Volume ratios and balance of forces of the last state."""
-    last = summary["steps"][-1]
-    return (
-        f"J {last['min_J']:.3g} to {last['max_J']:.3g}, force imbalance "
-        f"{summary['force_imbalance']:.1e} of the largest"
-    )

@@ -48,11 +48,8 @@ class RestartState:
     load: float  #: Fraction of the full load [-]
     activation: float  #: Activation of the muscle fibers [-]
     coefficients: F64  #: Coefficients of the approximation, shape `(ndof,)`
-    source: F64  #: Undeformed source points they belong to, shape `(ns, 3)` [length]
     points: F64  #: Undeformed collocation points, shape `(np, 3)` [length]
     approximation: str  #: Shape functions they belong to, in words; empty where none were given
-    deck: str  #: Text of the deck that was solved
-    version: str  #: Version of the program that wrote them
 
 
 class Results:
@@ -163,10 +160,7 @@ class Results:
 
     def _joined(self, name: str) -> I32:
         """Rows of whole numbers that say how points hang together; none in older files."""
-        with _damage(self.path, name):
-            if f"MyoRK/{name}" not in self._file:
-                return np.empty((0, 3), np.int32)
-        found = self._read(f"MyoRK/{name}")
+        found = self._read(f"MyoRK/{name}", missing=np.empty((0, 3), np.int32))
         if found.ndim != 2 or found.shape[1] not in (1, 2, 3) or found.dtype.kind != "i":
             raise FileError(f"{self.path}: damaged: {name} has shape {found.shape}")
         return found
@@ -335,27 +329,15 @@ class Results:
         - returns load, activation, coefficients and what they belong to
         """
         step = self._step(step)
-        with _damage(self.path, "the version"):
-            version = self._file["MyoRK"].attrs["version"]
+        words = self._read("MyoRK/approximation", missing=np.empty(0, np.uint8))
         return RestartState(
             step=step,
             load=float(self.loads[step]),
             activation=float(self.activations[step]),
             coefficients=self._read("MyoRK/coefficients", step),
-            source=self._read("MyoRK/source"),
             points=self.points,
-            approximation=self._words("approximation"),
-            deck=self._words("deck"),
-            version=version.decode("utf-8", "replace") if isinstance(version, bytes) else version,
+            approximation=words.tobytes().decode("utf-8", "replace"),
         )
-
-    def _words(self, name: str) -> str:
-        """Text of the group of a restart; empty where the file has none of this name."""
-        with _damage(self.path, name):
-            missing = f"MyoRK/{name}" not in self._file
-        if missing:
-            return ""
-        return self._read(f"MyoRK/{name}").tobytes().decode("utf-8", "replace")
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -391,9 +373,11 @@ class Results:
             raise InputError(f"{self.path}: no step {step}; the last one is {self.nstep - 1}")
         return step % self.nstep
 
-    def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
-        """Numbers of a dataset; what is broken becomes an error that names the file."""
+    def _read(self, name: str, part: Any = (), missing: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Numbers of a dataset, or what stands for a missing one; errors name the file."""
         with _damage(self.path, name):
+            if missing is not None and name not in self._file:
+                return missing
             values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":
                 raise TypeError("it does not hold numbers")

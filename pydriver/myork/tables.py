@@ -1,14 +1,11 @@
-"""Decks as Python data: their TOML text, whether two agree, tables that cannot be changed."""
+"""Decks as Python data: their TOML text, tables that cannot be changed."""
 
 import json
 import math
 import os
 import re
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from typing import Any, NoReturn
-
-import numpy as np
 
 from myork.errors import InputError
 
@@ -86,44 +83,6 @@ def _toml(value: Any, place: str) -> str:
     raise InputError(f"tables: {place}: a {type(value).__name__} is not a value of a deck")
 
 
-def decks_agree(
-    one: Mapping[str, Any],
-    other: Mapping[str, Any],
-    tables: Collection[str],
-    apart: Collection[str],
-) -> bool:
-    """Whether two decks have the same values.
-
-    - `one`, `other`: values of decks, defaults filled in
-    - `tables`: tables that are looked at
-    - `apart`: keys `table.key` and last words of keys that are not
-    """
-
-    def flat(value: Any, name: str) -> dict[str, Any]:
-        last = name.rsplit(".", 1)[-1]
-        if name in apart or last in apart:
-            return {}
-        if isinstance(value, Mapping):
-            pairs = [(str(k), v) for k, v in value.items()]
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            pairs = [(str(v.get("name", v.get("set", i))), v) for i, v in enumerate(value, 1)]
-        elif isinstance(value, list) and not value:
-            return {}
-        else:
-            if last == "K" and isinstance(value, str):
-                # JSON has no infinity and holds the word; expressions stay what they are
-                with suppress(ValueError):
-                    value = float(value)
-            return {name: np.asarray(value).tolist()}
-        found: dict[str, Any] = {}
-        for key, item in pairs:
-            found |= flat(item, f"{name}.{key}")
-        return found
-
-    # a table that is missing has no entries
-    return all(flat(one.get(name, []), name) == flat(other.get(name, []), name) for name in tables)
-
-
 def read_only(tables: Any) -> Any:
     """Tables whose keys and lists, at all depths, refuse every change with an `InputError`.
 
@@ -156,9 +115,6 @@ class _Fixed:
 
     __setitem__ = __delitem__ = __ior__ = __iadd__ = __imul__ = clear = pop = _refuse
     popitem = setdefault = update = append = extend = insert = remove = reverse = sort = _refuse
-
-    def __deepcopy__(self, _: Any) -> Any:
-        return _plain(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(_plain(self)), (_plain(self),)

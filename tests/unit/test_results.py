@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from myork import Scene, __version__, model_file
+from myork import Scene, model_file
 from myork.core.material import Material, stress
 from myork.errors import FileError, InstallationError
 from myork.model_file import write_model
@@ -81,11 +81,7 @@ def test_reads_what_was_written(sample: Path) -> None:
         assert_array_equal(results.field("label"), results.label)
         state, middle = results.restart(), results.restart(1)
         assert_array_equal(state.coefficients, opened.solve(error=False).x[-1])
-    assert (state.step, state.load, state.version) == (3, 1.0, __version__)
-    assert 'title = "sample"' in state.deck
-    axes = [np.linspace(0, size, 3) for size in (1, 2, 3)]
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    assert_allclose(np.sort(state.source, axis=0), np.sort(lattice, axis=0), atol=1e-12)
+    assert (state.step, state.load) == (3, 1.0)
     assert not np.array_equal(middle.coefficients, state.coefficients)
     assert middle.activation == pytest.approx(0.1, rel=1e-15)
 

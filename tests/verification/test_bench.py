@@ -19,7 +19,6 @@ from benchmarks.truths.measures import oscillation
 from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
 from myork.bench import BENCHES, run_benches
-from myork.bench.chapter_6 import LoadPath
 from myork.bench.dissertation import Run
 from myork.bench.materials import MUSCLE
 from myork.bench.page import write_page
@@ -131,12 +130,11 @@ SMALL_PATHS = {
 def test_a_path_reduced_either_way(deck: str) -> None:
     """Rows in full and in the span of the modes, by Cholesky and by QR, are one model."""
     words, modes, bounds = SMALL_PATHS[deck]
-    full_min = 1.0 if deck != "muscle_block" else None
-    path = LoadPath("", deck, (), modes, full_min=full_min)
-    found = RUNS["path"](Run("path", deck, words, path), silent)
+    kind = "path" if deck != "muscle_block" else "states"
+    found = RUNS[kind](Run(kind, deck, words, modes), silent)
     for r, bound in zip(modes, bounds, strict=True):
         assert found[str(r)]["e1"] < bound and found[f"unit {r}"]["e1"] < 2 * bound
-        if full_min:
+        if kind == "path":
             wanted = pytest.approx(found[str(r)]["e1"], rel=1e-2, abs=1e-6)
             assert found[f"span {r}"]["e1"] == wanted
     assert 0 < found["full"]["auto_min"] <= found["full"]["cpu_min"]

@@ -53,8 +53,11 @@ def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndar
     basis = np.asfortranarray((x @ vectors / np.sqrt(values))[:, ::-1][:, :modes])
     laws = projection.laws_of(scene)
     columns = projection.Columns.of([load_parts(scene)])
-    model, rows, total = projection.project(scene, galerkin_parts(scene), laws, basis, columns)
-    return projection.with_volume(model, rows, total, None), laws, basis
+    parts = galerkin_parts(scene)
+    model = projection.project(scene, parts, laws, basis, columns)
+    n = int(parts.polynomials.sum())
+    directions = projection.Directions(np.eye(n), np.zeros((n, 1)), (n,))
+    return projection.with_volume(model, parts, directions), laws, basis
 
 
 #: Two muscles, each with an activation, a strength and fibers of its own

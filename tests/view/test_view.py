@@ -271,10 +271,11 @@ def test_angles_of_fibers_move(tmp_path: Path) -> None:
 def test_curves_pass_through_the_state(answers: Answers) -> None:
     values = [0.4, 0.05, 30.0]
     facts = answers.state(values, "J").facts
-    for one in answers.curves(values, 0, [0, 1, 2]):
+    for one in (answers.curve(values, 0, k) for k in range(3)):
+        assert one is not None
         y = np.interp(values[one["parameter"]], one["x"], one["y"][0])
         assert y == pytest.approx(facts["probes"][0], rel=0.01)
-    families = answers.curves(values, 0, [0, 1, 2], family=True)
+    families = [answers.curve(values, 0, k, family=True) or {} for k in range(3)]
     assert [len(one["y"]) for one in families] == [5, 5, 5]
     assert families[1]["of"] == "load.activation" and families[0]["of"] == "boundary.z1.u_z"
     # more activation, more force

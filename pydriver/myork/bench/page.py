@@ -13,10 +13,10 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from myork.files import write_text
 from myork.report.figures import COLOURS, MARKERS
 from myork.report.frame import Page, Section, figure, table
-from myork.report.numbers import DASH, number
+from myork.report.numbers import number
 
 _RIVAL = "#777777"
-#: Letters of a sentence, which makes a column too wide
+#: Letters of a sentence
 _LONG = 44
 #: Axes shorter than this ratio of their ends have numbers between the powers of ten
 _FEW_DECADES = 300.0
@@ -69,28 +69,12 @@ def _about(text: str) -> Markup:
 
 
 def _table(entry: Mapping[str, Any]) -> Markup:
-    """A table; columns of sentences stand below the rows, where they are read without scrolling."""
+    """A table, with its columns on the left where there are sentences."""
     rows = [[_cell(value) for value in row] for row in entry["rows"]]
-    wordy = [
-        column
-        for column in range(1, len(entry["head"]))
-        if any(len(row[column]) > _LONG for row in rows)
-    ]
-    notes = [
-        Markup("<br>").join(
-            Markup("{}: {}").format(entry["head"][column], row[column])
-            for column in wordy
-            if row[column] not in ("", DASH)
-        )
-        for row in rows
-    ]
-    kept = [column for column in range(len(entry["head"])) if column not in wordy]
-    return table(
-        [entry["head"][column] for column in kept],
-        [[row[column] for column in kept] for row in rows],
-        entry["caption"],
-        notes if wordy else (),
-    )
+    wordy = any(len(cell) > _LONG for row in rows for cell in row[1:])
+    kind = ' class="facts"' if wordy else ""
+    shown = table(entry["head"], rows, entry["caption"])
+    return Markup("<div{}>{}</div>").format(Markup(kind), shown)
 
 
 def _cell(value: Any) -> str:

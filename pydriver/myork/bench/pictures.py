@@ -14,8 +14,9 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
+from myork.bench.page import draw_curves
+from myork.bench.tables import plot
 from myork.records import Labels
 from myork.report.figures import COLOURS
 from myork.types import F64, I32
@@ -174,31 +175,19 @@ def both_curves(records: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 def convergence(records: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Relative errors in L2 and H1 over source spacing and CPU time, by form."""
-    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    names = {"rates": "collocation, published", "auto": "default (Galerkin)"}
-    for number, (run, name) in enumerate(names.items()):
-        cases = records[run]["cases"]
-        for norm, dash, marker in (("L2", "-", "o"), ("H1", "--", "s")):
-            errors = [case["errors"][f"relative_{norm}"] for case in cases]
-            for axes, key in ((left, "h"), (right, "cpu_s")):
-                axes.loglog([case[key] for case in cases], errors, dash, marker=marker,
-                            color=COLOURS[number], label=f"{name}, {norm}")  # fmt: skip
-    left.set(xlabel="source spacing [unit of length of the deck]", ylabel="relative error [-]")
-    right.set(xlabel="CPU time of the whole run [s]")
-    for axes in (left, right):
-        axes.grid(which="both", color="#E5E5E5")
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        _ticks(axes)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4,
-                  frameon=False)  # fmt: skip
-    return figure
-
-
-def _ticks(axes: Axes) -> None:
-    """Numbers between powers of ten, where there are few of these."""
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    cases = [
+        {**case, "curve": f"{name}, {norm}", "error": case["errors"][f"relative_{norm}"]}
+        for run, name in (("rates", "collocation, published"), ("auto", "default (Galerkin)"))
+        for norm in ("L2", "H1")
+        for case in records[run]["cases"]
+    ]
+    axes = {
+        "h": "source spacing [unit of length of the deck]",
+        "cpu_s": "CPU time of the whole run [s]",
+    }
+    return draw_curves(
+        [plot("", (x, "relative error [-]"), cases, key, "error") for key, x in axes.items()]
+    )
 
 
 def _box_of(labels: Labels, k: int) -> list[tuple[float, float]]:

@@ -16,14 +16,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from myork.bench.chapter_6 import MODES, LoadPath
-from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Row, Run, Table
+from myork.bench.dissertation import MODES, TABLES, WITHOUT_NUMBERS, Row, Run, Table
 from myork.bench.linear import Study, study_rates
 from myork.bench.machine import machine
 from myork.bench.page import write_page
@@ -135,15 +135,10 @@ def by_slice(score: Record) -> dict[str, Any]:
     return record
 
 
-def _only(labels: Labels, numbers: Sequence[int]) -> Labels:
-    """Some labels as label 1."""
-    return replace(labels, data=np.isin(labels.data, numbers).astype(np.int32))
-
-
 def _gastrocnemius(labels: Labels) -> Labels:
     """The gastrocnemius as label 1, of which the truth of all muscles has the first number."""
     found = (n for n, name in labels.names.items() if name == "medial_gastrocnemius")
-    return _only(labels, [next(found, 1)])
+    return replace(labels, data=(labels.data == next(found, 1)).astype(np.int32))
 
 
 def _tissue(run: Run, progress: ProgressCallback) -> Record:
@@ -215,43 +210,40 @@ def _strong(scene: Scene) -> bool:
     return str(scene.deck["scene"]["method"]).startswith("rkcm")
 
 
-def _path(run: Run, progress: ProgressCallback) -> Record:
+def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Record:
     """Errors and times of a path of loads, full and by numbers of modes.
 
-    As published, rows are assembled in full and projected, and Cholesky's factor is taken; the full
-    model's time is that of an iteration by dense QR times their number. Beside them stand rows in
-    the span of the modes (`span`), modes of states of unit norm, also so (`unit`), and the time of
-    the full model by `auto`.
+    Rows are assembled in full and projected, and Cholesky's factor is taken. Beside them stand
+    modes of states of unit norm, with rows in their span (`unit`), and the time of the full model
+    by `auto`; beside those `published` rows in the span of the modes (`span`), and the time of the
+    full model by dense QR: that of an iteration times their number.
     """
-    path = run.more
-    assert isinstance(path, LoadPath)
+    assert isinstance(run.more, tuple)
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
-        if path.deck == "mg_muscle":
+        if run.deck == "mg_muscle":
             for station in (segment, build):
                 station(INPUTS / "mg_muscle.toml", Path(folder), overrides=_images(run), threads=1)
-        with Scene(INPUTS / f"{path.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
-            progress(f"{path.deck}: full model, {scene.dofs} unknowns")
+        with Scene(INPUTS / f"{run.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
+            progress(f"{run.deck}: full model, {scene.dofs} unknowns")
             before = time.process_time()
             states = scene.solve(error=False)
             auto = time.process_time() - before
             full = PathStates.of(scene, states.x, states.load)
             last = scene.probes(states.x[-1:], states.load[-1:])[0, :, 0]
-            names = [probe["name"] for probe in read_deck(path.deck, run.overrides)["probe"]]
+            names = [probe["name"] for probe in scene.deck["probe"]]
             modes, _ = proper_orthogonal_modes(states.x)
             alike, _ = proper_orthogonal_modes(unit_states(states.x))
             ways = {"": (modes, _strong(scene)), "unit ": (alike, False)}
-            if path.full_min:
+            if published:
                 ways["span "] = modes, False
             record: dict[str, Any] = {}
-            for (way, (basis, published)), r in product(ways.items(), path.modes):
-                progress(f"{path.deck}: {way}r = {r}")
-                record[f"{way}{r}"], _ = reduced_path(
-                    scene, full, basis[:, :r], published=published
-                )
-            progress(f"{path.deck}: an iteration by dense QR")
-            # last: the scene keeps its single load step
+            for (way, (basis, whole)), r in product(ways.items(), run.more):
+                progress(f"{run.deck}: {way}r = {r}")
+                record[f"{way}{r}"], _ = reduced_path(scene, full, basis[:, :r], published=whole)
             dense = auto
-            if path.full_min:
+            if published:
+                progress(f"{run.deck}: an iteration by dense QR")
+                # last: the scene keeps its single load step
                 dense = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
     for entry in record.values():
         entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
@@ -288,6 +280,7 @@ RUNS: dict[str, Callable[..., Record]] = {
     "fibers": _fibers,
     "motion": _motion,
     "path": _path,
+    "states": partial(_path, published=False),
 }
 
 
@@ -514,10 +507,6 @@ def _number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def _mark(row: Mapping[str, Any]) -> str:
-    return _number(row["ratio"], 3) + (" *" if row["far"] else "")
-
-
 def _heading(name: str) -> str:
     """`table 6.8` or `figure 5.2`."""
     return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
@@ -527,11 +516,12 @@ def _text(entry: Table, rows: Sequence[Mapping[str, Any]], out: Path) -> str:
     """A table as the command prints it and as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
     lines += ["```", *_runs_text(entry), "```", ""]
+    far = r" \*"
     lines += ["| row | published | ours | ratio | CPU [s] |"]
     lines += ["|---|---|---|---|---|"]
     lines += [
         f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
-        f"{_mark(row).replace('*', chr(92) + '*')} | {_number(row['cpu_s'], 3)} |"
+        f"{_number(row['ratio'], 3)}{far if row['far'] else ''} | {_number(row['cpu_s'], 3)} |"
         for row in rows
     ]
     for file, caption in _shown(entry, out):

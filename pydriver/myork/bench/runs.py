@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from myork.core.cloud import with_cloud
 from myork.core.deck import load_deck, text_of_tables
@@ -42,16 +42,12 @@ _KEPT = (
 )  # fmt: skip
 
 
-class Ending(NamedTuple):
-    """How a command ended."""
+def _run(words: Sequence[str | Path], limit: float) -> tuple[str, str, float]:
+    """Run a command with one thread; it is ended after a wall time of `limit` [s].
 
-    outcome: str  #: `done`, `not converged`, `refused`, `failed`, `crashed` or `time limit`
-    message: str  #: What it said on its error output, or its last lines
-    seconds: float  #: Wall time [s]
-
-
-def run_command(words: Sequence[str | Path], limit: float) -> Ending:
-    """Run a command with one thread; it is ended after a wall time of `limit` [s]."""
+    Returns outcome (`done`, `not converged`, `refused`, `failed`, `crashed` or `time limit`), what
+    it said on its error output, or its last lines, and wall time [s].
+    """
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     started = time.perf_counter()
     try:
@@ -66,14 +62,14 @@ def run_command(words: Sequence[str | Path], limit: float) -> Ending:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return Ending("time limit", f"not finished within {limit:g} s", limit)
+        return "time limit", f"not finished within {limit:g} s", limit
     seconds = time.perf_counter() - started
     outcomes = {0: "done", 1: "not converged", 2: "refused"}
     outcome = "crashed" if done.returncode < 0 else outcomes.get(done.returncode, "failed")
     message = done.stderr.strip() or "\n".join(done.stdout.strip().splitlines()[-2:])
     if done.returncode < 0:
         message = f"{signal.Signals(-done.returncode).name} {message}"
-    return Ending(outcome, message, seconds)
+    return outcome, message, seconds
 
 
 def read_deck(deck: Deck, overrides: Sequence[str] = ()) -> dict[str, Any]:
@@ -124,25 +120,28 @@ def solve_case(
             path.write_text(text_of_tables(tables), encoding="utf-8")
         else:
             path = _path_of(deck)
-        refusal = _refusal(Path(folder) / "model.h5", cloud)
         words: list[str | Path] = [find_executable(), path, "-o", folder, "-t", "1", "-q"]
         if not error:
             words.append("--no-error")
         for override in overrides:
             words += ["--set", override]
-        ending = refusal or run_command(words, limit)
+        try:
+            if cloud is not None:
+                write_model(Path(folder) / "model.h5", cloud)
+            outcome, message, seconds = _run(words, limit)
+        except InputError as error:
+            outcome, message, seconds = "refused", str(error), 0.0
         summary = readable_summary(Path(folder))
-        converged = summary.get("converged", False)
+        # an answer that is refused converged none the less, and its numbers are on record
+        if outcome == "done" or (outcome == "not converged" and summary.get("converged")):
+            outcome = "converged"
         seen = look(Path(folder)) if look and summary.get("steps") else {}
     case: dict[str, Any] = {
         "deck": deck.get("title") if isinstance(deck, Mapping) else path.stem,
         "overrides": list(overrides),
-        # an answer that is refused converged none the less, and its numbers are on record
-        "outcome": "converged"
-        if ending.outcome == "done" or (ending.outcome == "not converged" and converged)
-        else ending.outcome,
-        "message": ending.message,
-        "seconds": ending.seconds,
+        "outcome": outcome,
+        "message": message,
+        "seconds": seconds,
         **{key: summary[key] for key in _KEPT if key in summary},
     }
     case.update(seen)
@@ -159,16 +158,6 @@ def solve_case(
         kept = ("load", "activation", "iterations", "probes", "min_J", "max_J")
         case["history"] = [{key: step[key] for key in kept} for step in steps]
     return case
-
-
-def _refusal(path: Path, cloud: PointCloud | None) -> Ending | None:
-    """Write the points of a body; the ending of the run where they are refused already."""
-    if cloud is not None:
-        try:
-            write_model(path, cloud)
-        except InputError as error:
-            return Ending("refused", str(error), 0.0)
-    return None
 
 
 def outcome_text(case: Mapping[str, Any]) -> str:

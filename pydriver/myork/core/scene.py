@@ -16,7 +16,14 @@ from myork import _core, errors
 from myork.core.calls import Turn, answer, call_in_thread, listening
 from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
-from myork.core.deck import as_texts, check_deck, deck_values, load_deck, text_of_tables
+from myork.core.deck import (
+    NAME_OF_TABLES,
+    as_texts,
+    check_deck,
+    deck_values,
+    load_deck,
+    text_of_tables,
+)  # fmt: skip
 from myork.core.states import Fields, States, states_of
 from myork.records import PointCloud
 from myork.results import RestartState
@@ -85,11 +92,7 @@ class Scene:
           of the defaults of a muscle, or in those of the cloud.
         - `cloud`: points of the body, in place of a model file; the table `geometry` is left out
           then
-        - `overrides`: `"table.key=value"` each
-        - `out`: folder in which a model file that the tables name is looked for first
-        - `threads`: number of threads of a solve; default all cores
-        - `progress`: called with every line of a search for points
-        - raises InputError: the tables, the cloud or the points are wrong; the message says where
+        - `overrides`, `out`, `threads`, `progress`: as of `Scene`
 
         >>> from myork import Scene
         >>> n = [7, 7]
@@ -104,13 +107,27 @@ class Scene:
         """
         if cloud is not None:
             tables = with_cloud(tables, cloud)
-        deck = load_deck(tables, overrides, "solve")
-        if cloud is None:
-            cloud = model_of(deck, Path(), out)
-        else:
-            cloud = check_cloud(deck, cloud)
+        text = text_of_tables(tables)
+        return cls.from_text(
+            text, cloud, overrides=overrides, out=out, threads=threads, progress=progress
+        )
+
+    @classmethod
+    def from_text(
+        cls,
+        text: str,
+        cloud: PointCloud | None = None,
+        *,
+        overrides: Sequence[str] = (),
+        out: Path | None = None,
+        threads: int | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> "Scene":
+        """Open the scene of a deck's text; all else as of `from_tables`."""
+        deck = deck_values(NAME_OF_TABLES, text, overrides, "solve")
+        cloud = model_of(deck, Path(), out) if cloud is None else check_cloud(deck, cloud)
         scene = cls.__new__(cls)
-        scene._open(deck, text_of_tables(tables), overrides, cloud, threads, progress)
+        scene._open(deck, text, overrides, cloud, threads, progress)
         return scene
 
     def _open(

@@ -28,7 +28,7 @@ from myork.report.sketch import (
     shade_plane,
     views_of,
 )
-from myork.report.sources import Deformation
+from myork.report.sources import Body, Deformation
 from myork.results import ReducedFields
 from myork.types import F64, I32, Index
 
@@ -59,12 +59,13 @@ def surface_figure(
         body.shaded(getattr(deformation, name), title=titles[name], bar=" ")
         for name in ("size", "stress", "volume_ratio")
     ]
-    labels, fibers = _labels(deformation), _has_fibers(deformation)
+    labels, tissue = np.unique(deformation.label, return_inverse=True)
+    fibers = deformation.fiber.any()
     if fibers or len(labels) > 1:
         colours = [_TISSUES[k % len(_TISSUES)] for k in range(len(labels))]
         panels[2] = Panel(
-            points, points, deformation.surface, _tissues(deformation),
-            (-0.5, max(len(labels), 1) - 0.5, "neither"),
+            points, points, deformation.surface, tissue.astype(float),
+            (-0.5, len(labels) - 0.5, "neither"),
             ",".join(colours) if len(labels) > 1 else _PLAIN,
             _strokes(deformation, body.seen) if fibers else body.strokes,
             title="fibers and tissue, undeformed" if fibers else "tissue, undeformed",
@@ -76,7 +77,9 @@ def surface_figure(
         [panel._replace(view=views[0]), panel._replace(view=views[1], title="")] for panel in panels
     ]
     wide = half[0] > _WIDE * half[1]
-    figure, grid = board(cells if wide else list(zip(*cells, strict=True)), _length(units))
+    figure, grid = board(
+        cells if wide else list(zip(*cells, strict=True)), unit_of(units, "length")
+    )
     if panels[2].colours not in (body.colours, _PLAIN):
         named = [*tissues[: len(labels)], *(f"label {k}" for k in range(len(tissues), len(labels)))]
         grid[-1, -1].legend(
@@ -92,14 +95,10 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
 
     Both in one scale; their difference in its own, on the full model's body.
     """
-    none = np.empty(0)
     full, reduced = (
-        Deformation(
-            fields.points, fields.displacement[at], fields.stress[at], none, none, none,
-            fields.surface, np.empty((0, 3), np.int32),
-        )
+        Body(fields.points, fields.displacement[at], fields.stress[at], fields.surface)
         for at in (0, model + 1)
-    )  # fmt: skip
+    )
     cells = _compared((full, reduced), ("full", f"reduced, r = {fields.modes[model]}"), units)
     off = np.linalg.norm(reduced.displacement - full.displacement, axis=1)
     for row, wrong, of, low, colours in (
@@ -115,11 +114,11 @@ def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) 
                 bar=f"difference {unit}\nat most {_share(wrong, of)} of the largest",
             )
         )  # fmt: skip
-    return board(cells, _length(units))[0]
+    return board(cells, unit_of(units, "length"))[0]
 
 
 def _compared(
-    bodies: Sequence[Deformation], names: Sequence[str], units: Mapping[str, str]
+    bodies: Sequence[Body], names: Sequence[str], units: Mapping[str, str]
 ) -> list[list[Panel]]:
     """Displacement and stress of bodies, a column each, in one view and one scale of colours."""
     every = np.vstack([part for own in bodies for part in (own.points, own.moved)])
@@ -145,38 +144,18 @@ def _share(wrong: F64, of: F64) -> str:
     return rf"${digits}\cdot 10^{{{int(power)}}}$" if share > 0.0 else "0"
 
 
-def _length(units: Mapping[str, str]) -> str:
-    return units.get("length", "?")
-
-
 def _titles(units: Mapping[str, str]) -> dict[str, str]:
     """What stands beside a field of a body, by the name that `Deformation` gives it."""
     return {
-        "size": f"displacement |u| [{_length(units)}]",
+        "size": f"displacement |u| [{unit_of(units, 'length')}]",
         "stress": f"largest principal stress [{unit_of(units, 'stress')}]",
         "volume_ratio": "volume ratio J [-]",
         "fiber": "fibers and tissue",
     }
 
 
-def _has_fibers(deformation: Deformation) -> bool:
-    return deformation.fiber is not None and bool(np.any(deformation.fiber))
-
-
-def _labels(deformation: Deformation) -> list[int]:
-    return [] if deformation.label is None else np.unique(deformation.label).tolist()
-
-
-def _tissues(deformation: Deformation) -> F64:
-    """Place of the label of each point among all labels."""
-    if deformation.label is None:
-        return np.zeros(len(deformation.points))
-    return np.searchsorted(_labels(deformation), deformation.label).astype(float)
-
-
 def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
     """Fibers of points on the surface, thinned to an even distance, cut where the body ends."""
-    assert deformation.fiber is not None
     points = deformation.points
     own = seen[np.any(deformation.fiber[seen] != 0.0, axis=1)]
     own = own[_thinned(points[own], _reach(points))]
@@ -205,8 +184,8 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
         axes.plot(*points[rim_of(deformation.surface)].transpose(2, 1, 0), **RIM)
         _map(axes, deformation, kind, moved, deformation.surface, everything, (0, 1))
         axes.set_title(_titles(units)[kind], fontsize=10)
-        axes.set_xlabel(f"x [{_length(units)}]")
-    panels[0].set_ylabel(f"y [{_length(units)}]")
+        axes.set_xlabel(f"x [{unit_of(units, 'length')}]")
+    panels[0].set_ylabel(f"y [{unit_of(units, 'length')}]")
     return figure
 
 
@@ -215,8 +194,8 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
 
     Displacement, fibers, principal stresses.
     """
-    length = _length(units)
-    kinds = ("size", "fiber", "stress") if _has_fibers(deformation) else ("size", "stress")
+    length = unit_of(units, "length")
+    kinds = ("size", "fiber", "stress") if deformation.fiber.any() else ("size", "stress")
     sides = np.ptp(deformation.points, axis=0)
     heights = [min(3.4 * sides[b] / sides[a], 4.6) + 0.8 for a, b, _ in _PLANES]
     figure = Figure(figsize=(3.7 * len(kinds), sum(heights)), layout="constrained")
@@ -270,8 +249,8 @@ def _map(
     """
     few, own = _thinned(places, _reach(places)), list(plane)
     if kind == "fiber":
-        assert deformation.fiber is not None
-        _tissue(axes, places, triangles, _tissues(deformation)[kept])
+        tissue = np.unique(deformation.label, return_inverse=True)[1].astype(float)
+        _tissue(axes, places, triangles, tissue[kept])
         fibers = deformation.fiber[kept][few][:, own]
         draw_strokes(
             axes, places[few], fibers, _reach(places) / 1.2, width=0.008, color="#222222"
@@ -289,7 +268,7 @@ def _map(
     bar.ax.locator_params(nbins=6)
     if kind == "size":
         _arrows(axes, places, few, deformation.displacement[kept][:, own])
-    elif kind == "stress" and deformation.cauchy is not None:
+    elif kind == "stress":
         _crosses(axes, places[few], deformation.cauchy[kept][few][:, own][:, :, own])
 
 

@@ -95,6 +95,7 @@ def _draw_series(axes: Axes, own: Series, name: str, across: str, number: int | 
     shown = [step for step in own.steps if name in step.get("probes", {})]
     places = np.array([step.get(across) for step in shown], dtype=float)
     values = _as_columns([step["probes"][name] for step in shown])
+    bars = _as_columns([step.get("probe_errors", {}).get(name) for step in shown], values.shape[1])
     for part in range(values.shape[1]):
         kind = part if number is None else number
         dash = DASHES[part if number is None or values.shape[1] > 1 else number % len(DASHES)]
@@ -105,14 +106,13 @@ def _draw_series(axes: Axes, own: Series, name: str, across: str, number: int | 
             "markersize": 4, "label": word if number is None or part == 0 else "_", **own.look,
         }  # fmt: skip
         axes.plot(places, values[:, part], **look)
-        bars = _bars(shown, name, part)
+        value, bar = values[:, part], bars[:, part]
         if len(places) == 1:
-            axes.errorbar(places, values[:, part], bars, color=look["color"], capsize=5)
+            axes.errorbar(places, value, bar, color=look["color"], capsize=5)
         else:
             axes.fill_between(
-                places, values[:, part] - bars, values[:, part] + bars,
-                color=look["color"], alpha=0.2, linewidth=0,
-            )  # fmt: skip
+                places, value - bar, value + bar, color=look["color"], alpha=0.2, linewidth=0
+            )
 
 
 def rom_series(rom: Mapping[str, Any]) -> list[Series]:
@@ -139,24 +139,11 @@ def rom_series(rom: Mapping[str, Any]) -> list[Series]:
     return found
 
 
-def _as_columns(values: Sequence[Any]) -> F64:
+def _as_columns(values: Sequence[Any], width: int = 1) -> F64:
     """Numbers, lists of numbers and gaps as an array of shape `(n, components)`."""
-    width = max((len(value) for value in values if isinstance(value, list)), default=1)
-    table = np.full((len(values), width), np.nan)
-    for row, value in zip(table, values, strict=True):
-        if value is not None:
-            row[:] = value
-    return table
-
-
-def _bars(steps: Sequence[Mapping[str, Any]], name: str, part: int) -> F64:
-    """Estimated errors of one component of a probe, gaps where there are none."""
-    found = []
-    for step in steps:
-        value = step.get("probe_errors", {}).get(name)
-        parts = value if isinstance(value, list) else [value]
-        found.append(parts[part] if part < len(parts) else None)
-    return np.array(found, dtype=float)
+    width = max([width, *(len(value) for value in values if isinstance(value, list))])
+    rows = [np.broadcast_to(np.array(value, dtype=float), width) for value in values]
+    return np.array(rows).reshape(-1, width)
 
 
 def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:

@@ -78,14 +78,9 @@ def figure(picture: Figure | str, caption: str) -> Markup:
     )
 
 
-def table(
-    head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", notes: Sequence[str] = ()
-) -> Markup:
-    """A table; its first column names the rows, and none of its head is a table without a head.
-
-    Notes, one a row or none at all, stand below their rows, as wide as the table.
-    """
-    return render("table.html", head=head, rows=rows, caption=caption, notes=notes)
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Markup:
+    """A table; its first column names the rows, and none of its head is a table without a head."""
+    return render("table.html", head=head, rows=rows, caption=caption)
 
 
 def folded(summary: str, content: Markup) -> Markup:

@@ -1,10 +1,9 @@
-"""Figures of a segmentation: slices with contours and fibers, areas of the labels.
+"""Figures of a segmentation: slices with contours and fibers.
 
 Pictures are shown in the canonical frame (right, anterior, superior), whatever the order and the
 signs of the voxel axes in the file.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,9 +17,9 @@ from myork.files import write_figure
 from myork.imaging.geometry import canonical
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
-from myork.report.figures import COLOURS, DASHES, MARKERS
+from myork.report.figures import COLOURS
 from myork.report.sketch import draw_strokes
-from myork.types import F64, I32
+from myork.types import F64, I32, Mask
 
 #: What is shown around the labels [mm]
 _AROUND = 10.0
@@ -39,13 +38,8 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     seeds are given, from the corner of the image where that lies askew.
     """
     body = _Body.of(labels, image, fibers)
-    filled = np.flatnonzero(body.labels.any(axis=(0, 1)))
-    if not len(filled):
-        filled = np.arange(body.labels.shape[2])
     rows = np.flatnonzero(body.labels.any(axis=(0, 2)))
-    cuts = [
-        (2, int(k)) for k in filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)]
-    ]
+    cuts = [(2, k) for k in _axial(body.labels > 0)]
     cuts.append((1, int(np.median(rows)) if len(rows) else body.labels.shape[1] // 2))
 
     width, depth, height = np.array(body.labels.shape) * body.spacing
@@ -80,10 +74,7 @@ def map_figure(values: Image, name: str) -> Figure:
     """
     shown = canonical(values)
     known = shown.data > 0
-    filled = np.flatnonzero(known.any(axis=(0, 1)))
-    if not len(filled):
-        filled = np.arange(known.shape[2])
-    chosen = np.unique(filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)])
+    chosen = np.unique(_axial(known))
     top = float(np.percentile(shown.data[known], 99.0)) if known.any() else 1.0
     figure = Figure(figsize=(3.2 * len(chosen) + 1.0, 3.4), layout="constrained")
     panels = figure.subplots(1, len(chosen), squeeze=False)[0]
@@ -97,6 +88,12 @@ def map_figure(values: Image, name: str) -> Figure:
     panels[0].set_ylabel("anterior → [mm]")
     figure.colorbar(picture, ax=panels[-1], label=name)
     return figure
+
+
+def _axial(known: Mask) -> list[int]:
+    """Three axial slices among those that hold something, or among all."""
+    filled = np.flatnonzero(known.any(axis=(0, 1)) | (not known.any()))
+    return list(filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)].tolist())
 
 
 def draw_labels(folder: Path) -> list[Path]:
@@ -119,36 +116,6 @@ def draw_labels(folder: Path) -> list[Path]:
         return [*pictures, picture]
     picture.unlink(missing_ok=True)
     return pictures
-
-
-def area_figure(labels: Labels, energy: Sequence[float]) -> Figure:
-    """Cross-sectional area of each label along the stack, and the energy of the segmentation.
-
-    The energy [-] of each iteration is empty where it was not recorded.
-    """
-    shown = canonical(labels)
-    where, spacing = shown.data, shown.spacing
-    heights = _corner(shown)[2] + (np.arange(where.shape[2]) + 0.5) * spacing[2]
-    panels = 2 if len(energy) > 1 else 1
-    figure = Figure(figsize=(5.5 * panels, 3.4), layout="constrained")
-    axes = figure.add_subplot(1, panels, 1)
-    for number, label in enumerate(np.unique(where[where > 0]).tolist()):
-        area = (where == label).sum(axis=(0, 1)) * spacing[0] * spacing[1] / 100.0
-        axes.plot(
-            heights, area, DASHES[number % 4], color=COLOURS[(number + 1) % len(COLOURS)],
-            marker=MARKERS[number % len(MARKERS)], markersize=4, label=labels.label_name(label),
-        )  # fmt: skip
-    axes.set(xlabel="height z (superior →) [mm]", ylabel="cross-sectional area [cm²]")
-    axes.set_ylim(bottom=0.0)
-    axes.grid(color="#E5E5E5")
-    if axes.lines:
-        axes.legend(frameon=False, fontsize="small")
-    if panels == 2:
-        axes = figure.add_subplot(1, 2, 2)
-        axes.plot(np.arange(1, len(energy) + 1), energy, color=COLOURS[0])
-        axes.set(xlabel="iteration", ylabel="segmentation energy [-]")
-        axes.grid(color="#E5E5E5")
-    return figure
 
 
 def _corner(shown: Labels) -> F64:

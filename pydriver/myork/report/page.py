@@ -127,7 +127,7 @@ def _warnings(folder: RunFolder) -> list[str]:
 
 
 def _images(folder: RunFolder) -> Iterator[Markup]:
-    """Slices, areas, scores."""
+    """Slices and scores."""
     segmentation = folder.summary.get("segmentation", {})
     units = folder.summary.get("units", {})
     if folder.labels is not None:
@@ -137,11 +137,6 @@ def _images(folder: RunFolder) -> Iterator[Markup]:
             image_figures.slice_figure(folder.labels, image, fibers),
             "Slices of the image with the contour of each label and the fibers in the plane "
             "of the picture; a short stroke is a fiber that leaves the plane.",
-        )
-        yield figure(
-            image_figures.area_figure(folder.labels, segmentation.get("energy", [])),
-            "Cross-sectional area of each label along the stack, and the energy of the "
-            "segmentation where it was recorded.",
         )
     if segmentation:
         yield tables.label_table(segmentation, units)
@@ -190,7 +185,7 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
         yield figure(shown, Markup("{} {}").format(caption, _STROKES))
         return
     tissues = list(folder.summary.get("model", {}).get("volume", {}))
-    if deformation.label is None or len(tissues) != len(np.unique(deformation.label)):
+    if len(tissues) != len(np.unique(deformation.label)):
         materials = folder.summary.get("deck", {}).get("material", [])
         tissues = [str(own.get("name", "")) for own in materials]
     if not len(deformation.surface):

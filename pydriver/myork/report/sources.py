@@ -20,35 +20,22 @@ T = TypeVar("T")
 
 # Columns of history.csv that are no numbers
 _TEXTS = ("solver",)
-# Fields of a deformation that not every result file has
-_OTHERS = ("cauchy", "fiber", "label")
 
 
 @dataclass(frozen=True)
-class Deformation:
-    """Last state of a solve, and the way to it."""
+class Body:
+    """A state of a body."""
 
     points: F64  #: Undeformed points, shape `(np, 3)` [length]
-    displacement: F64  #: Displacement in the last step, shape `(np, 3)` [length]
-    #: Largest principal Cauchy stress in the last step, not a number where there is none: where J
-    #: <= 0, shape `(np,)` [force/length^2]
+    displacement: F64  #: Displacement, shape `(np, 3)` [length]
+    #: Largest principal Cauchy stress, not a number where there is none: where J <= 0, shape
+    #: `(np,)` [force/length^2]
     stress: F64
-    volume_ratio: F64  #: J in the last step, shape `(np,)` [-]
-    #: Load and activation of all steps, shape `(nstep,)` [-]
-    loads: F64
-    activations: F64
-    #: As in `Results`, without rows where they are not known
-    surface: I32
-    lattice: I32
-    #: Cauchy stress in the last step, shape `(np, 3, 3)` [force/length^2]
-    cauchy: F64 | None = None
-    #: Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-]
-    fiber: F64 | None = None
-    label: I32 | None = None  #: Label of the material of each point, shape `(np,)`
+    surface: I32  #: As in `Results`, without rows where it is not known
 
     @property
     def moved(self) -> F64:
-        """Places of the points in the last step, shape `(np, 3)` [length]."""
+        """Places of the points, shape `(np, 3)` [length]."""
         return self.points + self.displacement
 
     @property
@@ -60,6 +47,21 @@ class Deformation:
     def is_plane(self) -> bool:
         """Whether all points lie in the plane of x and y."""
         return not np.ptp(self.points[:, 2])
+
+
+@dataclass(frozen=True)
+class Deformation(Body):
+    """Last state of a solve, and the way to it."""
+
+    volume_ratio: F64  #: J, shape `(np,)` [-]
+    cauchy: F64  #: Cauchy stress, shape `(np, 3, 3)` [force/length^2]
+    #: Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-]
+    fiber: F64
+    label: I32  #: Label of the material of each point, shape `(np,)`
+    lattice: I32  #: As in `Results`, without rows where it is not known
+    #: Load and activation of all steps, shape `(nstep,)` [-]
+    loads: F64
+    activations: F64
 
 
 @dataclass(frozen=True)
@@ -154,17 +156,16 @@ def _read_deformation(path: Path) -> Deformation | None:
         displacement = results.field("u")
         if displacement.ndim == 1 or displacement.shape[1] == 1:
             return None
-        others: dict[str, Any] = {
-            name: results.field(name) for name in _OTHERS if name in results.fields
-        }
         return Deformation(
             points=results.points,
             displacement=displacement,
             stress=results.field("principal_stress")[:, 0],
+            surface=results.surface,
             volume_ratio=results.field("J"),
+            cauchy=results.field("cauchy"),
+            fiber=results.fiber,
+            label=results.label,
+            lattice=results.lattice,
             loads=results.loads,
             activations=results.activations,
-            surface=results.surface,
-            lattice=results.lattice,
-            **others,
         )

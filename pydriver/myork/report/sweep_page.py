@@ -4,7 +4,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,29 +32,20 @@ VERDICTS = {
 }
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of the table of a sweep."""
 
     #: Its head
     name: str
     unit: str
     values: list[Any]  #: A value a finished point; words for a key that takes words
-    errors: list[float]  #: Error bars; empty for a key
+    errors: Sequence[float] = ()  #: Error bars; empty for a key
 
     def numbers(self) -> F64 | None:
         """The values, or nothing where one is not a number."""
         if all(isinstance(v, int | float) and not isinstance(v, bool) for v in self.values):
             return np.array(self.values, float)
         return None
-
-    def largest_bar(self) -> float | None:
-        """Largest error bar, of the largest value."""
-        bars, size = np.array(self.errors, float), np.abs(np.array(self.values, float))
-        bars, size = bars[np.isfinite(bars)], size[np.isfinite(size)]
-        if not len(bars) or not len(size) or not size.max() > 0.0:
-            return None
-        return float(bars.max() / size.max())
 
 
 def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str]) -> Figure:
@@ -121,20 +112,16 @@ def read_sweep(path: Path) -> SweepFolder:
         names, points = [str(key) for key in head["keys"]], head["points"]
         found: dict[int, dict[str, Any]] = {}
         for line in lines:
-            try:
+            with suppress(ValueError, KeyError, TypeError):
                 row = json.loads(line)
                 found[int(row["point"])] = row
-            except (ValueError, KeyError, TypeError):
-                continue
         rows = [found[place] for place in sorted(found)]
         values = [points[row["point"]] for row in rows]
         about = {}
         if (path / "sweep.json").is_file():
             about = json.loads((path / "sweep.json").read_text(encoding="utf-8"))
         units = about.get("units") or {}
-        keys = [
-            Column(name, "", [value[j] for value in values], []) for j, name in enumerate(names)
-        ]
+        keys = [Column(name, "", [value[j] for value in values]) for j, name in enumerate(names)]
         asked = dict.fromkeys(name for row in rows for name in row["probes"])
         probes = [
             Column(
@@ -222,7 +209,11 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
     ]
     if sweep.left:
         lines.append(f"{sweep.left} points are not solved yet")
-    bars = [bar for probe in sweep.probes if (bar := probe.largest_bar()) is not None]
+    bars = [
+        _largest(probe.errors) / _largest(probe.values)
+        for probe in sweep.probes
+        if np.isfinite(probe.errors).any() and _largest(probe.values) > 0.0
+    ]
     if bars:
         lines.append(
             Markup("Error bars: {} % of the largest value at most").format(
@@ -230,6 +221,11 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
             )
         )
     yield Answer("Reliability", lines)
+
+
+def _largest(values: Sequence[float]) -> float:
+    """Size of the largest of the values that are numbers."""
+    return float(np.nanmax(np.abs(values), initial=0.0))
 
 
 def _trends(sweep: SweepFolder) -> Iterator[Markup]:

@@ -143,10 +143,6 @@ class CellErrors(NamedTuple):
     force: float
     u: float
 
-    def within(self, u: float, force: float) -> bool:
-        """Whether all states are found within these errors."""
-        return self.failed == 0 and self.u <= u and self.force <= force
-
 
 def cell_errors(
     rom: ReducedModel, setting: Setting, values: F64, answer: Answer, force: F64

@@ -1,11 +1,7 @@
 """Full solutions at parameters of a reduced model that is trained."""
 
-import shutil
-import tempfile
 import time
-import weakref
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +10,6 @@ from myork.core.changing import ChangingScene
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
-from myork.model_file import write_model
 from myork.records import PointCloud
 from myork.rom.marks import ACCEPTED, DOUBTFUL, LOST
 from myork.rom.parameters import Parameter
@@ -66,19 +61,12 @@ class FullModel:
         self._threads = threads
         self._at_values: ChangingScene | None = None
         self._own: dict[str, Any] = {}  # keys that a guess of the state changes
-        # an open scene reads its deck again where it takes other values
-        self._folder = Path(tempfile.mkdtemp(prefix="myork-"))
-        self._clean = weakref.finalize(self, shutil.rmtree, self._folder, True)
-        self._folder.joinpath("deck.toml").write_text(deck, encoding="utf-8")
-        if cloud is not None:
-            write_model(self._folder / "model.h5", cloud)
 
     def open(self, more: Sequence[str] = ()) -> Scene:
         """Open the scene with further overrides."""
-        if self.cloud is not None:
-            more = (*more, "geometry.file=model.h5")
-        path = self._folder / "deck.toml"
-        return Scene(path, [*self.overrides, *more], threads=self._threads)
+        return Scene.from_text(
+            self.text, self.cloud, overrides=[*self.overrides, *more], threads=self._threads
+        )
 
     def loads(
         self, parameters: Sequence[Parameter], more: Sequence[str] = ()

@@ -78,13 +78,10 @@ class ReducedState:
     def __init__(
         self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str]
     ) -> None:
-        def plain(value: Any) -> Any:
-            return value.tolist() if np.ndim(value) else float(value)
-
         self.parameters = parameters  #: Values by key
-        self.force = plain(batch.force[0])  #: The first force probe of the deck
+        self.force: Any = batch.force[0].tolist()  #: The first force probe of the deck
         #: Values of all probes that the model knows by name, and their units, empty for ratios
-        self.probes = {name: plain(value[0]) for name, value in batch.probes.items()}
+        self.probes = {name: value[0].tolist() for name, value in batch.probes.items()}
         self.probe_units = probe_units
         #: Estimated relative error of the displacement
         self.indicator = float(batch.indicator[0])
@@ -297,28 +294,14 @@ class ReducedModel:
         head, measured = ("parameter", "from", "to"), rest[len(self.parameters) :]
         return as_html(f"<b>{escape(first)}</b>", ranges, head, measured)
 
-    def solve(
-        self, *, indicator: bool = True, corrections: int | str = "converged", **values: float
-    ) -> ReducedState:
-        """The state of one set of parameters.
+    def solve(self, /, **values: float) -> ReducedState:
+        """The state of one set of parameters, with its estimated error.
 
-        - `indicator`: estimate the error; it doubles the cost
-        - `corrections`: Newton's iterations after the regression; 0 for the regression alone
         - `**values`: values by key or by the last word of a key; all parameters are needed
         - raises InputError: an unknown parameter, or one without a value
         """
-        return self.state(values, indicator=indicator, corrections=corrections)
-
-    def state(
-        self,
-        values: Mapping[str, float],
-        *,
-        indicator: bool = True,
-        corrections: int | str = "converged",
-    ) -> ReducedState:
-        """As `solve`, with the values in a mapping."""
         row = self.rows(values)
-        batch = self.batch(row, corrections=corrections, indicator=indicator)
+        batch = self.batch(row, indicator=True)
         named = {p.key: float(v) for p, v in zip(self.parameters, row[0], strict=True)}
         return ReducedState(named, batch, np.asarray(self._arrays["shapes"]), self.probe_units)
 
@@ -339,7 +322,9 @@ class ReducedModel:
         with np.errstate(over="ignore"):
             if not np.isfinite(values / self._scale).all():
                 raise InputError("values must be finite numbers, also in ranges of the training")
-        most = _iterations(corrections)
+        most = MOST_STEPS if corrections == "converged" else corrections
+        if not isinstance(most, int) or not 0 <= most <= MOST_STEPS:
+            raise InputError(f'corrections must be 0, 1, 2 or "converged", not {corrections!r}')
         guess = self._regression(values)
         start, forces = guess[:, : self.modes], guess[:, self._amplitudes.shape[1] :]
         conditions = self.conditions(values)
@@ -452,14 +437,6 @@ class ReducedModel:
 
 def _six_digits(value: Any) -> str:
     return ", ".join(f"{number:.6g}" for number in np.atleast_1d(value))
-
-
-def _iterations(corrections: int | str) -> int:
-    if corrections == "converged":
-        return MOST_STEPS
-    if isinstance(corrections, int) and 0 <= corrections < MOST_STEPS:
-        return corrections
-    raise InputError(f'corrections must be 0, 1, 2 or "converged", not {corrections!r}')
 
 
 def _cells(arrays: Mapping[str, Any], name: str) -> Cells:

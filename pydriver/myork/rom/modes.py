@@ -188,17 +188,16 @@ def _with_all_cells(
 ) -> tuple[Model, Model]:
     """Models of `r` and of all modes with all cells."""
     m, r = basis.modes.shape[1], basis.r
-    model, rows, total = projection.project(
+    model = projection.project(
         scene, setting.parts, setting.laws, basis.modes, setting.columns, setting.variants
     )
     given = setting.conditions(snapshots.values, snapshots.share).given
     states = np.hstack([basis.amplitudes, given])
     some = states[:: max(1, len(states) // 60)]
-    slopes = projection.volume_slopes(setting.parts, setting.variants)
     directions = projection.volume_directions(
-        model.cells, rows, total, slopes, some.T, m + MORE_VOLUME
+        model.cells, setting.parts, setting.variants, some.T, m + MORE_VOLUME
     )
-    finer = projection.with_volume(model, rows, total, directions)
+    finer = projection.with_volume(model, setting.parts, directions)
     s = finer.cells.h.shape[2]
     few = np.concatenate([np.arange(r), np.arange(m, s)])
     one = np.concatenate([[0], few + 1])

@@ -14,9 +14,10 @@ _POSSIBLE = (
 )
 #: Displacements that a condition prescribes
 PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
-#: Constants of the materials on which the energy depends linearly, beside K
-_MODULI = (
-    "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
+#: Keys of one material: those of its muscle, and moduli on which the energy depends linearly
+_OF_MATERIALS = (
+    "activation", "sigma_max", "fiber_angle",
+    "K", "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
 )  # fmt: skip
 
 
@@ -167,14 +168,14 @@ def ends_of(deck: Mapping[str, Any]) -> dict[str, set[float]]:
 
     The common activation has several where its muscles follow different amplitudes.
     """
-    last = {entry["name"]: float(entry["value"][-1]) for entry in deck.get("amplitude", [])}
+    last = {entry["name"]: float(entry["value"][-1]) for entry in deck["amplitude"]}
     found: dict[str, set[float]] = {}
-    for entry in deck.get("boundary", []):
+    for entry in deck["boundary"]:
         for key in PRESCRIBED:
             if key in entry:
                 own = f"boundary.{entry['set']}.{key}"
                 found.setdefault(own, set()).add(last.get(entry.get("amplitude"), 1.0))
-    for entry in deck.get("material", []):
+    for entry in deck["material"]:
         if entry["model"] == "muscle":
             own = f"material.{entry['name']}." if "activation" in entry else "load."
             name = entry.get("amplitude", deck["load"].get("amplitude"))
@@ -183,64 +184,50 @@ def ends_of(deck: Mapping[str, Any]) -> dict[str, set[float]]:
 
 
 def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
-    words = name.split(".")
-    if words[-1] == "activation":
-        return _activation(name, low, high, deck)
-    if words[0] == "boundary" and words[-1] in PRESCRIBED:
-        entries = deck.get("boundary", [])
-        if not any(b["set"] == words[1] and words[-1] in b for b in entries):
-            raise InputError(
-                f"{name}: the deck prescribes no such value; it has "
-                + ", ".join(
-                    f"boundary.{b['set']}.{u}" for b in entries for u in PRESCRIBED if u in b
-                )
-            )
-        kind = "rotation" if words[-1] == "rotation" else "load"
-        return Parameter(name, low, high, kind, ())
-    if (words[0] == "material" and len(words) == 3) or len(words) == 1:
-        return _of_material(name, low, high, deck)
-    raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")
-
-
-def _activation(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
-    """Activation of all muscles that have none of their own, or of one."""
-    materials = deck.get("material", [])
-    words = name.split(".")
-    muscles = [i for i, m in enumerate(materials) if m["model"] == "muscle"]
-    if low < 0 or high > 1:
+    table, *entry, key = ["", "", *name.split(".")][-3:]
+    if key == "activation" and (low < 0 or high > 1):
         raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
     if name in ("activation", "load.activation"):
-        common = tuple(i for i in muscles if "activation" not in materials[i])
+        common = tuple(
+            i
+            for i, m in enumerate(deck["material"])
+            if m["model"] == "muscle" and "activation" not in m
+        )
         if not common:
             raise InputError(f"{name}: no muscle of the deck takes the common activation")
         return Parameter("load.activation", low, high, "activation", common)
-    named = [i for i in muscles if words[1] == materials[i]["name"]]
-    if words[0] != "material" or not named:
-        raise InputError(f"{name}: the deck has no such muscle")
-    return Parameter(name, low, high, "activation", (named[0],))
-
-
-def _of_material(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
-    """A constant of one material."""
-    materials = deck.get("material", [])
-    words = name.split(".")
-    key = words[-1]
-    if key not in ("sigma_max", "fiber_angle", "K", *_MODULI):
+    if table == "boundary" and key in PRESCRIBED:
+        known = [f"boundary.{b['set']}.{u}" for b in deck["boundary"] for u in PRESCRIBED if u in b]
+        if name not in known:
+            raise InputError(
+                f"{name}: the deck prescribes no such value; it has {', '.join(known)}"
+            )
+        return Parameter(name, low, high, "rotation" if key == "rotation" else "load", ())
+    if table not in ("material", "") or key not in _OF_MATERIALS:
         raise InputError(f"{name}: a reduced model cannot vary it; {_POSSIBLE}")
-    named = [
+    return _of_material(name, entry[0], low, high, deck["material"])
+
+
+def _of_material(
+    name: str, entry: str, low: float, high: float, materials: Sequence[Mapping[str, Any]]
+) -> Parameter:
+    """A constant of the one material that has it, or of an entry by its name."""
+    key = name.rpartition(".")[2]
+    own = [
         i
         for i, m in enumerate(materials)
-        if m.get(key) is not None and (len(words) == 1 or words[1] == m["name"])
+        if entry in ("", m["name"])
+        and (m["model"] == "muscle" if key == "activation" else m.get(key) is not None)
     ]
-    if len(named) != 1:
+    if len(own) != 1:
         raise InputError(
             f"{name}: name one material that has it, as material.NAME.{key}; the deck has "
             + ", ".join(m["name"] for m in materials)
         )
-    if isinstance(materials[named[0]][key], str):
+    material = materials[own[0]]
+    if isinstance(material.get(key), str):
         raise InputError(f"{name}: it is an expression, a reduced model varies numbers")
     if key in ("sigma_max", "K", "mu") and low <= 0:
         raise InputError(f"{name}: {key} must be above 0, not {low}")
-    kind = key if key in ("sigma_max", "fiber_angle") else "modulus"
-    path = f"material.{materials[named[0]]['name']}.{key}"
-    return Parameter(path, low, high, kind, (named[0],))
+    kind = key if key in ("activation", "sigma_max", "fiber_angle") else "modulus"
+    return Parameter(f"material.{material['name']}.{key}", low, high, kind, tuple(own))

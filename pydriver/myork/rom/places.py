@@ -36,7 +36,6 @@ def place_arrays(
         return {}
     parts = setting.parts
     s, columns = model.cells.h.shape[2], modes.shape[1]
-    rows, total = projection.volume_rows(parts)
     roots = np.repeat(np.sqrt(parts.bulk), parts.polynomials)
     group = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
     order = np.concatenate([np.arange(count) for count in parts.polynomials])
@@ -65,7 +64,7 @@ def place_arrays(
     )
     slopes = np.zeros((len(probes), model.cells.bulk_slope.shape[1]))
     directions = projection.Directions(pressure, slopes, (len(probes),))
-    volume = projection.with_volume(model, rows, total, directions).volume
+    volume = projection.with_volume(model, parts, directions).volume
     # entries whose indices rise count
     at = np.sort(np.indices((s + 1,) * 3).reshape(3, -1), axis=0)
     forms = volume[at[0], at[1], at[2]].reshape(s + 1, s + 1, s + 1, -1)

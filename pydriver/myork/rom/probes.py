@@ -27,6 +27,15 @@ def places_of(probes: Sequence[Mapping[str, Any]], dimension: int) -> dict[str, 
     }
 
 
+def units_of(
+    probes: Sequence[Mapping[str, Any]], dimension: int, units: Mapping[str, str]
+) -> dict[str, str]:
+    """Unit of each number, by the names of `probe_columns`; `units` are by names of probes."""
+    return {
+        name: units[probe["name"]] for probe in probes for name in probe_columns(probe, dimension)
+    }
+
+
 def named_probes(scene: Scene, x: F64, load: F64) -> dict[str, Any]:
     """Probe values by name: a list of numbers, or of vectors."""
     values = scene.probes(x, load)
@@ -37,11 +46,6 @@ def named_probes(scene: Scene, x: F64, load: F64) -> dict[str, Any]:
             values[:, i, : scene.dimension] if vector else values[:, i, 0]
         ).tolist()
     return named
-
-
-def force_names(scene: Scene) -> list[str]:
-    """Names of the probes of forces."""
-    return [probe["name"] for probe in scene.deck["probe"] if "set" in probe]
 
 
 def is_stress(quantity: str) -> bool:

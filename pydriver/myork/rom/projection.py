@@ -158,13 +158,8 @@ def project(
     modes: F64,
     columns: Columns,
     variants: Sequence[Variant] = (),
-) -> tuple[Model, sparse.csr_matrix, F64]:
-    """The reduced model with all its cells, but without its volume.
-
-    - returns `model`: with an empty `volume`
-    - returns `rows, total`: change of volume of the groups from J at the points:
-      `rows @ J - total`, in roots of energy
-    """
+) -> Model:
+    """The reduced model with all its cells, but without its volume."""
     r = modes.shape[1]
     s = r + columns.force.shape[1]
     h = np.concatenate([modal_gradients(scene, modes), columns.given], axis=2)
@@ -182,7 +177,7 @@ def project(
             bulk_slope=np.stack([(o.local_bulk - cells.local_bulk) / v.step for v, o in pairs], 1),
             own_slope=np.stack([(o.own - cells.own) / v.step for v, o in pairs], axis=3),
         )
-    model = Model(
+    return Model(
         r,
         cells,
         np.asfortranarray(constant),
@@ -191,8 +186,6 @@ def project(
         np.zeros((0, slope.shape[2])),
         np.asfortranarray(laws.fibers.T),
     )
-    rows, total = volume_rows(parts)
-    return model, rows, total
 
 
 def _constant(scene: Scene, parts: GalerkinParts, modes: F64, columns: Columns) -> F64:
@@ -205,16 +198,9 @@ def _constant(scene: Scene, parts: GalerkinParts, modes: F64, columns: Columns) 
     return np.asarray(0.5 * (constant + constant.T))
 
 
-def with_volume(
-    model: Model, rows: sparse.csr_matrix, total: F64, directions: Directions | None
-) -> Model:
-    """Add the cubic form of the volume, of all groups or of some directions."""
-    if directions is None:
-        directions = Directions(
-            np.eye(rows.shape[0]),
-            np.zeros((rows.shape[0], model.volume_slope.shape[1])),
-            (rows.shape[0],),
-        )
+def with_volume(model: Model, parts: GalerkinParts, directions: Directions) -> Model:
+    """Add the cubic form of the volume in some directions."""
+    rows, total = volume_rows(parts)
     projected = np.ascontiguousarray(directions.basis.T @ rows)
     total = directions.basis.T @ total
     s = model.cells.h.shape[2]
@@ -234,23 +220,23 @@ def with_volume(
 
 
 def volume_directions(
-    cells: Cells, rows: sparse.csr_matrix, total: F64, slopes: F64, states: F64, kept: int
+    cells: Cells, parts: GalerkinParts, variants: Sequence[Variant], states: F64, kept: int
 ) -> Directions:
     """Directions in which volume changes along states, shape `(s, n)`.
 
-    `slopes` are derivatives of the factors on the energy of the rows, shape `(rows, nm)`; rows
-    that have the same ones are a block.
+    Rows whose factors on the energy follow moduli alike are a block.
     """
+    slopes = _volume_slopes(parts, variants)
     size = np.abs(slopes).max(axis=0)
     rounded = np.round(slopes / np.where(size > 0.0, size, 1.0), 9)
     block_of = np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
-    found = _changes(cells, rows, total, states)
+    found = _changes(cells, parts, states)
     columns, factors, blocks = [], [], []
     for block in range(block_of.max() + 1):
         own = np.flatnonzero(block_of == block)
         # in the order of their size, also where all are kept: smaller models take the first ones
         left = np.linalg.svd(found[own], full_matrices=False)[0][:, :kept]
-        wide = np.zeros((rows.shape[0], _eights(left.shape[1])))
+        wide = np.zeros((len(slopes), _eights(left.shape[1])))
         wide[own, : left.shape[1]] = left
         columns.append(wide)
         factors.append(np.tile(slopes[own[0]], (wide.shape[1], 1)))
@@ -258,8 +244,9 @@ def volume_directions(
     return Directions(np.hstack(columns), np.vstack(factors), tuple(blocks))
 
 
-def _changes(cells: Cells, rows: sparse.csr_matrix, total: F64, states: F64) -> F64:
+def _changes(cells: Cells, parts: GalerkinParts, states: F64) -> F64:
     """Changes of volume along states and their derivatives by the amplitudes."""
+    rows, total = volume_rows(parts)
     found = []
     h = cells.h.reshape(-1, cells.h.shape[2], order="F")
     columns = np.moveaxis(cells.h, 0, 1)
@@ -282,7 +269,7 @@ def _eights(count: int) -> int:
     return 8 * max(1, -(-count // 8))
 
 
-def volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64:
+def _volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64:
     """Derivatives of the factors on the energy of the rows by moduli, shape `(rows, nm)`."""
     own = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
     slopes = [(v.parts.bulk / parts.bulk - 1.0) / v.step for v in variants]
@@ -290,7 +277,7 @@ def volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64:
 
 
 def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64]:
-    """Change of volume of the groups from J at the points, `rows @ J - total`."""
+    """Change of volume of groups from J at points, in roots of energy: `rows @ J - total`."""
     row, column, value = [], [], []
     total: list[float] = []
     for g, count in enumerate(parts.polynomials):

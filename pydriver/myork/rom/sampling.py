@@ -13,7 +13,8 @@ from myork.core.online import Model, assemble
 from myork.rom.setting import Setting
 from myork.types import F64, I64
 
-#: Equations that stand for all in the cubature
+#: Random sums that stand for all equations in the cubature: the norm of a combination of cells is
+#: that of all equations within a few per cent
 SKETCH_ROWS = 900
 #: Part of the tolerance that few cells may add to the displacement, in the mean of the states
 _CELL_SHARE = 0.55
@@ -50,7 +51,8 @@ def sample_cells(
     cells. Forces have cells of their own, or all.
     """
     r = model.r
-    sketch = Sketch(len(model.cells.weight), SKETCH_ROWS, seed)
+    random = np.random.default_rng(seed)
+    rows = np.zeros((SKETCH_ROWS, len(model.cells.weight)))
     seen = list(_contributions(model, setting, values, amplitudes))
     sizes = np.array([np.linalg.norm(z[:r]) for _, _, z in seen])
     sizes = np.maximum(sizes, _LEAST * sizes.max())
@@ -58,10 +60,11 @@ def sample_cells(
         stiffness, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T)[:r, :r])
         stiffness = np.abs(stiffness)
         stiffness = np.maximum(stiffness, 1e-3 * np.median(stiffness))
-        sketch.add((vectors / stiffness).T @ work[:r] / size)
+        step = (vectors / stiffness).T @ work[:r] / size
+        rows += random.standard_normal((SKETCH_ROWS, r)) @ step / np.sqrt(SKETCH_ROWS)
     # as large as what is asked of all states: the size of the target is one a state
     volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
-    return few_cells(np.vstack([sketch.rows, volume]), _CELL_SHARE * tolerance, most)
+    return few_cells(np.vstack([rows, volume]), _CELL_SHARE * tolerance, most)
 
 
 def force_lifts(model: Model, setting: Setting, values: F64, amplitudes: F64) -> F64:
@@ -95,26 +98,6 @@ def sample_forces(
     stacked = np.vstack(rows)
     unit = np.abs(stacked.sum(axis=1)).max() or 1.0
     return few_cells(np.vstack([stacked / unit, volume]), 0.02 * tolerance, 600)
-
-
-class Sketch:
-    """Contributions of all cells to many equations, kept as random sums of a fixed number.
-
-    The norm of a combination of cells is that of all equations within a few per cent, at a memory
-    that does not grow with them.
-
-    - `cells`: number of cells
-    - `rows`: sums to keep
-    """
-
-    def __init__(self, cells: int, rows: int, seed: int) -> None:
-        self._random = np.random.default_rng(seed)
-        self.rows = np.zeros((rows, cells))
-
-    def add(self, contribution: F64) -> None:
-        """Add equations, shape `(equations, cells)`, whose targets are their sums."""
-        mixed = self._random.standard_normal((len(self.rows), len(contribution)))
-        self.rows += mixed @ contribution / np.sqrt(len(self.rows))
 
 
 def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:

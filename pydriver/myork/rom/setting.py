@@ -70,7 +70,7 @@ def make_setting(
     """
     base, units = full.loads(kinds)
     parts = galerkin_parts(scene)
-    probes = deck.get("probe", [])
+    probes = deck["probe"]
     sets = probe_sets(scene)
     loads = [base, *units]
     wanted: list[int] = []
@@ -109,8 +109,7 @@ def make_setting(
              "rows": rows, "index": index}
         )  # fmt: skip
     push = np.zeros((len(wanted), len(loads)))
-    for i, row in enumerate(pushes):
-        push[i, : len(row)] = row
+    push[:, : 1 + len(units)] = np.reshape(pushes, (len(wanted), 1 + len(units)))
     known = [entry["name"] for entry in entries]
     moduli = [p for p in kinds if p.kind == "modulus"]
     variants = []

@@ -15,7 +15,7 @@ from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import proper_orthogonal_modes, unit_states
-from myork.rom.probes import force_names, named_probes
+from myork.rom.probes import named_probes
 from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES, override_text
 from myork.types import F64
@@ -226,7 +226,7 @@ def reduced_path(
     best = PathStates.of(scene, full.x @ modes @ modes.T, full.load)
     forces = [
         largest_error(np.array(full.probes[name]), np.array(found.probes[name]))
-        for name in force_names(scene)
+        for name in (probe["name"] for probe in scene.deck["probe"] if "set" in probe)
     ]
     errors = {
         "e1": displacement_error(full.fields, found.fields),

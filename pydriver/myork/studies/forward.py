@@ -1,9 +1,8 @@
 """Answers for values of parameters: by a reduced model, or by full solves of an open scene."""
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,164 +13,22 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.rom.model import ReducedModel
 from myork.rom.parameters import numbers_in, numbers_of
-from myork.rom.probes import places_of
-from myork.types import F64, Mask
+from myork.rom.probes import places_of, units_of
+from myork.types import F64
 
 
-class Values(NamedTuple):
-    """Answers for many sets of parameters."""
+class Forward(NamedTuple):
+    """A model that answers for values of the keys asked for, others fixed."""
 
-    #: Scalars by name, those of vectors with their axis behind (`pull_x`), shape `(n,)` each
-    probes: dict[str, F64]
-    good: Mask  #: Whether a state was found, shape `(n,)`
-
-
-class Forward:
-    """A model that answers for values of the keys asked for, others fixed.
-
-    - `probes`, `dimension`, `units`: of the deck: its probes, and the unit of each by its name
-    - `key_of`: full name of a key of the deck
-    """
-
-    is_reduced = False  #: Whether a reduced model answers
-
-    def __init__(
-        self,
-        probes: Sequence[Mapping[str, Any]],
-        dimension: int,
-        units: Mapping[str, str],
-        key_of: Callable[[str], str],
-    ) -> None:
-        self.key_of = key_of
-        #: States asked for so far, and their processor time [s]
-        self.states, self.cpu_s = 0, 0.0
-        self._places = places_of(probes, dimension)
-        named = {name: probes[i] for name, (i, _) in self._places.items()}
-        #: Unit of each scalar, and those that are forces
-        self.units = {name: units[probe["name"]] for name, probe in named.items()}
-        self.forces = [name for name, probe in named.items() if "force" in probe["quantity"]]
-
-    def range_of(self, key: str) -> tuple[float, float] | None:
-        """Range of the training; none of a full model."""
-        return None
-
-    def ask(self, keys: Sequence[str], values: F64) -> Values:
-        """Answers for rows of values of the keys, shape `(n, len(keys))`."""
-        start = time.process_time()
-        found = self._answer(keys, values)
-        self.cpu_s += time.process_time() - start
-        self.states += len(values)
-        return found
-
-    def unknown(self, keys: Sequence[str]) -> list[str]:
-        """Keys that still need a value."""
-        return []
-
-    def close(self) -> None:
-        """Give back what is open; the file of a reduced model is closed already."""
-
-    def cost(self) -> dict[str, Any]:
-        """States and processor time so far."""
-        return {"states": self.states, "cpu_s": self.cpu_s, "by": "full solves"}
-
-    def _answer(self, keys: Sequence[str], values: F64) -> Values:
-        """What `ask` gives, without its count."""
-        raise NotImplementedError
-
-
-class _Reduced(Forward):
-    is_reduced = True
-
-    def __init__(self, path: Path, fixed: Sequence[str], threads: int) -> None:
-        self._rom = rom = ReducedModel.load(path, threads=threads)
-        super().__init__(rom.head["probes"], rom.head["dimension"], rom.probe_units, rom.key_of)
-        self._fixed = {rom.key_of(name): v for name, v in numbers_of(fixed).items()}
-
-    def range_of(self, key: str) -> tuple[float, float] | None:
-        return next((p.low, p.high) for p in self._rom.parameters if p.key == key)
-
-    def unknown(self, keys: Sequence[str]) -> list[str]:
-        return [p.key for p in self._rom.parameters if p.key not in {*keys, *self._fixed}]
-
-    def cost(self) -> dict[str, Any]:
-        full = self._rom.head["full_cpu_s"]
-        more = {"full_cpu_s_per_state": full, "full_cpu_s": full * self.states}
-        return {**super().cost(), "by": "the reduced model", **more}
-
-    def _answer(self, keys: Sequence[str], values: F64) -> Values:
-        given = {**self._fixed, **dict(zip(keys, values.T, strict=True))}
-        batch = self._rom.batch(self._rom.rows(given, len(values)))
-        return Values(batch.scalars(), batch.converged)
-
-
-class _Full(Forward):
-    def __init__(
-        self,
-        deck: Path,
-        overrides: Sequence[str],
-        out: Path | None,
-        threads: int | None,
-        progress: ProgressCallback,
-    ) -> None:
-        self._open = lambda more: Scene(deck, [*overrides, *more], out, threads=threads)
-        self._progress = progress
-        self._full = ChangingScene(self._open)
-        scene = self._full.scene
-        super().__init__(
-            scene.deck.get("probe", []), scene.dimension, scene.probe_units,
-            lambda name: deck_key(deck, name, overrides),
-        )  # fmt: skip
-        self._steps = scene.deck["load"]["steps"]
-        self._known: list[tuple[F64, F64]] = []
-        self._keys: tuple[str, ...] = ()
-
-    def close(self) -> None:
-        self._full.scene.close()
-
-    def _answer(self, keys: Sequence[str], values: F64) -> Values:
-        if tuple(keys) != self._keys:
-            if self._keys:
-                # values of keys that are not asked for any more are the deck's
-                self.close()
-                self._full = ChangingScene(self._open)
-            self._keys, self._known = tuple(keys), []
-        good = np.zeros(len(values), bool)
-        found = {name: np.full(len(values), np.nan) for name in self.units}
-        for i, row in enumerate(values):
-            try:
-                x = self._solve(row)
-            except ConvergenceError as reason:
-                place = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, row, strict=True))
-                self._progress(f"no state at {place}: {reason}")
-                continue
-            good[i] = True
-            value = self._full.scene.probes(x[None], np.ones(1))[0]
-            for name, at in self._places.items():
-                found[name][i] = value[at]
-            self._progress(f"solve {i + 1}/{len(values)}")
-        return Values(found, good)
-
-    def _solve(self, row: F64) -> F64:
-        """Unknowns of a state: from the nearest known one in one step, else from rest."""
-        changes = dict(zip(self._keys, (float(v) for v in row), strict=True))
-        starts: list[F64 | None] = [None]
-        if self._known:
-            rows = np.array([known for known, _ in self._known])
-            scale = np.maximum(np.ptp(np.vstack([rows, row]), axis=0), 1e-300)
-            near = int(np.argmin((((rows - row) / scale) ** 2).sum(axis=1)))
-            starts.insert(0, self._known[near][1])
-        for start in starts:
-            steps = {"load.steps": self._steps if start is None else 1}
-            scene = self._full.at({**changes, **steps})
-            try:
-                x = np.asarray(scene.solve(error=False, start=start).x[-1])
-            except ConvergenceError:
-                if start is None:
-                    raise
-                continue
-            self._known.append((row, x))
-            return x
-        raise AssertionError("the last start raises or returns")
+    by: str  #: What answers
+    units: dict[str, str]  #: Unit of each number of the probes
+    key_of: Callable[[str], str]  #: Full name of a key of the deck
+    #: Numbers of the probes by name, not a number where no state was found, shape `(n,)` each, for
+    #: keys, the same ones in every call, and their values, shape `(n, keys)`
+    ask: Callable[[Sequence[str], F64], dict[str, F64]]
+    close: Callable[[], None]
+    ranges: dict[str, tuple[float, float]]  #: Of the training by key; none of a full model
+    unfixed: Sequence[str] = ()  #: Keys that need a value in every call
 
 
 def open_forward(
@@ -189,35 +46,86 @@ def open_forward(
     """
     source = Path(source)
     if source.name.endswith(".h5"):
-        return _Reduced(source, fixed, threads or 0)
-    return _Full(source, fixed, out, threads, progress)
+        return _reduced(source, fixed, threads)
+    return _full(source, fixed, out, threads, progress)
 
 
-def ranges_of(
-    forward: Forward, items: Sequence[str], option: str
-) -> dict[str, tuple[float, float]]:
+def _reduced(path: Path, fixed: Sequence[str], threads: int | None) -> Forward:
+    rom = ReducedModel.load(path, threads=threads or 0)
+    own = {rom.key_of(name): value for name, value in numbers_of(fixed).items()}
+
+    def ask(keys: Sequence[str], values: F64) -> dict[str, F64]:
+        given = {**own, **dict(zip(keys, values.T, strict=True))}
+        batch = rom.batch(rom.rows(given, len(values)))
+        return {k: np.where(batch.converged, v, np.nan) for k, v in batch.scalars().items()}
+
+    units = units_of(rom.head["probes"], rom.head["dimension"], rom.probe_units)
+    ranges = {p.key: (p.low, p.high) for p in rom.parameters}
+    unfixed = [key for key in ranges if key not in own]
+    return Forward("the reduced model", units, rom.key_of, ask, lambda: None, ranges, unfixed)
+
+
+def _full(
+    deck: Path,
+    overrides: Sequence[str],
+    out: Path | None,
+    threads: int | None,
+    progress: ProgressCallback,
+) -> Forward:
+    full = ChangingScene(lambda more: Scene(deck, [*overrides, *more], out, threads))
+    scene = full.scene
+    probes, steps = scene.deck["probe"], scene.deck["load"]["steps"]
+    units = units_of(probes, scene.dimension, scene.probe_units)
+    places = places_of(probes, scene.dimension)
+    known: list[tuple[F64, F64]] = []
+
+    def state(changes: dict[str, float], row: F64) -> F64:
+        """Unknowns: from the nearest known state in one step, else from rest."""
+        if known:
+            rows = np.array([own for own, _ in known])
+            scale = np.maximum(np.ptp(np.vstack([rows, row]), axis=0), 1e-300)
+            near = int(np.argmin((((rows - row) / scale) ** 2).sum(axis=1)))
+            try:
+                once = full.at({**changes, "load.steps": 1})
+                return np.asarray(once.solve(error=False, start=known[near][1]).x[-1])
+            except ConvergenceError:
+                pass
+        return np.asarray(full.at({**changes, "load.steps": steps}).solve(error=False).x[-1])
+
+    def ask(keys: Sequence[str], values: F64) -> dict[str, F64]:
+        found = {name: np.full(len(values), np.nan) for name in units}
+        for i, row in enumerate(values):
+            changes = dict(zip(keys, row.tolist(), strict=True))
+            try:
+                x = state(changes, row)
+            except ConvergenceError as reason:
+                place = ", ".join(f"{key} = {value:.4g}" for key, value in changes.items())
+                progress(f"no state at {place}: {reason}")
+                continue
+            known.append((row, x))
+            value = full.scene.probes(x[None], np.ones(1))[0]
+            for name, at in places.items():
+                found[name][i] = value[at]
+        return found
+
+    return Forward(
+        "full solves", units, lambda name: deck_key(deck, name, overrides), ask,
+        lambda: full.scene.close(), {},
+    )  # fmt: skip
+
+
+def ranges_of(forward: Forward, items: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Ranges from texts `KEY=LOW:HIGH`, or `KEY` alone for the range of the training."""
     found = {}
     for item in items:
         name, ends = item.strip(), list[float]()
         if "=" in item:
-            name, ends = numbers_in(item, "KEY=LOW:HIGH", option)
+            name, ends = numbers_in(item, "KEY=LOW:HIGH", "--free")
         key = forward.key_of(name)
-        low, high = ends or forward.range_of(key) or (0.0, 0.0)
-        if not (np.isfinite([low, high]).all() and low < high):
-            raise InputError(f"{option} {item}: KEY=LOW:HIGH is needed, LOW below HIGH")
+        low, high = ends or forward.ranges.get(key, (0.0, 0.0))
+        if not low < high:
+            raise InputError(f"--free {item}: KEY=LOW:HIGH is needed, LOW below HIGH")
         if key in found:
-            raise InputError(f"{option} {item}: the key is named twice; give it once")
+            raise InputError(f"--free {item}: the key is named twice; give it once")
         found[key] = (low, high)
     return found
-
-
-def probe_of(forward: Forward, asked: str | None) -> str:
-    """Name of the scalar asked for, the first force by default."""
-    if asked is None:
-        if not forward.forces:
-            raise InputError(f"--probe: name one of {', '.join(forward.units) or 'none'}")
-        return forward.forces[0]
-    if asked not in forward.units:
-        raise InputError(f"--probe {asked}: there are {', '.join(forward.units)}")
-    return asked

@@ -1,6 +1,7 @@
 """Parameters that fit measured forces and displacements, with confidence intervals."""
 
 import csv
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -10,8 +11,7 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, FileError, InputError
-from myork.files import write_csv, write_figure, write_json
-from myork.report.numbers import labelled
+from myork.files import write_csv, write_json
 from myork.studies.forward import Forward, open_forward, ranges_of
 from myork.types import F64
 
@@ -53,21 +53,15 @@ def identify(
       errors. Without them all measurements of a probe are equally good, and the scatter about the
       fit says how good. Empty fields were not measured.
     - `free`: keys that are wanted, `KEY=LOW:HIGH` each; `KEY` takes the range of the training
-    - `out`: folder of `identify.json`, `.csv` (measured and fitted) and `.png`
+    - `out`: folder of `identify.json` and `.csv` (measured and fitted)
     - `fixed`: `KEY=VALUE` each: other parameters, or overrides of the deck
     - returns what `identify.json` holds: values with intervals, correlations, warnings
     - raises InputError: a key or the data are wrong
     - raises ConvergenceError: a state that the fit asks for could not be found
     """
     out = Path(out)
-
-    def failures(line: str) -> None:
-        # of the solves the fit says enough
-        if not line.startswith("solve "):
-            progress(line)
-
-    with closing(open_forward(source, fixed, threads, failures, out)) as forward:
-        ranges = ranges_of(forward, free, "--free")
+    with closing(open_forward(source, fixed, threads, progress, out)) as forward:
+        ranges = ranges_of(forward, free)
         if not ranges:
             raise InputError("name the parameters to fit: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
@@ -79,7 +73,6 @@ def identify(
         [*measured.keys, *(c for name in measured.names for c in (name, f"{name}_fitted"))],
         ([*c, *("" if np.isnan(x) else float(x) for x in np.ravel(v, "F"))] for c, *v in rows),
     )
-    _draw(forward, measured, fitted, out / "identify.png")
     write_json(out / "identify.json", summary)
     return summary
 
@@ -122,7 +115,7 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
             f"{path}: {', '.join(set(keys) & set(free))}: is fitted (--free) and has a column; "
             "leave one of them out"
         )
-    missing = forward.unknown([*keys, *free])
+    missing = [key for key in forward.unfixed if key not in {*keys, *free}]
     if missing:
         raise InputError(f"{path}: a column or --set is needed for {', '.join(missing)}")
     conditions = table[:, [head.index(name) for name in others]]
@@ -159,14 +152,17 @@ def _fit(
     size = np.sqrt(np.nanmean(data.values**2, axis=0))
     scale = data.errors if data.errors is not None else np.where(size > 0, size, 1.0)
     scale = np.broadcast_to(scale, data.values.shape)
+    cost: dict[str, Any] = {"states": 0, "cpu_s": 0.0, "by": forward.by}
 
     def model(shares: F64) -> F64:
         """Values of all measurements at shares of the ranges, from one on, shape `(n, m, k)`."""
         place = low + (high - low) * (np.atleast_2d(shares) - 1.0)
         rows = [np.hstack([data.conditions, np.tile(p, (len(data.values), 1))]) for p in place]
+        cost["states"] += len(place) * len(data.values)
+        start = time.process_time()
         found = forward.ask([*data.keys, *keys], np.concatenate(rows))
-        value = np.stack([found.probes[name] for name in data.names], axis=1)
-        value[~found.good] = np.nan
+        cost["cpu_s"] += time.process_time() - start
+        value = np.stack([found[name] for name in data.names], axis=1)
         return value.reshape(len(place), *data.values.shape)
 
     def residual(shares: F64) -> F64:
@@ -176,13 +172,13 @@ def _fit(
             place = low + (high - low) * (shares - 1.0)
             named = ", ".join(f"{k} = {v:.4g}" for k, v in zip(keys, place, strict=True))
             raise ConvergenceError(f"no state at {named}: narrow the ranges of --free")
-        if not forward.is_reduced:
-            spent = f"{forward.states} states, {forward.cpu_s:.1f} CPU s"
+        if not forward.ranges:
+            spent = f"{cost['states']} states, {cost['cpu_s']:.1f} CPU s"
             progress(f"{spent}: misfit {left @ left:.4g}")
         return left
 
     starts = np.full((1, len(keys)), 1.5)
-    if forward.is_reduced:
+    if forward.ranges:
         tried = 1.0 + qmc.Sobol(len(keys), seed=seed).random(_STARTS)
         off = ((model(tried) - data.values) / scale)[:, known]
         misfit = np.where(np.isfinite(off).all(axis=1), (off**2).sum(axis=1), np.inf)
@@ -237,7 +233,7 @@ def _fit(
         "largest_residual": float(np.abs(best.fun).max()),
         "residual_unit": "standard errors" if data.errors is not None else "rms of the probe",
         "warnings": warnings,
-        "cost": forward.cost(),
+        "cost": cost,
     }
     return summary, fitted
 
@@ -271,22 +267,3 @@ def _warnings(
     if near:
         found.append("another set of values fits almost as well: the data do not determine them")
     return found
-
-
-def _draw(forward: Forward, data: _Data, fitted: F64, path: Path) -> None:
-    """Fitted against measured values of each probe."""
-    from matplotlib.figure import Figure
-
-    count = len(data.names)
-    figure = Figure(figsize=(4.2 * count, 4), layout="constrained")
-    for k, axes in enumerate(figure.subplots(1, count, squeeze=False)[0]):
-        measured = data.values[:, k]
-        bars = None if data.errors is None else 1.96 * data.errors[:, k]
-        axes.errorbar(measured, fitted[:, k], xerr=bars, fmt="o", color="#0b5c96", ms=4)
-        ends = [np.nanmin(measured), np.nanmax(measured)]
-        axes.plot(ends, ends, color="#5b6875", lw=1)
-        unit = forward.units[data.names[k]]
-        axes.set_xlabel(labelled(f"{data.names[k]} measured", unit))
-        axes.set_ylabel(labelled("fitted", unit))
-        axes.spines[["top", "right"]].set_visible(False)
-    write_figure(path, figure)

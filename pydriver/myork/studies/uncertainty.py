@@ -3,7 +3,6 @@
 import shutil
 import time
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,14 +12,14 @@ from scipy.special import ndtr
 
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
+from myork.core.scene import Scene
 from myork.errors import ConvergenceError, FileError, InputError
-from myork.files import write_csv, write_figure, write_json
+from myork.files import write_csv, write_json
 from myork.imaging.io import read_labels, write_labels
 from myork.model_file import read_model
 from myork.records import Labels
-from myork.report.numbers import labelled
+from myork.rom.probes import places_of, units_of
 from myork.stations.build import build
-from myork.studies.forward import open_forward, probe_of
 from myork.tables import override_text
 from myork.types import F64, Mask
 
@@ -52,7 +51,7 @@ def uncertainty(
     by a random field along it; the model is rebuilt and solved for each map.
 
     - `deck`: deck of a model from labels: `build.labels`, or what `myork segment` left in `out`
-    - `out`: folder of `uncertainty.json`, `.csv` and `.png`
+    - `out`: folder of `uncertainty.json` and `.csv`
     - `doubt`: how the boundaries may be wrong
     - `samples`: perturbed maps; the map as it is comes first
     - `probe`: its name; the first one of a force by default
@@ -82,7 +81,7 @@ def uncertainty(
     fibers = deck.parent / table["fibers"] if "fibers" in table else own
     rng = np.random.default_rng(seed)
     rows: list[dict[str, Any]] = []
-    name, unit = probe, ""
+    name, unit = probe or "", ""
     for number in range(samples + 1):
         start = time.process_time()
         shift = doubt.bias + doubt.shift * rng.standard_normal()
@@ -104,12 +103,10 @@ def uncertainty(
         try:
             build(deck, folder, overrides=settings)
             row["volume"] = float(read_model(folder / "model.h5").volume.sum())
-            with closing(open_forward(deck, settings, threads, out=folder)) as forward:
-                answer = forward.ask([], np.zeros((1, 0)))
-            name = probe_of(forward, name)
-            unit = forward.units[name]
-            row["value"] = float(answer.probes[name][0])
-            row["message"] = "" if answer.good[0] else "no state was found"
+            with Scene(deck, settings, folder, threads) as scene:
+                name, unit, place = _probe_of(scene, probe)
+                state = scene.solve(error=False).x[-1:]
+                row["value"] = float(scene.probes(state, np.ones(1))[0][place])
         except ConvergenceError as reason:
             row["message"] = str(reason)
         row["cpu_s"] = time.process_time() - start
@@ -117,11 +114,10 @@ def uncertainty(
         shutil.rmtree(folder)
         found = row["message"] or f"{name} {row['value']:.4g}"
         progress(f"map {number}/{samples}: {found}")
-    summary = _summary(rows, doubt, name or "", seed)
+    summary = _summary(rows, doubt, name, seed)
     summary |= {"unit": unit, "units": dict(values["result_units"])}
     names = ["map", "shift", "volume", "value", "message", "cpu_s"]
     write_csv(out / "uncertainty.csv", names, ([row.get(n, "") for n in names] for row in rows))
-    _draw(rows, summary, out / "uncertainty.png")
     write_json(out / "uncertainty.json", summary)
     return summary
 
@@ -174,6 +170,17 @@ def _field(shape: tuple[int, ...], length: F64, rng: np.random.Generator) -> F64
     return np.asarray(field / max(float(field.std()), 1e-300))
 
 
+def _probe_of(scene: Scene, asked: str | None) -> tuple[str, str, tuple[int, int]]:
+    """Name, unit and place of the number asked for, the first of a force by default."""
+    probes = scene.deck["probe"]
+    places = places_of(probes, scene.dimension)
+    forces = (name for name, (i, _) in places.items() if "force" in probes[i]["quantity"])
+    name = asked or next(forces, "NAME")
+    if name not in places:
+        raise InputError(f"--probe {name}: there are {', '.join(places) or 'none'}")
+    return name, units_of(probes, scene.dimension, scene.probe_units)[name], places[name]
+
+
 def _summary(rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, seed: int) -> dict[str, Any]:
     value = np.array([row["value"] for row in rows])
     good = np.isfinite(value)
@@ -203,27 +210,3 @@ def _summary(rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, seed: int)
         "explained_by_volume": 1.0 - float(np.var(left)) / total if total > 0 else None,
         "cpu_s": float(sum(row["cpu_s"] for row in rows)),
     }
-
-
-def _draw(rows: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -> None:
-    """Values of the maps in order, and against their volumes."""
-    from matplotlib.figure import Figure
-
-    value = np.array([row["value"] for row in rows])
-    volume = np.array([row.get("volume", np.nan) for row in rows])
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.hist(value[1:][np.isfinite(value[1:])], bins="auto", color="#0b5c96")
-    left.axvline(value[0], color="#d55e00", label="the original map")
-    label = labelled(summary["probe"], summary["unit"])
-    left.set_xlabel(label)
-    left.set_ylabel("maps")
-    left.margins(y=0.2)
-    left.legend(frameon=False, loc="upper right")
-    right.plot(volume[1:], value[1:], "o", color="#0b5c96")
-    right.plot(volume[0], value[0], "o", color="#d55e00")
-    right.set_xlabel(labelled("volume", summary["units"]["volume"]))
-    right.set_ylabel(label)
-    for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    write_figure(path, figure)

@@ -29,7 +29,7 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, optional
 from myork.files import alone_in
 from myork.rom.model import ReducedModel
-from myork.rom.probes import places_of
+from myork.rom.probes import places_of, units_of
 from myork.stations.explain import explain_deck
 from myork.sweeps.plan import Plan, identity, make_plan
 from myork.sweeps.store import Store, has_parquet, read_head, read_points
@@ -42,6 +42,8 @@ _DIED = (
     "the process of this point ended (out of memory, or a script that calls a sweep outside "
     "`if __name__ == '__main__':`)"
 )
+#: Points that a dry run shows
+_SHOWN = 5
 #: How `myork explain` prints the time of a solve with its error bars
 _TIME = r"about ([\d.eE+-]+) CPU s"
 
@@ -109,12 +111,16 @@ def sweep(
         () if rom is None else [probe["name"] for probe in rom.head["probes"]],
     )  # fmt: skip
     if dry_run:
-        for line in (*_preview(plan), *_cost(plan, out, head)):
+        for point in plan.points[:_SHOWN]:
+            progress(f"  {', '.join(plan.settings(point))}")
+        if len(plan.points) > _SHOWN:
+            progress(f"  and {len(plan.points) - _SHOWN} more")
+        for line in _cost(plan, out, head):
             progress(line)
         return out / "sweep.csv"
     about = {
         "title": one["title"],
-        "units": _units(one),
+        "units": units_of(one["probe"], one["scene"]["dimension"], one["probe_units"]),
         "model": None if model is None else Path(model).name,
     }
     with alone_in(out):
@@ -146,12 +152,6 @@ def sweep(
     return table
 
 
-def _units(deck: Mapping[str, Any]) -> dict[str, str]:
-    """Unit of each column of the probes."""
-    names = places_of(deck["probe"], deck["scene"]["dimension"])
-    return {name: deck["probe_units"][deck["probe"][i]["name"]] for name, (i, _) in names.items()}
-
-
 def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
     """What all points cost: by those that are finished, else by the counts of the middle one."""
     count = len(plan.points)
@@ -177,14 +177,6 @@ def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _preview(plan: Plan) -> Iterator[str]:
-    shown = plan.points[:5]
-    for point in shown:
-        yield "  " + ", ".join(plan.settings(point))
-    if len(plan.points) > len(shown):
-        yield f"  and {len(plan.points) - len(shown)} more"
-
-
 def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
     """Solve a deck with overrides; what goes wrong is a message, not raised.
 
@@ -200,7 +192,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]
                 row["verdict"] = states.verdict
                 row["message"] = "; ".join(states.reasons)
                 values = scene.probes(states.x[-1:], states.load[-1:])[0]
-                for name, at in places_of(scene.deck.get("probe", []), scene.dimension).items():
+                for name, at in places_of(scene.deck["probe"], scene.dimension).items():
                     row["probes"][name] = float(values[at])
                     row["errors"][name] = float(states.probe_errors[-1][at])
             except ConvergenceError as ended:

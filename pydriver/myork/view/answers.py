@@ -14,9 +14,9 @@ from myork.errors import InputError, MyorkError
 from myork.rom.check import LEAST_FORCE
 from myork.rom.marks import LOST, NEAR_LOST
 from myork.rom.model import Batch, ReducedModel
+from myork.rom.parameters import value_of
 from myork.rom.probes import probe_columns
 from myork.summary import read_summary
-from myork.tables import decks_agree
 from myork.types import F64
 
 #: Fields by name, with a title and the kind of their unit
@@ -38,17 +38,16 @@ _LEAST = 0.1
 _ROUNDING = 1e-9
 #: Part of a range by which sliders go beyond it
 _BEYOND = 0.15
+#: Kinds of parameters that come first
+FIRST = {"activation": 0, "load": 1}
 #: Points of a curve, and curves of a family
 _POINTS, _CURVES = 31, 5
 #: Per cent of the values of sample states at either end that have the colour of the end: stresses
 #: of few places are many times those of all others
 _TAIL = 2.0
-#: Tables of a deck of which its states depend, and keys in them on which they do not
-_TABLES = (
-    "scene", "geometry", "approximation", "galerkin", "set", "material", "boundary", "load",
-    "amplitude",
-)  # fmt: skip
-_OTHER_KEYS = {"file", "steps", "at", "max_halvings", "essential"}
+#: A solve on the same points whose force differs by more than this from the model's is of another
+#: deck; models are trained to a tenth of it
+_SAME = 0.01
 
 
 class Shown(NamedTuple):
@@ -74,8 +73,9 @@ class Answers:
         points = self._full.scene.points()
         self._corners, renumbered = np.unique(self._full.scene.surface(), return_inverse=True)
         self.triangles = renumbered.reshape(-1, 3).astype(np.uint32)
-        self._rest = np.zeros((len(self._corners), 3))
-        self._rest[:, : points.shape[1]] = points[self._corners]
+        #: Undeformed corners of the surface, shape `(n, 3)` [length]
+        self.rest = np.zeros((len(self._corners), 3))
+        self.rest[:, : points.shape[1]] = points[self._corners]
         self.probes = self._probes()
         self.ranges, self._largest = self._ranges()
         self._bar = self._bar_of_force(path.parent)
@@ -85,11 +85,6 @@ class Answers:
 
     def __exit__(self, *_: object) -> None:
         self._full.scene.close()
-
-    @property
-    def rest(self) -> F64:
-        """Undeformed corners of the surface, shape `(n, 3)` [length]."""
-        return self._rest
 
     def about(self) -> dict[str, Any]:
         """What the page is built from."""
@@ -182,65 +177,39 @@ class Answers:
             "J": [_number(j.min()), _number(j.max())],
             "ms": 1e3 * took,
         }
-        return facts, self._rest + fields.u[self._corners], found
+        return facts, self.rest + fields.u[self._corners], found
 
-    def curves(
-        self, values: Sequence[float], probe: int, of: Sequence[int], *, family: bool = False
-    ) -> list[dict[str, Any]]:
-        """A probe along parameters through a state, or families of such curves.
+    def curve(
+        self, values: Sequence[float], probe: int, k: int, *, family: bool = False
+    ) -> dict[str, Any] | None:
+        """A probe along a parameter through a state, or a family of such curves.
 
         - `values`: the state
-        - `probe`: place in `probes`
-        - `of`: parameters
+        - `probe`, `k`: places in `probes` and among the parameters
         - `family`: curves at values of one other parameter, activation first, instead of that
-          through the state itself
-        - returns one a parameter: `x`, the values of what the curves differ in (`at`, none of the
-          curve through the state), its key, and `y`, shape `(curves, n)`; None where no state is
+          through the state itself; None where there is no other
+        - returns `x`, values `at` of the other parameter, its key `of`, and `y`, shape
+          `(curves, n)`; None where no state is
         """
         if not 0 <= probe < len(self.probes):
             raise InputError(f"probe {probe}: there are {len(self.probes)}")
-        found, rows = [], []
-        for k in of:
-            p = self.rom.parameters[k]
-            other = self._other(k) if family else None
-            if family and other is None:
-                continue
-            x = np.linspace(p.low, p.high, _POINTS)
-            at: list[float] = []
-            if other is not None:
-                ends = self.rom.parameters[other]
-                at = np.linspace(ends.low, ends.high, _CURVES).tolist()
-            for level in at or [0.0]:
-                row = np.tile(np.asarray(values, float), (_POINTS, 1))
-                if other is not None:
-                    row[:, other] = level
-                row[:, k] = x
-                rows.append(row)
-            found.append(
-                {"parameter": k, "x": x.tolist(), "at": at,
-                 "of": "" if other is None else self.rom.parameters[other].key}
-            )  # fmt: skip
-        if not rows:
-            return []
-        y = self.along(np.concatenate(rows), probe)
-        lines = iter(y[k : k + _POINTS] for k in range(0, len(y), _POINTS))
-        for one in found:
-            one["y"] = [next(lines) for _ in one["at"] or [0.0]]
-        return found
-
-    def along(self, rows: F64, probe: int) -> list[float | None]:
-        """A probe at rows of parameters; None where no state is."""
-        batch = self.rom.batch(rows)
-        y = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
-        return [_number(v) for v in y]
-
-    def _other(self, k: int) -> int | None:
-        """What the curves of a parameter's family differ in."""
-        kinds = [p.kind for p in self.rom.parameters]
-        others = [i for i in range(len(kinds)) if i != k]
-        others.sort(key=lambda i: ("activation", "load").index(kinds[i]) if kinds[i] in
-                    ("activation", "load") else 2)  # fmt: skip
-        return others[0] if others else None
+        every = self.rom.parameters
+        x = np.linspace(every[k].low, every[k].high, _POINTS)
+        at: list[float] = []
+        of = ""
+        rows = np.tile(np.asarray(values, float), (_CURVES if family else 1, _POINTS, 1))
+        rows[..., k] = x
+        if family:
+            others = sorted(set(range(len(every))) - {k}, key=lambda i: FIRST.get(every[i].kind, 2))
+            if not others:
+                return None
+            other = every[others[0]]
+            at, of = np.linspace(other.low, other.high, _CURVES).tolist(), other.key
+            rows[..., others[0]] = np.array(at)[:, None]
+        batch = self.rom.batch(rows.reshape(-1, rows.shape[2]))
+        found = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
+        y = [[_number(v) for v in line] for line in found.reshape(-1, _POINTS)]
+        return {"parameter": k, "x": x.tolist(), "at": at, "of": of, "y": y}
 
     def _fields(self, row: F64, amplitudes: F64) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""
@@ -293,22 +262,24 @@ class Answers:
 
     def _full_error(self, folder: Path, name: str) -> float | None:
         """Relative error bar of a force in the folder of the model; none where none is of it."""
-        apart = {*(p.key for p in self.rom.parameters), *_OTHER_KEYS}
+        scene = self._full.scene
         try:
             summary = read_summary(folder)
-            scene = self._full.scene
-            sizes = (summary["dofs"], summary["collocation_points"])
-            if sizes != (scene.dofs, scene.collocation_points) or not decks_agree(
-                summary["deck"], scene.deck, _TABLES, apart
-            ):
-                return None
             last = summary["steps"][-1]
-            size, error = (np.linalg.norm(last[k][name]) for k in ("probes", "probe_errors"))
-            judged = summary["converged"] and summary["verdict"]["state"] != "refused"
+            force, error = (np.asarray(last[k][name]) for k in ("probes", "probe_errors"))
+            row = [value_of(p, summary["deck"]) for p in self.rom.parameters]
+            off = np.linalg.norm(force - self.rom.batch(np.array([row])).probes[name][0])
+            of_it = (
+                (summary["dofs"], summary["collocation_points"])
+                == (scene.dofs, scene.collocation_points)
+                and off < _SAME * np.linalg.norm(force)
+                and summary["converged"]
+                and summary["verdict"]["state"] != "refused"
+            )
+            return float(np.linalg.norm(error) / np.linalg.norm(force)) if of_it else None
         except (MyorkError, LookupError, TypeError, AttributeError, ValueError):
             # another program may write into the folder: there is no bar then
             return None
-        return float(error / size) if judged and size > 0.0 else None
 
     def _ranges(self) -> tuple[dict[str, list[float]], float]:
         """Ranges of the colours: values at the ends of each parameter and in the middle.

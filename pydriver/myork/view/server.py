@@ -52,7 +52,14 @@ def serve(
       in it gets no answer
     - raises InputError: the port is in use
     """
-    with _server(port) as server, Answers(Path(path), threads) as server.answers:
+    try:
+        server = _Server(port)
+    except OSError as reason:
+        if reason.errno not in (errno.EADDRINUSE, errno.EACCES):
+            raise
+        taken = "is in use" if reason.errno == errno.EADDRINUSE else "is not allowed"
+        raise InputError(f"--port {port}: {taken}; name another, or none for a free one") from None
+    with server, Answers(Path(path), threads) as server.answers:
         progress(f"view: {server.address}  (Ctrl-C ends it)")
         if browser:
             webbrowser.open(server.address)
@@ -63,17 +70,6 @@ def serve(
         finally:
             # no answer is computed while the scene closes
             server.turn.shutdown(cancel_futures=True)
-
-
-def _server(port: int) -> "_Server":
-    """A server that has its port."""
-    try:
-        return _Server(port)
-    except OSError as reason:
-        if reason.errno not in (errno.EADDRINUSE, errno.EACCES):
-            raise
-        taken = "is in use" if reason.errno == errno.EADDRINUSE else "is not allowed"
-        raise InputError(f"--port {port}: {taken}; name another, or none for a free one") from None
 
 
 class _Refused(Exception):
@@ -191,11 +187,9 @@ def _curves(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
         raise InputError(f"of: numbers of parameters from 0 to {count - 1} are needed")
     values, (probe, *_) = _asked(asked, "p", float), _asked(asked, "probe", int)
     family = asked.get("family") == "1"
-    found = []
     # one by one: other clients have their turn in between
-    for k in of:
-        found += handler.computed(partial(answers.curves, values, probe, [k], family=family))
-    return "application/json", json.dumps(found).encode()
+    found = [handler.computed(partial(answers.curve, values, probe, k, family=family)) for k in of]
+    return "application/json", json.dumps([one for one in found if one]).encode()
 
 
 def _asked(asked: Asked, key: str, kind: Callable[[str], T]) -> list[T]:

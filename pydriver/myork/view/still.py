@@ -14,7 +14,7 @@ from myork.files import write_text
 from myork.report.frame import render
 from myork.rom.parameters import spread_points
 from myork.types import F64
-from myork.view.answers import FIELDS, Answers
+from myork.view.answers import FIELDS, FIRST, Answers
 
 #: Bytes of all states of a page at most, and their number
 MOST_BYTES, _MOST_STATES = 4_000_000, 400
@@ -55,10 +55,9 @@ def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent)
     """
     with Answers(path, threads) as answers:
         about, start = answers.about(), answers.start()
-        order = {"activation": 0, "load": 1}
         every = range(len(start))
-        sorted_ = sorted(every, key=lambda k: order.get(answers.rom.parameters[k].kind, 2))
-        stops, axes = _grid(path, sorted_, len(answers.rest))
+        order = sorted(every, key=lambda k: FIRST.get(answers.rom.parameters[k].kind, 2))
+        stops, axes = _grid(path, order, len(answers.rest))
         chosen = [answers.rom.parameters[k] for k in axes]
         levels = [np.linspace(p.low, p.high, stops) for p in chosen]
         states: list[dict[str, Any]] = []
