@@ -215,7 +215,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       imposed = self%damping%lambda
       call system_clock(clock)
       call find_step(problem, op, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
-         & factor, factored, it, error)
+         & factor, factored, it%solver, error)
       timer%solve = timer%solve + tick(clock)
       if (gave_up()) return
       if (returned) exit
@@ -227,7 +227,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end do
    x = a
    self%unstable = .false.
-   if (allocated(it%solver)) self%unstable = it%solver == 'lu' .and. it%indefinite
+   if (allocated(it%solver%used)) self%unstable = it%solver%used == 'lu' .and. it%solver%indefinite
    call self%damping%finish()
    if (now%saddles > 0) call recorder%note(saddle_text(now, load, norm2(r)), &
       & warning=.true.)

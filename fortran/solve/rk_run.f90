@@ -347,8 +347,8 @@ subroutine iteration(self, it)
    type(iteration_type), intent(in) :: it
 
    self%outcome%factored = .false.
-   if (allocated(it%solver)) self%outcome%factored = it%solver == 'cholesky' &
-      & .and. index(it%why, 'shift') == 0
+   if (allocated(it%solver%used)) self%outcome%factored = it%solver%used == 'cholesky' &
+      & .and. index(it%solver%why, 'shift') == 0
    call self%receiver%iteration(it)
 end subroutine iteration
 

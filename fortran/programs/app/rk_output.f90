@@ -181,12 +181,12 @@ subroutine iteration(self, it)
    character(len=300) :: line
 
    self%last = it
-   self%backward_error = max(self%backward_error, it%backward_error)
-   self%misfit = max(self%misfit, it%misfit)
-   self%rcond = min(self%rcond, it%rcond)
+   self%backward_error = max(self%backward_error, it%solver%backward_error)
+   self%misfit = max(self%misfit, it%solver%misfit)
+   self%rcond = min(self%rcond, it%solver%rcond)
    write (line, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
-      & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
+      & it%step_norm, it%min_j, it%max_j, it%solver%backward_error, it%solver%used, it%seconds
    call self%history%line(trim(line), error)
    call keep(self, error)
    call self%journal%add_text(is_line, trim(line), error)
@@ -194,9 +194,9 @@ subroutine iteration(self, it)
    write (line, '("  iteration ", i0, "  |r|  ", a, "  |A''r|  ", a, "  |da|  ", a, '// &
       & '"  J ", a, "..", a, "  ", a, "  ", a)') it%iteration, to_power(it%residual, 1), &
       & to_power(it%gradient, 1), to_power(it%step_norm, 1), to_text(it%min_j), &
-      & to_text(it%max_j), it%solver, to_power(it%backward_error, 0)
-   if (it%refinements > 0) line = trim(line)//' in ' &
-      & //to_text(it%refinements)//' iterations'
+      & to_text(it%max_j), it%solver%used, to_power(it%solver%backward_error, 0)
+   if (it%solver%iterations > 0) line = trim(line)//' in ' &
+      & //to_text(it%solver%iterations)//' iterations'
    call self%say(trim(line), level=1)
 end subroutine iteration
 
@@ -244,7 +244,7 @@ subroutine step(self, st, x)
       return
    else if (self%problem%linear) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
-         & '"  ", a, " s")') self%last%solver, to_power(st%gradient, 1), &
+         & '"  ", a, " s")') self%last%solver%used, to_power(st%gradient, 1), &
          & to_text(self%last%seconds, 3)
       call self%say(trim(line), level=0)
       return

@@ -63,9 +63,9 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
       call json%put('dimension', scene%cloud%nd)
       call json%begin_object('solver')
       call json%put('asked', scene%solver%linear)
-      if (allocated(output%last%solver)) then
-         call json%put('used', output%last%solver)
-         call json%put('why', output%last%why)
+      if (allocated(output%last%solver%used)) then
+         call json%put('used', output%last%solver%used)
+         call json%put('why', output%last%solver%why)
       end if
       call json%put('backward_error', output%backward_error)
       call json%put('misfit', output%misfit)
