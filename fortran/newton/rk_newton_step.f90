@@ -7,7 +7,7 @@ module rk_newton_step
    use rk_damping, only : damping_type
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_linalg
-   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
+   use rk_lstsq, only : lstsq_report, solve_lstsq
    use rk_operator, only : square_operator
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type
@@ -22,11 +22,10 @@ module rk_newton_step
 contains
 
 !> Step of the chosen matrix
-subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, predicted, factor, &
+subroutine find_step(problem, linear, load, a, r, g, damping, da, newton, predicted, factor, &
    & factored, report, error)
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   class(row_operator), intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
    !> Load [-]
@@ -62,7 +61,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       if (newton) then
          call problem%hessian(a, load, r, matrix)
       else
-         call op%normal(matrix)
+         call problem%linearised%normal(matrix)
       end if
       call solve_shifted(matrix, g, &
          & damping%method == 'full' .or. damping%lambda > 0.0_wp, &
@@ -83,7 +82,7 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       newton = newton .and. (shifted%positive .or. damping%lambda > 0.0_wp)
    end if
    if (problem%square .or. .not. (newton .or. damping%lambda > 0.0_wp)) then
-      call solve_equations(problem, op, linear, damping%lambda, -r, da, report, error, factor)
+      call solve_equations(problem, linear, damping%lambda, -r, da, report, error, factor)
       if (allocated(error)) return
       predicted = -0.5_wp*dot_product(g, da)
       if (problem%square) return
@@ -93,9 +92,9 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
 end subroutine find_step
 
 !> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
-subroutine solve_equations(problem, op, linear, shift, b, x, report, error, factor)
+subroutine solve_equations(problem, linear, shift, b, x, report, error, factor)
+   !> Problem, linearised
    class(problem_type), intent(in) :: problem
-   class(row_operator), target, intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
    !> Damping of square equations in units of the diagonal, >= 0 [-]
@@ -111,12 +110,12 @@ subroutine solve_equations(problem, op, linear, shift, b, x, report, error, fact
    type(envelope_type), intent(inout), optional :: factor
 
    if (problem%square) then
-      select type (op)
+      select type (op => problem%linearised)
       class is (square_operator)
          call op%solve_square(shift, b, x, report%square_report, error)
       end select
    else
-      call solve_lstsq(op, b, linear, x, report, error, factor)
+      call solve_lstsq(problem%linearised, b, linear, x, report, error, factor)
    end if
 end subroutine solve_equations
 
@@ -132,7 +131,6 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    type(timer_type), intent(inout) :: timer
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
-   class(row_operator), pointer :: op
    type(iteration_type) :: it
    type(evaluation_type) :: state
    real(wp), allocatable :: r(:), g(:)
@@ -144,13 +142,12 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    call system_clock(clock)
    call problem%start(x, 1.0_wp, .false.)
    call problem%evaluate(x, 1.0_wp, r, state, tangent=.true.)
-   op => problem%operator()
    timer%assemble = tick(clock)
-   call op%apply_transposed(r, g)
+   call problem%linearised%apply_transposed(r, g)
    first_gradient = max(norm2(g), tiny(1.0_wp))
    r = -r
    call system_clock(clock)
-   call solve_equations(problem, op, method, 0.0_wp, r, x, it%solver, error)
+   call solve_equations(problem, method, 0.0_wp, r, x, it%solver, error)
    timer%solve = tick(clock)
    if (allocated(error)) return
    ! comparisons that a NaN fails
@@ -160,7 +157,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
       return
    end if
    call problem%evaluate(x, 1.0_wp, r, state)
-   call op%apply_transposed(r, g)
+   call problem%linearised%apply_transposed(r, g)
    it%step = 1
    it%load = 1.0_wp
    it%iteration = 1
