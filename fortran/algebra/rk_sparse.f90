@@ -28,7 +28,7 @@ module rk_sparse
       !> A matrix was too far from a positive definite one to be solved with the factor of that
       logical :: far = .false.
    contains
-      procedure :: solve, has_order, cost
+      procedure :: solve, cost
       final :: free
    end type sparse_factor
 
@@ -62,10 +62,6 @@ module rk_sparse
          type(c_ptr), value :: handle
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
-      integer(c_int) function rk_sparse_ordered(handle) bind(c)
-         import :: c_int, c_ptr
-         type(c_ptr), value :: handle
-      end function rk_sparse_ordered
       real(c_double) function rk_sparse_cost(handle) bind(c)
          import :: c_double, c_ptr
          type(c_ptr), value :: handle
@@ -252,15 +248,9 @@ subroutine solve(self, x)
    if (allocated(self%position)) x = y(self%position)
 end subroutine solve
 
-!> Whether a solve has found an order of elimination for Cholesky
-logical function has_order(self)
-   class(sparse_factor), intent(in) :: self
-
-   has_order = rk_sparse_ordered(self%handle) /= 0
-end function has_order
-
 !> Solves with a factor of Cholesky that take as long as another one: its operations are those of a
-!> matrix product, which are faster than those of a solve, which reads the factor from memory
+!> matrix product, which are faster than those of a solve, which reads the factor from memory; 0
+!> where no order of elimination was found yet
 real(wp) function cost(self)
    class(sparse_factor), intent(in) :: self
 

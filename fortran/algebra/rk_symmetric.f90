@@ -385,7 +385,7 @@ subroutine solve_with(self, given, b, x, report, error)
    end if
    if (definite) then
       ! not allocated it is no argument
-      if (.not. self%kept%has_order()) order = unknowns_along(self)
+      if (.not. self%kept%cost() > 0.0_wp) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%row, given, .true., self%keeps, b, x, &
          & report%rcond, self%kept, error, order)
    end if

@@ -154,13 +154,7 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Whether a Cholesky factor has an order of elimination */
-int rk_sparse_ordered(const struct factor *f)
-{
-    return f && f->cholesky;
-}
-
-/* Operations of a Cholesky factor over those of a solve with it */
+/* Operations of a Cholesky factor over those of a solve with it; 0 where none has an order yet */
 double rk_sparse_cost(const struct factor *f)
 {
     return f && f->cholesky ? f->common.fl / (4 * f->common.lnz) : 0;
@@ -336,12 +330,6 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     (void)b, (void)x, (void)kept;
     *rcond = 0;
     return rk_missing;
-}
-
-int rk_sparse_ordered(const void *f)
-{
-    (void)f;
-    return 0;
 }
 
 double rk_sparse_cost(const void *f)

@@ -325,14 +325,9 @@ function numbers(values, digits) result(text)
    !> Digits of each
    integer, intent(in) :: digits
    character(len=:), allocatable :: text
-   integer :: i
 
    text = to_text(values(1), digits)
-   if (size(values) == 1) return
-   do i = 2, size(values)
-      text = text//', '//to_text(values(i), digits)
-   end do
-   text = '('//text//')'
+   if (size(values) > 1) text = to_text(values, digits)
 end function numbers
 
 logical function asked_to_stop(self)
