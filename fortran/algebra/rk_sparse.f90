@@ -239,7 +239,7 @@ subroutine solve(self, x)
    real(wp), allocatable :: y(:)
    type(threads_type) :: kept
 
-   y = x
+   allocate (y, source=x)
    if (allocated(self%position)) y(self%position) = x
    call hold_threads(kept)
    call rk_sparse_solve(self%handle, y)

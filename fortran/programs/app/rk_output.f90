@@ -65,8 +65,8 @@ module rk_output
       type(text_file), private :: history
       type(text_file), private :: log
       type(journal_type), private :: journal
-      !> Load steps that the journal has already
-      integer, private :: journaled = -1
+      !> Load steps that the journal has already; all where there is none
+      integer, private :: journaled = huge(1)
    contains
       procedure :: open => open_output, close => close_output, publish
       procedure :: iteration, step, stopped, loaded_states, say, note, tell_verdict
@@ -113,10 +113,8 @@ subroutine open_output(self, problem, folder, deck, resumed, error)
          & approximation_text(deck), version_text(), error)
       if (allocated(error) .or. problem%linear) return
       call self%journal%open(folder//journal_name, resumed%journal, error)
-      if (resumed%journal > 0) then
-         self%journaled = self%repeated
-         return
-      end if
+      self%journaled = merge(self%repeated, -1, resumed%journal > 0)
+      if (resumed%journal > 0) return
       call self%journal%add_text(is_deck, deck%text, error)
       call self%journal%add_text(is_overrides, deck%overrides, error)
       call self%journal%add_text(is_approximation, approximation_text(deck), error)
