@@ -21,7 +21,7 @@ module rk_lstsq
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_lapack, only : solve_pivoted_qr, solve_qr, solve_triangular
    use rk_memory, only : available_bytes
-   use rk_operator, only : factor_type, row_operator, shortest
+   use rk_operator, only : factor_type, row_operator, shortest, square_report
    use rk_precision, only : wp
    use rk_sparse, only : sparse_cholesky, sparse_factor, sparse_qr
    use rk_text, only : to_text
@@ -44,24 +44,15 @@ module rk_lstsq
       procedure :: solve
    end type dense_factor
 
-   !> What a solve did
-   type :: lstsq_report
-      !> Method used
-      character(len=13) :: used = ''
-      !> Why this method, where the ladder was left or a choice was made
-      character(len=:), allocatable :: why
-      !> Backward error: smallest relative change of A that makes x exact, upper bound [-]
-      real(wp) :: backward_error = 0.0_wp
+   !> What a solve did. The backward error is an upper bound of the smallest relative change of A
+   !> that makes x exact, rcond the smallest singular value of the column-scaled matrix over its
+   !> Frobenius norm
+   type, extends(square_report) :: lstsq_report
       !> Distance |A (x - x*)| to the best fit x* over the residual: what the light rows see of the
       !> errors where some rows are much heavier than others [-]
       real(wp) :: misfit = 0.0_wp
-      !> Reciprocal condition estimate: smallest singular value of the column-scaled matrix over
-      !> its Frobenius norm [-]
-      real(wp) :: rcond = 0.0_wp
       !> At the level of QR
       logical :: accepted = .false.
-      !> Refinement iterations
-      integer :: iterations = 0
    end type lstsq_report
 
    !> A solution is accepted below this backward error: what QR reaches, with room for the
@@ -100,7 +91,7 @@ subroutine solve_lstsq(op, b, method, x, report, error, factor)
    real(wp) :: work
 
    report%why = 'asked for'
-   report%used = method
+   report%used = trim(method)
    if (.not. any(solver_names == method)) then
       call fatal_error(error, err_input, 'unknown least squares solver '//trim(method))
    else if (op%m < op%n) then
@@ -155,9 +146,9 @@ subroutine fall_back(op, b, x, report, error)
    character(len=:), allocatable :: story
 
    if (allocated(error)) then
-      story = trim(report%used)//': '//error%message
+      story = report%used//': '//error%message
    else
-      story = trim(report%used)//' '//quality(report)
+      story = report%used//' '//quality(report)
    end if
    allocate (y(op%n))
    other%used = 'dgels'
@@ -169,13 +160,13 @@ subroutine fall_back(op, b, x, report, error)
       end if
    end if
    if (allocated(failure)) then
-      report%why = story//'; '//trim(other%used)//': '//failure%message
+      report%why = story//'; '//other%used//': '//failure%message
       if (.not. allocated(error)) return
       ! QR knows better what is wrong, but not where memory was
       if (failure%code /= err_linalg) failure%message = report%why
       call move_alloc(failure, error)
    else
-      report%why = story//'; '//trim(other%used)//' reached '//to_text(other%backward_error, 2)
+      report%why = story//'; '//other%used//' reached '//to_text(other%backward_error, 2)
       if (.not. (allocated(error) .or. other%misfit < report%misfit)) return
       if (allocated(error)) deallocate (error)
       other%why = report%why
@@ -358,7 +349,6 @@ subroutine solve_spqr(op, b, x, report, error)
    if (.not. allocated(error)) call check_columns(op, factor%scale, error)
    if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
    if (.not. allocated(error)) call judge(op, b, x, factor, report)
-   call factor%free()
 end subroutine solve_spqr
 
 !> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
@@ -384,7 +374,6 @@ subroutine solve_normal(op, b, x, dense, report, error)
       call sparse_cholesky(sparse, dense, error)
       if (allocated(dense%value)) deallocate (dense%value)
       if (.not. allocated(error)) call finish(sparse)
-      call sparse%free()
    else
       report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%share(), 2) &
          & //' % filled'

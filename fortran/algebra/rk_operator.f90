@@ -27,11 +27,11 @@ module rk_operator
       procedure :: unknown
    end type row_operator
 
-   !> What a solve with a square matrix reports
+   !> What a solve reports
    type :: square_report
       !> Method used, and why
       character(len=:), allocatable :: used, why
-      !> Iterations, 0 of a direct solve
+      !> Iterations, also of a refinement; 0 of a direct solve
       integer :: iterations = 0
       !> |A x - b| over |A| |x| + |b|; of an iteration the preconditioned residual it reached [-]
       real(wp) :: backward_error = 0.0_wp

@@ -9,6 +9,7 @@
 module rk_shifted
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_lapack, only : cholesky, reciprocal_condition, solve_triangular
+   use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -16,16 +17,13 @@ module rk_shifted
 
    public :: shifted_report, solve_shifted
 
-   !> What a solve did
-   type :: shifted_report
+   !> What a solve did; rcond is that of the scaled, shifted matrix in the 1-norm, the backward
+   !> error the relative residual of the scaled equations
+   type, extends(square_report) :: shifted_report
       !> Whether the matrix, with the shift wanted, is positive definite
       logical :: positive = .true.
       !> Fall of the quadratic model g.x + x.H x/2 along the step, > 0
       real(wp) :: predicted = 0.0_wp
-      !> Reciprocal condition estimate of the scaled, shifted matrix, 1-norm [-]
-      real(wp) :: rcond = 0.0_wp
-      !> Relative residual of the scaled equations [-]
-      real(wp) :: backward_error = 0.0_wp
    end type shifted_report
 
    !> First shift where none was wanted and the matrix is indefinite, growth, and the last one tried

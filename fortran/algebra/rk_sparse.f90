@@ -14,39 +14,25 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, kept_factor, sparse_cholesky, sparse_qr, solve_sparse
-   public :: solve_again_sparse, factor_upper
+   public :: sparse_factor, sparse_cholesky, sparse_qr, solve_sparse, factor_upper
 
-   !> A factor held by SuiteSparse
+   !> A factor held by SuiteSparse, with what factorisations of matrices with the same places of
+   !> entries have in common: the order of elimination and the places of the factor's entries. No
+   !> copies: each would give them back.
    type, extends(factor_type) :: sparse_factor
       type(c_ptr), private :: handle = c_null_ptr
-      !> Place of each unknown in the matrix that was factorised, shape (n)
+      !> Place of each unknown in the matrix that was factorised, where they have others, shape (n)
       integer, allocatable, private :: position(:)
-   contains
-      procedure :: solve, free
-   end type sparse_factor
-
-   !> What factorisations of matrices with the same places of entries have in common: the order of
-   !> elimination and the places of the factor's entries. No copies: each would give them back.
-   type :: kept_factor
-      type(c_ptr), private :: handle = c_null_ptr
       !> The last factor was one of Cholesky, and is there
       logical :: ready = .false.
       !> A matrix was too far from a positive definite one to be solved with the factor of that
       logical :: far = .false.
    contains
-      procedure :: has_order, cost
-      final :: free_kept
-   end type kept_factor
+      procedure :: solve, cost
+      final :: free
+   end type sparse_factor
 
    interface
-      integer(c_int) function rk_sparse_cholesky(n, start, row, value, handle) bind(c)
-         import :: c_double, c_int, c_int64_t, c_ptr
-         integer(c_int64_t), value :: n
-         integer(c_int64_t), intent(in) :: start(*), row(*)
-         real(c_double), intent(in) :: value(*)
-         type(c_ptr), intent(out) :: handle
-      end function rk_sparse_cholesky
       integer(c_int) function rk_sparse_qr(m, n, start, column, value, b, tol, x, rank, handle) &
          & bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
@@ -63,10 +49,11 @@ module rk_sparse
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: start(*), row(*)
-         real(c_double), intent(in) :: value(*), b(*)
+         real(c_double), intent(in) :: value(*)
          integer(c_int64_t), intent(in), optional :: order(*)
          integer(c_int), value :: definite, again
-         real(c_double), intent(inout) :: x(*)
+         real(c_double), intent(in), optional :: b(*)
+         real(c_double), intent(inout), optional :: x(*)
          real(c_double), intent(out) :: rcond
          type(c_ptr), intent(inout) :: kept
       end function rk_sparse_direct
@@ -75,10 +62,6 @@ module rk_sparse
          type(c_ptr), value :: handle
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
-      integer(c_int) function rk_sparse_ordered(handle) bind(c)
-         import :: c_int, c_ptr
-         type(c_ptr), value :: handle
-      end function rk_sparse_ordered
       real(c_double) function rk_sparse_cost(handle) bind(c)
          import :: c_double, c_ptr
          type(c_ptr), value :: handle
@@ -144,10 +127,8 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    real(wp), allocatable :: value(:)
    integer(i8) :: k, found
    type(threads_type) :: kept
-   integer :: j
    integer(c_int) :: stat
 
-   self%position = [(j, j=1, op%n)]
    call op%compressed(start, column, value)
    allocate (self%scale(op%n), source=0.0_wp)
    do k = 1, size(value, kind=i8)
@@ -183,13 +164,13 @@ subroutine factor_upper(self, n, start, row, value, error)
    !> Error handling: not positive definite, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
    type(threads_type) :: kept
-   integer :: j
+   real(wp) :: rcond
    integer(c_int) :: stat
 
-   self%position = [(j, j=1, n)]
-   call self%free()
+   call free(self)
    call hold_threads(kept)
-   stat = rk_sparse_cholesky(int(n, i8), start, row, value, self%handle)
+   stat = rk_sparse_direct(int(n, i8), start, row, value, definite=1_c_int, again=0_c_int, &
+      & rcond=rcond, kept=self%handle)
    call release_threads(kept)
    call complain(stat, error)
 end subroutine factor_upper
@@ -216,7 +197,7 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    !> Rough reciprocal condition [-]
    real(wp), intent(out) :: rcond
    !> What is left of factors of matrices with the same places of entries
-   type(kept_factor), intent(inout) :: kept
+   type(sparse_factor), intent(inout) :: kept
    !> Error handling: not positive definite, singular, no memory, no SuiteSparse
    type(error_type), allocatable, intent(out) :: error
    !> Unknowns less 1 in an order of elimination to be tried beside those that are found for
@@ -232,19 +213,6 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    call complain(stat, error)
    kept%ready = definite .and. .not. allocated(error)
 end subroutine solve_sparse
-
-!> Solve in place with the last factor, which was to stay
-subroutine solve_again_sparse(kept, x)
-   !> What is left of factors
-   type(kept_factor), intent(in) :: kept
-   !> Right hand side, replaced by the solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-   type(threads_type) :: threads
-
-   call hold_threads(threads)
-   call rk_sparse_solve(kept%handle, x)
-   call release_threads(threads)
-end subroutine solve_again_sparse
 
 !> What the shim's answer means
 subroutine complain(stat, error)
@@ -271,42 +239,29 @@ subroutine solve(self, x)
    real(wp), allocatable :: y(:)
    type(threads_type) :: kept
 
-   allocate (y(size(x)))
-   y(self%position) = x
+   allocate (y, source=x)
+   if (allocated(self%position)) y(self%position) = x
    call hold_threads(kept)
    call rk_sparse_solve(self%handle, y)
    call release_threads(kept)
-   x = y(self%position)
+   x = y
+   if (allocated(self%position)) x = y(self%position)
 end subroutine solve
 
-subroutine free(self)
-   class(sparse_factor), intent(inout) :: self
-
-   if (c_associated(self%handle)) call rk_sparse_free(self%handle)
-   self%handle = c_null_ptr
-end subroutine free
-
-!> Whether a solve has found an order of elimination for Cholesky
-logical function has_order(self)
-   class(kept_factor), intent(in) :: self
-
-   has_order = rk_sparse_ordered(self%handle) /= 0
-end function has_order
-
 !> Solves with a factor of Cholesky that take as long as another one: its operations are those of a
-!> matrix product, which are faster than those of a solve, which reads the factor from memory
+!> matrix product, which are faster than those of a solve, which reads the factor from memory; 0
+!> where no order of elimination was found yet
 real(wp) function cost(self)
-   class(kept_factor), intent(in) :: self
+   class(sparse_factor), intent(in) :: self
 
    cost = rk_sparse_cost(self%handle)/faster
 end function cost
 
-!> Give back what was kept
-subroutine free_kept(self)
-   type(kept_factor), intent(inout) :: self
+subroutine free(self)
+   type(sparse_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
    self%handle = c_null_ptr
-end subroutine free_kept
+end subroutine free
 
 end module rk_sparse

@@ -11,7 +11,7 @@ module rk_symmetric
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
-   use rk_sparse, only : kept_factor, solve_again_sparse, solve_sparse
+   use rk_sparse, only : solve_sparse, sparse_factor
    implicit none
    private
 
@@ -37,7 +37,7 @@ module rk_symmetric
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
       !> What the factors have in common
-      type(kept_factor), pointer, private :: kept => null()
+      type(sparse_factor), pointer, private :: kept => null()
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
       procedure :: let_go, add, product => product_with, add_skew
@@ -385,7 +385,7 @@ subroutine solve_with(self, given, b, x, report, error)
    end if
    if (definite) then
       ! not allocated it is no argument
-      if (.not. self%kept%has_order()) order = unknowns_along(self)
+      if (.not. self%kept%cost() > 0.0_wp) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%row, given, .true., self%keeps, b, x, &
          & report%rcond, self%kept, error, order)
    end if
@@ -514,7 +514,7 @@ subroutine solve_again(self, x)
    !> Right hand side, replaced by the solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
 
-   call solve_again_sparse(self%kept, x)
+   call self%kept%solve(x)
 end subroutine solve_again
 
 !> Solve the next equations by a factor of their own

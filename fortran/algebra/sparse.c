@@ -117,19 +117,6 @@ static int state(const cholmod_common *c)
     return c->status == CHOLMOD_OK ? rk_done : rk_singular;
 }
 
-/* Cholesky factor of a symmetric matrix given by its upper triangle in compressed columns */
-int rk_sparse_cholesky(int64_t n, int64_t *start, int64_t *row, double *value, struct factor **out)
-{
-    struct factor *f = *out = new_factor(n);
-    if (!f)
-        return rk_no_memory;
-    cholmod_sparse a = matrix(n, n, start, row, value, 1);
-    f->cholesky = cholmod_l_analyze(&a, &f->common);
-    if (f->cholesky)
-        cholmod_l_factorize(&a, f->cholesky, &f->common);
-    return state(&f->common);
-}
-
 /* Least squares solution with the R of a QR factorisation of an m x n matrix in compressed rows;
  * columns that add less than tol count as dependent, rank counts the others */
 int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
@@ -167,13 +154,7 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Whether a Cholesky factor has an order of elimination */
-int rk_sparse_ordered(const struct factor *f)
-{
-    return f && f->cholesky;
-}
-
-/* Operations of a Cholesky factor over those of a solve with it */
+/* Operations of a Cholesky factor over those of a solve with it; 0 where none has an order yet */
 double rk_sparse_cost(const struct factor *f)
 {
     return f && f->cholesky ? f->common.fl / (4 * f->common.lnz) : 0;
@@ -240,12 +221,13 @@ static void keep_permutation(struct factor *f, cholmod_sparse *a)
     free(number);
 }
 
-/* Factorise a matrix given by its upper triangle, with the order of elimination of the first one */
-static void factorise(struct factor *f, cholmod_sparse *a, int64_t *order)
+/* Factorise a matrix given by its upper triangle, with the order of elimination of the first one;
+ * others `follow` or not */
+static void factorise(struct factor *f, cholmod_sparse *a, int64_t *order, int follow)
 {
     if (!f->cholesky) {
         f->cholesky = cholmod_l_analyze_p(a, order, NULL, 0, &f->common);
-        if (f->cholesky && f->cholesky->is_super)
+        if (follow && f->cholesky && f->cholesky->is_super)
             keep_permutation(f, a);
     }
     if (!f->cholesky)
@@ -265,7 +247,8 @@ static void factorise(struct factor *f, cholmod_sparse *a, int64_t *order)
 /* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
  * order of elimination and the place of the factor are kept for further matrices of the pattern, LU
  * as a whole where the matrix is to be solved with again. Of the order that is given and those that
- * CHOLMOD finds, the one that fills least is taken. */
+ * CHOLMOD finds, the one that fills least is taken. Without b and x a matrix is only factorised, and
+ * no other one follows. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int64_t *order,
                      int definite, int again, const double *b, double *x, double *rcond,
                      struct factor **kept)
@@ -280,14 +263,14 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         return rk_no_memory;
     if (definite) {
         cholmod_sparse a = matrix(n, n, start, row, value, 1);
-        factorise(f, &a, order);
+        factorise(f, &a, order, b != NULL);
         int stat = state(&f->common);
-        if (stat == rk_done) {
+        if (stat == rk_done && b) {
             *rcond = cholmod_l_rcond(f->cholesky, &f->common);
             memcpy(x, b, (size_t)n * sizeof *x);
             rk_sparse_solve(f, x);
             stat = state(&f->common);
-        } else if (f->cholesky) {
+        } else if (stat != rk_done && f->cholesky) {
             /* half a factor only takes the room that LU needs */
             cholmod_l_change_factor(CHOLMOD_PATTERN, f->cholesky->is_ll, f->cholesky->is_super, 1,
                                     1, f->cholesky, &f->common);
@@ -330,13 +313,6 @@ void rk_sparse_free(void *f)
     (void)f;
 }
 
-int rk_sparse_cholesky(int64_t n, int64_t *start, int64_t *row, double *value, void **out)
-{
-    (void)n, (void)start, (void)row, (void)value;
-    *out = NULL;
-    return rk_missing;
-}
-
 int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
                  double tol, double *x, int64_t *rank, void **out)
 {
@@ -354,12 +330,6 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     (void)b, (void)x, (void)kept;
     *rcond = 0;
     return rk_missing;
-}
-
-int rk_sparse_ordered(const void *f)
-{
-    (void)f;
-    return 0;
 }
 
 double rk_sparse_cost(const void *f)

@@ -36,14 +36,14 @@ const char *rkf_output(const char *path, int keep, int *file)
    return finish(*file < 0);
 }
 
-/* A file with its first bytes kept, or a new one where `kept` is negative */
+/* A file with its first bytes kept, or a new one without any */
 const char *rkf_create(const char *path, int64_t kept, FILE **file)
 {
    int number;
-   const char *why = rkf_output(path, kept >= 0, &number);
+   const char *why = rkf_output(path, kept > 0, &number);
    *file = NULL;
    if (why) return why;
-   if (kept < 0 || (ftruncate(number, kept) == 0 && lseek(number, 0, SEEK_END) == kept))
+   if (kept == 0 || (ftruncate(number, kept) == 0 && lseek(number, 0, SEEK_END) == kept))
       *file = fdopen(number, "w");
    why = finish(*file == NULL);
    if (why) close(number);

@@ -30,7 +30,7 @@ module rk_json
       !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
       !> logical, a text or a list of these, on one line
       generic :: put => put_value, put_list, add_value, add_list
-      procedure :: put_json, text => text_so_far, save => save_json
+      procedure :: put_json, put_lines, text => text_so_far, save => save_json
       procedure, private :: put_value, put_list, add_value, add_list, item, append
    end type json_type
 
@@ -147,6 +147,25 @@ subroutine put_json(self, key, value)
    call self%item(key)
    call self%append(value)
 end subroutine put_json
+
+!> Lines of a text as a list of an object
+subroutine put_lines(self, key, text)
+   class(json_type), intent(inout) :: self
+   character(len=*), intent(in) :: key
+   !> Lines, each with its line feed
+   character(len=*), intent(in) :: text
+   integer :: first, length
+
+   call self%begin_array(key)
+   first = 1
+   do
+      length = index(text(first:), new_line('a'))
+      if (length == 0) exit
+      call self%put(text(first:first + length - 2))
+      first = first + length
+   end do
+   call self%end_array()
+end subroutine put_lines
 
 !> Values in brackets
 subroutine append_list(self, value)

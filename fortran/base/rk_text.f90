@@ -82,15 +82,17 @@ pure function to_power(value, decimals) result(text)
 end function to_power
 
 !> Text of a list of real numbers, as "(1, 2, 3)"
-pure function reals_text(values) result(text)
+pure function reals_text(values, digits) result(text)
    real(wp), intent(in) :: values(:)
+   !> Significant digits of each
+   integer, intent(in), optional :: digits
    character(len=:), allocatable :: text
    integer :: i
 
    text = '('
    do i = 1, size(values)
       if (i > 1) text = text//', '
-      text = text//real_text(values(i))
+      text = text//real_text(values(i), digits)
    end do
    text = text//')'
 end function reals_text

@@ -4,15 +4,15 @@
 !> then an earlier file stays as it was. Every write reaches the operating system at once, and a
 !> full disk is an error.
 module rk_text_file
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int64_t, c_null_char, &
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_null_char, &
       & c_null_ptr, c_ptr, c_size_t
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
+   use rk_precision, only : i8
    implicit none
    private
 
-   public :: text_file, save_text, load_text
-   public :: rkf_create, rkf_close, rkf_rename, rkf_write
+   public :: text_file, save_text, load_text, rkf_rename
 
    !> A file being written
    type :: text_file
@@ -25,6 +25,8 @@ module rk_text_file
       logical :: damaged = .false.
    contains
       procedure :: create, line, close => close_file, publish
+      !> Of a file that has its name from the start
+      procedure :: open => open_file, write => write_text, remove
    end type text_file
 
    !> files.c: null, or the reason of a failure as a C string
@@ -49,6 +51,10 @@ module rk_text_file
          import :: c_char, c_ptr
          character(kind=c_char), intent(in) :: from(*), to(*)
       end function rkf_rename
+      integer(c_int) function unlink(path) bind(c)
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+      end function unlink
    end interface
 
 contains
@@ -62,21 +68,52 @@ subroutine create(self, path, error)
 
    self%path = path
    self%damaged = .false.
-   call check(self, rkf_create(path//'.part'//c_null_char, -1_c_int64_t, self%handle), error)
+   call check(self, rkf_create(path//'.part'//c_null_char, 0_c_int64_t, self%handle), error)
    if (allocated(error)) error%message = self%path//'.part'//error%message(len(self%path) + 1:)
 end subroutine create
 
-!> Write a line
-subroutine line(self, text, error)
+!> Go on behind the first bytes of a file, or start it anew
+subroutine open_file(self, path, kept, error)
+   class(text_file), intent(inout) :: self
+   character(len=*), intent(in) :: path
+   !> Bytes that stay, 0 for a new file
+   integer(i8), intent(in) :: kept
+   type(error_type), allocatable, intent(out) :: error
+
+   self%path = path
+   call check(self, rkf_create(path//c_null_char, kept, self%handle), error)
+end subroutine open_file
+
+!> Write bytes
+subroutine write_text(self, text, error)
    !> Open file; nothing is written to another one
    class(text_file), intent(inout) :: self
-   !> Line
    character(len=*), intent(in) :: text
    type(error_type), allocatable, intent(out) :: error
 
    if (.not. c_associated(self%handle)) return
-   call check(self, rkf_write(self%handle, text//new_line('a'), len(text, c_size_t) + 1), error)
+   call check(self, rkf_write(self%handle, text, len(text, c_size_t)), error)
+end subroutine write_text
+
+subroutine line(self, text, error)
+   class(text_file), intent(inout) :: self
+   character(len=*), intent(in) :: text
+   type(error_type), allocatable, intent(out) :: error
+
+   call self%write(text//new_line('a'), error)
 end subroutine line
+
+!> Close a file that is needed no more, and remove it
+subroutine remove(self)
+   !> File; nothing happens to a closed one
+   class(text_file), intent(inout) :: self
+   type(error_type), allocatable :: ignored
+   integer(c_int) :: gone
+
+   if (.not. c_associated(self%handle)) return
+   call self%close(ignored)
+   gone = unlink(self%path//c_null_char)
+end subroutine remove
 
 !> Close; the file keeps its temporary name
 subroutine close_file(self, error)

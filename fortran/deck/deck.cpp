@@ -2,12 +2,8 @@
 #include "deck.h"
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <limits>
-#include <sstream>
 
 namespace rk {
 
@@ -50,24 +46,12 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
    namespace fs = std::filesystem;
    std::error_code ignored;
    std::string what;
-   std::ostringstream text;
-   if (fs::is_directory(path, ignored)) {
-      what = "is a folder; name the deck inside it";
-   } else if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored)) {
-      // opening a pipe would wait for its other end
-      what = "the deck cannot be read: it is not a regular file";
-   } else {
-      std::ifstream file(path, std::ios::binary);
-      if (!file) {
-         what = std::string("the deck cannot be read: ") + std::strerror(errno);
-         if (!fs::exists(path, ignored))
-            what += similar_file(path);
-      } else {
-         text << file.rdbuf();
-      }
-   }
-   if (what.empty())
-      return Deck(path, text.str(), std::move(overrides));
+   const std::optional<std::string> text = read_bytes(path, what);
+   if (text)
+      return Deck(path, *text, std::move(overrides));
+   what = fs::is_directory(path, ignored) ? "is a folder; name the deck inside it" : "the deck cannot be read: " + what;
+   if (!fs::exists(path, ignored))
+      what += similar_file(path);
    Deck deck(path);
    deck.status = Status::file;
    deck.message = path + ": " + what;
@@ -106,7 +90,7 @@ void Deck::require(const std::string &command) {
    if (status != Status::good)
       return;
    for (const TableSpec &spec : schema()) {
-      const bool needed = std::count(spec.needed_by.begin(), spec.needed_by.end(), command) > 0;
+      const bool needed = is_one_of(command, spec.needed_by);
       // the table without a name is the top of the deck
       const bool replaced = !spec.not_beside.empty() && !entries(spec.not_beside).empty();
       if (needed && entries(spec.name).empty() && !replaced)

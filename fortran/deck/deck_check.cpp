@@ -72,7 +72,7 @@ static std::string refusal(const KeySpec &key, const Value &value) {
              std::to_string(value.text.size());
    if (!key.choices.empty() && !(key.or_number && number)) {
       const std::string word = value.plain();
-      if (std::find(key.choices.begin(), key.choices.end(), word) == key.choices.end()) {
+      if (!is_one_of(word, key.choices)) {
          return "must be " + std::string(key.choices.size() > 1 ? "one of " : "") +
                 join(key.choices, ", ") + ", not " + value.described() +
                 suggest(word, key.choices, "");
@@ -170,8 +170,7 @@ static const Condition *failing(const Deck &deck, const Section &section,
       const std::string value = deck.lookup(section, condition.key);
       if (value.empty() && unknown)
          continue;
-      const auto &list = condition.values;
-      if (std::find(list.begin(), list.end(), value) == list.end())
+      if (!is_one_of(value, condition.values))
          return &condition;
    }
    return nullptr;

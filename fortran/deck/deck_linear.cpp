@@ -1,16 +1,9 @@
 // Linear problems: what their tables may hold, and what must fit together.
 #include "deck.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace rk {
-
-using Words = std::vector<std::string>;
-
-static bool is_one_of(const std::string &word, const Words &list) {
-   return std::find(list.begin(), list.end(), word) != list.end();
-}
 
 // Without [linear] nothing may be there that only linear problems have
 static void check_without(Deck &deck) {

@@ -4,12 +4,9 @@
 
 #include "expression.h"
 
-#include <cerrno>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 
 namespace rk {
@@ -84,20 +81,13 @@ static std::optional<std::string> bytes_of(Deck &deck, const Section &section, c
    const Value &file = *section.find(key);
    const std::string path = (fs::path(deck.folder) / file.text).string();
    std::error_code ignored;
-   std::ifstream stream;
-   // opening a pipe would wait for its other end
-   if (fs::is_regular_file(path, ignored))
-      stream.open(path, std::ios::binary);
-   if (!stream.is_open()) {
+   std::string why;
+   std::optional<std::string> bytes = read_bytes(path, why);
+   if (!bytes)
       deck.refuse(section, key,
                   quoted(file.text) + " cannot be read: " +
-                     (fs::exists(path, ignored) ? "it is not a regular file"
-                                                : "there is no such file in " + deck.folder));
-      return std::nullopt;
-   }
-   std::ostringstream text;
-   text << stream.rdbuf();
-   return text.str();
+                     (fs::exists(path, ignored) ? why : "there is no such file in " + deck.folder));
+   return bytes;
 }
 
 static void fill_from_file(Deck &deck, Section &table, const Value &file, std::string &contents) {

@@ -5,9 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <sstream>
 
 namespace rk {
 
@@ -21,6 +25,10 @@ std::string join(const std::vector<std::string> &words, const char *separator) {
 bool is_blank(const std::string &text) {
    // the last three are a byte order mark
    return text.find_first_not_of(" \t\r\n\xef\xbb\xbf") == std::string::npos;
+}
+
+bool is_one_of(const std::string &word, const std::vector<std::string> &list) {
+   return std::find(list.begin(), list.end(), word) != list.end();
 }
 
 std::string shown(const std::string &word) {
@@ -102,6 +110,23 @@ std::string unknown_key(const TableSpec &table, const std::string &key) {
          return "unknown key; " + quoted(key) + " belongs to " + other.title();
    }
    return "unknown key" + suggest(key, known, "known keys are:");
+}
+
+std::optional<std::string> read_bytes(const std::string &path, std::string &why) {
+   std::error_code ignored;
+   // opening a pipe would wait for its other end
+   if (std::filesystem::exists(path, ignored) && !std::filesystem::is_regular_file(path, ignored)) {
+      why = "it is not a regular file";
+      return std::nullopt;
+   }
+   std::ifstream file(path, std::ios::binary);
+   if (!file) {
+      why = std::strerror(errno);
+      return std::nullopt;
+   }
+   std::ostringstream text;
+   text << file.rdbuf();
+   return text.str();
 }
 
 std::string similar_file(const std::string &path) {

@@ -580,20 +580,13 @@ subroutine write_value(entry, json)
    type(entry_type), intent(in) :: entry
    type(json_type), intent(inout) :: json
    character(len=:), allocatable :: key
-   integer :: i
 
    key = entry%key(index(entry%key, '.', back=.true.) + 1:)
    select case (entry%kind)
    case (is_text)
       call json%put(key, entry%text)
    case (is_texts)
-      call json%begin_array(key)
-      i = 1
-      do while (len(line(entry%text, i)) > 0)
-         call json%put(line(entry%text, i))
-         i = i + 1
-      end do
-      call json%end_array()
+      call json%put_lines(key, entry%text)
    case (is_number)
       ! JSON has no infinity: the word of the deck
       if (entry%numbers(1) > huge(1.0_wp)) then

@@ -17,7 +17,6 @@ module rk_minimum
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type
    use rk_lapack, only : largest_eigenpair
-   use rk_operator, only : row_operator
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type
    implicit none
@@ -42,10 +41,9 @@ module rk_minimum
 contains
 
 !> Direction in which r.r/2 curves down at a stationary point
-subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
+subroutine find_descent(problem, factor, ready, x, load, r, saddle, v)
    !> Problem, linearised at x
    class(problem_type), target, intent(inout) :: problem
-   class(row_operator), intent(in) :: op
    !> Factor of A^T A near x
    type(envelope_type), intent(inout) :: factor
    !> The factor is there; otherwise it is made here
@@ -63,12 +61,12 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    type(error_type), allocatable :: error
    real(wp), allocatable :: q(:, :), p(:, :), s(:, :), image(:)
    real(wp) :: alpha(steps), beta(steps), part(steps), value, mu
-   integer :: i, j, k
+   integer :: i, j, k, n
 
    saddle = .false.
    if (.not. problem%curved) return
    if (.not. ready) then
-      call op%envelope(factor, error)
+      call problem%linearised%envelope(factor, error)
       if (allocated(error)) return
       call factor%equilibrate()
       if (.not. all(factor%scale > 0.0_wp)) return
@@ -78,8 +76,9 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    end if
    call problem%hessian(x, load, r)
    ! vectors q, N q and S q; a start with a part in every direction
-   allocate (q(op%n, steps), p(op%n, steps + 1), s(op%n, steps), image(op%m))
-   p(:, 1) = factor%scale*[(0.5_wp - modulo(golden*i, 1.0_wp), i=1, op%n)]
+   n = problem%n
+   allocate (q(n, steps), p(n, steps + 1), s(n, steps), image(problem%m))
+   p(:, 1) = factor%scale*[(0.5_wp - modulo(golden*i, 1.0_wp), i=1, n)]
    call solve_normal(p(:, 1), v)
    value = sqrt(abs(dot_product(p(:, 1), v)))
    do k = 1, steps
@@ -104,11 +103,11 @@ subroutine find_descent(problem, op, factor, ready, x, load, r, saddle, v)
    if (.not. mu > indefinite) return
    k = min(k, steps)
    v = matmul(q(:, :k), part(:k))
-   call op%apply(v, image)
+   call problem%linearised%apply(v, image)
    value = -dot_product(v, matmul(s(:, :k), part(:k)))
    saddle = value > indefinite*sum(image**2)
    ! both ways lead down; the one taken must not hang on rounding
-   if (sum([(0.5_wp - modulo(golden*i, 1.0_wp), i=1, op%n)]*v) < 0.0_wp) v = -v
+   if (sum([(0.5_wp - modulo(golden*i, 1.0_wp), i=1, n)]*v) < 0.0_wp) v = -v
 
 contains
 

@@ -253,10 +253,10 @@ subroutine march(body, motion, method, x, recorder, timer, error)
          it%step = k
          it%load = k*motion%time_step
          it%iteration = 1
-         it%solver = method
-         it%why = 'central differences'
+         it%solver%used = method
+         it%solver%why = 'central differences'
          it%seconds = tick(timer%start)
-         it%rcond = 1.0_wp
+         it%solver%rcond = 1.0_wp
          call recorder%iteration(it)
          call tell(k)
       end if

@@ -13,7 +13,6 @@ module rk_newton
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
-   use rk_lstsq, only : row_operator
    use rk_minimum, only : find_descent, leave_saddle
    use rk_newton_step, only : find_step
    use rk_path, only : path_type
@@ -166,7 +165,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
    type(progress_type) :: now
-   class(row_operator), pointer :: op
    type(envelope_type) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
@@ -186,7 +184,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    do
       call assess()
       if (converged(self, now)) then
-         call descend(self, now, problem, op, factor, factored, load, a, r, left)
+         call descend(self, now, problem, factor, factored, load, a, r, left)
          if (left) then
             ! the size of the new state, not of the saddle, is what steps are small against
             now%extent = max(now%extent, problem%scaled_norms(a))
@@ -214,8 +212,8 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       if (returned) exit
       imposed = self%damping%lambda
       call system_clock(clock)
-      call find_step(problem, op, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
-         & factor, factored, it, error)
+      call find_step(problem, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
+         & factor, factored, it%solver, error)
       timer%solve = timer%solve + tick(clock)
       if (gave_up()) return
       if (returned) exit
@@ -227,7 +225,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end do
    x = a
    self%unstable = .false.
-   if (allocated(it%solver)) self%unstable = it%solver == 'lu' .and. it%indefinite
+   if (allocated(it%solver%used)) self%unstable = it%solver%used == 'lu' .and. it%solver%indefinite
    call self%damping%finish()
    if (now%saddles > 0) call recorder%note(saddle_text(now, load, norm2(r)), &
       & warning=.true.)
@@ -292,8 +290,7 @@ contains
          if (problem%costly) self%begun%x = a
          self%begun%load = self%prescribed
       end if
-      op => problem%operator()
-      call op%apply_transposed(r, g)
+      call problem%linearised%apply_transposed(r, g)
       it%gradient = norm2(g)
       merit = norm2(r)
       self%gradient = it%gradient
@@ -451,12 +448,11 @@ subroutine take_over(self, problem, load, carried)
 end subroutine take_over
 
 !> See whether the iteration ended at a minimum, and go on below a saddle
-subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
+subroutine descend(self, now, problem, factor, factored, load, a, r, left)
    type(newton_type), intent(inout) :: self
    type(progress_type), intent(inout) :: now
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   class(row_operator), intent(in) :: op
    !> Factor of A^T A
    type(envelope_type), intent(inout) :: factor
    !> There is such a factor of the last step
@@ -475,7 +471,7 @@ subroutine descend(self, now, problem, op, factor, factored, load, a, r, left)
    left = .false.
    if (now%minimum .or. now%saddles == max_saddles) return
    allocate (v(problem%n))
-   call find_descent(problem, op, factor, factored, a, load, r, found, v)
+   call find_descent(problem, factor, factored, a, load, r, found, v)
    if (.not. found) return
    here = saddle_type(a, norm2(r), self%gradient, self%step_norm)
    call leave_saddle(problem, load, v, a, r, self%state, left)
@@ -528,7 +524,6 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    real(wp), contiguous, intent(inout) :: g(:)
    !> Its norm, or that of r where steps are solved to few digits
    real(wp), intent(out) :: first_gradient
-   class(row_operator), pointer :: op
    type(evaluation_type) :: state
    logical :: found
 
@@ -538,8 +533,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
       & tangent=.not. (problem%costly .and. self%path%states() > 0))
    self%prescribed = self%done
    call problem%start(a, load, .true.)
-   op => problem%operator()
-   call op%apply_transposed(r, g)
+   call problem%linearised%apply_transposed(r, g)
    first_gradient = norm2(g)
    if (problem%inexact) first_gradient = norm2(r)
    if (self%path%states() == 0) return

@@ -7,8 +7,8 @@ module rk_newton_step
    use rk_damping, only : damping_type
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_linalg
-   use rk_lstsq, only : lstsq_report, row_operator, solve_lstsq
-   use rk_operator, only : square_operator, square_report
+   use rk_lstsq, only : lstsq_report, solve_lstsq
+   use rk_operator, only : square_operator
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
@@ -22,11 +22,10 @@ module rk_newton_step
 contains
 
 !> Step of the chosen matrix
-subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, predicted, factor, &
-   & factored, it, error)
+subroutine find_step(problem, linear, load, a, r, g, damping, da, newton, predicted, factor, &
+   & factored, report, error)
    !> Problem, linearised at a
    class(problem_type), target, intent(inout) :: problem
-   class(row_operator), intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
    !> Load [-]
@@ -48,15 +47,12 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
    type(envelope_type), intent(inout) :: factor
    !> There is such a factor of this step
    logical, intent(out) :: factored
-   !> Record of the iteration: the solver's part
-   type(iteration_type), intent(inout) :: it
+   type(lstsq_report), intent(out) :: report
    !> Error handling: failed factorisation
    type(error_type), allocatable, intent(out) :: error
    type(shifted_report) :: shifted
    real(wp), allocatable :: matrix(:, :)
 
-   it%refinements = 0
-   it%misfit = 0.0_wp
    factored = .false.
    predicted = 0.0_wp
    newton = damping%curved .and. .not. problem%square
@@ -65,41 +61,40 @@ subroutine find_step(problem, op, linear, load, a, r, g, damping, da, newton, pr
       if (newton) then
          call problem%hessian(a, load, r, matrix)
       else
-         call op%normal(matrix)
+         call problem%linearised%normal(matrix)
       end if
       call solve_shifted(matrix, g, &
          & damping%method == 'full' .or. damping%lambda > 0.0_wp, &
          & damping%lambda, da, shifted, error)
       if (allocated(error)) return
       predicted = shifted%predicted
-      it%backward_error = shifted%backward_error
-      it%rcond = shifted%rcond
+      report%square_report = shifted%square_report
       if (newton) then
-         it%solver = 'newton'
-         it%why = 'second derivatives of the residuals make the matrix symmetric but no product ' &
-            & //'A^T A, so there is no QR: Cholesky with a shift of '
+         report%used = 'newton'
+         report%why = 'second derivatives of the residuals make the matrix symmetric but no ' &
+            & //'product A^T A, so there is no QR: Cholesky with a shift of '
       else
-         it%solver = 'damped'
-         it%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of '
+         report%used = 'damped'
+         report%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of '
       end if
-      it%why = it%why//to_text(damping%lambda, 2)
+      report%why = report%why//to_text(damping%lambda, 2)
       deallocate (matrix)
       newton = newton .and. (shifted%positive .or. damping%lambda > 0.0_wp)
    end if
    if (problem%square .or. .not. (newton .or. damping%lambda > 0.0_wp)) then
-      call solve_equations(problem, op, linear, damping%lambda, -r, da, it, error, factor)
+      call solve_equations(problem, linear, damping%lambda, -r, da, report, error, factor)
       if (allocated(error)) return
       predicted = -0.5_wp*dot_product(g, da)
       if (problem%square) return
-      factored = any(it%solver == ['normal ', 'refined'])
-      damping%rcond = it%rcond
+      factored = any(report%used == ['normal ', 'refined'])
+      damping%rcond = report%rcond
    end if
 end subroutine find_step
 
 !> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
-subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
+subroutine solve_equations(problem, linear, shift, b, x, report, error, factor)
+   !> Problem, linearised
    class(problem_type), intent(in) :: problem
-   class(row_operator), target, intent(inout) :: op
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
    !> Damping of square equations in units of the diagonal, >= 0 [-]
@@ -108,36 +103,19 @@ subroutine solve_equations(problem, op, linear, shift, b, x, it, error, factor)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Record of the iteration: the solver's part
-   type(iteration_type), intent(inout) :: it
+   type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
    !> Factor of A^T A, where the least squares solver makes one
    type(envelope_type), intent(inout), optional :: factor
-   type(lstsq_report) :: report
-   type(square_report) :: square
 
    if (problem%square) then
-      select type (op)
+      select type (op => problem%linearised)
       class is (square_operator)
-         call op%solve_square(shift, b, x, square, error)
+         call op%solve_square(shift, b, x, report%square_report, error)
       end select
-      if (allocated(error)) return
-      it%backward_error = square%backward_error
-      it%rcond = square%rcond
-      it%solver = square%used
-      it%refinements = square%iterations
-      it%why = square%why
-      it%indefinite = square%indefinite
    else
-      call solve_lstsq(op, b, linear, x, report, error, factor)
-      if (allocated(error)) return
-      it%backward_error = report%backward_error
-      it%misfit = report%misfit
-      it%rcond = report%rcond
-      it%solver = trim(report%used)
-      it%refinements = report%iterations
-      it%why = report%why
+      call solve_lstsq(problem%linearised, b, linear, x, report, error, factor)
    end if
 end subroutine solve_equations
 
@@ -153,7 +131,6 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    type(timer_type), intent(inout) :: timer
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
-   class(row_operator), pointer :: op
    type(iteration_type) :: it
    type(evaluation_type) :: state
    real(wp), allocatable :: r(:), g(:)
@@ -165,13 +142,12 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    call system_clock(clock)
    call problem%start(x, 1.0_wp, .false.)
    call problem%evaluate(x, 1.0_wp, r, state, tangent=.true.)
-   op => problem%operator()
    timer%assemble = tick(clock)
-   call op%apply_transposed(r, g)
+   call problem%linearised%apply_transposed(r, g)
    first_gradient = max(norm2(g), tiny(1.0_wp))
    r = -r
    call system_clock(clock)
-   call solve_equations(problem, op, method, 0.0_wp, r, x, it, error)
+   call solve_equations(problem, method, 0.0_wp, r, x, it%solver, error)
    timer%solve = tick(clock)
    if (allocated(error)) return
    ! comparisons that a NaN fails
@@ -181,7 +157,7 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
       return
    end if
    call problem%evaluate(x, 1.0_wp, r, state)
-   call op%apply_transposed(r, g)
+   call problem%linearised%apply_transposed(r, g)
    it%step = 1
    it%load = 1.0_wp
    it%iteration = 1

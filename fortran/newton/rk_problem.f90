@@ -79,10 +79,9 @@ module rk_problem
       class(row_operator), pointer :: linearised => null()
    contains
       procedure :: start
-      !> Residuals and, where wanted, their linearisation, which operator and hessian then give
+      !> Residuals and, where wanted, their linearisation, of which hessian then knows
       procedure(assemble_interface), deferred :: assemble
       procedure :: hessian, apply_curvature, rejection
-      procedure, non_overridable :: operator
       procedure, non_overridable :: evaluate
       procedure, non_overridable :: scaled_norms
       procedure, non_overridable :: advice
@@ -119,15 +118,6 @@ subroutine start(self, x, load, iteration)
    associate (unused => self, unused_x => x, unused_load => load, unused_too => iteration)
    end associate
 end subroutine start
-
-!> The linearisation
-function operator(self) result(op)
-   !> Problem, assembled
-   class(problem_type), intent(in) :: self
-   class(row_operator), pointer :: op
-
-   op => self%linearised
-end function operator
 
 !> Residuals and, where wanted, their linearisation, which otherwise stays what it was
 subroutine evaluate(self, x, load, r, seen, tangent, lifted)
@@ -196,12 +186,10 @@ subroutine hessian(self, x, load, r, a)
    real(wp), contiguous, intent(in) :: r(:)
    !> Upper triangle, shape (n, n); without it the sum is only found for apply_curvature
    real(wp), contiguous, intent(inout), optional :: a(:, :)
-   class(row_operator), pointer :: op
 
    associate (unused_x => x, unused_load => load, unused_r => r)
    end associate
-   op => self%operator()
-   if (present(a)) call op%normal(a)
+   if (present(a)) call self%linearised%normal(a)
 end subroutine hessian
 
 !> Product of the sum of r_i times the second derivatives of r_i, as last found, with a vector

@@ -1,5 +1,6 @@
 !> What a solver reports while it runs: a consumer interface without a file format.
 module rk_recorder
+   use rk_lstsq, only : lstsq_report
    use rk_precision, only : wp
    implicit none
    private
@@ -23,19 +24,8 @@ module rk_recorder
       !> Smallest and largest volume ratio [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
-      !> Backward error of the least squares solution [-]
-      real(wp) :: backward_error = 0.0_wp
-      !> Distance of its rows from the best fit, of the residual [-]
-      real(wp) :: misfit = 0.0_wp
-      !> Reciprocal condition estimate [-]
-      real(wp) :: rcond = 0.0_wp
-      !> Refinement iterations of the least squares solver
-      integer :: refinements = 0
-      !> Least squares solver used, and why
-      character(len=:), allocatable :: solver
-      character(len=:), allocatable :: why
-      !> The tangent of a square problem had no Cholesky factor
-      logical :: indefinite = .false.
+      !> What the solver of its equations reports
+      type(lstsq_report) :: solver
       !> Wall time since the start of the solve [s]
       real(wp) :: seconds = 0.0_wp
    end type iteration_type

@@ -237,7 +237,7 @@ contains
          do k = -4, 4
             associate (held => middle + k*width)
                if (held < 0.0_wp .or. held > load) cycle
-               call problem%evaluate(x, load, r, seen, .not. problem%costly, lifted=held)
+               call problem%evaluate(x, load, r, seen, lifted=held)
                if (.not. (seen%valid .and. norm2(r) < least)) cycle
                least = norm2(r)
                fitting_load = held

@@ -24,7 +24,7 @@ module rk_online
    private
 
    public :: online_model, prescribed_type, work_type, new_work, assemble, solve_state, follow
-   public :: condition_of, find_forces, free_online, new_online
+   public :: condition_of, find_forces, new_online
 
    !> A reduced model; arrays belong to the caller
    type :: online_model
@@ -47,7 +47,7 @@ module rk_online
       integer, pointer, contiguous :: tissue(:) => null()
       real(wp), pointer, contiguous :: fraction(:) => null(), fiber(:, :) => null()
       !> Fibers of the tissues
-      type(law_type), pointer :: laws(:) => null()
+      type(law_type), allocatable :: laws(:)
       !> Penalty and stabilisation, shape (s, s) [force/length]
       real(wp), pointer, contiguous :: constant(:, :) => null()
       !> Changes of volume, in roots of energy, in pieces of 8 directions: symmetric in three
@@ -94,8 +94,6 @@ module rk_online
       !> Volume: pairs of the form, changes, those that are linear in the step, their derivatives,
       !> shapes (8, pairs + 1), (8, pieces), (8, pieces), (8, s, pieces)
       real(wp), allocatable :: pairs(:, :), y(:, :), along(:, :), dy(:, :, :)
-      !> Rows that the factor's pivots exchange
-      integer, allocatable :: pivot(:)
       !> Smallest J
       real(wp) :: min_j = 0.0_wp
    end type work_type
@@ -204,13 +202,6 @@ contains
 
 end subroutine new_online
 
-!> Give back what a model has beside its record
-subroutine free_online(self)
-   type(online_model), intent(inout) :: self
-
-   deallocate (self%laws)
-end subroutine free_online
-
 !> What a state is asked for, of a column
 pure function condition_of(model, column) result(condition)
    type(online_model), intent(in) :: model
@@ -237,7 +228,7 @@ subroutine new_work(self, model)
    allocate (self%f(9, size(model%weight)), self%moduli(9, 9, block), self%image(wide, 9, block))
    allocate (self%z(wide), self%force(wide), self%stiffness(wide, wide))
    allocate (self%residual(s), self%tangent(s, s))
-   allocate (self%factor(model%r, model%r), self%step(model%r), self%pivot(model%r))
+   allocate (self%factor(model%r, model%r), self%step(model%r))
    allocate (self%pairs(8, (s + 1)*(s + 2)/2 + 1), self%y(8, pieces), self%along(8, pieces))
    allocate (self%dy(8, s, pieces))
 end subroutine new_work
@@ -323,11 +314,9 @@ subroutine assemble_cells(model, work, z, condition, tangent)
             if (model%layer(4, q) > 0.0_wp) then
                call layered_law(model, q, work%f(:, q), condition, fiber(:, :l), passive(:l), &
                   & active(:l), p, j, work%moduli(:, :, q - o))
-               work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
             else if (tangent) then
                call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
                   & fiber(:, :l), passive(:l), active(:l), p, j, work%moduli(:, :, q - o))
-               work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
             else
                call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
                   & fiber(:, :l), passive(:l), active(:l), p, j)
@@ -335,6 +324,7 @@ subroutine assemble_cells(model, work, z, condition, tangent)
          end associate
          work%min_j = min(work%min_j, j)
          work%f(:, q) = model%weight(q)*p
+         if (tangent) work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
       end do
       associate (h => model%h(:, :, o + 1:o + n))
          call online_forces(9*n, wide, h, work%f(:, o + 1:o + n), work%force)
@@ -460,9 +450,8 @@ subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterati
       j_before = work%min_j
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r)
-      call factorise(work%factor, work%pivot, singular)
+      call solve_small(work%factor, work%step, singular)
       if (singular) exit
-      call substitute(work%factor, work%pivot, work%step)
       before = z(:model%r)
       z(:model%r) = before + work%step
       do k = 1, size(work%y, 2)
@@ -515,12 +504,11 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r) - matmul(work%tangent(:model%r, model%r + 1:), &
          & target%given - z(model%r + 1:))
-      call factorise(work%factor, work%pivot, singular)
+      call solve_small(work%factor, work%step, singular)
       if (singular) then
          iterations = -1 - iterations
          return
       end if
-      call substitute(work%factor, work%pivot, work%step)
       z(:model%r) = z(:model%r) + work%step
       call solve_state(model, work, target, tolerance, most_steps, z, some, change)
       iterations = iterations + abs(some) + 1
@@ -555,17 +543,17 @@ subroutine find_forces(whole, room, condition, z, wanted, lift, force)
    end do
 end subroutine find_forces
 
-!> Factors of a small dense matrix with row exchanges; no library, whose threads would cost more
-!> than the work
-pure subroutine factorise(a, pivot, singular)
-   !> Matrix, then its factors
+!> Solve with a small dense matrix by LU with row exchanges; no library, whose threads would cost
+!> more than the work
+pure subroutine solve_small(a, x, singular)
+   !> Matrix, destroyed, shape (n, n)
    real(wp), intent(inout) :: a(:, :)
-   !> Rows exchanged
-   integer, intent(out) :: pivot(:)
-   !> No pivot is left
+   !> Right-hand side, then solution, shape (n)
+   real(wp), intent(inout) :: x(:)
+   !> No pivot is left, and no solution
    logical, intent(out) :: singular
-   real(wp) :: row(size(a, 1))
-   integer :: i, k, p
+   real(wp) :: row(size(a, 1)), other
+   integer :: pivot(size(a, 1)), i, k, p
 
    singular = .true.
    do k = 1, size(a, 1)
@@ -583,18 +571,6 @@ pure subroutine factorise(a, pivot, singular)
       end do
    end do
    singular = .false.
-end subroutine factorise
-
-!> Solve with the factors
-pure subroutine substitute(a, pivot, x)
-   !> Factors
-   real(wp), intent(in) :: a(:, :)
-   integer, intent(in) :: pivot(:)
-   !> Right-hand side, then solution
-   real(wp), intent(inout) :: x(:)
-   real(wp) :: other
-   integer :: k
-
    do k = 1, size(x)
       other = x(k)
       x(k) = x(pivot(k))
@@ -607,6 +583,6 @@ pure subroutine substitute(a, pivot, x)
       x(k) = x(k)/a(k, k)
       x(:k - 1) = x(:k - 1) - a(:k - 1, k)*x(k)
    end do
-end subroutine substitute
+end subroutine solve_small
 
 end module rk_online

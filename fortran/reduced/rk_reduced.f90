@@ -16,7 +16,6 @@ module rk_reduced
    use rk_linear, only : linear_problem
    use rk_matrix, only : matrix_rows
    use rk_motion, only : form_motion
-   use rk_operator, only : row_operator
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type, stage_type
    use rk_reduced_motion, only : moving_problem, new_moving_problem
@@ -211,7 +210,6 @@ subroutine assemble(self, x, stage, r, seen)
    type(stage_type), intent(in) :: stage
    real(wp), contiguous, intent(inout) :: r(:)
    type(evaluation_type), intent(out) :: seen
-   class(row_operator), pointer :: full_rows
    real(wp), allocatable :: image(:)
    integer :: j
 
@@ -226,10 +224,9 @@ subroutine assemble(self, x, stage, r, seen)
    end if
    ! no rows exist where the state is not valid, which the caller rejects
    if (.not. (stage%tangent .and. seen%valid)) return
-   full_rows => self%full%operator()
    allocate (image(self%full%m))
    do j = 1, self%n
-      call full_rows%apply(self%modes(:, j), image)
+      call self%full%linearised%apply(self%modes(:, j), image)
       if (self%square) then
          self%rows%a(:, j) = matmul(image, self%modes)
       else

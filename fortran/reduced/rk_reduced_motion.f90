@@ -24,8 +24,10 @@ module rk_reduced_motion
    type, extends(moving_type) :: reduced_motion
       !> Body in motion
       class(form_motion), pointer :: full => null()
-      !> Orthonormal modes, shape (full n, r), L U and test vectors W, shape (full m, r)
-      real(wp), allocatable :: modes(:, :), image(:, :), test(:, :)
+      !> Orthonormal modes, shape (full n, r), and test vectors W, shape (full m, r)
+      real(wp), allocatable :: modes(:, :), test(:, :)
+      !> L U
+      type(matrix_rows) :: image
       !> Whether W = L U, and whether that is solved by QR of L U
       logical :: least_squares = .false.
       logical :: by_qr = .false.
@@ -45,8 +47,6 @@ module rk_reduced_motion
    type, extends(problem_type) :: moving_problem
       !> What moves
       type(reduced_motion) :: body
-      !> L U
-      type(matrix_rows) :: rows
    contains
       procedure :: assemble
    end type moving_problem
@@ -70,14 +70,16 @@ subroutine new_moving_problem(self, full, modes, projection, error)
       body%full => full
       body%n = size(modes, 2)
       body%modes = modes
-      allocate (body%image(full%m, body%n))
+      allocate (body%image%a(full%m, body%n))
+      body%image%m = full%m
+      body%image%n = body%n
       do j = 1, body%n
-         call full%product('left', modes(:, j), body%image(:, j))
+         call full%product('left', modes(:, j), body%image%a(:, j))
       end do
       body%least_squares = projection == 'least-squares' .or. (projection == 'auto' &
          & .and. .not. full%symmetric)
       if (body%least_squares) then
-         body%test = body%image
+         body%test = body%image%a
       else if (full%symmetric) then
          body%test = modes
       else
@@ -88,9 +90,6 @@ subroutine new_moving_problem(self, full, modes, projection, error)
       self%linear = .true.
       self%m = full%m
       self%n = body%n
-      self%rows%a = body%image
-      self%rows%m = self%m
-      self%rows%n = self%n
    end associate
 end subroutine new_moving_problem
 
@@ -108,7 +107,7 @@ subroutine prepare(self, solver, error)
       body%by_qr = body%least_squares .and. solver /= 'normal'
       if (allocated(body%pushed)) deallocate (body%pushed)
       if (.not. body%by_qr) then
-         body%factor = matmul(transpose(body%test), body%image)
+         body%factor = matmul(transpose(body%test), body%image%a)
          call cholesky(body%factor, error)
          if (allocated(error)) return
       end if
@@ -145,7 +144,7 @@ subroutine amplitudes(self, side, x, error)
       call solve_triangular(self%factor, x, transposed=.false.)
       return
    end if
-   a = self%image
+   a = self%image%a
    b = reshape(side, [size(side), 1])
    call solve_pivoted_qr(a, b, pivot, rank, rcond, error)
    if (.not. allocated(error)) x = b(:self%n, 1)
@@ -204,8 +203,8 @@ subroutine assemble(self, x, stage, r, seen)
 
    associate (unused => stage)
    end associate
-   self%linearised => self%rows
-   call self%rows%apply(x, r)
+   self%linearised => self%body%image
+   call self%body%image%apply(x, r)
    seen%valid = all(abs(r) <= huge(1.0_wp))
 end subroutine assemble
 

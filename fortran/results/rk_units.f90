@@ -83,7 +83,7 @@ integer function dimension_of(deck) result(nd)
    type(deck_type), intent(in) :: deck
 
    nd = 3
-   if (deck%has('scene.dimension')) call deck%get('scene.dimension', nd)
+   call deck%get('scene.dimension', nd)
 end function dimension_of
 
 !> Powers of the deck's units of force and length as text

@@ -301,14 +301,12 @@ subroutine find_stability(problem, outcome)
    allocate (x(problem%n), source=0.0_wp)
    call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
    tangent => null()
-   associate (linearised => problem%operator())
-      select type (linearised)
-      class is (constrained_matrix)
-         tangent => linearised%matrix
-      class is (symmetric_matrix)
-         tangent => linearised
-      end select
-   end associate
+   select type (linearised => problem%linearised)
+   class is (constrained_matrix)
+      tangent => linearised%matrix
+   class is (symmetric_matrix)
+      tangent => linearised
+   end select
    if (.not. associated(tangent)) return
    select type (tangent)
    class is (tangent_type)
@@ -347,8 +345,8 @@ subroutine iteration(self, it)
    type(iteration_type), intent(in) :: it
 
    self%outcome%factored = .false.
-   if (allocated(it%solver)) self%outcome%factored = it%solver == 'cholesky' &
-      & .and. index(it%why, 'shift') == 0
+   if (allocated(it%solver%used)) self%outcome%factored = it%solver%used == 'cholesky' &
+      & .and. index(it%solver%why, 'shift') == 0
    call self%receiver%iteration(it)
 end subroutine iteration
 

@@ -77,15 +77,7 @@ subroutine new_linear(self, scene, error)
    self%m = self%rows%m
    self%n = self%rows%n
    allocate (self%b(self%m), source=0.0_wp)
-   call set_rows(self)
-   call self%own_side(0.0_wp, self%b, error)
-end subroutine new_linear
-
-!> Rows (5.13)-(5.15)
-subroutine set_rows(self)
-   class(linear_problem), intent(inout) :: self
-   integer :: b
-
+   ! (5.13)-(5.15)
    do b = 1, size(self%rows%place)
       if (b <= self%inside) then
          self%rows%coefficient(:, :, :, b) = domain_rows(self, self%rows%place(b))
@@ -93,7 +85,8 @@ subroutine set_rows(self)
          self%rows%coefficient(:, :, :, b) = boundary_rows(self, b - self%inside)
       end if
    end do
-end subroutine set_rows
+   call self%own_side(0.0_wp, self%b, error)
+end subroutine new_linear
 
 !> L
 pure function domain_rows(self, ip) result(rows)

@@ -36,7 +36,6 @@ module rk_constraint
       type(sparse_factor), private :: square
    contains
       procedure :: times, add_transposed, multipliers
-      final :: free
    end type constraint_type
 
    !> A matrix under constraints; of what it inherits the entries stay empty
@@ -146,12 +145,6 @@ function multipliers(self, y) result(m)
    m = self%times(y)
    if (self%rows > 0) call self%square%solve(m)
 end function multipliers
-
-subroutine free(self)
-   type(constraint_type), intent(inout) :: self
-
-   call self%square%free()
-end subroutine free
 
 !> Part of a vector across the constraints
 function projected(self, x) result(y)

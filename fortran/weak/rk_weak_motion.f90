@@ -34,7 +34,6 @@ module rk_weak_motion
       type(sparse_factor) :: factor
    contains
       procedure :: start, product, loads, solve, limit
-      final :: free_motion
    end type weak_motion
 
 contains
@@ -76,12 +75,6 @@ subroutine new_weak_motion(self, problem, error)
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
       & + self%motion%time_step**2*problem%constant, error)
 end subroutine new_weak_motion
-
-subroutine free_motion(self)
-   type(weak_motion), intent(inout) :: self
-
-   call self%factor%free()
-end subroutine free_motion
 
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
 subroutine loads(self, time, force, held, error)

@@ -14,8 +14,8 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    & min_j, force)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use omp_lib, only : omp_get_max_threads
-   use rk_online, only : condition_of, find_forces, follow, free_online, new_online, new_work, &
-      & online_model, prescribed_type, solve_state, work_type
+   use rk_online, only : condition_of, find_forces, follow, new_online, new_work, online_model, &
+      & prescribed_type, solve_state, work_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: ni, nr, mi, mr, s, nk, n, most_steps, threads, r, nf
@@ -58,15 +58,12 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    end do
    !$omp end do
    !$omp end parallel
-   call free_online(model)
-   call free_online(every)
 end subroutine online_states
 
 !> Residual and tangent of one state, and the stresses times weights of its cells
 subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, tangent, stress, &
    & min_j)
-   use rk_online, only : assemble, condition_of, free_online, new_online, new_work, online_model, &
-      & work_type
+   use rk_online, only : assemble, condition_of, new_online, new_work, online_model, work_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: ni, nr, nk, s, nc
@@ -84,5 +81,4 @@ subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, 
    tangent = work%tangent
    stress = work%f
    min_j = work%min_j
-   call free_online(model)
 end subroutine online_assemble

@@ -8,6 +8,7 @@ module rk_galerkin_questions
    use rk_handles, only : answer_type
    use rk_precision, only : wp
    use rk_shape, only : shape_type
+   use rk_weak_conditions, only : add_load
    implicit none
    private
 
@@ -204,32 +205,19 @@ subroutine answer_products(full, x, answer)
    type(galerkin_problem), intent(in) :: full
    real(wp), contiguous, intent(in) :: x(:, :)
    type(answer_type), intent(inout) :: answer
-   real(wp), pointer, contiguous :: psi(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   real(wp) :: u(full%gradient%nd, size(x, 2))
+   real(wp) :: u(full%gradient%nd, full%inside%np), field(full%gradient%nd, full%inside%nq)
    real(wp), allocatable :: stiff(:, :), mass(:, :)
-   integer :: i, j, l, nd, q
+   integer :: j, q
 
-   nd = full%gradient%nd
    allocate (stiff(size(x, 1), size(x, 2)), mass(size(x, 1), size(x, 2)), source=0.0_wp)
    do j = 1, size(x, 2)
       call full%matrix%constant_product(full%constant, x(:, j), stiff(:, j))
-   end do
-   do q = 1, size(full%cells%weight)
-      call full%inside%row(q, nodes, psi)
-      u = 0
-      do l = 1, size(nodes)
-         do i = 1, nd
-            u(i, :) = u(i, :) + psi(1, l)*x(nd*(nodes(l) - 1) + i, :)
-         end do
+      do q = 1, size(u, 2)
+         call full%inside%interpolate(q, x(:, j), 1, 1, field)
+         u(:, q) = field(:, 1)
       end do
-      do l = 1, size(nodes)
-         do i = 1, nd
-            associate (row => nd*(nodes(l) - 1) + i)
-               mass(row, :) = mass(row, :) + full%cells%weight(q)*psi(1, l)*u(i, :)
-            end associate
-         end do
-      end do
+      ! forces of inertia of this acceleration
+      call add_load(full%inside, full%cells%weight, u, mass(:, j))
    end do
    call answer%put('stiff', shape(stiff), stiff)
    call answer%put('mass', shape(mass), mass)

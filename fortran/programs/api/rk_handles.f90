@@ -162,7 +162,7 @@ subroutine iteration(self, it)
    type(iteration_type), intent(in) :: it
 
    self%iterations = self%iterations + 1
-   self%backward_error = max(self%backward_error, it%backward_error)
+   self%backward_error = max(self%backward_error, it%solver%backward_error)
 end subroutine iteration
 
 !> Keep a converged state; that at rest is not asked for

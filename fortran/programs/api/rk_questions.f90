@@ -6,15 +6,15 @@ module rk_questions
    use rk_fields, only : compute_fields, field_names, field_sizes
    use rk_galerkin_questions, only : ask_galerkin
    use rk_handles, only : answer_type, find_slot, slot_type
-   use rk_operator, only : row_operator
    use rk_point_field, only : point_field
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
-   use rk_problem, only : problem_type
+   use rk_problem, only : evaluation_type, problem_type
    use rk_reduced, only : new_reduced, reduction_type
-   use rk_session, only : evaluate_session
+   use rk_session, only : find_problem
    use rk_states, only : field_state
    use rk_surface, only : lattice_places, surface_triangles
+   use rk_text, only : to_text
    implicit none
    private
 
@@ -300,26 +300,31 @@ subroutine linearise(slot, given, second, error)
    real(wp), contiguous, intent(in) :: given(:)
    !> Want second derivatives
    logical, intent(in) :: second
+   !> Error handling: no reduced model, J <= 0
    type(error_type), allocatable, intent(out) :: error
    class(problem_type), pointer :: problem
-   class(row_operator), pointer :: op
+   type(evaluation_type) :: seen
    real(wp), allocatable :: r(:), y(:), a(:, :)
    integer :: n
 
    n = (size(given) - 2)/merge(2, 3, second)
-   call evaluate_session(slot%handle, given(1) > 0, given(3:2 + n), given(3 + n:2 + 2*n), &
-      & given(2), problem, r, error)
+   call find_problem(slot, given(1) > 0, problem, error)
    if (allocated(error)) return
-   op => problem%operator()
+   allocate (r(problem%m))
+   call problem%start(given(3:2 + n), given(2), .false.)
+   call problem%evaluate(given(3 + n:2 + 2*n), given(2), r, seen, tangent=.true.)
+   if (.not. seen%valid) call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
+      & //to_text(seen%min_j, 4)//' at collocation point '//to_text(seen%worst))
+   if (allocated(error)) return
    if (second) then
       allocate (y(n), a(n, n), source=0.0_wp)
-      call op%apply_transposed(r, y)
+      call problem%linearised%apply_transposed(r, y)
       call problem%hessian(given(3 + n:), given(2), r, a)
       call slot%answer%put('gradient', [n], y)
       call slot%answer%put('second', [n, n], a)
    else
       allocate (y(problem%m), source=0.0_wp)
-      call op%apply(given(3 + 2*n:), y)
+      call problem%linearised%apply(given(3 + 2*n:), y)
       call slot%answer%put('residual', shape(r), r)
       call slot%answer%put('product', shape(y), y)
    end if

@@ -7,17 +7,16 @@ module rk_session
    use rk_handles, only : close_slot, find_slot, listener_interface, open_slot, slot_type
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
-   use rk_problem, only : problem_type, evaluation_type
+   use rk_problem, only : problem_type
    use rk_recorder, only : start_type
    use rk_refine, only : refine
    use rk_run, only : outcome_type, solve_problem, solve_scene
    use rk_scene, only : scene_type
-   use rk_text, only : to_text
    use rk_verdict, only : judge, verdict_type
    implicit none
    private
 
-   public :: open_session, update_session, solve_session, evaluate_session
+   public :: open_session, update_session, solve_session, find_problem
 
 contains
 
@@ -128,27 +127,20 @@ contains
 
 end subroutine update_session
 
-!> Full or reduced problem of a handle
-subroutine find_problem(handle, reduced, slot, problem, error)
-   integer, intent(in) :: handle
+!> Full or reduced problem of a scene
+subroutine find_problem(slot, reduced, problem, error)
+   !> Row of the handle
+   type(slot_type), intent(in), target :: slot
    !> Want the reduced problem
    logical, intent(in) :: reduced
-   !> Row of the handle
-   type(slot_type), pointer, intent(out) :: slot
    class(problem_type), pointer, intent(out) :: problem
-   !> Error handling: closed scene, no reduced model
+   !> Error handling: no reduced model
    type(error_type), allocatable, intent(out) :: error
 
-   nullify (problem)
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
    problem => slot%full
-   if (.not. reduced) return
-   if (.not. associated(slot%reduced)) then
-      call fatal_error(error, err_input, 'this scene has no reduced model yet')
-      return
-   end if
-   problem => slot%reduced
+   if (reduced) problem => slot%reduced
+   if (.not. associated(problem)) call fatal_error(error, err_input, 'this scene has no reduced ' &
+      & //'model yet')
 end subroutine find_problem
 
 !> Solve the full or the reduced problem through all load steps
@@ -167,7 +159,8 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
    class(problem_type), pointer :: problem
    type(start_type), allocatable :: start
 
-   call find_problem(handle, reduced, slot, problem, error)
+   call find_slot(handle, slot, error)
+   if (.not. allocated(error)) call find_problem(slot, reduced, problem, error)
    if (allocated(error)) return
    ! the search for the points has solved it already
    if (.not. reduced .and. linear == '' .and. .not. any(abs(x) > 0.0_wp)) &
@@ -199,33 +192,5 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
          & //slot%refinement%reason//new_line('a')
    end if
 end subroutine solve_session
-
-!> Problem with its residual and rows at a state
-subroutine evaluate_session(handle, reduced, start, x, load, problem, r, error)
-   integer, intent(in) :: handle
-   !> Of the reduced problem
-   logical, intent(in) :: reduced
-   !> Unknowns at the start of the load step, which fix the row weights, shape (n)
-   real(wp), contiguous, intent(in) :: start(:)
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   class(problem_type), pointer, intent(out) :: problem
-   !> Residual, shape (m)
-   real(wp), allocatable, intent(out) :: r(:)
-   !> Error handling: closed scene, no reduced model, J <= 0
-   type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
-   type(evaluation_type) :: state
-
-   call find_problem(handle, reduced, slot, problem, error)
-   if (allocated(error)) return
-   allocate (r(problem%m))
-   call problem%start(start, load, .false.)
-   call problem%evaluate(x, load, r, state, tangent=.true.)
-   if (.not. state%valid) call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
-      & //to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst))
-end subroutine evaluate_session
 
 end module rk_session

@@ -6,14 +6,11 @@
 !> a disk that lost power may have kept the length of a record and not what it held. The journal
 !> goes when the results have taken their names.
 module rk_journal
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, c_null_ptr, &
-      & c_ptr, c_size_t
-   use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
    use rk_precision, only : i8, wp
    use rk_results, only : restart_type
    use rk_text, only : to_text
-   use rk_text_file, only : rkf_close, rkf_create, rkf_write
+   use rk_text_file, only : text_file
    implicit none
    private
 
@@ -27,42 +24,16 @@ module rk_journal
    integer(i8), parameter :: nhead = 32
 
    !> Journal being written
-   type :: journal_type
-      private
-      !> Open stream of C
-      type(c_ptr) :: handle = c_null_ptr
-      !> Name
-      character(len=:), allocatable :: path
+   type, extends(text_file) :: journal_type
    contains
-      procedure :: open => open_journal, add_text, add_numbers, remove => remove_journal
-      procedure, private :: add, check
+      procedure :: add_text, add_numbers
+      procedure, private :: add
    end type journal_type
-
-   interface
-      integer(c_int) function unlink(path) bind(c)
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: path(*)
-      end function unlink
-   end interface
 
 contains
 
-!> Start a journal, or go on behind its last whole record
-subroutine open_journal(self, path, behind, error)
-   class(journal_type), intent(inout) :: self
-   character(len=*), intent(in) :: path
-   !> Bytes that are whole, 0 for a new one
-   integer(i8), intent(in) :: behind
-   type(error_type), allocatable, intent(inout) :: error
-
-   if (allocated(error)) return
-   self%path = path
-   call self%check(rkf_create(path//c_null_char, merge(behind, -1_i8, behind > 0), &
-      & self%handle), error)
-end subroutine open_journal
-
 subroutine add_text(self, kind, text, error)
-   class(journal_type), intent(in) :: self
+   class(journal_type), intent(inout) :: self
    !> Kind of the record
    integer(i8), intent(in) :: kind
    character(len=*), intent(in) :: text
@@ -73,7 +44,7 @@ end subroutine add_text
 
 !> Add a table of numbers, and another one
 subroutine add_numbers(self, kind, values, more, error)
-   class(journal_type), intent(in) :: self
+   class(journal_type), intent(inout) :: self
    integer(i8), intent(in) :: kind
    !> Numbers, shape (n)
    real(wp), intent(in) :: values(:)
@@ -90,42 +61,18 @@ end subroutine add_numbers
 !> Add a record
 subroutine add(self, kind, body, columns, error)
    !> Journal; nothing is added to a closed one
-   class(journal_type), intent(in) :: self
+   class(journal_type), intent(inout) :: self
    integer(i8), intent(in) :: kind
    character(len=*), intent(in) :: body
    integer(i8), intent(in) :: columns
    !> Error handling: a full disk; after an error nothing is added
    type(error_type), allocatable, intent(inout) :: error
 
-   if (allocated(error) .or. .not. c_associated(self%handle)) return
+   if (allocated(error)) return
    associate (head => [kind, len(body, i8), columns])
-      call self%check(rkf_write(self%handle, transfer([head, sum_of(head, body)], &
-         & repeat(' ', nhead))//body, nhead + len(body, c_size_t)), error)
+      call self%write(transfer([head, sum_of(head, body)], repeat(' ', nhead))//body, error)
    end associate
 end subroutine add
-
-subroutine remove_journal(self)
-   !> Journal; nothing happens to a closed one
-   class(journal_type), intent(inout) :: self
-   type(c_ptr) :: why
-   integer(c_int) :: ignored
-
-   if (.not. c_associated(self%handle)) return
-   why = rkf_close(self%handle)
-   self%handle = c_null_ptr
-   ignored = unlink(self%path//c_null_char)
-end subroutine remove_journal
-
-!> Turn the answer of C into an error
-subroutine check(self, why, error)
-   class(journal_type), intent(in) :: self
-   !> Reason of a failure, null for success
-   type(c_ptr), intent(in) :: why
-   type(error_type), allocatable, intent(out) :: error
-
-   if (c_associated(why)) call fatal_error(error, err_file, self%path//': cannot be written: ' &
-      & //to_fortran(why))
-end subroutine check
 
 !> Read a journal up to its last whole step
 subroutine read_journal(path, numbers, found, history, whole, error)

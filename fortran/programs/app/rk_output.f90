@@ -65,8 +65,8 @@ module rk_output
       type(text_file), private :: history
       type(text_file), private :: log
       type(journal_type), private :: journal
-      !> Load steps that the journal has already
-      integer, private :: journaled = -1
+      !> Load steps that the journal has already; all where there is none
+      integer, private :: journaled = huge(1)
    contains
       procedure :: open => open_output, close => close_output, publish
       procedure :: iteration, step, stopped, loaded_states, say, note, tell_verdict
@@ -113,10 +113,8 @@ subroutine open_output(self, problem, folder, deck, resumed, error)
          & approximation_text(deck), version_text(), error)
       if (allocated(error) .or. problem%linear) return
       call self%journal%open(folder//journal_name, resumed%journal, error)
-      if (resumed%journal > 0) then
-         self%journaled = self%repeated
-         return
-      end if
+      self%journaled = merge(self%repeated, -1, resumed%journal > 0)
+      if (resumed%journal > 0) return
       call self%journal%add_text(is_deck, deck%text, error)
       call self%journal%add_text(is_overrides, deck%overrides, error)
       call self%journal%add_text(is_approximation, approximation_text(deck), error)
@@ -181,12 +179,12 @@ subroutine iteration(self, it)
    character(len=300) :: line
 
    self%last = it
-   self%backward_error = max(self%backward_error, it%backward_error)
-   self%misfit = max(self%misfit, it%misfit)
-   self%rcond = min(self%rcond, it%rcond)
+   self%backward_error = max(self%backward_error, it%solver%backward_error)
+   self%misfit = max(self%misfit, it%solver%misfit)
+   self%rcond = min(self%rcond, it%solver%rcond)
    write (line, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
-      & it%step_norm, it%min_j, it%max_j, it%backward_error, it%solver, it%seconds
+      & it%step_norm, it%min_j, it%max_j, it%solver%backward_error, it%solver%used, it%seconds
    call self%history%line(trim(line), error)
    call keep(self, error)
    call self%journal%add_text(is_line, trim(line), error)
@@ -194,9 +192,9 @@ subroutine iteration(self, it)
    write (line, '("  iteration ", i0, "  |r|  ", a, "  |A''r|  ", a, "  |da|  ", a, '// &
       & '"  J ", a, "..", a, "  ", a, "  ", a)') it%iteration, to_power(it%residual, 1), &
       & to_power(it%gradient, 1), to_power(it%step_norm, 1), to_text(it%min_j), &
-      & to_text(it%max_j), it%solver, to_power(it%backward_error, 0)
-   if (it%refinements > 0) line = trim(line)//' in ' &
-      & //to_text(it%refinements)//' iterations'
+      & to_text(it%max_j), it%solver%used, to_power(it%solver%backward_error, 0)
+   if (it%solver%iterations > 0) line = trim(line)//' in ' &
+      & //to_text(it%solver%iterations)//' iterations'
    call self%say(trim(line), level=1)
 end subroutine iteration
 
@@ -244,7 +242,7 @@ subroutine step(self, st, x)
       return
    else if (self%problem%linear) then
       write (line, '("linear: one least squares solve, ", a, "  relative |A''r| ", a, '// &
-         & '"  ", a, " s")') self%last%solver, to_power(st%gradient, 1), &
+         & '"  ", a, " s")') self%last%solver%used, to_power(st%gradient, 1), &
          & to_text(self%last%seconds, 3)
       call self%say(trim(line), level=0)
       return
@@ -325,14 +323,9 @@ function numbers(values, digits) result(text)
    !> Digits of each
    integer, intent(in) :: digits
    character(len=:), allocatable :: text
-   integer :: i
 
    text = to_text(values(1), digits)
-   if (size(values) == 1) return
-   do i = 2, size(values)
-      text = text//', '//to_text(values(i), digits)
-   end do
-   text = '('//text//')'
+   if (size(values) > 1) text = to_text(values, digits)
 end function numbers
 
 logical function asked_to_stop(self)

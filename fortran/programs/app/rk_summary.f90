@@ -63,9 +63,9 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
       call json%put('dimension', scene%cloud%nd)
       call json%begin_object('solver')
       call json%put('asked', scene%solver%linear)
-      if (allocated(output%last%solver)) then
-         call json%put('used', output%last%solver)
-         call json%put('why', output%last%why)
+      if (allocated(output%last%solver%used)) then
+         call json%put('used', output%last%solver%used)
+         call json%put('why', output%last%solver%why)
       end if
       call json%put('backward_error', output%backward_error)
       call json%put('misfit', output%misfit)
@@ -100,7 +100,7 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
       call json%end_object()
       call json%put('cpu_s', cpu_seconds())
       call json%put('memory_peak_bytes', peak_bytes())
-      call put_lines(json, 'warnings', outcome%warnings)
+      call json%put_lines('warnings', outcome%warnings)
       call put_kept(json, earlier)
       call json%begin_object('deck')
       call deck%write_json(json)
@@ -205,8 +205,8 @@ subroutine set_aside(folder, whole, begins, deck, scene, message, error)
    call json%put(reason)
    call json%end_array()
    call json%end_object()
-   call put_lines(json, 'steps', '')
-   call put_lines(json, 'warnings', '')
+   call json%put_lines('steps', '')
+   call json%put_lines('warnings', '')
    call put_kept(json, earlier)
    call json%end_object()
    call json%save(folder//'/summary.json', unwritten)
@@ -273,7 +273,7 @@ subroutine write_refinement(json, refinement, problem, verdict)
    call json%put('met', refinement%met)
    call json%put('reason', refinement%reason)
    call json%put('cpu_s', refinement%seconds)
-   call put_lines(json, 'levels', refinement%levels)
+   call json%put_lines('levels', refinement%levels)
    call json%begin_object('sources')
    if (allocated(verdict%bars%change)) then
       do i = 1, size(verdict%bars%change)
@@ -283,25 +283,6 @@ subroutine write_refinement(json, refinement, problem, verdict)
    call json%end_object()
    call json%end_object()
 end subroutine write_refinement
-
-!> An array of lines
-subroutine put_lines(json, key, text)
-   type(json_type), intent(inout) :: json
-   character(len=*), intent(in) :: key
-   !> Lines, each with its line feed
-   character(len=*), intent(in) :: text
-   integer :: first, length
-
-   call json%begin_array(key)
-   first = 1
-   do
-      length = index(text(first:), new_line('a'))
-      if (length == 0) exit
-      call json%put(text(first:first + length - 2))
-      first = first + length
-   end do
-   call json%end_array()
-end subroutine put_lines
 
 !> Error against the known solution
 subroutine write_norms(json, norms)
@@ -439,7 +420,7 @@ subroutine write_verdict(json, verdict)
 
    call json%begin_object('verdict')
    call json%put('state', trim(verdict_names(verdict%state)))
-   call put_lines(json, 'reasons', verdict%reasons)
+   call json%put_lines('reasons', verdict%reasons)
    call json%end_object()
    associate (companion => verdict%companion)
       if (.not. allocated(companion%seen%value)) return

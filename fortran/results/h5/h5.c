@@ -17,29 +17,19 @@
 /* base/files.c: open a name for output that is neither a link nor a pipe */
 const char *rkf_output(const char *path, int keep, int *file);
 
-enum { KIND_REAL8 = 1, KIND_INT4 = 2, KIND_INT8 = 3, KIND_UINT1 = 4 };
 enum { MAX_RANK = 4 };
 enum { MAX_TEXT = 4095 };   /* of an attribute [byte] */
 
 /* A dataset is compressed in pieces of about this size [byte] */
 static const hsize_t CHUNK_SMALL = 4096, CHUNK_LARGE = 1048576;
 
-static hid_t type_of(int kind)
+/* Bytes where it is none of numbers */
+static hid_t type_of(CFI_type_t type)
 {
-   switch (kind) {
-   case KIND_REAL8: return H5T_NATIVE_DOUBLE;
-   case KIND_INT4: return H5T_NATIVE_INT32;
-   case KIND_INT8: return H5T_NATIVE_INT64;
-   default: return H5T_NATIVE_UINT8;
-   }
-}
-
-static int kind_of(CFI_type_t type)
-{
-   return type == CFI_type_double    ? KIND_REAL8
-        : type == CFI_type_int64_t   ? KIND_INT8
-        : type == CFI_type_int32_t   ? KIND_INT4
-                                     : KIND_UINT1;
+   return type == CFI_type_double    ? H5T_NATIVE_DOUBLE
+        : type == CFI_type_int64_t   ? H5T_NATIVE_INT64
+        : type == CFI_type_int32_t   ? H5T_NATIVE_INT32
+                                     : H5T_NATIVE_UINT8;
 }
 
 static _Thread_local struct { char text[400]; int heard, quoted; } reason;
@@ -159,7 +149,7 @@ static hid_t chunked(int rank, const hsize_t *shape, size_t size)
 }
 
 /* A dataset without rows yet, with its parent groups */
-static hid_t create_dataset(hid_t file, const char *path, int kind, int rank,
+static hid_t create_dataset(hid_t file, const char *path, hid_t type, int rank,
    const hsize_t *shape)
 {
    hsize_t none[MAX_RANK], most[MAX_RANK];
@@ -168,17 +158,17 @@ static hid_t create_dataset(hid_t file, const char *path, int kind, int rank,
    none[0] = 0;
    most[0] = H5S_UNLIMITED;
    hid_t space = H5Screate_simple(rank, none, most);
-   hid_t layout = chunked(rank, shape, H5Tget_size(type_of(kind)));
+   hid_t layout = chunked(rank, shape, H5Tget_size(type));
    hid_t links = H5Pcreate(H5P_LINK_CREATE);
    H5Pset_create_intermediate_group(links, 1);
-   hid_t set = H5Dcreate2(file, path, type_of(kind), space, links, layout, H5P_DEFAULT);
+   hid_t set = H5Dcreate2(file, path, type, space, links, layout, H5P_DEFAULT);
    H5Pclose(links);
    H5Pclose(layout);
    H5Sclose(space);
    return set;
 }
 
-static int append_rows(hid_t set, int kind, int rank, const hsize_t *shape, const void *data)
+static int append_rows(hid_t set, hid_t type, int rank, const hsize_t *shape, const void *data)
 {
    hsize_t size[MAX_RANK], start[MAX_RANK] = {0};
    hid_t space = H5Dget_space(set);
@@ -197,7 +187,7 @@ static int append_rows(hid_t set, int kind, int rank, const hsize_t *shape, cons
    space = H5Dget_space(set);
    hid_t memory = H5Screate_simple(rank, shape, NULL);
    int failed = H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, shape, NULL) < 0
-      || H5Dwrite(set, type_of(kind), memory, space, H5P_DEFAULT, data) < 0;
+      || H5Dwrite(set, type, memory, space, H5P_DEFAULT, data) < 0;
    H5Sclose(memory);
    H5Sclose(space);
    return failed ? -1 : 0;
@@ -207,13 +197,14 @@ static int append_rows(hid_t set, int kind, int rank, const hsize_t *shape, cons
 const char *rkh5_append(int64_t file, const char *path, const CFI_cdesc_t *values)
 {
    hsize_t shape[MAX_RANK] = {0};
-   const int rank = values->rank, kind = kind_of(values->type);
+   const int rank = values->rank;
    listen();
+   const hid_t type = type_of(values->type);
    for (int i = 0; i < rank && i < MAX_RANK; i++)
       shape[i] = (hsize_t)values->dim[rank - 1 - i].extent;
    hid_t set = rkh5_exists(file, path) ? H5Dopen2(file, path, H5P_DEFAULT)
-                                       : create_dataset(file, path, kind, rank, shape);
-   int failed = set < 0 || append_rows(set, kind, rank, shape, values->base_addr) < 0;
+                                       : create_dataset(file, path, type, rank, shape);
+   int failed = set < 0 || append_rows(set, type, rank, shape, values->base_addr) < 0;
    if (set >= 0 && H5Dclose(set) < 0) failed = 1;
    return finish(failed);
 }
@@ -225,15 +216,15 @@ static void complain(const char *text)
    reason.heard = 1;
 }
 
-/* Whether the numbers of a dataset can be read as those of a kind: whole numbers are real ones, the
- * reverse would lose digits */
-static int fits(hid_t set, int kind)
+/* Whether the numbers of a dataset can be read as real ones, or as integers: whole numbers are real
+ * ones, the reverse would lose digits */
+static int fits(hid_t set, int real)
 {
    hid_t type = H5Dget_type(set);
    H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
    if (type >= 0) H5Tclose(type);
-   if (class == H5T_INTEGER || (class == H5T_FLOAT && kind == KIND_REAL8)) return 1;
-   complain(kind == KIND_REAL8 ? "it does not hold numbers" : "it does not hold integers");
+   if (class == H5T_INTEGER || (class == H5T_FLOAT && real)) return 1;
+   complain(real ? "it does not hold numbers" : "it does not hold integers");
    return 0;
 }
 
@@ -258,12 +249,12 @@ const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
 {
    hsize_t shape[H5S_MAX_RANK];
    CFI_index_t first[MAX_RANK] = {1, 1, 1, 1}, last[MAX_RANK];
-   const int kind = kind_of(values->type), wanted = values->rank;
+   const int wanted = values->rank;
    listen();
    hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
    hid_t space = set < 0 ? -1 : H5Dget_space(set);
    int rank = -1;
-   if (space >= 0 && fits(set, kind) && is_backed(set, space))
+   if (space >= 0 && fits(set, values->type == CFI_type_double) && is_backed(set, space))
       rank = H5Sget_simple_extent_dims(space, shape, NULL);
    int failed = rank != wanted;
    if (rank >= 0 && failed) {
@@ -277,7 +268,8 @@ const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
       failed = 1;
    }
    if (!failed)
-      failed = H5Dread(set, type_of(kind), H5S_ALL, H5S_ALL, H5P_DEFAULT, values->base_addr) < 0;
+      failed = H5Dread(set, type_of(values->type), H5S_ALL, H5S_ALL, H5P_DEFAULT,
+                       values->base_addr) < 0;
    if (space >= 0) H5Sclose(space);
    if (set >= 0) H5Dclose(set);
    return finish(failed);
@@ -289,12 +281,11 @@ const char *rkh5_put_attribute(int64_t file, const char *object, const char *nam
    const CFI_cdesc_t *values)
 {
    listen();
-   const int kind = kind_of(values->type);
    hsize_t size = (hsize_t)values->dim[0].extent;
-   int scalar = size == 1 || kind == KIND_UINT1;
+   const int text = type_of(values->type) == H5T_NATIVE_UINT8, scalar = size == 1 || text;
    hid_t space = scalar ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &size, NULL);
-   hid_t type = H5Tcopy(kind == KIND_UINT1 ? H5T_C_S1 : type_of(kind));
-   if (kind == KIND_UINT1) {
+   hid_t type = H5Tcopy(text ? H5T_C_S1 : type_of(values->type));
+   if (text) {
       H5Tset_size(type, size);
       H5Tset_strpad(type, H5T_STR_NULLPAD);
    }

@@ -129,7 +129,7 @@ subroutine create(self, path, error)
          "remove it or choose another output folder")
       return
    end if
-   why = rkh5_open(c_text(part_of(self%path)), 1_c_int, self%handle)
+   why = rkh5_open(part_of(self%path)//c_null_char, 1_c_int, self%handle)
    if (c_associated(why)) call fatal_error(error, err_file, part_of(self%path)// &
       ": cannot be created: "//to_fortran(why)// &
       "; choose an output folder that exists and can be written")
@@ -144,7 +144,7 @@ subroutine open_read(self, path, error)
 
    self%path = trim(path)
    self%writing = .false.
-   why = rkh5_open(c_text(self%path), 0_c_int, self%handle)
+   why = rkh5_open(self%path//c_null_char, 0_c_int, self%handle)
    if (c_associated(why)) call fatal_error(error, err_file, self%path//": cannot be opened: "// &
       to_fortran(why))
 end subroutine open_read
@@ -189,7 +189,7 @@ subroutine publish(self, error)
          part_of(self%path)//" has failed")
       return
    end if
-   why = rkf_rename(c_text(part_of(self%path)), c_text(self%path))
+   why = rkf_rename(part_of(self%path)//c_null_char, self%path//c_null_char)
    if (c_associated(why)) call fatal_error(error, err_file, self%path// &
       ": cannot take the place of the file: "//to_fortran(why)//"; the results are in "// &
       part_of(self%path))
@@ -201,7 +201,7 @@ function has(self, name)
    character(len=*), intent(in) :: name
    logical :: has
 
-   has = rkh5_exists(self%handle, c_text(name)) /= 0
+   has = rkh5_exists(self%handle, name//c_null_char) /= 0
 end function has
 
 !> Append numbers of any kind and shape along the last Fortran dimension
@@ -215,7 +215,7 @@ subroutine append(self, name, values, error)
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, name, rkh5_append(self%handle, &
-      c_text(name), values), error)
+      name//c_null_char, values), error)
 end subroutine append
 
 !> A text as it is stored
@@ -235,7 +235,7 @@ subroutine read_reals(self, name, values, error)
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. is_there(self, name, error)) return
-   call check_read(self, name, read_c_reals(self%handle, c_text(name), values), &
+   call check_read(self, name, read_c_reals(self%handle, name//c_null_char, values), &
       allocated(values), error)
 end subroutine read_reals
 
@@ -246,7 +246,7 @@ subroutine read_integers(self, name, values, error)
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. is_there(self, name, error)) return
-   call check_read(self, name, read_c_integers(self%handle, c_text(name), values), &
+   call check_read(self, name, read_c_integers(self%handle, name//c_null_char, values), &
       allocated(values), error)
 end subroutine read_integers
 
@@ -309,7 +309,7 @@ subroutine put_attribute(self, object, name, values, error)
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
-      c_text(object), c_text(name), values), error)
+      object//c_null_char, name//c_null_char, values), error)
 end subroutine put_attribute
 
 subroutine get_attribute(self, object, name, text, error)
@@ -321,7 +321,7 @@ subroutine get_attribute(self, object, name, text, error)
    type(c_ptr) :: found, why
 
    if (allocated(error)) return
-   why = rkh5_get_text(self%handle, c_text(object), c_text(name), found)
+   why = rkh5_get_text(self%handle, object//c_null_char, name//c_null_char, found)
    if (c_associated(why)) then
       call fatal_error(error, err_input, self%path//": text attribute '"//name//"' of '"// &
          object//"': "//to_fortran(why))
@@ -355,13 +355,5 @@ pure function part_of(path) result(part)
 
    part = path//".part"
 end function part_of
-
-pure function c_text(text) result(chars)
-   !> Fortran text
-   character(len=*), intent(in) :: text
-   character(kind=c_char, len=:), allocatable :: chars
-
-   chars = trim(text)//c_null_char
-end function c_text
 
 end module rk_hdf5
