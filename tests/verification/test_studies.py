@@ -1,7 +1,7 @@
 """Studies: parameters recovered from made measurements, moved label maps."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
