@@ -30,12 +30,8 @@ module rk_sparse
    !> elimination and the places of the factor's entries. No copies: each would give them back.
    type :: kept_factor
       type(c_ptr), private :: handle = c_null_ptr
-      !> The last factor was one of Cholesky, and is there
-      logical :: ready = .false.
-      !> A matrix was too far from a positive definite one to be solved with the factor of that
-      logical :: far = .false.
    contains
-      procedure :: has_order, cost
+      procedure :: has_order
       final :: free_kept
    end type kept_factor
 
@@ -79,18 +75,11 @@ module rk_sparse
          import :: c_int, c_ptr
          type(c_ptr), value :: handle
       end function rk_sparse_ordered
-      real(c_double) function rk_sparse_cost(handle) bind(c)
-         import :: c_double, c_ptr
-         type(c_ptr), value :: handle
-      end function rk_sparse_cost
       subroutine rk_sparse_free(handle) bind(c)
          import :: c_ptr
          type(c_ptr), value :: handle
       end subroutine rk_sparse_free
    end interface
-
-   !> Speed of a matrix product over that of a solve, in operations a second
-   real(wp), parameter :: faster = 9.0_wp
 
 contains
 
@@ -230,7 +219,6 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
       & merge(1, 0, again), b, x, rcond, kept%handle)
    call release_threads(threads)
    call complain(stat, error)
-   kept%ready = definite .and. .not. allocated(error)
 end subroutine solve_sparse
 
 !> Solve in place with the last factor, which was to stay
@@ -292,14 +280,6 @@ logical function has_order(self)
 
    has_order = rk_sparse_ordered(self%handle) /= 0
 end function has_order
-
-!> Solves with a factor of Cholesky that take as long as another one: its operations are those of a
-!> matrix product, which are faster than those of a solve, which reads the factor from memory
-real(wp) function cost(self)
-   class(kept_factor), intent(in) :: self
-
-   cost = rk_sparse_cost(self%handle)/faster
-end function cost
 
 !> Give back what was kept
 subroutine free_kept(self)

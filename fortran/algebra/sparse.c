@@ -71,6 +71,7 @@ static struct factor *new_factor(int64_t n)
     f->work = malloc((size_t)n * sizeof *f->work);
     cholmod_l_start(&f->common);
     f->common.print = 0;
+    f->common.final_ll = 1; /* L D L' passes over negative D */
     if (!f->work) {
         rk_sparse_free(f);
         return NULL;
@@ -171,12 +172,6 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
 int rk_sparse_ordered(const struct factor *f)
 {
     return f && f->cholesky;
-}
-
-/* Operations of a Cholesky factor over those of a solve with it */
-double rk_sparse_cost(const struct factor *f)
-{
-    return f && f->cholesky ? f->common.fl / (4 * f->common.lnz) : 0;
 }
 
 /* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
@@ -357,12 +352,6 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
 }
 
 int rk_sparse_ordered(const void *f)
-{
-    (void)f;
-    return 0;
-}
-
-double rk_sparse_cost(const void *f)
 {
     (void)f;
     return 0;
