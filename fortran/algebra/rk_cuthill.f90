@@ -1,5 +1,5 @@
-!> Elimination order of a sparse symmetric matrix along the body: reverse Cuthill-McKee, whose
-!> levels begin at an end of the graph.
+!> Elimination orders of a sparse symmetric matrix along the body: reverse Cuthill-McKee, whose
+!> levels begin at an end of the graph, and layers along an axis.
 !>
 !> Bodies that are a few supports thick have no separators that would be smaller than a level, and
 !> there this order fills less than minimum degree or nested dissection.
@@ -8,11 +8,12 @@
 !>             George, Liu, ACM TOMS 5 (1979) 284, doi:10.1145/355841.355845 (the ends)
 module rk_cuthill
    use rk_csr, only : csr_type
-   use rk_precision, only : i8
+   use rk_precision, only : i8, wp
+   use rk_sort, only : sort
    implicit none
    private
 
-   public :: cuthill_mckee
+   public :: cuthill_mckee, order_along
 
    !> Both triangles of a pattern, and what a search through its levels leaves behind
    type :: graph_type
@@ -25,6 +26,22 @@ module rk_cuthill
    end type graph_type
 
 contains
+
+!> Place of each point in an order along an axis
+subroutine order_along(x, axis, place)
+   !> Coordinates, shape (nd, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   integer, intent(in) :: axis
+   !> Places, shape (n)
+   integer, allocatable, intent(out) :: place(:)
+   real(wp) :: weight(size(x, 1))
+   integer :: e
+
+   ! points of a layer are distinguished by their other coordinates
+   weight = [(merge(1.0_wp, 1.0e-5_wp**modulo(e - axis, size(x, 1)), e == axis), &
+      & e=1, size(x, 1))]/max(maxval(x, dim=2) - minval(x, dim=2), tiny(1.0_wp))
+   call sort(matmul(weight, x), place)
+end subroutine order_along
 
 !> Order in which nodes are eliminated
 function cuthill_mckee(above) result(order)

@@ -1,7 +1,8 @@
 !> What the least squares solvers may know of a matrix, and of a factor of it.
 module rk_operator
-   use rk_envelope, only : envelope_type, factor_type, new_envelope
+   use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
+   use rk_factor, only : factor_type
    use rk_lapack, only : syrk
    use rk_precision, only : i8, wp
    use rk_text, only : to_text

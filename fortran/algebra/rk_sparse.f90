@@ -23,12 +23,8 @@ module rk_sparse
       type(c_ptr), private :: handle = c_null_ptr
       !> Place of each unknown in the matrix that was factorised, where they have others, shape (n)
       integer, allocatable, private :: position(:)
-      !> The last factor was one of Cholesky, and is there
-      logical :: ready = .false.
-      !> A matrix was too far from a positive definite one to be solved with the factor of that
-      logical :: far = .false.
    contains
-      procedure :: solve, cost
+      procedure :: solve, has_order
       final :: free
    end type sparse_factor
 
@@ -62,18 +58,15 @@ module rk_sparse
          type(c_ptr), value :: handle
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
-      real(c_double) function rk_sparse_cost(handle) bind(c)
-         import :: c_double, c_ptr
+      integer(c_int) function rk_sparse_ordered(handle) bind(c)
+         import :: c_int, c_ptr
          type(c_ptr), value :: handle
-      end function rk_sparse_cost
+      end function rk_sparse_ordered
       subroutine rk_sparse_free(handle) bind(c)
          import :: c_ptr
          type(c_ptr), value :: handle
       end subroutine rk_sparse_free
    end interface
-
-   !> Speed of a matrix product over that of a solve, in operations a second
-   real(wp), parameter :: faster = 9.0_wp
 
 contains
 
@@ -211,7 +204,6 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
       & merge(1, 0, again), b, x, rcond, kept%handle)
    call release_threads(threads)
    call complain(stat, error)
-   kept%ready = definite .and. .not. allocated(error)
 end subroutine solve_sparse
 
 !> What the shim's answer means
@@ -248,20 +240,18 @@ subroutine solve(self, x)
    if (allocated(self%position)) x = y(self%position)
 end subroutine solve
 
-!> Solves with a factor of Cholesky that take as long as another one: its operations are those of a
-!> matrix product, which are faster than those of a solve, which reads the factor from memory; 0
-!> where no order of elimination was found yet
-real(wp) function cost(self)
-   class(sparse_factor), intent(in) :: self
-
-   cost = rk_sparse_cost(self%handle)/faster
-end function cost
-
 subroutine free(self)
    type(sparse_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
    self%handle = c_null_ptr
 end subroutine free
+
+!> Whether a solve has found an order of elimination for Cholesky
+logical function has_order(self)
+   class(sparse_factor), intent(in) :: self
+
+   has_order = rk_sparse_ordered(self%handle) /= 0
+end function has_order
 
 end module rk_sparse

@@ -1,21 +1,37 @@
 !> A sparse symmetric matrix made of small blocks, assembled from dense parts and solved directly:
 !> Cholesky where it is positive definite, LU otherwise, also where a skew part stands beside it.
 !>
-!> A factor of a large solid takes as long as dozens of solves with it. Matrices that follow one
-!> another differ little: minimal residuals with the last factor come first there.
+!> A factor of a large solid takes as long as dozens of solves with it. There it has half of the
+!> digits, in half of the memory and time, and minimal residuals find the rest: two iterations.
+!> Matrices that follow one another differ little: those with the last factor come first.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
-   use rk_cuthill, only : cuthill_mckee
-   use rk_error, only : error_type, err_input, err_memory
+   use rk_cuthill, only : cuthill_mckee, order_along
+   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_lapack, only : solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
+   use rk_single_envelope, only : envelope_type, new_envelope
    use rk_sparse, only : solve_sparse, sparse_factor
    implicit none
    private
 
    public :: symmetric_matrix, new_symmetric
+
+   !> Factor of half as many digits, of the matrix between the roots of its diagonal
+   type :: near_factor
+      type(envelope_type) :: matrix
+      !> Operations of a factorisation
+      real(wp) :: operations = 0.0_wp
+      !> Solves with it that take as long
+      real(wp) :: cost = 0.0_wp
+      !> Share of the diagonal that was added to the last one
+      real(wp) :: share = 0.0_wp
+      !> The last one is there; half of the digits, or the memory, do not suffice; a matrix was too
+      !> far from a positive definite one for any factor
+      logical :: ready = .false., coarse = .false., far = .false.
+   end type near_factor
 
    !> Upper triangle in compressed columns. Unknowns come in blocks of the same size, and so do the
    !> entries: a pair of blocks is there as a whole or not at all.
@@ -28,19 +44,21 @@ module rk_symmetric
       logical :: keeps = .false.
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
       integer(i8), allocatable :: start(:)
-      !> Row of each entry less 1
-      integer(i8), allocatable :: row(:)
       !> Entries
       real(wp), allocatable :: value(:)
       !> Entries of a skew part in the same places, not allocated where there is none
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
+      !> Where the first blocks are, shape (nd, located), not allocated where they are nowhere
+      real(wp), allocatable, private :: x(:, :)
       !> What the factors have in common
       type(sparse_factor), pointer, private :: kept => null()
+      !> Factor of half as many digits
+      type(near_factor), pointer, private :: near => null()
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
-      procedure :: let_go, add, product => product_with, add_skew
+      procedure :: let_go, definite, rows, add, product => product_with, add_skew
       final :: free
    end type symmetric_matrix
 
@@ -52,19 +70,28 @@ module rk_symmetric
       procedure :: multiply, precondition
    end type preconditioned_type
 
-   !> Solves that a factor must be worth before the last one is tried, share of them that are made,
-   !> and the residual that they must reach: a step of Newton that is off by so much costs no
-   !> further iteration [-]
-   real(wp), parameter :: worth = 20.0_wp, tried = 0.6_wp, exact = 1.0e-5_wp
+   !> Operations from which the factor of a solid has half of the digits; in the plane it has few
+   !> operations, and slender bodies need all digits [-]
+   real(wp), parameter :: large = 1.0e8_wp
+   !> Operations from which a matrix that is far from a positive definite one is not solved: LU
+   !> takes ten times as long and five times the memory, for a step that leads nowhere [-]
+   real(wp), parameter :: hopeless = 2.0e10_wp
+   !> Speed of its matrix products over that of an iteration with it, in operations a second
+   real(wp), parameter :: faster = 30.0_wp
+   !> Share of the iterations that it is worth which are made with the last one, and the residual
+   !> that they must reach: a step of Newton that is off by so much costs no further iteration; and
+   !> of those with one of its own [-]
+   real(wp), parameter :: tried = 0.6_wp, exact = 1.0e-5_wp, own = 1.0e-10_wp
    !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
-   !> other, and iterations with the factor of the sum: LU takes several times its time and memory
-   real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
-   integer, parameter :: most = 60
+   !> other: half of the digits show for sure that it is not where the first does not suffice
+   real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
+   !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
+   integer, parameter :: most = 100, few = 20
 
 contains
 
 !> Places of the entries: blocks of one group are all coupled. Values are zero.
-subroutine new_symmetric(self, block, blocks, group)
+subroutine new_symmetric(self, block, blocks, group, x)
    type(symmetric_matrix), intent(out) :: self
    !> Unknowns in a block
    integer, intent(in) :: block
@@ -72,6 +99,8 @@ subroutine new_symmetric(self, block, blocks, group)
    integer, intent(in) :: blocks
    !> Blocks of each group, ascending
    type(csr_type), intent(in) :: group
+   !> Where the first blocks are, shape (nd, located) [length]
+   real(wp), intent(in), optional :: x(:, :)
    !> Groups of each block
    type(csr_type) :: groups
    integer, allocatable :: mark(:)
@@ -79,7 +108,8 @@ subroutine new_symmetric(self, block, blocks, group)
    integer :: i, j, n, pass
 
    self%block = block
-   allocate (self%kept)
+   allocate (self%kept, self%near)
+   if (present(x)) self%x = x
    self%n = block*blocks
    self%m = self%n
    call group%transposed(blocks, groups)
@@ -117,20 +147,30 @@ subroutine new_symmetric(self, block, blocks, group)
          self%start(k + 1) = self%start(k) + block*(n - 1) + i
       end do
    end do
-   allocate (self%row(self%start(self%n + 1)))
    allocate (self%value(self%start(self%n + 1)), source=0.0_wp)
-   do j = 1, blocks
-      do i = 1, block
-         k = self%start((j - 1)*block + i)
+end subroutine new_symmetric
+
+!> Row of each entry less 1
+pure function rows(self) result(row)
+   class(symmetric_matrix), intent(in) :: self
+   integer(i8), allocatable :: row(:)
+   integer(i8) :: k, l
+   integer :: b, i, j, n
+
+   b = self%block
+   allocate (row(self%start(self%n + 1)))
+   k = 0
+   do j = 1, self%n/b
+      do i = 1, b
          do l = self%above%offset(j) + 1, self%above%offset(j + 1)
-            do n = 1, merge(i, block, l == self%above%offset(j + 1))
+            do n = 1, merge(i, b, l == self%above%offset(j + 1))
                k = k + 1
-               self%row(k) = int(self%above%index(l) - 1, i8)*block + n - 1
+               row(k) = int(self%above%index(l) - 1, i8)*b + n - 1
             end do
          end do
       end do
    end do
-end subroutine new_symmetric
+end function rows
 
 !> Add a dense part; of a the upper triangle counts
 subroutine add(self, value, member, a)
@@ -196,13 +236,15 @@ subroutine add_skew(self, sign, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Sum, shape (n)
    real(wp), contiguous, intent(inout) :: y(:)
+   integer(i8), allocatable :: row(:)
    integer(i8) :: k, i
    integer :: j
 
    if (.not. allocated(self%skew)) return
+   row = self%rows()
    do j = 1, self%n
       do k = self%start(j) + 1, self%start(j + 1) - 1
-         i = self%row(k) + 1
+         i = row(k) + 1
          y(i) = y(i) + sign*self%skew(k)*x(j)
          y(j) = y(j) - sign*self%skew(k)*x(i)
       end do
@@ -293,11 +335,12 @@ subroutine both_triangles(self, given, sign, start, column, value)
    real(wp), allocatable, intent(out) :: value(:)
    !> Columns of blocks in which each row of blocks has an entry, the diagonal one first
    type(csr_type) :: later
-   integer(i8), allocatable :: entry(:)
+   integer(i8), allocatable :: entry(:), own(:)
    integer(i8) :: at, k, l, place
    integer :: b, c, i, j, row
 
    b = self%block
+   own = self%rows()
    call self%above%transposed(self%n/b, later, entry)
    allocate (start(self%n + 1))
    start(1) = 0
@@ -311,7 +354,7 @@ subroutine both_triangles(self, given, sign, start, column, value)
          row = (j - 1)*b + i
          ! by symmetry a row begins with the entries of its column; those of later columns follow
          at = start(row) + self%start(row + 1) - self%start(row)
-         column(start(row) + 1:at) = self%row(self%start(row) + 1:self%start(row + 1))
+         column(start(row) + 1:at) = own(self%start(row) + 1:self%start(row + 1))
          value(start(row) + 1:at) = given(self%start(row) + 1:self%start(row + 1))
          if (allocated(self%skew)) value(start(row) + 1:at) = value(start(row) + 1:at) &
             & - sign*self%skew(self%start(row) + 1:self%start(row + 1))
@@ -363,18 +406,21 @@ subroutine solve_with(self, given, b, x, report, error)
    real(wp), contiguous, intent(inout) :: x(:)
    !> What was used and how good it is
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, no memory
+   !> Error handling: singular matrix, one far from a positive definite one, no memory
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), column(:), order(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
-   logical :: definite, found
+   logical :: symmetric, found
 
-   definite = .not. (self%indefinite .or. allocated(self%skew))
+   symmetric = .not. (self%indefinite .or. allocated(self%skew))
    found = .false.
-   if (definite .and. .not. self%keeps) call solve_by_last(self, given, &
-      & nint(tried*self%kept%cost()), b, x, report, found)
+   if (symmetric .and. .not. self%keeps) call solve_near(self, given, b, x, report, found)
    if (found) return
+   if (self%near%far .and. self%near%operations > hopeless) then
+      call fatal_error(error, err_linalg, 'the tangent is far from positive definite')
+      return
+   end if
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
@@ -383,19 +429,16 @@ subroutine solve_with(self, given, b, x, report, error)
    else if (self%indefinite) then
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
-   if (definite) then
+   if (symmetric) then
       ! not allocated it is no argument
-      if (.not. self%kept%cost() > 0.0_wp) order = unknowns_along(self)
-      call solve_sparse(self%n, self%start, self%row, given, .true., self%keeps, b, x, &
+      if (.not. self%kept%has_order()) order = unknowns_along(self)
+      call solve_sparse(self%n, self%start, self%rows(), given, .true., self%keeps, b, x, &
          & report%rcond, self%kept, error, order)
    end if
-   if (.not. definite .or. allocated(error)) then
+   if (.not. symmetric .or. allocated(error)) then
       if (allocated(error)) then
          if (error%code == err_memory) return
          report%indefinite = error%code /= err_input
-         call solve_beside(self, given, b, x, report, found)
-         if (found) deallocate (error)
-         if (found) return
       end if
       report%used = 'lu'
       ! columns
@@ -417,64 +460,185 @@ subroutine solve_with(self, given, b, x, report, error)
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with
 
-!> Solve with the last factor of another matrix, which is not far from this one
-subroutine solve_by_last(self, given, limit, b, x, report, found)
+!> Solve a large system by minimal residuals with a factor of half as many digits: the last one, or
+!> one of this matrix, if need be with a larger diagonal
+subroutine solve_near(self, given, b, x, report, found)
    type(symmetric_matrix), target, intent(in) :: self
    real(wp), contiguous, target, intent(in) :: given(:)
-   integer, intent(in) :: limit
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution where it was found, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    type(square_report), intent(inout) :: report
-   !> Whether it was found
+   !> Whether it was found: not where the system is small, half of the digits do not suffice, or the
+   !> matrix is too far from a positive definite one
    logical, intent(out) :: found
-   type(preconditioned_type) :: system
+   integer :: k
 
    found = .false.
-   if (.not. self%kept%ready .or. self%kept%cost() < worth) return
-   system%size = self%n
-   system%places => self
-   system%given => given
-   call minres(system, b, exact, limit, x, report%iterations, report%backward_error)
-   found = report%backward_error <= exact
-   if (.not. found) then
-      report%iterations = 0
-      return
-   end if
-   report%used = 'minres'
-   report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
-      & //'Cholesky factor'
-end subroutine solve_by_last
-
-!> Solve where the matrix is not positive definite with the factor of one that is
-subroutine solve_beside(self, given, b, x, report, found)
-   type(symmetric_matrix), target, intent(in) :: self
-   real(wp), contiguous, target, intent(in) :: given(:)
-   real(wp), contiguous, intent(in) :: b(:)
-   real(wp), contiguous, intent(inout) :: x(:)
-   type(square_report), intent(inout) :: report
-   logical, intent(out) :: found
-   type(error_type), allocatable :: error
-   real(wp), allocatable :: sum(:)
-   integer :: j, k
-
-   found = .false.
-   if (self%keeps .or. self%kept%far .or. self%kept%cost() < worth) return
-   do k = 1, size(added)
-      sum = given
-      do j = 1, self%n
-         associate (diagonal => sum(self%start(j + 1)))
-            diagonal = diagonal + added(k)*abs(diagonal)
-         end associate
+   if (self%block < 3) return
+   associate (near => self%near)
+      if (.not. allocated(near%matrix%start)) call lay_out(self)
+      if (near%operations < large .or. near%coarse .or. near%far) return
+      report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
+         & //'Cholesky factor'
+      if (near%ready .and. .not. near%share > 0.0_wp) call iterate(exact, nint(tried*near%cost))
+      if (found) return
+      report%why = 'the tangent is large: minimal residuals with its Cholesky factor in single ' &
+         & //'precision'
+      call factorise(self, given, 0.0_wp)
+      if (near%ready) then
+         call iterate(own, few)
+         if (found) report%used = 'cholesky'
+         if (found) return
+         ! all digits from now on
+         near%coarse = .true.
+         near%ready = .false.
+         deallocate (near%matrix%value)
+         return
+      end if
+      do k = 1, size(added)
+         call factorise(self, given, added(k))
+         if (near%ready) exit
       end do
-      call solve_sparse(self%n, self%start, self%row, sum, .true., .false., b, x, report%rcond, &
-         & self%kept, error)
-      if (.not. allocated(error)) exit
-      deallocate (error)
+      if (near%ready) call iterate(exact, most)
+      near%far = .not. found
+   end associate
+
+contains
+
+   subroutine iterate(tolerance, limit)
+      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: limit
+      type(preconditioned_type) :: system
+
+      system%size = self%n
+      system%places => self
+      system%given => given
+      call minres(system, b, tolerance, limit, x, report%iterations, report%backward_error)
+      found = report%backward_error <= exact
+      if (found) report%used = 'minres'
+   end subroutine iterate
+
+end subroutine solve_near
+
+!> Whether the matrix is positive definite
+logical function definite(self)
+   class(symmetric_matrix), target, intent(in) :: self
+   type(error_type), allocatable :: error
+   type(square_report) :: report
+   real(wp) :: b(self%n), x(self%n)
+
+   associate (near => self%near)
+      if (allocated(near%matrix%start) .and. near%operations >= large .and. .not. near%coarse) then
+         call factorise(self, self%value, 0.0_wp)
+         definite = near%ready
+         if (definite) return
+         call factorise(self, self%value, added(1))
+         if (.not. near%ready) return
+      end if
+   end associate
+   b = 1.0_wp
+   x = 0.0_wp
+   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, &
+      & report%rcond, self%kept, error)
+   definite = .not. allocated(error)
+   if (.not. definite) definite = error%code == err_input
+end function definite
+
+!> Order of elimination and envelope of the factor of half as many digits: along the axis, or by the
+!> levels of the graph, that take the fewest operations
+subroutine lay_out(self)
+   type(symmetric_matrix), intent(in) :: self
+   type(error_type), allocatable :: error
+   integer, allocatable :: place(:), located(:), reach(:), best(:), first(:)
+   integer :: position(self%n), low(self%n)
+   real(wp) :: operations
+   integer :: b, c, d, i, n
+
+   n = size(self%above%offset) - 1
+   b = self%block
+   allocate (place(n))
+   associate (near => self%near)
+      near%operations = huge(1.0_wp)
+      do d = 0, merge(size(self%x, 1), 0, allocated(self%x))
+         if (d == 0) then
+            place(cuthill_mckee(self%above)) = [(i, i=1, n)]
+         else
+            call order_along(self%x, d, located)
+            place = [located, [(i, i=size(located) + 1, n)]]
+         end if
+         reach = reach_of(self%above, place)
+         operations = real(b, wp)**3*sum(([(i, i=1, n)] - reach + 1.0_wp)**2)
+         if (operations >= near%operations) cycle
+         near%operations = operations
+         best = place
+         first = reach
+      end do
+      do c = 1, b
+         position(c::b) = b*(best - 1) + c
+         low(c::b) = b*(first - 1) + 1
+      end do
+      near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, n)] - first + 1.0_wp))/faster
+      if (near%operations < large) return
+      call new_envelope(near%matrix, position, low, error)
+      near%coarse = allocated(error)
+   end associate
+end subroutine lay_out
+
+!> First place of the blocks with which that of each place is coupled
+pure function reach_of(above, place) result(reach)
+   !> Blocks of each column, as of a matrix
+   type(csr_type), intent(in) :: above
+   !> Place of each block, shape (blocks)
+   integer, intent(in) :: place(:)
+   integer :: reach(size(place))
+   integer(i8) :: k
+   integer :: c, j
+
+   reach = [(j, j=1, size(place))]
+   do j = 1, size(place)
+      do k = above%offset(j) + 1, above%offset(j + 1)
+         c = max(place(above%index(k)), place(j))
+         reach(c) = min(reach(c), place(above%index(k)), place(j))
+      end do
    end do
-   call solve_by_last(self, given, most, b, x, report, found)
-   self%kept%far = .not. found
-end subroutine solve_beside
+end function reach_of
+
+!> Factor of half as many digits
+subroutine factorise(self, given, share)
+   type(symmetric_matrix), intent(in) :: self
+   real(wp), intent(in) :: given(:)
+   !> Share of the diagonal that is added to it
+   real(wp), intent(in) :: share
+   type(error_type), allocatable :: error
+   real(wp) :: root(self%n)
+   integer(i8) :: k, l
+   integer :: b, c, i, j
+
+   associate (near => self%near, position => self%near%matrix%position)
+      near%ready = .false.
+      near%share = share
+      root = sqrt(given(self%start(2:)))
+      if (.not. all(root > 0.0_wp)) return
+      near%matrix%scale = root
+      call near%matrix%clear()
+      b = self%block
+      do c = 1, self%n
+         k = self%start(c)
+         j = (c - 1)/b + 1
+         do l = self%above%offset(j) + 1, self%above%offset(j + 1)
+            do i = (self%above%index(l) - 1)*b + 1, min(self%above%index(l)*b, c)
+               k = k + 1
+               call near%matrix%put(min(position(i), position(c)), max(position(i), position(c)), &
+                  & given(k)/(root(i)*root(c)))
+            end do
+         end do
+         call near%matrix%put(position(c), position(c), 1.0_wp + share)
+      end do
+      call near%matrix%factorise(error)
+      near%ready = .not. allocated(error)
+   end associate
+end subroutine factorise
 
 subroutine multiply(self, x, y)
    class(preconditioned_type), intent(in) :: self
@@ -489,8 +653,11 @@ subroutine precondition(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   y = x
-   call self%places%solve_again(y)
+   associate (factor => self%places%near%matrix)
+      y = x/factor%scale
+      call factor%solve(y)
+      y = y/factor%scale
+   end associate
 end subroutine precondition
 
 !> Unknowns less 1 along the body, an order of elimination
@@ -521,15 +688,16 @@ end subroutine solve_again
 subroutine let_go(self)
    class(symmetric_matrix), intent(in) :: self
 
-   if (.not. associated(self%kept)) return
-   self%kept%ready = .false.
-   self%kept%far = .false.
+   if (.not. associated(self%near)) return
+   self%near%ready = .false.
+   self%near%far = .false.
 end subroutine let_go
 
 subroutine free(self)
    type(symmetric_matrix), intent(inout) :: self
 
    if (associated(self%kept)) deallocate (self%kept)
+   if (associated(self%near)) deallocate (self%near)
 end subroutine free
 
 end module rk_symmetric

@@ -71,6 +71,7 @@ static struct factor *new_factor(int64_t n)
     f->work = malloc((size_t)n * sizeof *f->work);
     cholmod_l_start(&f->common);
     f->common.print = 0;
+    f->common.final_ll = 1; /* L D L' passes over negative D */
     if (!f->work) {
         rk_sparse_free(f);
         return NULL;
@@ -154,10 +155,10 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Operations of a Cholesky factor over those of a solve with it; 0 where none has an order yet */
-double rk_sparse_cost(const struct factor *f)
+/* Whether a Cholesky factor has an order of elimination */
+int rk_sparse_ordered(const struct factor *f)
 {
-    return f && f->cholesky ? f->common.fl / (4 * f->common.lnz) : 0;
+    return f && f->cholesky;
 }
 
 /* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
@@ -332,7 +333,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     return rk_missing;
 }
 
-double rk_sparse_cost(const void *f)
+int rk_sparse_ordered(const void *f)
 {
     (void)f;
     return 0;

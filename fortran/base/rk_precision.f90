@@ -1,13 +1,15 @@
 !> Kinds of numbers, used everywhere.
 module rk_precision
-   use, intrinsic :: iso_fortran_env, only : int64, real64
+   use, intrinsic :: iso_fortran_env, only : int64, real32, real64
    implicit none
    private
 
-   public :: wp, i8, pi
+   public :: wp, sp, i8, pi
 
    !> Working precision
    integer, parameter :: wp = real64
+   !> Half of its digits, enough to precondition with
+   integer, parameter :: sp = real32
    !> Long integers: sizes that may pass 2**31, hash keys
    integer, parameter :: i8 = int64
    !> Ratio of a circle's circumference to its diameter [-]

@@ -151,7 +151,8 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    real(wp), intent(in) :: support(:)
    !> Source points along each direction
    real(wp), intent(in) :: layers(:)
-   character(len=:), allocatable :: kind
+   character(len=:), allocatable :: kind, essential
+   logical :: single
    real(wp) :: coupled, band, width, factor, bulk, displacements
    integer :: d, gauss, limit
 
@@ -188,12 +189,14 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    end do
    ! unknowns of the layers that couple through a section, the band of the factor at worst
    band = self%unknowns*min(1.0_wp, 0.5_wp*(coupled**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
-   ! shape functions and gradients at the points; entries with their rows, twice for the constant
-   ! part; the factor
+   ! shape functions and gradients at the points; entries, twice for the constant part; the factor,
+   ! of half the digits where a solid is held by the penalty, beside rows of the entries where not
+   call deck%get('galerkin.essential', essential)
+   single = fields == 3 .and. factor <= 1.0_wp .and. essential == 'penalty'
    self%entries = 0.5_wp*fields**2*self%ns*coupled
-   self%bytes = self%places*self%members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) &
-      & + 24.0_wp*self%entries + 8.0_wp*self%unknowns*band
-   self%flops = factor*self%unknowns*band**2
+   self%bytes = self%places*self%members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) + 16.0_wp*self%entries &
+      & + merge(4.0_wp*self%unknowns*band, 8.0_wp*(self%unknowns*band + self%entries), single)
+   self%flops = merge(0.5_wp, factor, single)*self%unknowns*band**2
    if (displacements <= limit .or. (method == 'rkpm-gauss' .and. kind == 'annulus')) return
    ! never formed: moduli, gradients at the points, the constant part of one component, matrices of
    ! seven entries a point with their levels and vectors, and the work of an iteration through all

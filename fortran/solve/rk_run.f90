@@ -12,7 +12,6 @@ module rk_run
    use rk_motion, only : form_motion, march
    use rk_newton, only : newton_type
    use rk_newton_step, only : solve_linear
-   use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_problem, only : evaluation_type, problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
@@ -287,9 +286,7 @@ subroutine find_stability(problem, outcome)
    type(outcome_type), intent(inout) :: outcome
    class(symmetric_matrix), pointer :: tangent
    type(evaluation_type) :: seen
-   type(square_report) :: report
-   type(error_type), allocatable :: error
-   real(wp), allocatable :: r(:), x(:)
+   real(wp), allocatable :: r(:)
    integer :: k
 
    if (.not. allocated(outcome%load) .or. outcome%unstrained) return
@@ -297,8 +294,6 @@ subroutine find_stability(problem, outcome)
    k = judged_state(problem, outcome%x)
    if (outcome%factored .and. k == size(outcome%load)) return
    allocate (r(problem%m))
-   ! iterations, where there are any, begin at it
-   allocate (x(problem%n), source=0.0_wp)
    call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
    tangent => null()
    select type (linearised => problem%linearised)
@@ -313,10 +308,7 @@ subroutine find_stability(problem, outcome)
       if (.not. tangent%formed) return
    end select
    if (tangent%indefinite .or. allocated(tangent%skew)) return
-   call tangent%let_go()
-   r = 1.0_wp
-   call tangent%solve_square(0.0_wp, r, x, report, error)
-   outcome%unstable = report%indefinite
+   outcome%unstable = .not. tangent%definite()
 end subroutine find_stability
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that

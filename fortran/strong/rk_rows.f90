@@ -13,6 +13,7 @@
 !>            Prentice-Hall (1981), chapter 4 (the elimination order)
 module rk_rows
    use rk_csr, only : csr_type, group_by
+   use rk_cuthill, only : order_along
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
    use rk_lapack, only : matmat, syrk
@@ -592,17 +593,12 @@ subroutine envelope_order(neighbour, centre, position, reach)
    !> First place in the order of the points that meet each point, shape (ns)
    integer, allocatable, intent(out) :: reach(:)
    integer, allocatable :: order(:), first(:)
-   real(wp) :: extent(size(centre, 1)), weight(size(centre, 1))
    integer(i8) :: size_now, size_best
-   integer :: d, e, nd
+   integer :: d
 
-   nd = size(centre, 1)
-   extent = max(maxval(centre, dim=2) - minval(centre, dim=2), tiny(1.0_wp))
    size_best = huge(1_i8)
-   do d = 1, nd
-      ! points of a layer are distinguished by their other coordinates
-      weight = [(merge(1.0_wp, 1.0e-5_wp**modulo(e - d, nd), e == d), e=1, nd)]/extent
-      call sort(matmul(weight, centre), order)
+   do d = 1, size(centre, 1)
+      call order_along(centre, d, order)
       call find_reach(neighbour, order, first)
       size_now = sum(order - first + 1_i8)
       if (size_now >= size_best) cycle

@@ -98,7 +98,7 @@ subroutine new_constraint(self, n, unknown, value, resistance, error)
          end associate
       end associate
    end do
-   call factor_upper(self%square, self%rows, square%start, square%row, square%value, error)
+   call factor_upper(self%square, self%rows, square%start, square%rows(), square%value, error)
 end subroutine new_constraint
 
 !> B x

@@ -142,7 +142,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    end if
    if (self%formed) then
       call new_symmetric(self%symmetric_matrix, gradient%fields, ns + multiplier%extra, &
-         & joined(gradient%member, held))
+         & joined(gradient%member, held), scene%cloud%source)
       self%indefinite = multiplier%extra > 0
       return
    end if

@@ -72,7 +72,7 @@ subroutine new_weak_motion(self, problem, error)
    call points%add_penalty(problem%matrix%symmetric_matrix, self%mass)
    self%stiffness = problem%matrix%value - problem%constant
    self%varies = loads_vary(problem%scene)
-   call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%row, self%mass &
+   call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%rows(), self%mass &
       & + self%motion%time_step**2*problem%constant, error)
 end subroutine new_weak_motion
 
