@@ -153,12 +153,11 @@ end subroutine new_symmetric
 !> Row of each entry less 1
 pure function rows(self) result(row)
    class(symmetric_matrix), intent(in) :: self
-   integer(i8), allocatable :: row(:)
+   integer(i8) :: row(self%start(self%n + 1))
    integer(i8) :: k, l
    integer :: b, i, j, n
 
    b = self%block
-   allocate (row(self%start(self%n + 1)))
    k = 0
    do j = 1, self%n/b
       do i = 1, b
@@ -241,7 +240,7 @@ subroutine add_skew(self, sign, x, y)
    integer :: j
 
    if (.not. allocated(self%skew)) return
-   row = self%rows()
+   allocate (row, source=self%rows())
    do j = 1, self%n
       do k = self%start(j) + 1, self%start(j + 1) - 1
          i = row(k) + 1
@@ -340,7 +339,7 @@ subroutine both_triangles(self, given, sign, start, column, value)
    integer :: b, c, i, j, row
 
    b = self%block
-   own = self%rows()
+   allocate (own, source=self%rows())
    call self%above%transposed(self%n/b, later, entry)
    allocate (start(self%n + 1))
    start(1) = 0
@@ -553,14 +552,16 @@ subroutine lay_out(self)
    integer, allocatable :: place(:), located(:), reach(:), best(:), first(:)
    integer :: position(self%n), low(self%n)
    real(wp) :: operations
-   integer :: b, c, d, i, n
+   integer :: axes, b, c, d, i, n
 
    n = size(self%above%offset) - 1
    b = self%block
    allocate (place(n))
    associate (near => self%near)
       near%operations = huge(1.0_wp)
-      do d = 0, merge(size(self%x, 1), 0, allocated(self%x))
+      axes = 0
+      if (allocated(self%x)) axes = size(self%x, 1)
+      do d = 0, axes
          if (d == 0) then
             place(cuthill_mckee(self%above)) = [(i, i=1, n)]
          else
