@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import slice_axis
+from myork.imaging.geometry import depth_in_slices, neighbours, slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
 
@@ -383,17 +383,11 @@ def _states(difference: C128, body: Mask, size: F64) -> tuple[I64, I64]:
 
 def _pairs(difference: C128, body: Mask, size: F64) -> tuple[I64, I64, F64]:
     """Pairs of voxels along the axes with their votes: low and high number, vote."""
-    number = np.full(body.shape, -1)
-    number[body] = np.arange(len(difference))
     ends: list[tuple[I64, I64, F64]] = []
     for axis in range(3):
         step = 1
         while step == 1 or step * size[axis] <= _REACH:
-            near, far = [slice(None)] * 3, [slice(None)] * 3
-            near[axis], far[axis] = slice(None, -step), slice(step, None)
-            a, b = number[tuple(near)], number[tuple(far)]
-            both = (a >= 0) & (b >= 0)
-            low, high = a[both], b[both]
+            low, high = neighbours(body, axis, step)
             vote = (difference[low] * difference[high].conj()).real
             ends.append((low, high, vote / (1.0 + (step * size[axis] / _NEAR) ** 2)))
             step *= 2
@@ -412,13 +406,8 @@ def _rim_decides(
 ) -> tuple[I64, str]:
     """States of all large groups such that fat lies under the skin; doubts."""
     axis = slice_axis(size, body.shape)
-    depth = np.zeros(body.shape)
-    pixel = np.delete(size, axis)
-    for section, inside in zip(
-        np.moveaxis(depth, axis, 0), np.moveaxis(body, axis, 0), strict=True
-    ):
-        section[...] = ndimage.distance_transform_edt(np.pad(inside, 1), sampling=pixel)[1:-1, 1:-1]
-    deep = depth[body]
+    depth = depth_in_slices(np.moveaxis(body, axis, 2), np.delete(size, axis))
+    deep = np.moveaxis(depth, 2, axis)[body]
     outer = (deep > _RIM[0]) & (deep <= _RIM[1])
     result, doubt = state.copy(), ""
     for number in np.flatnonzero(np.bincount(group) >= _SMALL * len(group)):

@@ -2,15 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import nibabel
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image, Labels
-from myork.types import F64, I32, Mask
+from myork.types import F64, I32, I64, Index, Mask
 
 Grid = TypeVar("Grid", Image, Labels)
 
@@ -155,6 +156,36 @@ def boxes_of(labels: I32) -> Iterator[tuple[tuple[slice, ...], Mask]]:
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
         if box is not None:
             yield box, labels[box] == number
+
+
+def neighbours(inside: Mask, axis: int, step: int = 1) -> tuple[I64, I64]:
+    """Pairs of voxels of a mask so many voxels apart along an axis.
+
+    - returns numbers of both in the order of the mask's voxels, the lower one first
+    """
+    number = np.full(inside.shape, -1)
+    number[inside] = np.arange(int(inside.sum()))
+    count = inside.shape[axis] - step
+    low, high = (np.take(number, np.arange(count) + first, axis) for first in (0, step))
+    both = (low >= 0) & (high >= 0)
+    return low[both], high[both]
+
+
+def depth_in_slices(inside: Mask, pixel: ArrayLike = 1.0) -> F64:
+    """Distance of voxels to what is outside in their slice, as everything beyond the image is.
+
+    - `inside`: shape `(ni, nj, nk)`; slices along the last axis
+    - `pixel`: sizes of the pixels, shape `(2,)`
+    """
+    wide = np.moveaxis(np.pad(inside, [(1, 1), (1, 1), (0, 0)]), 2, 0)
+    found = [ndimage.distance_transform_edt(section, sampling=pixel) for section in wide]
+    return np.stack(found, axis=2)[1:-1, 1:-1]
+
+
+def block_sums(values: NDArray[Any], block: Index) -> NDArray[Any]:
+    """Sums of values over blocks of voxels, of which whole ones fill the grid in each direction."""
+    n = np.array(values.shape) // block
+    return values.reshape(n[0], block[0], n[1], block[1], n[2], block[2]).sum(axis=(1, 3, 5))
 
 
 def length_factor(unit: str, key: str = "units.length") -> float:

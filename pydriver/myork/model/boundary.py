@@ -16,6 +16,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
+from myork.imaging.geometry import block_sums
 from myork.model.normals import surface_normals
 from myork.model.points import BONE, first_voxel
 from myork.records import Labels
@@ -124,8 +125,7 @@ def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
     inside = [(a >= 0) & (a < m) for a, m in zip(at[:2], limit, strict=False)]
     bone = labels.data[np.ix_(*(a.clip(0, m - 1) for a, m in zip(at, limit, strict=True)))] == BONE
     bone &= inside[0][:, np.newaxis, np.newaxis] & inside[1][:, np.newaxis]
-    share = bone.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).mean(axis=(1, 3, 5))
-    around = np.where(share > 0.5, BONE, 0).astype(np.int32)
+    around = np.where(2 * block_sums(bone, size) > size.prod(), BONE, 0).astype(np.int32)
     around[1:-1, 1:-1] = merged.data
     return around
 

@@ -79,7 +79,7 @@ def build_cloud(
     parts = None
     if fractions is not None:
         whole_parts = checked_parts(canonical(fractions), whole)
-        parts = LabelParts(whole_parts, np.unique(labels.data[labels.data > 0]))
+        parts = LabelParts(whole_parts, np.array(list(labels.present)))
     shares, numbers = label_shares(part, coarse, block, left_out, parts)
     filled = shares.sum(axis=1)
     volumes = dict(zip(numbers.tolist(), shares.sum(axis=0) * coarse.spacing.prod(), strict=True))

@@ -80,7 +80,7 @@ def _at_walls(fibers: Image, muscles: Labels) -> tuple[F64, F64]:
     """Fibers at the walls of each muscle and the walls' normals in the world, `(n, 3)` each."""
     usable = fibers.data.any(axis=-1)
     parts = [(np.zeros((0, 3)), np.zeros((0, 3)))]
-    for label in np.unique(muscles.data[muscles.data > 0]):
+    for label in muscles.present:
         inside = muscles.data == label
         # the ends of the image cut muscles, they are no walls
         wall = inside & ~ndimage.binary_erosion(inside, border_value=1) & usable

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import seed_voxel
+from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
 from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.outlines import pull_of_outlines
@@ -101,11 +101,7 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
         winner = known[votes.argmax(axis=1)]
         winner[0] = 0
         found += winner[pieces]
-    names = {
-        number: reference.label_name(number)
-        for number in np.unique(reference.data[reference.data > 0]).tolist()
-    }
-    return Labels(found, reference.affine, names, "segmentation")
+    return Labels(found, reference.affine, reference.present, "segmentation")
 
 
 def rule_seeds(
@@ -123,11 +119,7 @@ def rule_seeds(
     where = region >= 0
     check_seeds(where, image, muscles)
     known = np.full(region.shape, -1, np.int32)
-    depth = np.zeros(region.shape)
-    for k in range(region.shape[2]):
-        inside = np.pad(region[:, :, k] >= 0, 1)
-        distance = ndimage.distance_transform_edt(inside, sampling=image.spacing[:2])
-        depth[:, :, k] = distance[1:-1, 1:-1]
+    depth = depth_in_slices(where, image.spacing[:2])
     rows, columns = np.indices(region.shape[:2])
     for number, muscle in enumerate(muscles, start=1):
         known[where & (depth <= muscle.rim)] = number
@@ -277,5 +269,5 @@ def label_by_reference(
     if table["regions"] == 2:
         wanted = wanted_phase(result, grey, table["phase"])
     label = nearest_labels(wanted, reference.data, image.spacing, table["reference_margin"])
-    names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
+    names = Labels(label, image.affine, reference.names).present
     return Labels(label, image.affine, names, "segmentation")

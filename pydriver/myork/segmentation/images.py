@@ -233,12 +233,10 @@ def _body_of(images: Images) -> Mask:
     """The body by threshold, with its rim where seeds are drawn there, and the user's region."""
     body = body_mask(images.whole)
     if images.seeds is not None:
-        drawn = np.where(images.seeds.data > 0, images.seeds.data, 0)
         whole = body_mask(images.whole, rim=_SKIN)
-        for number in np.unique(drawn[drawn > 0]):
-            own = drawn == number
-            at_rim = (own & whole & ~body).sum() > _AT_RIM * own.sum()
-            if at_rim and images.seeds.label_name(int(number)) != BACKGROUND:
+        for number, name in images.seeds.present.items():
+            own = images.seeds.data == number
+            if name != BACKGROUND and (own & whole & ~body).sum() > _AT_RIM * own.sum():
                 body = whole
     return body if images.region is None else body | (images.region.data > 0)
 
@@ -285,12 +283,11 @@ def _bent(images: Images, body: Mask, progress: ProgressCallback) -> tuple[Label
         f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
         f"{moved.max():.1f} mm at most"
     )
-    gone = np.setdiff1d(drawn.data[drawn.data > 0], bent.data).tolist()
-    if not gone:
-        return bent, ""
-    names = ", ".join(drawn.label_name(number) for number in gone)
+    kept = bent.present
+    gone = [name for number, name in drawn.present.items() if number not in kept]
     where = f"{drawn.name}: bent onto {images.anatomy.name}"
-    return bent, f"{where} nothing is left of {names}; none will be found"
+    lost = f"{where} nothing is left of {', '.join(gone)}; none will be found" if gone else ""
+    return bent, lost
 
 
 def _fiber_channels(tensor: Image | None, region: Mask, kind: str) -> F64:

@@ -107,10 +107,8 @@ def parts_of_labels(
     """
     everything = np.where(labels.data > 0, labels.data, kinds)
     parts = label_parts(everything, channels, labels.spacing, unmixed)
-    numbers = np.unique(labels.data[labels.data > 0]).tolist()
     filled = parts.sum(axis=(0, 1, 2)).tolist()
-    named = {labels.label_name(n): f for n, f in zip(numbers, filled, strict=True)}
-    return Image(parts, labels.affine), named
+    return Image(parts, labels.affine), dict(zip(labels.present.values(), filled, strict=True))
 
 
 def _contacts(kind: I64, at: I64, count: int) -> I32:

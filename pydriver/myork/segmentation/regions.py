@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import seed_voxel
+from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
 from myork.types import Mask
 
@@ -43,14 +43,14 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     """
     _check_signal(image)
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
-    mask = np.zeros(smooth.shape, dtype=bool)
-    for k in range(mask.shape[2]):
+    full = np.zeros(smooth.shape, dtype=bool)
+    for k in range(full.shape[2]):
         section = smooth[:, :, k]
         if np.ptp(section) > 0:
             air = min(float(section.min()), 0.0)
-            full = ndimage.binary_fill_holes(section > air + (otsu(section) - air) / 3.0)
-            mask[:, :, k] = ndimage.distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1] > rim
-    return large_pieces(mask, image.name)
+            bright = section > air + (otsu(section) - air) / 3.0
+            full[:, :, k] = ndimage.binary_fill_holes(bright)
+    return large_pieces(depth_in_slices(full) > rim, image.name)
 
 
 def large_pieces(mask: Mask, name: str) -> Mask:

@@ -17,6 +17,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from myork.errors import InputError
+from myork.imaging.geometry import neighbours
 from myork.segmentation.channels import noise_level
 from myork.types import F64, I32, Index, Mask
 
@@ -133,24 +134,16 @@ def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> spar
     """Graph Laplacian of voxels that share a face."""
     slopes = _slopes(heights)
     steep = np.clip(_STEEP * noise_level(heights[..., 0], inside), *_STEEPEST)
-    number = np.full(inside.shape, -1)
-    number[inside] = np.arange(int(inside.sum()))
-    row, column, weight = [], [], []
+    slopes, heights = slopes[inside], heights[inside]
+    pairs, weight = [], []
     for axis, size in enumerate(spacing / spacing.min()):
-        low, high = [slice(None)] * 3, [slice(None)] * 3
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        a, b = number[tuple(low)], number[tuple(high)]
-        both = (a >= 0) & (b >= 0)
-        slope = np.maximum(slopes[tuple(low)], slopes[tuple(high)])[both]
-        step = np.linalg.norm(heights[tuple(high)][both] - heights[tuple(low)][both], axis=-1)
-        edge = step / (1.0 + step / steep) + _SLOPE * slope
-        row.append(a[both])
-        column.append(b[both])
+        low, high = neighbours(inside, axis)
+        step = np.linalg.norm(heights[high] - heights[low], axis=-1)
+        edge = step / (1.0 + step / steep) + _SLOPE * np.maximum(slopes[low], slopes[high])
+        pairs.append((low, high))
         weight.append((np.exp(-shyness * edge) + _LEAST) / size**2)
-    count = int(inside.sum())
-    one = sparse.coo_matrix(
-        (np.concatenate(weight), (np.concatenate(row), np.concatenate(column))), (count, count)
-    ).tocsr()
+    places = tuple(np.concatenate(pairs, axis=1))
+    one = sparse.coo_matrix((np.concatenate(weight), places), 2 * (len(slopes),)).tocsr()
     both_ways = one + one.T
     return (sparse.diags(np.asarray(both_ways.sum(axis=1)).ravel()) - both_ways).tocsr()
 

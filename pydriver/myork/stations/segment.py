@@ -195,11 +195,10 @@ def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
 
 def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str, Any]:
     """Scores of the labels that the truth has as well."""
-    there = np.unique(truth.data[truth.data > 0]).tolist()
-    by_name = {truth.label_name(number): [number] for number in there}
+    by_name = {name: [number] for number, name in truth.present.items()}
     pairs: dict[str, tuple[int, list[int]]] = {}
     if set(labels.names.values()) == {table["label"]}:
-        pairs[table["label"]] = (1, by_name.get(table["label"], there))
+        pairs[table["label"]] = (1, by_name.get(table["label"], list(truth.present)))
     else:
         pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
     return label_scores(labels.data, truth.data, pairs)
