@@ -162,9 +162,9 @@ def separate_many(
     found, doubt = [], ""
     for n in order[:_PAIRS_TRIED]:
         i, j = pairs[n]
-        pair = _pair(signal[:, i], signal[:, j], body, size, (factors[i], factors[j]))
-        doubt = doubt or pair.doubt
-        for phase in (np.angle(pair.smooth), np.angle(pair.other)):
+        *ways, why = _pair(signal[:, i], signal[:, j], body, size, (factors[i], factors[j]))
+        doubt = doubt or why
+        for phase in map(np.angle, ways):
             fit = _all_echoes(signal, phase, times[j] - times[i], times, factors, body, size)
             found.append((*fit, phase))
     misfit, water, fat, decay, phase = map(np.stack, zip(*found, strict=True))
@@ -213,19 +213,12 @@ def separate(
     """
     size = np.asarray(spacing, float)
     one, two = _inside((first, second), body).T
-    pair = _pair(one, two, body, size, factors)
-    turned = np.stack([one, two * np.exp(-1j * np.angle(pair.smooth))], axis=-1)
+    smooth, _, doubt = _pair(one, two, body, size, factors)
+    phase = np.angle(smooth)
+    turned = np.stack([one, two * np.exp(-1j * phase)], axis=-1)
     water, fat = _fit(turned, np.array(factors), np.ones(turned.shape))[:2]
-    doubts = (pair.doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
-    return _found(water, fat, np.angle(pair.smooth), body, doubts)
-
-
-class _Pair(NamedTuple):
-    """Phases between two echoes; `other` is that of water and fat exchanged."""
-
-    smooth: C128
-    other: C128
-    doubt: str
+    doubts = (doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
+    return _found(water, fat, phase, body, doubts)
 
 
 def _inside(echoes: Sequence[C128], body: Mask) -> C128:
@@ -238,8 +231,10 @@ def _inside(echoes: Sequence[C128], body: Mask) -> C128:
     return signal
 
 
-def _pair(one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, complex]) -> _Pair:
-    """Smooth phasors from one echo to another beyond those of fat."""
+def _pair(
+    one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, complex]
+) -> tuple[C128, C128, str]:
+    """Smooth phasors from one echo to another beyond those of fat; with both exchanged; doubt."""
     fractions = _fractions(np.abs(one), np.abs(two), factors)
     phasors = [_phasor(one, two, part, factors) for part in fractions]
     trust = np.minimum(np.abs(one), np.abs(two))
@@ -258,7 +253,7 @@ def _pair(one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, c
             break
         state = again
     other = np.asarray(np.where(state > 0, phasors[1], phasors[0]), complex)
-    return _Pair(smooth, _average(trust * other, body, size), doubt)
+    return smooth, _average(trust * other, body, size), doubt
 
 
 def _all_echoes(

@@ -69,9 +69,8 @@ def check_orientation(fibers: Image, muscles: Labels) -> Finding:
     found = []
     for axes in _candidates():
         turn = columns @ parse_axes(axes) @ columns.T
-        turned = Image(fibers.data @ turn.T, fibers.affine, fibers.name)
         crossing = float((((vector @ turn.T) * normal).sum(axis=1) ** 2).mean())
-        found.append(Orientation(axes, crossing, _agreement(turned, rules)))
+        found.append(Orientation(axes, crossing, _agreement(fibers.data @ turn.T, rules)))
     doubt = _doubt(found)
     return Finding(found, doubt, "" if doubt else _remark(found[0]))
 
@@ -130,11 +129,11 @@ def _rules(fibers: Image, muscles: Labels) -> list[tuple[Mask, F64]]:
     return rules
 
 
-def _agreement(fibers: Image, rules: list[tuple[Mask, F64]]) -> float | None:
+def _agreement(fibers: F64, rules: list[tuple[Mask, F64]]) -> float | None:
     """Mean over the rules of how far fibers lean the right way, -1 to 1."""
     scores = []
     for mask, direction in rules:
-        vector = fibers.data[mask]
+        vector = fibers[mask]
         lean = (vector @ direction) * np.where(vector[:, 2] < 0, -1.0, 1.0)
         total = np.abs(lean).sum()
         scores.append(float(lean.sum() / total) if total > 0 else 0.0)

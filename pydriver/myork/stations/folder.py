@@ -22,10 +22,10 @@ class _Found(NamedTuple):
     dwi: list[str]
     magnitude: list[str]
     phase: list[str]
-    spins: list[str]  #: Spin echoes
-    water: list[str]
-    fat: list[str]
-    labels: list[str]
+    spins: Sequence[str] = ()  #: Spin echoes
+    water: Sequence[str] = ()
+    fat: Sequence[str] = ()
+    labels: Sequence[str] = ()
 
 
 def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
@@ -84,8 +84,6 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
         magnitude=magnitude,
         phase=phase,
         spins=_echoes(files, "MESE", ("mag",))[0],
-        water=[],
-        fat=[],
         labels=named("dseg"),
     )
 
@@ -133,10 +131,8 @@ def _of_dicom(folder: Path) -> _Found:
         dwi=paths(kinds.get("dwi", ())),
         magnitude=paths(magnitude),
         phase=paths(phase),
-        spins=[],
         water=paths(kinds.get("water", ())),
         fat=paths(kinds.get("fat", ())),
-        labels=[],
     )
 
 
@@ -195,6 +191,6 @@ def _model(found: _Found) -> dict[str, Any]:
     }
 
 
-def _one_of(paths: list[str]) -> str:
+def _one_of(paths: Sequence[str]) -> str:
     more = f" (first of {len(paths)})" if len(paths) > 1 else ""
     return f"{paths[0]}{more}"
