@@ -171,13 +171,15 @@ def neighbours(inside: Mask, axis: int, step: int = 1) -> tuple[I64, I64]:
     return low[both], high[both]
 
 
-def depth_in_slices(inside: Mask, pixel: ArrayLike = 1.0) -> F64:
-    """Distance of voxels to what is outside in their slice, as everything beyond the image is.
+def depth_in_slices(inside: Mask, pixel: ArrayLike = 1.0, *, cut: bool = False) -> F64:
+    """Distance of voxels to what is outside in their slice.
 
     - `inside`: shape `(ni, nj, nk)`; slices along the last axis
     - `pixel`: sizes of the pixels, shape `(2,)`
+    - `cut`: whether the image cuts what reaches its border; else outside begins there
     """
-    wide = np.moveaxis(np.pad(inside, [(1, 1), (1, 1), (0, 0)]), 2, 0)
+    room = [(1, 1), (1, 1), (0, 0)]
+    wide = np.moveaxis(np.pad(inside, room, mode="edge" if cut else "constant"), 2, 0)
     found = [ndimage.distance_transform_edt(section, sampling=pixel) for section in wide]
     return np.stack(found, axis=2)[1:-1, 1:-1]
 

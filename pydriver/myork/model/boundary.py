@@ -153,22 +153,6 @@ def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
     return facets
 
 
-def end_offsets(body: Mask, spacing: F64, voxels: Index) -> F64:
-    """Moves that bring the voxels' centres of the end slices onto the ends of the body.
-
-    - `body`: voxels of the body, shape `(ni, nj, nk)`; a single slice is plane and has no ends
-    - `spacing`: voxel size, shape `(3,)` [length]
-    - `voxels`: voxels, shape `(n, 3)`
-    - returns shape `(n, 3)` [length]
-    """
-    move = np.zeros(voxels.shape)
-    last = body.shape[2] - 1
-    if last > 0:
-        at = voxels[:, 2]
-        move[:, 2] = 0.5 * spacing[2] * ((at == last).astype(float) - (at == 0))
-    return move
-
-
 def surface_offsets(body: Mask, spacing: F64, voxels: Index, normal: F64) -> F64:
     """Moves that bring surface voxels' centres onto the surface.
 

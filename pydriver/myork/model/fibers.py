@@ -130,12 +130,17 @@ def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
     away = fill_from_own(fiber, known, label, spacing)
     alone = (label != 0) & ~known & np.isinf(away)
     if alone.any():
-        away_any, nearest = ndimage.distance_transform_edt(
-            ~known, sampling=spacing, return_indices=True
-        )
-        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
-        away[alone] = away_any[alone]
+        away[alone] = _take_nearest(fiber, alone, known, spacing)
     return away
+
+
+def _take_nearest(values: F64, missing: Mask, source: Mask, spacing: F64) -> F64:
+    """Give voxels the values of the nearest ones that have some; returns the distances [mm]."""
+    distance, nearest = ndimage.distance_transform_edt(
+        ~source, sampling=spacing, return_indices=True
+    )
+    values[missing] = values[tuple(index[missing] for index in nearest)]
+    return np.asarray(distance[missing])
 
 
 def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
@@ -152,11 +157,7 @@ def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
     for box, own in boxes_of(label):
         missing, source = own & ~known[box], own & known[box]
         if missing.any() and source.any():
-            distance, nearest = ndimage.distance_transform_edt(
-                ~source, sampling=spacing, return_indices=True
-            )
-            values[box][missing] = values[box][tuple(index[missing] for index in nearest)]
-            away[box][missing] = distance[missing]
+            away[box][missing] = _take_nearest(values[box], missing, source, spacing)
     return away
 
 

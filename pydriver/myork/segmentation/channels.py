@@ -70,6 +70,12 @@ def noise_weight(first: float, other: float) -> float:
     return float(np.clip((first / other) ** 2, 1.0 / _WEIGHTS, _WEIGHTS))
 
 
+def noise_weights(first: F64, others: Sequence[F64], region: Mask) -> list[float]:
+    """Weights of channels against a first one by the noise of their values in a region."""
+    noise = noise_level(first, region)
+    return [noise_weight(noise, noise_level(one, region)) for one in others]
+
+
 def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
     """Components of tensors under a Gaussian inside of a region.
 

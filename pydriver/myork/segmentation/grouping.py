@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial.distance import cdist
 
 from myork.errors import InputError
 from myork.imaging.geometry import depth_in_slices, seed_voxel
@@ -72,13 +73,11 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     if not shared.any():
         return label, []
     world = image.world(np.argwhere(shared))
-    nearest = np.full((len(muscles), len(world)), np.inf)
-    for number, muscle in enumerate(muscles):
-        mine = given[number][shared]
-        for seed in muscle.seeds:
-            distance = np.where(mine, np.linalg.norm(world - seed, axis=1), np.inf)
-            nearest[number] = np.minimum(nearest[number], distance)
-    label[shared] = 1 + nearest.argmin(axis=0)
+    nearest = [
+        np.where(own[shared], cdist(world, muscle.seeds).min(axis=1, initial=np.inf), np.inf)
+        for muscle, own in zip(muscles, given, strict=True)
+    ]
+    label[shared] = 1 + np.argmin(nearest, axis=0)
     names = [m.name for m, own in zip(muscles, given, strict=True) if (own & shared).any()]
     return label, [
         f"{', '.join(names)} share pieces of regions ({int(shared.sum())} voxels), which were "
@@ -123,18 +122,17 @@ def rule_seeds(
     rows, columns = np.indices(region.shape[:2])
     for number, muscle in enumerate(muscles, start=1):
         known[where & (depth <= muscle.rim)] = number
-    for number, muscle in enumerate(muscles, start=1):
-        for place in _places(image, muscle):
-            across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
-            disc = (np.hypot(*across) <= radius) & where[..., place[2]]
-            known[..., place[2]][disc] = number
-    for number, muscle in enumerate(muscles, start=1):
-        for place in _places(image, muscle):
-            if known[place] != number:
-                raise InputError(
-                    f"muscle.{muscle.name}: the seed at voxel {place} lies beside one of "
-                    f"muscle.{muscles[known[place] - 1].name}; lower image.seed_radius"
-                )
+    seeds = [(n, place) for n, one in enumerate(muscles, 1) for place in _places(image, one)]
+    for number, place in seeds:
+        across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
+        disc = (np.hypot(*across) <= radius) & where[..., place[2]]
+        known[..., place[2]][disc] = number
+    for number, place in seeds:
+        if known[place] != number:
+            raise InputError(
+                f"muscle.{muscles[number - 1].name}: the seed at voxel {place} lies beside one of "
+                f"muscle.{muscles[known[place] - 1].name}; lower image.seed_radius"
+            )
     return where, known
 
 

@@ -16,8 +16,7 @@ from myork.segmentation.bending import bend_labels
 from myork.segmentation.bias import check_positive, clustered_bias, variation_doubt
 from myork.segmentation.channels import (
     fiber_channels,
-    noise_level,
-    noise_weight,
+    noise_weights,
     scaled_values,
     smoothed_tensor,
 )
@@ -104,8 +103,7 @@ class Images:
     def values(self, region: Mask, first: F64) -> tuple[list[F64], list[float]]:
         """Channels scaled to the region and their weights against the first channel."""
         scaled = [scaled_values(one, region) for one in self.channels]
-        noise = noise_level(first, region)
-        return scaled, [noise_weight(noise, noise_level(one, region)) for one in scaled]
+        return scaled, noise_weights(first, scaled, region)
 
     def heights(self, fraction: Image | None, region: Mask) -> F64 | None:
         """What walks see beside the logarithm of the whole image, times roots of weights.
@@ -116,11 +114,9 @@ class Images:
         scaled += [scaled_values(one, region) for one in self.others]
         if not scaled:
             return None
-        noise = noise_level(scaled_values(self.whole, region), region)
-        weights = [noise_weight(noise, noise_level(one, region)) for one in scaled]
-        return np.stack(
-            [one * min(1.0, w) ** 0.5 for one, w in zip(scaled, weights, strict=True)], -1
-        )
+        weights = noise_weights(scaled_values(self.whole, region), scaled, region)
+        roots = np.sqrt(np.minimum(weights, 1.0))
+        return np.stack(scaled, axis=-1) * roots
 
 
 @dataclass(frozen=True)

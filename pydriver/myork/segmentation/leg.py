@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.diffusion import finite_tensors, mean_diffusivity
-from myork.imaging.geometry import check_same_grid
+from myork.imaging.geometry import check_same_grid, depth_in_slices
 from myork.imaging.phantom import TISSUES
 from myork.records import Image, Labels
 from myork.segmentation.channels import local_means, scaled_values
@@ -366,13 +366,8 @@ def _skin(body: Mask, pixel: F64) -> Mask:
 
 def _depth(body: Mask, pixel: F64) -> F64:
     """Distance to what is outside in every slice, infinite where nothing is [mm]."""
-    depth = np.full(body.shape, np.inf)
-    for k in range(body.shape[2]):
-        if body[:, :, k].all():
-            continue  # SciPy's distances to nothing are those to a place outside of the array
-        padded = np.pad(body[:, :, k], 1, mode="edge")
-        depth[:, :, k] = ndimage.distance_transform_edt(padded, sampling=pixel)[1:-1, 1:-1]
-    return depth
+    # SciPy's distances to nothing are those to a place outside of the array
+    return np.where(body.all(axis=(0, 1)), np.inf, depth_in_slices(body, pixel, cut=True))
 
 
 def _phase(image: Image, region: Mask, phase: str) -> Mask:

@@ -100,17 +100,9 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     axis = slice_axis(size, mask.shape)
     if axis != 2:
         turned = np.append(np.delete(size, axis), size[axis])
-        found_turned = shading(
-            np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned
-        )
-        return Shading(
-            np.moveaxis(found_turned.field, 2, axis),
-            tuple(
-                one._replace(field=np.moveaxis(one.field, 2, axis))
-                for one in found_turned.candidates
-            ),
-            found_turned.doubt,
-        )
+        best = shading(np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned)
+        back = [one._replace(field=np.moveaxis(one.field, 2, axis)) for one in best.candidates]
+        return Shading(np.moveaxis(best.field, 2, axis), tuple(back), best.doubt)
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
         raise InputError("bias: the body has no signal, its 90th percentile is not above zero")

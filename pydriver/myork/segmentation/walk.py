@@ -78,7 +78,9 @@ def random_walk(
       1 where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-]
     - returns labels, -1 where no seed can be reached, same shape
     """
-    inside = where & _reached(where, (seeds >= 0) if pull is None else (seeds >= 0) | pull.any(0))
+    ends = seeds >= 0 if pull is None else (seeds >= 0) | pull.any(axis=0)
+    pieces, _ = ndimage.label(where)
+    inside = where & np.isin(pieces, np.unique(pieces[where & ends]))
     found = np.full(where.shape, -1, np.int32)
     if not inside.any():
         return found
@@ -88,17 +90,17 @@ def random_walk(
     names = np.unique(seeds[where & (seeds >= 0)])
     result = known.copy()
     if free.any():
-        ends = np.zeros((len(names), int(free.sum())))
+        rates = np.zeros((len(names), int(free.sum())))
         if pull is not None:
-            ends = pull[:, inside][:, free].astype(float)
-        system = (laplacian[free][:, free] + sparse.diags(ends.sum(axis=0))).tocsr()
+            rates = pull[:, inside][:, free].astype(float)
+        system = (laplacian[free][:, free] + sparse.diags(rates.sum(axis=0))).tocsr()
         coupling = laplacian[free][:, ~free]
         slices = np.nonzero(inside)[2][free]
         inverse = _slice_by_slice(system, slices)
         # The last probability is what the others leave.
         likely = np.zeros((len(names), int(free.sum())))
         for number, name in enumerate(names[:-1]):
-            right = ends[number] - coupling @ (known[~free] == name).astype(float)
+            right = rates[number] - coupling @ (known[~free] == name).astype(float)
             likely[number], info = cg(system, right, rtol=_TOLERANCE, M=inverse)
             if info != 0:
                 raise InputError(
@@ -109,15 +111,6 @@ def random_walk(
         result[free] = names[likely.argmax(axis=0)]
     found[inside] = result
     return found
-
-
-def _reached(where: Mask, seeds: Mask) -> Mask:
-    """Voxels of connected pieces that hold a seed."""
-    pieces, count = ndimage.label(where)
-    with_seed = np.zeros(count + 1, bool)
-    with_seed[np.unique(pieces[where & seeds])] = True
-    with_seed[0] = False
-    return with_seed[pieces]
 
 
 def _slopes(heights: F64) -> F64:
