@@ -147,10 +147,7 @@ def separate_many(
 ) -> WaterFat:
     """Part three and more echoes into water and fat.
 
-    - `echoes`: complex echoes, shape `(ni, nj, nk)` each
-    - `body`: voxels of the body, same shape
-    - `spacing`: voxel sizes, shape `(3,)` [mm]
-    - `factors`: of fat in each echo, see `fat_factors` [-]
+    - `echoes`, `body`, `spacing`, `factors`: of each echo, as of `separate`
     - `times`: echo times [ms]
     """
     pairs = list(combinations(range(len(echoes)), 2))

@@ -28,7 +28,6 @@ def check_affine(affine: F64, name: str) -> None:
     """Refuse an affine that does not span a box of voxels with right angles.
 
     - `affine`: voxel indices to world coordinates, shape `(4, 4)` [mm]
-    - `name`: file, for the message
     """
     columns = affine[:3, :3]
     size = np.linalg.norm(columns, axis=0)
@@ -128,9 +127,7 @@ def to_voxels(affine: F64, world: F64) -> F64:
 def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
     """Voxel in which a seed lies; refused outside of the image.
 
-    - `image`: gives the grid
     - `seed`: world coordinates, shape `(3,)` [mm]
-    - `name`: of the seed, for messages
     """
     place = tuple(np.rint(to_voxels(image.affine, seed)).astype(int).tolist())
     if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):

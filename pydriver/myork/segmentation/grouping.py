@@ -41,12 +41,7 @@ class Muscle:
 
 
 def check_seeds(inside: Mask, image: Image, muscles: Sequence[Muscle]) -> None:
-    """Refuse seeds outside of what is segmented.
-
-    - `inside`: voxels to segment, shape `(ni, nj, nk)`
-    - `image`: gives the grid
-    - `muscles`: rules
-    """
+    """Refuse seeds outside of the voxels that are segmented, shape `(ni, nj, nk)`."""
     for muscle in muscles:
         for place in _places(image, muscle):
             if not inside[place]:
@@ -62,8 +57,6 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     A voxel that the rules give to several muscles goes to the one with the nearest seed.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
-    - `image`: gives the grid
-    - `muscles`: rules
     - returns labels, shape `(ni, nj, nk)`, and warnings
     """
     check_seeds(region >= 0, image, muscles)
@@ -109,8 +102,6 @@ def rule_seeds(
     """Voxels that the rules part among muscles, and those whose label they determine.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
-    - `image`: gives the grid
-    - `muscles`: rules
     - `radius`: of the disc around a seed that belongs to its muscle, in the slice [mm]
     - returns whether a voxel takes part, and its label, 1 for the first muscle, -1 where it is not
       known; both of shape `(ni, nj, nk)`

@@ -54,11 +54,7 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
 
 
 def large_pieces(mask: Mask, name: str) -> Mask:
-    """Connected pieces of a body that are not smaller than a tenth of the largest.
-
-    - `mask`: shape `(ni, nj, nk)`
-    - `name`: of the image, for messages
-    """
+    """Connected pieces of a body, shape `(ni, nj, nk)`, not smaller than a tenth of the largest."""
     pieces, n = ndimage.label(mask)
     if not n:
         raise InputError(f"{name}: no body found, the image has almost no contrast")
@@ -86,7 +82,6 @@ def _check_signal(image: Image) -> None:
 def box_mask(image: Image, box: Sequence[float]) -> Mask:
     """Voxels whose centres lie in a box of world coordinates.
 
-    - `image`: gives the grid
     - `box`: low and high x, y, z, shape `(6,)` [mm]
     """
     low, high = np.reshape(np.asarray(box, float), (3, 2)).T
@@ -109,7 +104,6 @@ def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
     """Connected piece (over faces) of a mask that holds a place.
 
     - `mask`: shape `(ni, nj, nk)`
-    - `image`: gives the grid
     - `seed`: world coordinates, shape `(3,)` [mm]
     """
     where = np.asarray(seed, float)

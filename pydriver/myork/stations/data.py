@@ -121,8 +121,6 @@ class DeckFiles:
     ) -> Image | None:
         """Image of a key, on the grid of another one; None without the key.
 
-        - `key`: of the table
-        - `like`: gives the grid
         - `values`: values per voxel, as of `read_image`
         """
         path = self.path(key)
@@ -160,8 +158,6 @@ class DeckFiles:
     ) -> Labels | None:
         """Label map of a key, on the grid of an image; None without the key.
 
-        - `key`: of the table
-        - `like`: gives the grid
         - `progress`: with it a map without names takes those of its folder, see `read_reference`
         """
         path = self.path(key)

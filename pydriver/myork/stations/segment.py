@@ -235,11 +235,9 @@ def find_tissues(
 ) -> dict[str, Any]:
     """Label the materials of a leg and write them and the muscle's fibers.
 
-    - `deck`: effective deck; the tables `tissue`, `image` and `units` are read
     - `out`: folder of the results, in which the phantom's images lie where it is used
     - `segmented`: images without shading; the fraction of fat, or T2, which is longer in fat,
       stands in for `tissue.fat` where the deck names none
-    - `grid`: brings images onto the grid of the segmented ones
     - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
     """
     files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
@@ -294,12 +292,7 @@ def find_tissues(
 def read_images(
     deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback
 ) -> Images:
-    """Images of a deck; the phantom's are also written.
-
-    - `deck`: tables `image`, `dixon`, `t2` and `phantom`
-    - `out`: folder of the results
-    - `grid`: brings images onto the grid of the anatomy
-    """
+    """Images of a deck, on the grid of the anatomy; the phantom's are also written."""
     table, files = deck["image"], DeckFiles(deck, "image", grid)
     found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
     if anatomy is not None:
