@@ -167,7 +167,11 @@ class DeckFiles:
             found = read_reference(path, progress, like) if progress else read_labels(path, like)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
-        return self.grid.of(found, like)
+        found = self.grid.of(found, like)
+        with self._naming(key):
+            if key != "labels" and not found.data.any():  # those of a model lie on their own grid
+                raise InputError(f"{found.name}: the {key} is empty, no label is above zero")
+        return found
 
 
 def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] = ()) -> list[str]:

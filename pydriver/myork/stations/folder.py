@@ -56,11 +56,9 @@ def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
 
 def _of_bids(folder: Path, files: list[Path]) -> _Found:
     """Images of a BIDS tree by the suffixes of their names."""
-    own: dict[tuple[str, ...], list[Path]] = {}
-    for path in files:
-        entities, _ = bids_name(path)
-        own.setdefault(tuple(f"{k}-{entities[k]}" for k in ("sub", "ses") if k in entities), [])
-    visits = sorted("/".join(one) for one in own if one)
+    every = [bids_name(path)[0] for path in files]
+    names = {"/".join(f"{k}-{one[k]}" for k in ("sub", "ses") if k in one) for one in every}
+    visits = sorted(names - {""})
     if len(visits) > 1:
         raise InputError(
             f"{folder}: holds {len(visits)} subjects or visits; name the folder of one, such as "

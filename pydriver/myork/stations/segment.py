@@ -332,28 +332,13 @@ def read_images(
         seeds=files.labels("seeds", like, progress),
         region=files.labels("region", like),
     )
-    _check_labels(found)
     body = files.labels("body", like)
     return found if body is None else replace(found, body=_checked_body(body, found.region))
-
-
-def _check_labels(images: Images) -> None:
-    """Refuse an empty truth and an empty reference."""
-    truth, reference = images.truth, images.reference
-    if truth is not None and not truth.data.any():
-        raise InputError(f"{truth.name}: the truth is empty, no label is above zero")
-    if reference is not None and not reference.data.any():
-        raise InputError(
-            f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
-            "label map by which regions are to be grouped"
-        )
 
 
 def _checked_body(labels: Labels, region: Labels | None) -> Mask:
     """The body that the user names, which contains the region; a voxel at its rim is taken in."""
     body = labels.data > 0
-    if not body.any():
-        raise InputError(f"{labels.name}: image.body is empty, no label is above zero")
     if region is None:
         return body
     near = ndimage.binary_dilation(body, ndimage.generate_binary_structure(3, 3))
