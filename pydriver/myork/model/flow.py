@@ -49,9 +49,8 @@ def _flow(here: Mask, spacing: F64) -> F64:
     is the mean of its two faces in each direction, where a wall counts with none.
     """
     count = int(here.sum())
-    low, high = (np.zeros(here.shape, bool) for _ in range(2))
-    low[:, :, 0], high[:, :, -1] = here[:, :, 0], here[:, :, -1]
-    ends = [np.flatnonzero(end[here]) for end in (low, high)]
+    layer = np.argwhere(here)[:, 2]
+    ends = [np.flatnonzero(layer == k) for k in (0, here.shape[2] - 1)]
     diagonal, load = np.zeros(count), np.zeros(count)
     pairs = [neighbours(here, d) for d in range(3)]
     for d, pair in enumerate(pairs):
@@ -66,7 +65,7 @@ def _flow(here: Mask, spacing: F64) -> F64:
     weights = np.repeat(spacing**-2.0, [2 * len(pair[0]) for pair in pairs])
     matrix = sparse.csr_matrix((-weights, (rows, columns)), (count, count))
     matrix += sparse.diags(diagonal)
-    height = (np.argwhere(here)[:, 2] + 0.5) / here.shape[2]
+    height = (layer + 0.5) / here.shape[2]
     potential, unsolved = cg(
         matrix, load, height, rtol=_TOLERANCE, maxiter=20 * max(here.shape) + 1000,
         M=sparse.diags(1.0 / diagonal),

@@ -41,7 +41,19 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     - `image`: MR image, shape `(ni, nj, nk)`
     - `rim`: taken off at the skin, where pixels are a mixture of fat and air [pixel]
     """
-    _check_signal(image)
+    positive = image.data[image.data > 0]
+    if not positive.size:
+        raise InputError(
+            f"{image.name}: no value is above zero, the largest is {image.data.max():g}; a "
+            "magnitude image is needed, bright where there is signal"
+        )
+    typical, largest = np.percentile(positive, 99.0), positive.max()
+    if largest > _OUTLIER * typical:
+        place = tuple(np.argwhere(image.data == largest)[0].tolist())
+        raise InputError(
+            f"{image.name}: the value {largest:g} at voxel {place} is {largest / typical:.0e} "
+            "times that of the image; the file is damaged there"
+        )
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
     full = np.zeros(smooth.shape, dtype=bool)
     for k in range(full.shape[2]):
@@ -60,23 +72,6 @@ def large_pieces(mask: Mask, name: str) -> Mask:
         raise InputError(f"{name}: no body found, the image has almost no contrast")
     size = np.bincount(pieces.ravel())[1:]
     return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
-
-
-def _check_signal(image: Image) -> None:
-    """Refuse values that no MR image has."""
-    positive = image.data[image.data > 0]
-    if not positive.size:
-        raise InputError(
-            f"{image.name}: no value is above zero, the largest is {image.data.max():g}; a "
-            "magnitude image is needed, bright where there is signal"
-        )
-    typical, largest = np.percentile(positive, 99.0), positive.max()
-    if largest > _OUTLIER * typical:
-        place = np.unravel_index(int(image.data.argmax()), image.data.shape)
-        raise InputError(
-            f"{image.name}: the value {largest:g} at voxel {tuple(int(n) for n in place)} is "
-            f"{largest / typical:.0e} times that of the image; the file is damaged there"
-        )
 
 
 def box_mask(image: Image, box: Sequence[float]) -> Mask:
