@@ -46,6 +46,12 @@ class Labels(_Grid):
     names: dict[int, str] = field(default_factory=dict)
     name: str = "labels"  #: Where it comes from, for messages
 
+    @property
+    def present(self) -> dict[int, str]:
+        """Labels above zero that some voxel has, ascending, and their names."""
+        found = np.unique(self.data[self.data > 0]).tolist()
+        return {label: self.label_name(label) for label in found}
+
     def label_name(self, label: int) -> str:
         """Name of a label; one is made for a label without a name."""
         return self.names.get(label, f"label {label}")

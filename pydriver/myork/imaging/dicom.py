@@ -9,7 +9,7 @@ a volume into one picture: dcm2niix, in the same extra, knows them and writes FS
 
 import re
 import subprocess
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -104,15 +104,13 @@ def split_choice(path: Path) -> tuple[Path, str]:
     return path.parent / found[1], found[2]  # `DIR/:series=5` as well
 
 
-def chosen_files(folder: Path, files: Sequence[DicomFile], choice: str) -> list[DicomFile]:
-    """Files of the one image that a choice leaves.
+def series_files(folder: Path, choice: str = "") -> list[DicomFile]:
+    """Files of the one image of a folder that a choice leaves.
 
-    - `folder`: for messages
-    - `files`: all files of the folder that have pixels, one at least
     - `choice`: `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its
       number or its UID, echoes are counted from 1 by their times.
     """
-    images = listed_images(files)
+    images = listed_images(dicom_files(folder))
     wanted = _wanted(folder, choice)
     fitting = [image for image in images if image.fits(wanted)]
     if len(fitting) == 1:
@@ -277,8 +275,7 @@ class _Slice(NamedTuple):
     place: F64  # of the first pixel, shape (3,) [mm]
     axes: F64  # unit vectors along rows and columns, shape (2, 3) [-]
     pixel: F64  # distance of rows and of columns, shape (2,) [mm]
-    rows: int
-    columns: int
+    shape: tuple[int, int]  # numbers of rows and columns
     data: Any
 
 
@@ -288,7 +285,7 @@ def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
     Rescale slope and intercept are applied. Files that are no DICOM images are passed over. Where
     the folder itself holds none, all folders below it are searched.
 
-    - `choice`: which of several images, see `chosen_files`
+    - `choice`: which of several images, see `series_files`
     """
     slices = [_slice(*file) for file in series_files(folder, choice)]
     _check_series(folder, slices)
@@ -329,11 +326,6 @@ def dicom_files(folder: Path) -> list[DicomFile]:
         if files:
             return files
     raise FileError(f"{folder}: holds no DICOM images")
-
-
-def series_files(folder: Path, choice: str = "") -> list[DicomFile]:
-    """Files of the image of a folder that a choice leaves, see `chosen_files`."""
-    return chosen_files(folder, dicom_files(folder), choice)
 
 
 def _read(dicom: Any, path: Path) -> DicomFile | None:
@@ -387,7 +379,7 @@ def _slice(path: Path, data: Any) -> _Slice:
         raise InputError(f"{path}: has {what} per pixel; one grey value per pixel is needed")
     if min(rows, columns) < 1:
         raise InputError(f"{path}: has {rows} rows and {columns} columns; the header is damaged")
-    return _Slice(path, place, axes, pixel, rows, columns, data)
+    return _Slice(path, place, axes, pixel, (rows, columns), data)
 
 
 def _numbers(path: Path, data: Any, key: str, count: int, default: float | None = None) -> F64:
@@ -407,18 +399,13 @@ def _numbers(path: Path, data: Any, key: str, count: int, default: float | None 
 
 def _check_series(folder: Path, slices: list[_Slice]) -> None:
     """Refuse files that do not make one stack."""
-    reference = slices[0]
-    questions: tuple[tuple[str, Callable[[_Slice], Any]], ...] = (
-        ("sizes", lambda s: (s.rows, s.columns)),
-        ("orientations", lambda s: np.round(s.axes, 3).ravel().tolist()),
-        ("pixel sizes", lambda s: np.round(s.pixel, 4).tolist()),
-    )
-    for word, answer in questions:
-        wanted = answer(reference)
-        other = [slice_.path for slice_ in slices if answer(slice_) != wanted]
+    for word, key, digits in (("sizes", "shape", 0), ("orientations", "axes", 3),
+                              ("pixel sizes", "pixel", 4)):  # fmt: skip
+        found = [np.round(getattr(one, key), digits).ravel().tolist() for one in slices]
+        other = [one.path for one, own in zip(slices, found, strict=True) if own != found[0]]
         if other:
             raise InputError(
-                f"{folder}: the files differ in {word}: {reference.path.name} has {wanted}, "
+                f"{folder}: the files differ in {word}: {slices[0].path.name} has {found[0]}, "
                 f"{len(other)} of {len(slices)} files have another, the first is {other[0].name}; "
                 "keep one series in a folder"
             )
@@ -434,10 +421,9 @@ def _values(slice_: _Slice) -> np.ndarray:
         pixels = np.asarray(slice_.data.pixel_array)
     except Exception as reason:  # pydicom's decoders raise what they like
         raise FileError(f"{slice_.path}: the pixels cannot be decoded: {reason}") from None
-    if pixels.shape != (slice_.rows, slice_.columns):
+    if pixels.shape != slice_.shape:
         raise FileError(
-            f"{slice_.path}: holds {pixels.shape} pixels, its header says "
-            f"{(slice_.rows, slice_.columns)}"
+            f"{slice_.path}: holds {pixels.shape} pixels, its header says {slice_.shape}"
         )
     return pixels.T if (slope, intercept) == (1.0, 0.0) else pixels.T * slope + intercept
 
@@ -447,7 +433,7 @@ def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:
     """A NIfTI file of a diffusion series, its .bval and .bvec beside it, while the context lasts.
 
     - `folder`: folder of DICOM images
-    - `choice`: which of several series, see `chosen_files`
+    - `choice`: which of several series, see `series_files`
     """
     files = series_files(folder, choice)
     converter = optional("dcm2niix", "dicom", folder).bin

@@ -25,6 +25,8 @@ from myork.types import F64, Mask
 
 # Order of the components
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+#: What a square of each of them counts in the norm of a tensor
+SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 # Voxels solved at a time: 33 images of them take some tens of megabytes.
 _CHUNK = 20000
 # A design with a larger condition number does not determine all six components.
@@ -76,12 +78,9 @@ def mean_diffusivity(components: F64) -> F64:
 def fractional_anisotropy(components: F64) -> F64:
     """Fractional anisotropy, 0 for equal eigenvalues to 1 for a stick, shape `(...)` [-]."""
     mean = mean_diffusivity(components)[..., np.newaxis]
-    squares = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     shift = components - mean * [1, 1, 1, 0, 0, 0]
-    norm = (squares * components**2).sum(axis=-1)
-    ratio = np.divide(
-        (squares * shift**2).sum(axis=-1), norm, out=np.zeros(norm.shape), where=norm > 0
-    )
+    norm, rest = ((SQUARES * one**2).sum(axis=-1) for one in (components, shift))
+    ratio = np.divide(rest, norm, out=np.zeros(norm.shape), where=norm > 0)
     return np.sqrt(1.5 * ratio)
 
 
@@ -92,16 +91,18 @@ def tensor_maps(tensor: Image) -> dict[str, Image]:
     - returns `fa` and `md` of shape `(ni, nj, nk)`, `eigenvalues` of shape `(ni, nj, nk, 3)`, the
       largest first
     """
-    components = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
-    values = np.linalg.eigvalsh(full_tensors(components))[..., ::-1]
-    maps = {
+    components = finite_tensors(tensor.data)
+    maps: dict[str, F64] = {
         "fa": fractional_anisotropy(components),
         "md": mean_diffusivity(components),
-        "eigenvalues": values,
+        "eigenvalues": np.asarray(np.linalg.eigvalsh(full_tensors(components))[..., ::-1], float),
     }
-    return {
-        name: Image(np.asarray(data, float), tensor.affine, name) for name, data in maps.items()
-    }
+    return {name: Image(data, tensor.affine, name) for name, data in maps.items()}
+
+
+def finite_tensors(components: F64) -> F64:
+    """Components of tensors, shape `(..., 6)`, all zero where one of them is not finite."""
+    return np.where(np.isfinite(components).all(axis=-1, keepdims=True), components, 0.0)
 
 
 def known_tensors(components: F64) -> Mask:

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import slice_axis
+from myork.imaging.geometry import depth_in_slices, neighbours, slice_axis
 from myork.records import Image
 from myork.types import C128, F64, I64, Mask
 
@@ -147,10 +147,7 @@ def separate_many(
 ) -> WaterFat:
     """Part three and more echoes into water and fat.
 
-    - `echoes`: complex echoes, shape `(ni, nj, nk)` each
-    - `body`: voxels of the body, same shape
-    - `spacing`: voxel sizes, shape `(3,)` [mm]
-    - `factors`: of fat in each echo, see `fat_factors` [-]
+    - `echoes`, `body`, `spacing`, `factors`: of each echo, as of `separate`
     - `times`: echo times [ms]
     """
     pairs = list(combinations(range(len(echoes)), 2))
@@ -162,9 +159,9 @@ def separate_many(
     found, doubt = [], ""
     for n in order[:_PAIRS_TRIED]:
         i, j = pairs[n]
-        pair = _pair(signal[:, i], signal[:, j], body, size, (factors[i], factors[j]))
-        doubt = doubt or pair.doubt
-        for phase in (np.angle(pair.smooth), np.angle(pair.other)):
+        *ways, why = _pair(signal[:, i], signal[:, j], body, size, (factors[i], factors[j]))
+        doubt = doubt or why
+        for phase in map(np.angle, ways):
             fit = _all_echoes(signal, phase, times[j] - times[i], times, factors, body, size)
             found.append((*fit, phase))
     misfit, water, fat, decay, phase = map(np.stack, zip(*found, strict=True))
@@ -213,19 +210,12 @@ def separate(
     """
     size = np.asarray(spacing, float)
     one, two = _inside((first, second), body).T
-    pair = _pair(one, two, body, size, factors)
-    turned = np.stack([one, two * np.exp(-1j * np.angle(pair.smooth))], axis=-1)
+    smooth, _, doubt = _pair(one, two, body, size, factors)
+    phase = np.angle(smooth)
+    turned = np.stack([one, two * np.exp(-1j * phase)], axis=-1)
     water, fat = _fit(turned, np.array(factors), np.ones(turned.shape))[:2]
-    doubts = (pair.doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
-    return _found(water, fat, np.angle(pair.smooth), body, doubts)
-
-
-class _Pair(NamedTuple):
-    """Phases between two echoes; `other` is that of water and fat exchanged."""
-
-    smooth: C128
-    other: C128
-    doubt: str
+    doubts = (doubt, _order_doubt(np.abs(one), np.abs(two), factors), _times_doubt(factors))
+    return _found(water, fat, phase, body, doubts)
 
 
 def _inside(echoes: Sequence[C128], body: Mask) -> C128:
@@ -238,8 +228,10 @@ def _inside(echoes: Sequence[C128], body: Mask) -> C128:
     return signal
 
 
-def _pair(one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, complex]) -> _Pair:
-    """Smooth phasors from one echo to another beyond those of fat."""
+def _pair(
+    one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, complex]
+) -> tuple[C128, C128, str]:
+    """Smooth phasors from one echo to another beyond those of fat; with both exchanged; doubt."""
     fractions = _fractions(np.abs(one), np.abs(two), factors)
     phasors = [_phasor(one, two, part, factors) for part in fractions]
     trust = np.minimum(np.abs(one), np.abs(two))
@@ -258,7 +250,7 @@ def _pair(one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, c
             break
         state = again
     other = np.asarray(np.where(state > 0, phasors[1], phasors[0]), complex)
-    return _Pair(smooth, _average(trust * other, body, size), doubt)
+    return smooth, _average(trust * other, body, size), doubt
 
 
 def _all_echoes(
@@ -383,17 +375,11 @@ def _states(difference: C128, body: Mask, size: F64) -> tuple[I64, I64]:
 
 def _pairs(difference: C128, body: Mask, size: F64) -> tuple[I64, I64, F64]:
     """Pairs of voxels along the axes with their votes: low and high number, vote."""
-    number = np.full(body.shape, -1)
-    number[body] = np.arange(len(difference))
     ends: list[tuple[I64, I64, F64]] = []
     for axis in range(3):
         step = 1
         while step == 1 or step * size[axis] <= _REACH:
-            near, far = [slice(None)] * 3, [slice(None)] * 3
-            near[axis], far[axis] = slice(None, -step), slice(step, None)
-            a, b = number[tuple(near)], number[tuple(far)]
-            both = (a >= 0) & (b >= 0)
-            low, high = a[both], b[both]
+            low, high = neighbours(body, axis, step)
             vote = (difference[low] * difference[high].conj()).real
             ends.append((low, high, vote / (1.0 + (step * size[axis] / _NEAR) ** 2)))
             step *= 2
@@ -412,13 +398,8 @@ def _rim_decides(
 ) -> tuple[I64, str]:
     """States of all large groups such that fat lies under the skin; doubts."""
     axis = slice_axis(size, body.shape)
-    depth = np.zeros(body.shape)
-    pixel = np.delete(size, axis)
-    for section, inside in zip(
-        np.moveaxis(depth, axis, 0), np.moveaxis(body, axis, 0), strict=True
-    ):
-        section[...] = ndimage.distance_transform_edt(np.pad(inside, 1), sampling=pixel)[1:-1, 1:-1]
-    deep = depth[body]
+    depth = depth_in_slices(np.moveaxis(body, axis, 2), np.delete(size, axis))
+    deep = np.moveaxis(depth, 2, axis)[body]
     outer = (deep > _RIM[0]) & (deep <= _RIM[1])
     result, doubt = state.copy(), ""
     for number in np.flatnonzero(np.bincount(group) >= _SMALL * len(group)):

@@ -2,15 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import nibabel
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
 from myork.records import Image, Labels
-from myork.types import F64, I32, Mask
+from myork.types import F64, I32, I64, Index, Mask
 
 Grid = TypeVar("Grid", Image, Labels)
 
@@ -27,7 +28,6 @@ def check_affine(affine: F64, name: str) -> None:
     """Refuse an affine that does not span a box of voxels with right angles.
 
     - `affine`: voxel indices to world coordinates, shape `(4, 4)` [mm]
-    - `name`: file, for the message
     """
     columns = affine[:3, :3]
     size = np.linalg.norm(columns, axis=0)
@@ -127,9 +127,7 @@ def to_voxels(affine: F64, world: F64) -> F64:
 def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
     """Voxel in which a seed lies; refused outside of the image.
 
-    - `image`: gives the grid
     - `seed`: world coordinates, shape `(3,)` [mm]
-    - `name`: of the seed, for messages
     """
     place = tuple(np.rint(to_voxels(image.affine, seed)).astype(int).tolist())
     if min(place) < 0 or any(p >= n for p, n in zip(place, image.data.shape, strict=True)):
@@ -155,6 +153,38 @@ def boxes_of(labels: I32) -> Iterator[tuple[tuple[slice, ...], Mask]]:
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
         if box is not None:
             yield box, labels[box] == number
+
+
+def neighbours(inside: Mask, axis: int, step: int = 1) -> tuple[I64, I64]:
+    """Pairs of voxels of a mask so many voxels apart along an axis.
+
+    - returns numbers of both in the order of the mask's voxels, the lower one first
+    """
+    number = np.full(inside.shape, -1)
+    number[inside] = np.arange(int(inside.sum()))
+    count = inside.shape[axis] - step
+    low, high = (np.take(number, np.arange(count) + first, axis) for first in (0, step))
+    both = (low >= 0) & (high >= 0)
+    return low[both], high[both]
+
+
+def depth_in_slices(inside: Mask, pixel: ArrayLike = 1.0, *, cut: bool = False) -> F64:
+    """Distance of voxels to what is outside in their slice.
+
+    - `inside`: shape `(ni, nj, nk)`; slices along the last axis
+    - `pixel`: sizes of the pixels, shape `(2,)`
+    - `cut`: whether the image cuts what reaches its border; else outside begins there
+    """
+    room = [(1, 1), (1, 1), (0, 0)]
+    wide = np.moveaxis(np.pad(inside, room, mode="edge" if cut else "constant"), 2, 0)
+    found = [ndimage.distance_transform_edt(section, sampling=pixel) for section in wide]
+    return np.stack(found, axis=2)[1:-1, 1:-1]
+
+
+def block_sums(values: NDArray[Any], block: Index) -> NDArray[Any]:
+    """Sums of values over blocks of voxels, of which whole ones fill the grid in each direction."""
+    n = np.array(values.shape) // block
+    return values.reshape(n[0], block[0], n[1], block[1], n[2], block[2]).sum(axis=(1, 3, 5))
 
 
 def length_factor(unit: str, key: str = "units.length") -> float:

@@ -148,7 +148,9 @@ def make_phantom(
     affine = np.diag([*spacing, 1.0])
     affine[:2, 3] = [-0.5 * (n - 1) * h for n, h in zip(size[:2], spacing[:2], strict=True)]
     calf = _Calf(scale, (size[2] - 1) * spacing[2], septum, growth, aponeurosis)
-    x, y, t = _coordinates(size, affine)
+    # world x and y [mm] and the height as a part of the stack [-]
+    i, j, k = np.indices(size, float)
+    x, y, t = i * spacing[0] + affine[0, 3], j * spacing[1] + affine[1, 3], k / (size[2] - 1)
     label = calf.muscles(x, y, t)
     levels = calf.inclusion_levels(label, x, y, t, imat, imct)
     substance = calf.substances(x, y, t, levels)
@@ -202,12 +204,6 @@ def write_phantom(folder: Path, phantom: Phantom) -> None:
         write_image(folder / f"{name}.nii.gz", image)
     write_labels(folder / "truth.nii.gz", phantom.truth)
     write_labels(folder / "true_tissue.nii.gz", phantom.tissue)
-
-
-def _coordinates(size: Sequence[int], affine: F64) -> tuple[F64, F64, F64]:
-    """World x and y [mm] and the height as a part of the stack [-] of all voxels."""
-    i, j, k = np.meshgrid(*(np.arange(n, dtype=float) for n in size), indexing="ij")
-    return i * affine[0, 0] + affine[0, 3], j * affine[1, 1] + affine[1, 3], k / (size[2] - 1)
 
 
 def rician(signal: F64, sigma: float, random: np.random.Generator) -> F64:

@@ -135,11 +135,11 @@ def _extent(image: Image | Labels) -> str:
 def _lost(before: Labels, after: Labels) -> list[str]:
     """Sentences on labels that the grid does not hold, or only a part of."""
     volume = [float((one.data > 0).sum() * one.spacing.prod()) for one in (before, after)]
-    gone = np.setdiff1d(before.data[before.data > 0], after.data).tolist()
+    kept = after.present
+    gone = [name for number, name in before.present.items() if number not in kept]
     said = []
     if gone:
-        names = ", ".join(before.label_name(number) for number in gone)
-        said.append(f"{before.name}: no voxel of the grid lies in {names}")
+        said.append(f"{before.name}: no voxel of the grid lies in {', '.join(gone)}")
     if volume[1] < (1.0 - _LOST) * volume[0]:
         said.append(
             f"{before.name}: its labels fill {volume[0] / 1000:.4g} cm^3, and "

@@ -81,8 +81,7 @@ def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -
     """
     if maps.fibers is not None:
         maps = maps._replace(fibers=replace(maps.fibers, data=unit_vectors(maps.fibers.data)[0]))
-    numbers = np.unique(labels.data[labels.data > 0]).tolist()
-    return [_of(labels, number, maps) for number in numbers if number not in left_out]
+    return [_of(labels, number, maps) for number in labels.present if number not in left_out]
 
 
 def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.imaging.diffusion import dyads_of, full_tensors, lead_vector, tensor_components
+from myork.imaging.diffusion import SQUARES, dyads_of, full_tensors, lead_vector, tensor_components
 from myork.imaging.geometry import boxes_of
 from myork.records import Image
 from myork.segmentation.starts import kmeans
@@ -50,7 +50,6 @@ _FAMILIES, _AS_WELL = (2, 3, 4, 6, 8), 0.04
 # Noise of two voxels is alike above this correlation [-]; more voxels are never left out; pairs of
 # voxels that a correlation needs
 _ALIKE, _FARTHEST, _PAIRS = 0.1, 2, 100
-_SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # components in the norm of a tensor
 
 
 def tensor_logarithms(tensor: Image, inside: Mask) -> tuple[F64, Mask]:
@@ -114,7 +113,7 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
     width, least = _width(logarithm, trust, label, spacing, alike)
     found = [(least, Average(label, width))]
     fiber, known = label_fibers(logarithm, trust, label, width / spacing)
-    dyads = dyads_of(fiber[known]) * np.sqrt(_SQUARES)
+    dyads = dyads_of(fiber[known]) * np.sqrt(SQUARES)
     for count in _FAMILIES if len(dyads) else ():
         family = label.copy()
         family[known] += (int(label.max()) + 1) * kmeans(dyads, count)[0]
@@ -180,7 +179,7 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
         both = (weight * weight_other)[pairs]
         if len(both) < _PAIRS or not both.sum() > 0.0:
             continue
-        half[k - 1] = 0.5 * (both @ ((value - other)[pairs] ** 2 @ _SQUARES)) / both.sum()
+        half[k - 1] = 0.5 * (both @ ((value - other)[pairs] ** 2 @ SQUARES)) / both.sum()
     bend = max((half[3] - half[2]) / 7.0, 0.0)
     noise = half[2] - 9.0 * bend
     if not noise > 0:  # nor where there are too few voxels
@@ -218,7 +217,7 @@ def _prediction_error(
         guess = (sums - left_out(values))[known] / others[known][:, np.newaxis]
         miss = guess - logarithm[box][known]
         miss[:, :3] -= miss[:, :3].mean(axis=1, keepdims=True)
-        total += float(weight[known] @ (miss**2 @ _SQUARES))
+        total += float(weight[known] @ (miss**2 @ SQUARES))
         weights += float(weight[known].sum())
     return total / weights if weights else np.inf
 

@@ -16,6 +16,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
+from myork.imaging.geometry import block_sums
 from myork.model.normals import surface_normals
 from myork.model.points import BONE, first_voxel
 from myork.records import Labels
@@ -124,8 +125,7 @@ def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
     inside = [(a >= 0) & (a < m) for a, m in zip(at[:2], limit, strict=False)]
     bone = labels.data[np.ix_(*(a.clip(0, m - 1) for a, m in zip(at, limit, strict=True)))] == BONE
     bone &= inside[0][:, np.newaxis, np.newaxis] & inside[1][:, np.newaxis]
-    share = bone.reshape(n[0], size[0], n[1], size[1], n[2], size[2]).mean(axis=(1, 3, 5))
-    around = np.where(share > 0.5, BONE, 0).astype(np.int32)
+    around = np.where(2 * block_sums(bone, size) > size.prod(), BONE, 0).astype(np.int32)
     around[1:-1, 1:-1] = merged.data
     return around
 
@@ -151,22 +151,6 @@ def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
         for side, shift in enumerate((1, -1)):
             facets[..., d, side] = area * (body & np.roll(beyond, shift, axis=d)[middle])
     return facets
-
-
-def end_offsets(body: Mask, spacing: F64, voxels: Index) -> F64:
-    """Moves that bring the voxels' centres of the end slices onto the ends of the body.
-
-    - `body`: voxels of the body, shape `(ni, nj, nk)`; a single slice is plane and has no ends
-    - `spacing`: voxel size, shape `(3,)` [length]
-    - `voxels`: voxels, shape `(n, 3)`
-    - returns shape `(n, 3)` [length]
-    """
-    move = np.zeros(voxels.shape)
-    last = body.shape[2] - 1
-    if last > 0:
-        at = voxels[:, 2]
-        move[:, 2] = 0.5 * spacing[2] * ((at == last).astype(float) - (at == 0))
-    return move
 
 
 def surface_offsets(body: Mask, spacing: F64, voxels: Index, normal: F64) -> F64:

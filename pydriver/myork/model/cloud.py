@@ -9,7 +9,7 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.imaging.geometry import canonical, frame, length_factor, to_voxels
 from myork.model import points
-from myork.model.boundary import Boundary, bone_beside, boundary_sets, end_offsets, surface_offsets
+from myork.model.boundary import Boundary, bone_beside, boundary_sets, surface_offsets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
 from myork.model.shares import LabelParts, checked_parts, label_shares
@@ -79,7 +79,7 @@ def build_cloud(
     parts = None
     if fractions is not None:
         whole_parts = checked_parts(canonical(fractions), whole)
-        parts = LabelParts(whole_parts, np.unique(labels.data[labels.data > 0]))
+        parts = LabelParts(whole_parts, np.array(list(labels.present)))
     shares, numbers = label_shares(part, coarse, block, left_out, parts)
     filled = shares.sum(axis=1)
     volumes = dict(zip(numbers.tolist(), shares.sum(axis=0) * coarse.spacing.prod(), strict=True))
@@ -98,7 +98,9 @@ def build_cloud(
     place[point] += surface_offsets(
         body, coarse.spacing, voxels[point], boundary.normal[wall[first]]
     )
-    place += end_offsets(body, coarse.spacing, voxels)
+    if body.shape[2] > 1:  # centres of the end slices onto the ends; a single slice is plane
+        place[voxels[:, 2] == 0, 2] -= 0.5 * coarse.spacing[2]
+        place[voxels[:, 2] == body.shape[2] - 1, 2] += 0.5 * coarse.spacing[2]
 
     fiber = np.zeros((len(voxels), 3))
     at = to_voxels(whole.affine, coarse.world(voxels))

@@ -130,12 +130,17 @@ def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
     away = fill_from_own(fiber, known, label, spacing)
     alone = (label != 0) & ~known & np.isinf(away)
     if alone.any():
-        away_any, nearest = ndimage.distance_transform_edt(
-            ~known, sampling=spacing, return_indices=True
-        )
-        fiber[alone] = fiber[tuple(index[alone] for index in nearest)]
-        away[alone] = away_any[alone]
+        away[alone] = _take_nearest(fiber, alone, known, spacing)
     return away
+
+
+def _take_nearest(values: F64, missing: Mask, source: Mask, spacing: F64) -> F64:
+    """Give voxels the values of the nearest ones that have some; returns the distances [mm]."""
+    distance, nearest = ndimage.distance_transform_edt(
+        ~source, sampling=spacing, return_indices=True
+    )
+    values[missing] = values[tuple(index[missing] for index in nearest)]
+    return np.asarray(distance[missing])
 
 
 def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
@@ -152,11 +157,7 @@ def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
     for box, own in boxes_of(label):
         missing, source = own & ~known[box], own & known[box]
         if missing.any() and source.any():
-            distance, nearest = ndimage.distance_transform_edt(
-                ~source, sampling=spacing, return_indices=True
-            )
-            values[box][missing] = values[box][tuple(index[missing] for index in nearest)]
-            away[box][missing] = distance[missing]
+            away[box][missing] = _take_nearest(values[box], missing, source, spacing)
     return away
 
 
@@ -181,8 +182,7 @@ def fibers_at_points(
         here = label == number
         if not usable.any():
             continue
-        dyad = dyads * usable[..., np.newaxis]
-        average, near = _averages(dyad, usable, place[here], block)
+        average, near = _averages(dyads, usable, place[here], block)
         known = near > LEAST_WEIGHT
         if not known.all():
             first = np.rint(place[here][~known][0]).astype(int)
@@ -203,10 +203,7 @@ def activation_at_points(
     """Part of their muscle's activation that points have.
 
     - `image`: parts from 0 to 1 on the grid of `labels`, shape `(ni, nj, nk)`
-    - `labels`: labels; only voxels of a point's own label count for it
-    - `place`: voxel indices of the points, whole or between voxels, shape `(npoint, 3)`
-    - `label`: labels of the points, shape `(npoint,)`
-    - `block`: voxels per point in each direction: the scale of the average
+    - `labels`, `place`, `label`, `block`: as of `fibers_at_points`
     - returns shape `(npoint,)` [-]
     """
     bad = np.argwhere((labels.data > 0) & ~((image.data >= 0) & (image.data <= 1)))
@@ -217,17 +214,17 @@ def activation_at_points(
         )
     result = np.zeros(len(place))
     for number in np.unique(label):
-        usable = labels.data == number
         here = label == number
-        values = np.where(usable, image.data, 0.0)[..., np.newaxis]
+        values, usable = image.data[..., np.newaxis], labels.data == number
         sums, near = _averages(values, usable, place[here], block)
         result[here] = np.clip(sums[:, 0] / np.maximum(near, LEAST_WEIGHT), 0.0, 1.0)
     return result
 
 
 def _averages(values: F64, usable: Mask, place: F64, block: Sequence[int]) -> tuple[F64, F64]:
-    """Sums of values around places and of their weights, shapes `(n, nvalue)` and `(n,)`."""
-    sums, weight = gathered(values, usable, 0.5 * np.array(block, float))
+    """Sums of usable values around places and of their weights, `(n, nvalue)` and `(n,)`."""
+    some = np.where(usable[..., np.newaxis], values, 0.0)
+    sums, weight = gathered(some, usable, 0.5 * np.array(block, float))
     near, *found = (
         ndimage.map_coordinates(one, place.T, order=1, mode="nearest")
         for one in (weight, *np.moveaxis(sums, -1, 0))

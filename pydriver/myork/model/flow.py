@@ -12,7 +12,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg
 
 from myork.errors import ConvergenceError
-from myork.imaging.geometry import boxes_of, canonical, frame
+from myork.imaging.geometry import boxes_of, canonical, frame, neighbours
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
@@ -30,7 +30,7 @@ def flow_fibers(labels: Labels) -> Image:
     """
     whole = canonical(labels)
     flow = np.zeros((*whole.data.shape, 3))
-    for number in np.unique(whole.data[whole.data > 0]):
+    for number in whole.present:
         pieces, _ = ndimage.label(whole.data == number)
         for box, here in boxes_of(pieces):
             flow[box][here] = _flow(here, whole.spacing)
@@ -49,19 +49,12 @@ def _flow(here: Mask, spacing: F64) -> F64:
     is the mean of its two faces in each direction, where a wall counts with none.
     """
     count = int(here.sum())
-    index = np.full(np.array(here.shape) + 2, -1)
-    index[1:-1, 1:-1, 1:-1][here] = np.arange(count)
-    low, high = (np.zeros(here.shape, bool) for _ in range(2))
-    low[:, :, 0], high[:, :, -1] = here[:, :, 0], here[:, :, -1]
-    ends = [np.flatnonzero(end[here]) for end in (low, high)]
+    layer = np.argwhere(here)[:, 2]
+    ends = [np.flatnonzero(layer == k) for k in (0, here.shape[2] - 1)]
     diagonal, load = np.zeros(count), np.zeros(count)
-    pairs = []
-    middle = index[1:-1, 1:-1, 1:-1][here]
-    for d in range(3):
-        above = np.roll(index, -1, axis=d)[1:-1, 1:-1, 1:-1][here]
-        first, second = middle[above >= 0], above[above >= 0]
-        pairs.append((first, second))
-        for one in (first, second):
+    pairs = [neighbours(here, d) for d in range(3)]
+    for d, pair in enumerate(pairs):
+        for one in pair:
             np.add.at(diagonal, one, spacing[d] ** -2)
     # the ends lie on the outer faces, half a voxel from the middle
     for points, value in zip(ends, (0.0, 1.0), strict=True):
@@ -72,7 +65,7 @@ def _flow(here: Mask, spacing: F64) -> F64:
     weights = np.repeat(spacing**-2.0, [2 * len(pair[0]) for pair in pairs])
     matrix = sparse.csr_matrix((-weights, (rows, columns)), (count, count))
     matrix += sparse.diags(diagonal)
-    height = (np.argwhere(here)[:, 2] + 0.5) / here.shape[2]
+    height = (layer + 0.5) / here.shape[2]
     potential, unsolved = cg(
         matrix, load, height, rtol=_TOLERANCE, maxiter=20 * max(here.shape) + 1000,
         M=sparse.diags(1.0 / diagonal),

@@ -29,7 +29,6 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
     - `path`: surface (STL, PLY, OBJ, VTK) or structured grid (VTS), whose skin is taken
     - `to_mm`: millimetres in the unit of the file
     - `spacing`: voxel size along x, y and z [mm]
-    - `name`: name of the label
     """
     mesh = read_mesh(path)
     if not len(mesh.triangles):
@@ -120,7 +119,6 @@ def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") ->
 
     - `tracts`: points of each line, shape `(m, 3)` [mm]
     - `labels`: the body
-    - `name`: of the tracts, for messages
     """
     start = np.vstack([line[:-1] for line in tracts])
     step = np.vstack([np.diff(line, axis=0) for line in tracts])

@@ -89,8 +89,7 @@ def _multiquadric_gradient(phi: F64, spacing: F64, at: Index) -> F64:
     metric = np.cbrt(spacing / spacing.min())
     phi = ndimage.gaussian_filter(phi, _BLUR / metric, truncate=3.0)
     radius = np.maximum(np.rint(_RADIUS / metric).astype(int), 1)
-    offsets = np.stack(np.meshgrid(*(np.arange(-r, r + 1) for r in radius), indexing="ij"), -1)
-    offsets = offsets.reshape(-1, 3)
+    offsets = np.indices(2 * radius + 1).reshape(3, -1).T - radius
     place = offsets * metric
     squared = ((place[:, np.newaxis] - place) ** 2).sum(axis=-1)
     system = 1.0 / np.sqrt(squared + _SHAPE**2)

@@ -69,9 +69,8 @@ def check_orientation(fibers: Image, muscles: Labels) -> Finding:
     found = []
     for axes in _candidates():
         turn = columns @ parse_axes(axes) @ columns.T
-        turned = Image(fibers.data @ turn.T, fibers.affine, fibers.name)
         crossing = float((((vector @ turn.T) * normal).sum(axis=1) ** 2).mean())
-        found.append(Orientation(axes, crossing, _agreement(turned, rules)))
+        found.append(Orientation(axes, crossing, _agreement(fibers.data @ turn.T, rules)))
     doubt = _doubt(found)
     return Finding(found, doubt, "" if doubt else _remark(found[0]))
 
@@ -80,7 +79,7 @@ def _at_walls(fibers: Image, muscles: Labels) -> tuple[F64, F64]:
     """Fibers at the walls of each muscle and the walls' normals in the world, `(n, 3)` each."""
     usable = fibers.data.any(axis=-1)
     parts = [(np.zeros((0, 3)), np.zeros((0, 3)))]
-    for label in np.unique(muscles.data[muscles.data > 0]):
+    for label in muscles.present:
         inside = muscles.data == label
         # the ends of the image cut muscles, they are no walls
         wall = inside & ~ndimage.binary_erosion(inside, border_value=1) & usable
@@ -130,11 +129,11 @@ def _rules(fibers: Image, muscles: Labels) -> list[tuple[Mask, F64]]:
     return rules
 
 
-def _agreement(fibers: Image, rules: list[tuple[Mask, F64]]) -> float | None:
+def _agreement(fibers: F64, rules: list[tuple[Mask, F64]]) -> float | None:
     """Mean over the rules of how far fibers lean the right way, -1 to 1."""
     scores = []
     for mask, direction in rules:
-        vector = fibers.data[mask]
+        vector = fibers[mask]
         lean = (vector @ direction) * np.where(vector[:, 2] < 0, -1.0, 1.0)
         total = np.abs(lean).sum()
         scores.append(float(lean.sum() / total) if total > 0 else 0.0)

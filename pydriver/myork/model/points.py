@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import frame, to_voxels
+from myork.imaging.geometry import block_sums, frame, to_voxels
 from myork.records import Labels
 from myork.types import F64, I32, Index, Mask
 
@@ -96,15 +96,12 @@ def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> La
 
 def _majority(data: I32, size: Index) -> I32:
     """Label of each block: of what is no body, or where the body fills enough, of the body."""
-    n = np.array(data.shape) // size
-    blocks = (n[0], size[0], n[1], size[1], n[2], size[2])
     sigma = np.where(size > 1, 0.5, 0.0)
-    filled = (data > 0).reshape(blocks).mean(axis=(1, 3, 5)) >= _FILLED
-    best = np.zeros(n, dtype=np.int32)
-    votes = np.zeros(n)
+    filled = block_sums(data > 0, size) / size.prod() >= _FILLED
+    best, votes = np.zeros(filled.shape, np.int32), np.zeros(filled.shape)
     for label in np.unique(data):
-        share = ndimage.gaussian_filter((data == label).astype(float), sigma, mode="nearest")
-        share = share.reshape(blocks).sum(axis=(1, 3, 5))
+        blurred = ndimage.gaussian_filter((data == label).astype(float), sigma, mode="nearest")
+        share = block_sums(blurred, size)
         share[filled != (label > 0)] = 0.0
         best = np.where(share > votes, label, best)
         votes = np.maximum(votes, share)
@@ -129,13 +126,13 @@ def changed_volumes(
     - `wanted`: volume of each label before; without it that of its voxels [mm^3]
     """
     sentences = []
-    for label in np.unique(fine.data[fine.data > 0]).tolist():
+    for label, name in fine.present.items():
         before = float((fine.data == label).sum() * fine.spacing.prod())
         before = before if wanted is None else wanted[label]
         after = model.get(label, 0.0)
         if abs(after - before) > 0.1 * before:
             sentences.append(
-                f"{fine.label_name(label)} has {after / 1000:.4g} cm^3 in the model and "
+                f"{name} has {after / 1000:.4g} cm^3 in the model and "
                 f"{before / 1000:.4g} cm^3 in the label map: blocks of build.collocation_stride "
                 "do not resolve it, or its slices do not fill whole blocks; lower the stride, or "
                 "move build.slices"

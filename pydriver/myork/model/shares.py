@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import check_same_grid, to_voxels
+from myork.imaging.geometry import block_sums, check_same_grid, to_voxels
 from myork.model.points import first_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
@@ -32,7 +32,7 @@ def checked_parts(image: Image, labels: Labels) -> Image:
     - `labels`: label map whose labels above zero the volumes are of, one each, ascending
     """
     check_same_grid(image, labels)
-    numbers = np.unique(labels.data[labels.data > 0]).tolist()
+    numbers = list(labels.present)
     if image.data.shape[3] != len(numbers):
         raise InputError(
             f"{image.name}: {image.data.shape[3]} volumes do not go with the labels {numbers} of "
@@ -140,8 +140,7 @@ def label_shares(
     shares = np.empty((int(body.sum()), len(numbers)))
     for column, number in enumerate(numbers):
         filled = (data == number) if parts is None else parts.of(int(number), fine, places)
-        part = (filled * inside).reshape(n[0], size[0], n[1], size[1], n[2], size[2])
-        share = np.where(gone, 0.0, part.mean(axis=(1, 3, 5)))
+        share = np.where(gone, 0.0, block_sums(filled * inside, size) / size.prod())
         shares[:, column] = _given_on(share, kept)[kept]
     total = shares.sum(axis=1)
     empty = total == 0

@@ -59,6 +59,9 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
     inside = ndimage.binary_dilation(body, _ball(image.spacing))
     mask = _picture(itk, inside, place @ image.affine, axes, np.uint8)[around]
     moving = _picture(itk, drawn_in.data, place @ drawn_in.affine, axes, np.float32)
+    threads = itk.ProcessObject.GetGlobalDefaultNumberOfThreads()
+    # sums of several threads differ from run to run
+    itk.ProcessObject.SetGlobalDefaultNumberOfThreads(1)
     try:
         bend = _found(itk, fixed, moving, mask)
     except RuntimeError as reason:
@@ -67,6 +70,8 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
             f"({str(reason).strip().splitlines()[-1].strip()}); do both show the same part of the "
             "body at about the same place?"
         ) from None
+    finally:
+        itk.ProcessObject.SetGlobalDefaultNumberOfThreads(threads)
     grid = _picture(itk, body, place @ image.affine, axes, np.uint8)
     numbers = _picture(itk, labels.data, place @ labels.affine, axes, np.int32)
     found = itk.GetArrayFromImage(itk.Resample(numbers, grid, bend, itk.sitkNearestNeighbor, 0)).T
@@ -123,9 +128,8 @@ def _method(itk: Any, fixed: Any, mask: Any) -> Any:
     share = _SAMPLES / max(int(itk.GetArrayViewFromImage(mask).sum()), 1)
     if share < 1.0:
         way.SetMetricSamplingStrategy(way.REGULAR)
-        way.SetMetricSamplingPercentage(share)
+        way.SetMetricSamplingPercentage(share, seed=1)  # places are moved a little at random
     way.SetInterpolator(itk.sitkLinear)
-    way.SetNumberOfThreads(1)  # sums of several threads differ from run to run
     return way
 
 

@@ -1,12 +1,13 @@
 """Channels of a segmentation: grey values and fiber directions on one scale."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import dyads_of, full_tensors
+from myork.imaging.diffusion import SQUARES, dyads_of, finite_tensors, full_tensors
 from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, Mask
@@ -47,6 +48,18 @@ def noise_level(values: F64, region: Mask) -> float:
     return float(1.4826 * np.median(bends) / np.sqrt(6.0)) if bends.size else 0.0
 
 
+def local_means(values: F64, where: Mask, sigma: Sequence[float] | F64, far: float) -> F64:
+    """Mean of the values of some voxels under a Gaussian around each place.
+
+    - `values`, `where`: shape `(ni, nj, nk)`; the voxels
+    - `sigma`: standard deviations [voxel]
+    - `far`: weight of the mean of all, which is left far from all of them [-]
+    """
+    weight = ndimage.gaussian_filter(where.astype(float), sigma)
+    total = ndimage.gaussian_filter(np.where(where, values, 0.0), sigma)
+    return np.asarray((total + far * values[where].mean()) / (weight + far))
+
+
 def noise_weight(first: float, other: float) -> float:
     """Weight of a channel against that of the first one, by the noise of both.
 
@@ -55,6 +68,12 @@ def noise_weight(first: float, other: float) -> float:
     if not (first > 0 and other > 0):
         return 1.0
     return float(np.clip((first / other) ** 2, 1.0 / _WEIGHTS, _WEIGHTS))
+
+
+def noise_weights(first: F64, others: Sequence[F64], region: Mask) -> list[float]:
+    """Weights of channels against a first one by the noise of their values in a region."""
+    noise = noise_level(first, region)
+    return [noise_weight(noise, noise_level(one, region)) for one in others]
 
 
 def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
@@ -88,8 +107,7 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
       `aligned`: v turned to point up, (4.2)
     - returns shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-]
     """
-    known = np.isfinite(tensor.data).all(axis=-1, keepdims=True)
-    values, vectors = np.linalg.eigh(full_tensors(np.where(known, tensor.data, 0.0)))
+    values, vectors = np.linalg.eigh(full_tensors(finite_tensors(tensor.data)))
     lead, spread = vectors[..., :, 2], values[..., 2] - values[..., 0]
     if not np.ptp(spread[region]) > 0:
         raise InputError(
@@ -101,5 +119,4 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
         return strength * np.abs(lead)
     if kind == "aligned":
         return strength * np.where(lead[..., 2:] < 0, -lead, lead)
-    scale = np.sqrt([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    return strength * scale * dyads_of(lead)
+    return strength * np.sqrt(SQUARES) * dyads_of(lead)

@@ -7,6 +7,7 @@ References: [1] Bezdek, Ehrlich, Full, Comput. Geosci. 10 (1984), doi:10.1016/00
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from myork.errors import InputError
 from myork.types import F64, Mask
@@ -57,14 +58,17 @@ def fuzzy_c_means(channels: F64, region: Mask, clusters: int) -> Clusters:
     for _ in range(_STARTS):
         centre = _first_centres(values, clusters, random)
         for _ in range(_ITERATIONS):
-            membership = _membership(values, centre)
+            # memberships that minimise the objective for given centres
+            distances = np.maximum(cdist(values, centre, "sqeuclidean"), 1e-30)
+            closeness = distances ** (-1.0 / (_FUZZINESS - 1.0))
+            membership = closeness / closeness.sum(axis=1, keepdims=True)
             weight = membership**_FUZZINESS
             moved = weight.T @ values / weight.sum(axis=0)[:, np.newaxis]
             still = np.abs(moved - centre).max() < _AT_REST
             centre = moved
             if still:
                 break
-        misfit = float((weight * _squared_distances(values, centre)).sum())
+        misfit = float((weight * cdist(values, centre, "sqeuclidean")).sum())
         if misfit < least:
             least = misfit
             order = np.argsort(centre[:, 0], kind="stable")
@@ -81,15 +85,3 @@ def _first_centres(values: F64, clusters: int, random: np.random.Generator) -> F
         nearest = np.minimum(nearest, ((values - centres[-1]) ** 2).sum(axis=1))
         centres.append(values[random.choice(len(values), p=nearest / nearest.sum())])
     return np.array(centres)
-
-
-def _squared_distances(values: F64, centre: F64) -> F64:
-    """Of each value to each centre, shape `(n, clusters)`."""
-    return ((values[:, np.newaxis, :] - centre) ** 2).sum(axis=-1)
-
-
-def _membership(values: F64, centre: F64) -> F64:
-    """Memberships that minimise the objective for given centres."""
-    distances = np.maximum(_squared_distances(values, centre), 1e-30)
-    closeness = distances ** (-1.0 / (_FUZZINESS - 1.0))
-    return closeness / closeness.sum(axis=1, keepdims=True)

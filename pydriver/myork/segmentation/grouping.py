@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial.distance import cdist
 
 from myork.errors import InputError
-from myork.imaging.geometry import seed_voxel
+from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
 from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.outlines import pull_of_outlines
@@ -40,12 +41,7 @@ class Muscle:
 
 
 def check_seeds(inside: Mask, image: Image, muscles: Sequence[Muscle]) -> None:
-    """Refuse seeds outside of what is segmented.
-
-    - `inside`: voxels to segment, shape `(ni, nj, nk)`
-    - `image`: gives the grid
-    - `muscles`: rules
-    """
+    """Refuse seeds outside of the voxels that are segmented, shape `(ni, nj, nk)`."""
     for muscle in muscles:
         for place in _places(image, muscle):
             if not inside[place]:
@@ -61,8 +57,6 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     A voxel that the rules give to several muscles goes to the one with the nearest seed.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
-    - `image`: gives the grid
-    - `muscles`: rules
     - returns labels, shape `(ni, nj, nk)`, and warnings
     """
     check_seeds(region >= 0, image, muscles)
@@ -72,13 +66,11 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     if not shared.any():
         return label, []
     world = image.world(np.argwhere(shared))
-    nearest = np.full((len(muscles), len(world)), np.inf)
-    for number, muscle in enumerate(muscles):
-        mine = given[number][shared]
-        for seed in muscle.seeds:
-            distance = np.where(mine, np.linalg.norm(world - seed, axis=1), np.inf)
-            nearest[number] = np.minimum(nearest[number], distance)
-    label[shared] = 1 + nearest.argmin(axis=0)
+    nearest = [
+        np.where(own[shared], cdist(world, muscle.seeds).min(axis=1, initial=np.inf), np.inf)
+        for muscle, own in zip(muscles, given, strict=True)
+    ]
+    label[shared] = 1 + np.argmin(nearest, axis=0)
     names = [m.name for m, own in zip(muscles, given, strict=True) if (own & shared).any()]
     return label, [
         f"{', '.join(names)} share pieces of regions ({int(shared.sum())} voxels), which were "
@@ -101,11 +93,7 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
         winner = known[votes.argmax(axis=1)]
         winner[0] = 0
         found += winner[pieces]
-    names = {
-        number: reference.label_name(number)
-        for number in np.unique(reference.data[reference.data > 0]).tolist()
-    }
-    return Labels(found, reference.affine, names, "segmentation")
+    return Labels(found, reference.affine, reference.present, "segmentation")
 
 
 def rule_seeds(
@@ -114,8 +102,6 @@ def rule_seeds(
     """Voxels that the rules part among muscles, and those whose label they determine.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
-    - `image`: gives the grid
-    - `muscles`: rules
     - `radius`: of the disc around a seed that belongs to its muscle, in the slice [mm]
     - returns whether a voxel takes part, and its label, 1 for the first muscle, -1 where it is not
       known; both of shape `(ni, nj, nk)`
@@ -123,26 +109,21 @@ def rule_seeds(
     where = region >= 0
     check_seeds(where, image, muscles)
     known = np.full(region.shape, -1, np.int32)
-    depth = np.zeros(region.shape)
-    for k in range(region.shape[2]):
-        inside = np.pad(region[:, :, k] >= 0, 1)
-        distance = ndimage.distance_transform_edt(inside, sampling=image.spacing[:2])
-        depth[:, :, k] = distance[1:-1, 1:-1]
+    depth = depth_in_slices(where, image.spacing[:2])
     rows, columns = np.indices(region.shape[:2])
     for number, muscle in enumerate(muscles, start=1):
         known[where & (depth <= muscle.rim)] = number
-    for number, muscle in enumerate(muscles, start=1):
-        for place in _places(image, muscle):
-            across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
-            disc = (np.hypot(*across) <= radius) & where[..., place[2]]
-            known[..., place[2]][disc] = number
-    for number, muscle in enumerate(muscles, start=1):
-        for place in _places(image, muscle):
-            if known[place] != number:
-                raise InputError(
-                    f"muscle.{muscle.name}: the seed at voxel {place} lies beside one of "
-                    f"muscle.{muscles[known[place] - 1].name}; lower image.seed_radius"
-                )
+    seeds = [(n, place) for n, one in enumerate(muscles, 1) for place in _places(image, one)]
+    for number, place in seeds:
+        across = (rows - place[0]) * image.spacing[0], (columns - place[1]) * image.spacing[1]
+        disc = (np.hypot(*across) <= radius) & where[..., place[2]]
+        known[..., place[2]][disc] = number
+    for number, place in seeds:
+        if known[place] != number:
+            raise InputError(
+                f"muscle.{muscles[number - 1].name}: the seed at voxel {place} lies beside one of "
+                f"muscle.{muscles[known[place] - 1].name}; lower image.seed_radius"
+            )
     return where, known
 
 
@@ -277,5 +258,5 @@ def label_by_reference(
     if table["regions"] == 2:
         wanted = wanted_phase(result, grey, table["phase"])
     label = nearest_labels(wanted, reference.data, image.spacing, table["reference_margin"])
-    names = {n: reference.label_name(n) for n in np.unique(label[label > 0]).tolist()}
+    names = Labels(label, image.affine, reference.names).present
     return Labels(label, image.affine, names, "segmentation")

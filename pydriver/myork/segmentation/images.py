@@ -16,8 +16,7 @@ from myork.segmentation.bending import bend_labels
 from myork.segmentation.bias import check_positive, clustered_bias, variation_doubt
 from myork.segmentation.channels import (
     fiber_channels,
-    noise_level,
-    noise_weight,
+    noise_weights,
     scaled_values,
     smoothed_tensor,
 )
@@ -104,8 +103,7 @@ class Images:
     def values(self, region: Mask, first: F64) -> tuple[list[F64], list[float]]:
         """Channels scaled to the region and their weights against the first channel."""
         scaled = [scaled_values(one, region) for one in self.channels]
-        noise = noise_level(first, region)
-        return scaled, [noise_weight(noise, noise_level(one, region)) for one in scaled]
+        return scaled, noise_weights(first, scaled, region)
 
     def heights(self, fraction: Image | None, region: Mask) -> F64 | None:
         """What walks see beside the logarithm of the whole image, times roots of weights.
@@ -116,11 +114,9 @@ class Images:
         scaled += [scaled_values(one, region) for one in self.others]
         if not scaled:
             return None
-        noise = noise_level(scaled_values(self.whole, region), region)
-        weights = [noise_weight(noise, noise_level(one, region)) for one in scaled]
-        return np.stack(
-            [one * min(1.0, w) ** 0.5 for one, w in zip(scaled, weights, strict=True)], -1
-        )
+        weights = noise_weights(scaled_values(self.whole, region), scaled, region)
+        roots = np.sqrt(np.minimum(weights, 1.0))
+        return np.stack(scaled, axis=-1) * roots
 
 
 @dataclass(frozen=True)
@@ -233,12 +229,10 @@ def _body_of(images: Images) -> Mask:
     """The body by threshold, with its rim where seeds are drawn there, and the user's region."""
     body = body_mask(images.whole)
     if images.seeds is not None:
-        drawn = np.where(images.seeds.data > 0, images.seeds.data, 0)
         whole = body_mask(images.whole, rim=_SKIN)
-        for number in np.unique(drawn[drawn > 0]):
-            own = drawn == number
-            at_rim = (own & whole & ~body).sum() > _AT_RIM * own.sum()
-            if at_rim and images.seeds.label_name(int(number)) != BACKGROUND:
+        for number, name in images.seeds.present.items():
+            own = images.seeds.data == number
+            if name != BACKGROUND and (own & whole & ~body).sum() > _AT_RIM * own.sum():
                 body = whole
     return body if images.region is None else body | (images.region.data > 0)
 
@@ -285,12 +279,11 @@ def _bent(images: Images, body: Mask, progress: ProgressCallback) -> tuple[Label
         f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
         f"{moved.max():.1f} mm at most"
     )
-    gone = np.setdiff1d(drawn.data[drawn.data > 0], bent.data).tolist()
-    if not gone:
-        return bent, ""
-    names = ", ".join(drawn.label_name(number) for number in gone)
+    kept = bent.present
+    gone = [name for number, name in drawn.present.items() if number not in kept]
     where = f"{drawn.name}: bent onto {images.anatomy.name}"
-    return bent, f"{where} nothing is left of {names}; none will be found"
+    lost = f"{where} nothing is left of {', '.join(gone)}; none will be found" if gone else ""
+    return bent, lost
 
 
 def _fiber_channels(tensor: Image | None, region: Mask, kind: str) -> F64:

@@ -17,11 +17,11 @@ import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.diffusion import mean_diffusivity
-from myork.imaging.geometry import check_same_grid
+from myork.imaging.diffusion import finite_tensors, mean_diffusivity
+from myork.imaging.geometry import check_same_grid, depth_in_slices
 from myork.imaging.phantom import TISSUES
 from myork.records import Image, Labels
-from myork.segmentation.channels import scaled_values
+from myork.segmentation.channels import local_means, scaled_values
 from myork.segmentation.fuzzy import fuzzy_c_means
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, large_pieces
@@ -128,19 +128,18 @@ def leg_tissues(
     more = [one.data for one in (*([] if fat is None else [anatomy]), *others)]
     if connective is not None:
         sheets = _shaded_apart(connective, soft, sheets, fatty)
-    border = _drawn_anew(shown.data, more, inner & ~sheets, fatty, anatomy.spacing)
-    doubts = _doubts(shown, body, inner & ~sheets, border)
+    inside = inner & ~sheets
+    fat_inside, place = _drawn_anew(shown.data, more, inside, fatty, anatomy.spacing)
+    doubts = _doubts(shown, body, inside, fat_inside, place)
     if found_body:
         doubts += _beyond(anatomy, body) + _boneless(anatomy, body, bone)
-    fatty = np.where(inner & ~sheets, border.fat, fatty)
+    fatty = np.where(inside, fat_inside, fatty)
     # A voxel that is bright in both images lies between fat and connective tissue.
     sheets &= ~fatty
     rest = soft & ~fatty & ~sheets
     muscle = rest & inner
     if tensor is not None:
-        usable = np.asarray(np.isfinite(tensor.data).all(axis=-1, keepdims=True))
-        mean = mean_diffusivity(np.where(usable, tensor.data, 0.0))
-        muscle = rest & (mean > least_diffusivity)
+        muscle = rest & (mean_diffusivity(finite_tensors(tensor.data)) > least_diffusivity)
         if not muscle.any():
             raise InputError(
                 f"{tensor.name}: no voxel has a mean diffusivity above "
@@ -154,16 +153,13 @@ def leg_tissues(
     return Tissues(Labels(data, anatomy.affine, TISSUES, "tissue"), memberships, doubts)
 
 
-class _Border(NamedTuple):
-    """Fat, and how far each voxel is from muscle (0) to fat (1), None where one is missing."""
+def _drawn_anew(
+    shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing: F64
+) -> tuple[Mask, F64 | None]:
+    """Fat, whose border to muscle lies at half of their difference around each place.
 
-    fat: Mask
-    place: F64 | None
-
-
-def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing: F64) -> _Border:
-    """Border of fat and muscle at half of their difference around each place."""
-    width = np.array([_AROUND / spacing[0], _AROUND / spacing[1], 0.0])
+    Also how far each voxel is from muscle (0) to fat (1), None where one is missing.
+    """
     fat = fat & inner
     place = None
     for _ in range(_ROUNDS):
@@ -173,13 +169,13 @@ def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing
         if min(one.sum() for one in whole) < _LEAST_WHOLE:
             break
         values = _best_part(shown, more, *whole)
-        high, low = (_around(values, one, width) for one in whole)
+        high, low = (_around(values, one, spacing) for one in whole)
         place = (values - low) / np.maximum(high - low, 1e-9 * np.ptp(values))
         new = inner & (place > 0.5)
         if (new == fat).all():
             break
         fat = new
-    return _Border(fat, place)
+    return fat, place
 
 
 def _shaded_apart(image: Image, soft: Mask, sheets: Mask, fat: Mask) -> Mask:
@@ -187,7 +183,7 @@ def _shaded_apart(image: Image, soft: Mask, sheets: Mask, fat: Mask) -> Mask:
     muscle, data = _whole(soft & ~sheets & ~fat), image.data
     if min(muscle.sum(), sheets.sum()) < _LEAST_WHOLE:
         return sheets
-    low = _around(data, muscle, np.array([*(_AROUND / image.spacing[:2]), 0.0]))
+    low = _around(data, muscle, image.spacing)
     if low[soft].min() < _SEEN * data[sheets].mean():
         return sheets
     above = data / np.maximum(low, 1e-9 * np.ptp(data)) - 1.0
@@ -210,17 +206,14 @@ def _whole(tissue: Mask) -> Mask:
     return np.asarray(ndimage.binary_erosion(tissue, np.ones((3, 3, 1))))
 
 
-def _around(values: F64, where: Mask, width: F64) -> F64:
-    """Mean of the values of some voxels around each place."""
-    weight = ndimage.gaussian_filter(where.astype(float), width)
-    total = ndimage.gaussian_filter(np.where(where, values, 0.0), width)
-    # far from all of them it is the mean of all
-    return np.asarray((total + 1e-3 * values[where].mean()) / (weight + 1e-3))
+def _around(values: F64, where: Mask, spacing: F64) -> F64:
+    """Mean of the values of some voxels around each place in its slice."""
+    return local_means(values, where, (*(_AROUND / spacing[:2]), 0.0), 1e-3)
 
 
-def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]:
+def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, place: F64 | None) -> list[str]:
     """What the border of fat and muscle supposes and an image does not show."""
-    found, fat, muscle = [], border.fat, inner & ~border.fat
+    found, muscle = [], inner & ~fat
     size, name = shown.spacing, shown.name
     pieces, n = ndimage.label(body)
     sections = ndimage.sum_labels(body, pieces, range(1, n + 1)) / body.any(axis=(0, 1)).sum()
@@ -248,14 +241,14 @@ def _doubts(shown: Image, body: Mask, inner: Mask, border: _Border) -> list[str]
             f"level sets of two regions and the border of fat and muscle disagree (Dice "
             f"{alike:.2f})"
         )
-    if border.place is not None and min(one.sum() for one in whole) >= _LEAST_WHOLE:
-        scatter = float(np.linalg.norm([np.std(border.place[one]) for one in whole]))
+    if place is not None and min(one.sum() for one in whole) >= _LEAST_WHOLE:
+        scatter = float(np.linalg.norm([np.std(place[one]) for one in whole]))
         if scatter * _CONTRAST > 1.0:
             found.append(
                 f"the grey values of fat and muscle are {1 / scatter:.1f} standard deviations "
                 "apart: too little to separate them"
             )
-        between = _whole(inner) & (np.abs(border.place - 0.5) < 0.25)
+        between = _whole(inner) & (np.abs(place - 0.5) < 0.25)
         between = np.asarray(ndimage.binary_opening(between, np.ones((3, 3, 1))))
         part = between.sum() / inner.sum()
         if part > _BETWEEN:
@@ -373,13 +366,8 @@ def _skin(body: Mask, pixel: F64) -> Mask:
 
 def _depth(body: Mask, pixel: F64) -> F64:
     """Distance to what is outside in every slice, infinite where nothing is [mm]."""
-    depth = np.full(body.shape, np.inf)
-    for k in range(body.shape[2]):
-        if body[:, :, k].all():
-            continue  # SciPy's distances to nothing are those to a place outside of the array
-        padded = np.pad(body[:, :, k], 1, mode="edge")
-        depth[:, :, k] = ndimage.distance_transform_edt(padded, sampling=pixel)[1:-1, 1:-1]
-    return depth
+    # SciPy's distances to nothing are those to a place outside of the array
+    return np.where(body.all(axis=(0, 1)), np.inf, depth_in_slices(body, pixel, cut=True))
 
 
 def _phase(image: Image, region: Mask, phase: str) -> Mask:

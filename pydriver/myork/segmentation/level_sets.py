@@ -62,7 +62,6 @@ class Regions:
     """Result of a segmentation into regions."""
 
     region: I32  #: Number of the region, -1 where the image takes no part, shape `(ni, nj, nk)`
-    phi: F64  #: Level sets, shape `(ni, nj, nk, nlevel)` [-]
     iterations: I32  #: Iterations of each slice, or of the volume, shape `(nblock,)`
     #: Energy (3.29) of all slices together after each iteration, shape `(iterations,)` [-]
     energy: F64
@@ -88,7 +87,6 @@ def segment_regions(
     - `spacing`: voxel sizes, shape `(3,)` [any length]
     - `channel_weights`: weight of each channel [-]; ones if absent
     - `labels`: map to start from, for `choice.start == "labels"`, shape `(ni, nj, nk)`
-    - `name`: of the image, for messages
     """
     if not region.any():
         raise InputError(
@@ -125,7 +123,6 @@ def segment_regions(
     done = result["iterations"]
     return Regions(
         region=found,
-        phi=result["phi"],
         iterations=done,
         energy=result["energy"][1 : 1 + done.max()].sum(axis=1),
         unrest=int((result["ended"] == 0).sum()),

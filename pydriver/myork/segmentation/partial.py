@@ -20,6 +20,7 @@ from scipy import ndimage
 from scipy.special import ndtr
 
 from myork.records import Image, Labels
+from myork.segmentation.channels import local_means
 from myork.types import F64, I32, I64, Mask
 
 _AROUND = 6.0  # standard deviation of the averages that make means [mm]
@@ -107,10 +108,8 @@ def parts_of_labels(
     """
     everything = np.where(labels.data > 0, labels.data, kinds)
     parts = label_parts(everything, channels, labels.spacing, unmixed)
-    numbers = np.unique(labels.data[labels.data > 0]).tolist()
     filled = parts.sum(axis=(0, 1, 2)).tolist()
-    named = {labels.label_name(n): f for n, f in zip(numbers, filled, strict=True)}
-    return Image(parts, labels.affine), named
+    return Image(parts, labels.affine), dict(zip(labels.present.values(), filled, strict=True))
 
 
 def _contacts(kind: I64, at: I64, count: int) -> I32:
@@ -155,11 +154,9 @@ class _Means:
         whole = mine & self._whole
         if whole.sum() < _FEW:
             return np.tile(_peak(mine, self._channels), (int(there.sum()), 1))
-        width, where = (*self._width, 0.0), whole[..., np.newaxis]
-        weight = (ndimage.gaussian_filter(where.astype(float), width) + _FAR)[there]
-        everywhere = [float(values[whole].mean()) for values in np.moveaxis(self._channels, 3, 0)]
-        sums = ndimage.gaussian_filter(np.where(where, self._channels, 0.0), width)[there]
-        return np.asarray((sums + _FAR * np.array(everywhere)) / weight)
+        channels = np.moveaxis(self._channels, 3, 0)
+        means = [local_means(one, whole, self._width, _FAR)[there] for one in channels]
+        return np.stack(means, axis=-1)
 
 
 def _peak(here: Mask, channels: F64) -> F64:

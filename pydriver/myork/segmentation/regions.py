@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import seed_voxel
+from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
 from myork.types import Mask
 
@@ -41,33 +41,6 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
     - `image`: MR image, shape `(ni, nj, nk)`
     - `rim`: taken off at the skin, where pixels are a mixture of fat and air [pixel]
     """
-    _check_signal(image)
-    smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
-    mask = np.zeros(smooth.shape, dtype=bool)
-    for k in range(mask.shape[2]):
-        section = smooth[:, :, k]
-        if np.ptp(section) > 0:
-            air = min(float(section.min()), 0.0)
-            full = ndimage.binary_fill_holes(section > air + (otsu(section) - air) / 3.0)
-            mask[:, :, k] = ndimage.distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1] > rim
-    return large_pieces(mask, image.name)
-
-
-def large_pieces(mask: Mask, name: str) -> Mask:
-    """Connected pieces of a body that are not smaller than a tenth of the largest.
-
-    - `mask`: shape `(ni, nj, nk)`
-    - `name`: of the image, for messages
-    """
-    pieces, n = ndimage.label(mask)
-    if not n:
-        raise InputError(f"{name}: no body found, the image has almost no contrast")
-    size = np.bincount(pieces.ravel())[1:]
-    return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
-
-
-def _check_signal(image: Image) -> None:
-    """Refuse values that no MR image has."""
     positive = image.data[image.data > 0]
     if not positive.size:
         raise InputError(
@@ -76,17 +49,34 @@ def _check_signal(image: Image) -> None:
         )
     typical, largest = np.percentile(positive, 99.0), positive.max()
     if largest > _OUTLIER * typical:
-        place = np.unravel_index(int(image.data.argmax()), image.data.shape)
+        place = tuple(np.argwhere(image.data == largest)[0].tolist())
         raise InputError(
-            f"{image.name}: the value {largest:g} at voxel {tuple(int(n) for n in place)} is "
-            f"{largest / typical:.0e} times that of the image; the file is damaged there"
+            f"{image.name}: the value {largest:g} at voxel {place} is {largest / typical:.0e} "
+            "times that of the image; the file is damaged there"
         )
+    smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
+    full = np.zeros(smooth.shape, dtype=bool)
+    for k in range(full.shape[2]):
+        section = smooth[:, :, k]
+        if np.ptp(section) > 0:
+            air = min(float(section.min()), 0.0)
+            bright = section > air + (otsu(section) - air) / 3.0
+            full[:, :, k] = ndimage.binary_fill_holes(bright)
+    return large_pieces(depth_in_slices(full) > rim, image.name)
+
+
+def large_pieces(mask: Mask, name: str) -> Mask:
+    """Connected pieces of a body, shape `(ni, nj, nk)`, not smaller than a tenth of the largest."""
+    pieces, n = ndimage.label(mask)
+    if not n:
+        raise InputError(f"{name}: no body found, the image has almost no contrast")
+    size = np.bincount(pieces.ravel())[1:]
+    return np.isin(pieces, 1 + np.flatnonzero(size >= _LEAST_PIECE * size.max()))
 
 
 def box_mask(image: Image, box: Sequence[float]) -> Mask:
     """Voxels whose centres lie in a box of world coordinates.
 
-    - `image`: gives the grid
     - `box`: low and high x, y, z, shape `(6,)` [mm]
     """
     low, high = np.reshape(np.asarray(box, float), (3, 2)).T
@@ -109,7 +99,6 @@ def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
     """Connected piece (over faces) of a mask that holds a place.
 
     - `mask`: shape `(ni, nj, nk)`
-    - `image`: gives the grid
     - `seed`: world coordinates, shape `(3,)` [mm]
     """
     where = np.asarray(seed, float)

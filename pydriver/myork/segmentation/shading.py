@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import slice_axis
+from myork.imaging.geometry import neighbours, slice_axis
 from myork.segmentation.bias import of_mean_one
 from myork.types import F64, I64, Mask
 
@@ -100,17 +100,9 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     axis = slice_axis(size, mask.shape)
     if axis != 2:
         turned = np.append(np.delete(size, axis), size[axis])
-        found_turned = shading(
-            np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned
-        )
-        return Shading(
-            np.moveaxis(found_turned.field, 2, axis),
-            tuple(
-                one._replace(field=np.moveaxis(one.field, 2, axis))
-                for one in found_turned.candidates
-            ),
-            found_turned.doubt,
-        )
+        best = shading(np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned)
+        back = [one._replace(field=np.moveaxis(one.field, 2, axis)) for one in best.candidates]
+        return Shading(np.moveaxis(best.field, 2, axis), tuple(back), best.doubt)
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
         raise InputError("bias: the body has no signal, its 90th percentile is not above zero")
@@ -184,18 +176,14 @@ def _fit_slopes(
 ) -> F64:
     """Coefficients of the field whose slopes are those of most of the image."""
     logarithm = np.log(np.maximum(smooth, _DARKEST))
+    voxels = np.argwhere(mask)
     parts, slopes, brightness = [], [], []
     for axis in range(3):
         pixels = max(1, round(step / size[axis]))
-        if mask.shape[axis] <= pixels:
-            continue
-        near, far = [slice(None)] * 3, [slice(None)] * 3
-        near[axis], far[axis] = slice(0, -pixels), slice(pixels, None)
-        a = np.argwhere(mask[tuple(near)] & mask[tuple(far)])
-        if len(a) > _SAMPLE // 2:
-            a = a[random.choice(len(a), _SAMPLE // 2, replace=False)]
-        b = a.copy()
-        b[:, axis] += pixels
+        pairs = np.stack(neighbours(mask, axis, pixels))
+        if pairs.shape[1] > _SAMPLE // 2:
+            pairs = pairs[:, random.choice(pairs.shape[1], _SAMPLE // 2, replace=False)]
+        a, b = voxels[pairs]
         length = pixels * size[axis]
         parts.append((waves.at(b) - waves.at(a)) / length)
         slopes.append((logarithm[tuple(b.T)] - logarithm[tuple(a.T)]) / length)

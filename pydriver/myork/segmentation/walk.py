@@ -17,6 +17,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from myork.errors import InputError
+from myork.imaging.geometry import neighbours
 from myork.segmentation.channels import noise_level
 from myork.types import F64, I32, Index, Mask
 
@@ -77,7 +78,9 @@ def random_walk(
       1 where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-]
     - returns labels, -1 where no seed can be reached, same shape
     """
-    inside = where & _reached(where, (seeds >= 0) if pull is None else (seeds >= 0) | pull.any(0))
+    ends = seeds >= 0 if pull is None else (seeds >= 0) | pull.any(axis=0)
+    pieces, _ = ndimage.label(where)
+    inside = where & np.isin(pieces, np.unique(pieces[where & ends]))
     found = np.full(where.shape, -1, np.int32)
     if not inside.any():
         return found
@@ -87,17 +90,17 @@ def random_walk(
     names = np.unique(seeds[where & (seeds >= 0)])
     result = known.copy()
     if free.any():
-        ends = np.zeros((len(names), int(free.sum())))
+        rates = np.zeros((len(names), int(free.sum())))
         if pull is not None:
-            ends = pull[:, inside][:, free].astype(float)
-        system = (laplacian[free][:, free] + sparse.diags(ends.sum(axis=0))).tocsr()
+            rates = pull[:, inside][:, free].astype(float)
+        system = (laplacian[free][:, free] + sparse.diags(rates.sum(axis=0))).tocsr()
         coupling = laplacian[free][:, ~free]
         slices = np.nonzero(inside)[2][free]
         inverse = _slice_by_slice(system, slices)
         # The last probability is what the others leave.
         likely = np.zeros((len(names), int(free.sum())))
         for number, name in enumerate(names[:-1]):
-            right = ends[number] - coupling @ (known[~free] == name).astype(float)
+            right = rates[number] - coupling @ (known[~free] == name).astype(float)
             likely[number], info = cg(system, right, rtol=_TOLERANCE, M=inverse)
             if info != 0:
                 raise InputError(
@@ -108,15 +111,6 @@ def random_walk(
         result[free] = names[likely.argmax(axis=0)]
     found[inside] = result
     return found
-
-
-def _reached(where: Mask, seeds: Mask) -> Mask:
-    """Voxels of connected pieces that hold a seed."""
-    pieces, count = ndimage.label(where)
-    with_seed = np.zeros(count + 1, bool)
-    with_seed[np.unique(pieces[where & seeds])] = True
-    with_seed[0] = False
-    return with_seed[pieces]
 
 
 def _slopes(heights: F64) -> F64:
@@ -133,24 +127,16 @@ def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> spar
     """Graph Laplacian of voxels that share a face."""
     slopes = _slopes(heights)
     steep = np.clip(_STEEP * noise_level(heights[..., 0], inside), *_STEEPEST)
-    number = np.full(inside.shape, -1)
-    number[inside] = np.arange(int(inside.sum()))
-    row, column, weight = [], [], []
+    slopes, heights = slopes[inside], heights[inside]
+    pairs, weight = [], []
     for axis, size in enumerate(spacing / spacing.min()):
-        low, high = [slice(None)] * 3, [slice(None)] * 3
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        a, b = number[tuple(low)], number[tuple(high)]
-        both = (a >= 0) & (b >= 0)
-        slope = np.maximum(slopes[tuple(low)], slopes[tuple(high)])[both]
-        step = np.linalg.norm(heights[tuple(high)][both] - heights[tuple(low)][both], axis=-1)
-        edge = step / (1.0 + step / steep) + _SLOPE * slope
-        row.append(a[both])
-        column.append(b[both])
+        low, high = neighbours(inside, axis)
+        step = np.linalg.norm(heights[high] - heights[low], axis=-1)
+        edge = step / (1.0 + step / steep) + _SLOPE * np.maximum(slopes[low], slopes[high])
+        pairs.append((low, high))
         weight.append((np.exp(-shyness * edge) + _LEAST) / size**2)
-    count = int(inside.sum())
-    one = sparse.coo_matrix(
-        (np.concatenate(weight), (np.concatenate(row), np.concatenate(column))), (count, count)
-    ).tocsr()
+    places = tuple(np.concatenate(pairs, axis=1))
+    one = sparse.coo_matrix((np.concatenate(weight), places), 2 * (len(slopes),)).tocsr()
     both_ways = one + one.T
     return (sparse.diags(np.asarray(both_ways.sum(axis=1)).ravel()) - both_ways).tocsr()
 

@@ -32,24 +32,6 @@ class Check(NamedTuple):
     detail: str  #: The number behind it, or why there is none
 
 
-class Checks(list[Check]):
-    """Checks in their order, each with a line of progress."""
-
-    def __init__(self, progress: ProgressCallback) -> None:
-        super().__init__()
-        self._progress = progress
-
-    def note(self, name: str, run: Callable[..., tuple[bool | None, str]], *given: Any) -> None:
-        """Make a check of what is given."""
-        try:
-            passed, detail = run(*given)
-        except ConvergenceError as reason:
-            passed, detail = False, str(reason)
-        self.append(Check(name, passed, detail))
-        word = {True: "ok", False: "FAILED", None: "-"}[passed]
-        self._progress(f"{name:<22} {word:<7} {detail}")
-
-
 def check_deck(
     deck: str | Path,
     out: str | Path | None = None,
@@ -67,18 +49,28 @@ def check_deck(
     """
     folder = None if out is None else Path(out)
     values = load_deck(deck, overrides, "solve")
-    found = Checks(progress)
+    found: list[Check] = []
+
+    def note(name: str, run: Callable[..., tuple[bool | None, str]], *given: Any) -> None:
+        try:
+            passed, detail = run(*given)
+        except ConvergenceError as reason:
+            passed, detail = False, str(reason)
+        found.append(Check(name, passed, detail))
+        word = {True: "ok", False: "FAILED", None: "-"}[passed]
+        progress(f"{name:<22} {word:<7} {detail}")
+
     with Scene(deck, overrides, folder, threads=1) as scene:
-        found.note("tangent", _tangent, scene)
+        note("tangent", _tangent, scene)
         for table in values.get("material", []):
-            found.note(f"material {table['name']}", _curves, table)
-        found.note("fibers", _fibers, values, Path(deck).parent, folder)
+            note(f"material {table['name']}", _curves, table)
+        note("fibers", _fibers, values, Path(deck).parent, folder)
         if not quick:
-            found.note("solve and balance", _balance, scene)
+            note("solve and balance", _balance, scene)
             states = scene.states
             if states is not None and len(states.load) and states.load[-1] >= 1.0:
-                found.note("restart", _restart, deck, overrides, folder, states.x[-1])
-                found.note("threads", _threads, deck, overrides, folder, states.x)
+                note("restart", _restart, deck, overrides, folder, states.x[-1])
+                note("threads", _threads, deck, overrides, folder, states.x)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "check.json", {"checks": [check._asdict() for check in found]})

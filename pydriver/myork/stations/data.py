@@ -121,8 +121,6 @@ class DeckFiles:
     ) -> Image | None:
         """Image of a key, on the grid of another one; None without the key.
 
-        - `key`: of the table
-        - `like`: gives the grid
         - `values`: values per voxel, as of `read_image`
         """
         path = self.path(key)
@@ -160,8 +158,6 @@ class DeckFiles:
     ) -> Labels | None:
         """Label map of a key, on the grid of an image; None without the key.
 
-        - `key`: of the table
-        - `like`: gives the grid
         - `progress`: with it a map without names takes those of its folder, see `read_reference`
         """
         path = self.path(key)
@@ -171,7 +167,11 @@ class DeckFiles:
             found = read_reference(path, progress, like) if progress else read_labels(path, like)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
-        return self.grid.of(found, like)
+        found = self.grid.of(found, like)
+        with self._naming(key):
+            if key != "labels" and not found.data.any():  # those of a model lie on their own grid
+                raise InputError(f"{found.name}: the {key} is empty, no label is above zero")
+        return found
 
 
 def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] = ()) -> list[str]:

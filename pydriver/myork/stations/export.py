@@ -21,9 +21,10 @@ _CORNERS: dict[int, list[tuple[int, ...]]] = {
     2: [(0, 0), (1, 0), (1, 1), (0, 1)],
     3: [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
 }
-_MESHIO = {2: "quad", 3: "hexahedron"}
+# Names of cells by their corners
+_MESHIO = {4: "quad", 8: "hexahedron"}
 # Elements that neither program's full integration locks; they stand an hourglass less well
-_ELEMENT = {2: "CPE4R", 3: "C3D8I"}
+_ELEMENT = {4: "CPE4R", 8: "C3D8I"}
 # Coefficients of the polynomial law in the order of *HYPERELASTIC, by its degree N
 _ORDER = [[f"A{n - j}{j}" for j in range(n + 1)] for n in (1, 2, 3)]
 # The terms of other laws as those of the polynomial
@@ -143,7 +144,7 @@ def _lacking(body: Body) -> list[str]:
 
 def _write_mesh(output: Path, body: Body) -> None:
     meshio = optional("meshio", "mesh", f"{output}: all but .inp")
-    kind = _MESHIO[2 if body.cells.shape[1] == 4 else 3]
+    kind = _MESHIO[body.cells.shape[1]]
     fields = {name: np.reshape(v, (len(v), -1)).squeeze() for name, v in body.fields.items()}
     mesh = meshio.Mesh(
         body.points, [(kind, body.cells)], point_data=fields, cell_data={"label": [body.label]}
@@ -203,7 +204,7 @@ def _rows(numbers: NDArray[Any]) -> Iterator[str]:
 
 def _elements(body: Body) -> Iterator[str]:
     """The cells, a set for each label."""
-    kind = _ELEMENT[2 if body.cells.shape[1] == 4 else 3]
+    kind = _ELEMENT[body.cells.shape[1]]
     for label in np.unique(body.label):
         yield f"*ELEMENT, TYPE={kind}, ELSET=label{label}"
         for number in np.flatnonzero(body.label == label):

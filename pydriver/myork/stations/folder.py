@@ -22,10 +22,10 @@ class _Found(NamedTuple):
     dwi: list[str]
     magnitude: list[str]
     phase: list[str]
-    spins: list[str]  #: Spin echoes
-    water: list[str]
-    fat: list[str]
-    labels: list[str]
+    spins: Sequence[str] = ()  #: Spin echoes
+    water: Sequence[str] = ()
+    fat: Sequence[str] = ()
+    labels: Sequence[str] = ()
 
 
 def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
@@ -56,11 +56,9 @@ def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
 
 def _of_bids(folder: Path, files: list[Path]) -> _Found:
     """Images of a BIDS tree by the suffixes of their names."""
-    own: dict[tuple[str, ...], list[Path]] = {}
-    for path in files:
-        entities, _ = bids_name(path)
-        own.setdefault(tuple(f"{k}-{entities[k]}" for k in ("sub", "ses") if k in entities), [])
-    visits = sorted("/".join(one) for one in own if one)
+    every = [bids_name(path)[0] for path in files]
+    names = {"/".join(f"{k}-{one[k]}" for k in ("sub", "ses") if k in one) for one in every}
+    visits = sorted(names - {""})
     if len(visits) > 1:
         raise InputError(
             f"{folder}: holds {len(visits)} subjects or visits; name the folder of one, such as "
@@ -84,8 +82,6 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
         magnitude=magnitude,
         phase=phase,
         spins=_echoes(files, "MESE", ("mag",))[0],
-        water=[],
-        fat=[],
         labels=named("dseg"),
     )
 
@@ -133,10 +129,8 @@ def _of_dicom(folder: Path) -> _Found:
         dwi=paths(kinds.get("dwi", ())),
         magnitude=paths(magnitude),
         phase=paths(phase),
-        spins=[],
         water=paths(kinds.get("water", ())),
         fat=paths(kinds.get("fat", ())),
-        labels=[],
     )
 
 
@@ -195,6 +189,6 @@ def _model(found: _Found) -> dict[str, Any]:
     }
 
 
-def _one_of(paths: list[str]) -> str:
+def _one_of(paths: Sequence[str]) -> str:
     more = f" (first of {len(paths)})" if len(paths) > 1 else ""
     return f"{paths[0]}{more}"

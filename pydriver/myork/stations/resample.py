@@ -8,7 +8,8 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
-from myork.imaging.resampling import WAYS, on_grid
+from myork.imaging.resampling import WAYS
+from myork.stations.data import OneGrid
 from myork.types import F64
 
 # Whole numbers of more kinds are grey values.
@@ -44,15 +45,15 @@ def resample(
         return output
     one = read_image(image, None)
     way = way or ("nearest" if _are_labels(image, one.data) else "linear")
-    if way == "nearest" and one.data.shape[3] == 1:
-        labels, move = on_grid(read_labels(image), grid)
-        write_labels(output, labels)
+    mover, single = OneGrid(progress), one.data.shape[3] == 1
+    if way == "nearest" and single:
+        write_labels(output, mover.of(read_labels(image), grid))
     else:
-        found, move = on_grid(one, grid, way)
-        single = found.data.shape[3] == 1
+        found = mover.of(one, grid, way)
         write_image(output, replace(found, data=found.data[..., 0]) if single else found)
-    progress(f"{image}: is on the grid of {like}" if move is None else move.said)
-    for text in () if move is None else move.doubts:
+    if not mover.moved:
+        progress(f"{image}: is on the grid of {like}")
+    for text in mover.doubts:
         progress(f"warning: {text}")
     return output
 

@@ -45,7 +45,7 @@ from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice, label_scores
 from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
-from myork.types import F64, I32, Mask
+from myork.types import Mask
 
 # Kind of voxels without a label that take no part in the segmentation
 _BEYOND = (0,)
@@ -67,23 +67,26 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     bias = {"bias": deck["bias"]["method"]} | {key: deck["bias"][key] for key in ("mu", "gamma")}
     found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
-    record = _record(deck, found)
-    maps: dict[str, Image | None] = dict.fromkeys(
-        ("fractions", "fibers", "fa", "md", "eigenvalues")
-    )
+    fractions: Image | None = None
+    filled: dict[str, float] = {}
     if table["partial"]:
         progress("parts of labels in the voxels along their borders")
-        maps["fractions"] = record.parts(-1 - kinds, found.values, _BEYOND, "fractions.nii.gz")
+        fractions, filled = parts_of_labels(labels, -1 - kinds, found.values, _BEYOND)
+    record = _record(deck, found, filled)
+    maps = {"fat": found.images.fat, "fat_fraction": found.fraction, "r2star": images.decay,
+            "t2": images.relaxation, "fractions": fractions}  # fmt: skip
+    if names := [name for name, one in maps.items() if one is not None]:
+        record["maps"] = {name: f"{name}.nii.gz" for name in names}
+    if images.source == "phantom":
+        del maps["fat"]  # it has a fat image of its own
+    maps |= dict.fromkeys(("fibers", "fa", "md", "eigenvalues"))
     if images.tensor is not None:
         progress("fibers from the diffusion tensors")
         maps |= tensor_maps(images.tensor)
         measured = images.measured or images.tensor
         maps["fibers"] = _fibers(measured, found, table, record, progress)
-    if images.source != "phantom":  # that has a fat image of its own
-        maps["fat"] = found.images.fat
     maps["bias"] = None if found.field is None else Image(found.field, affine)
-    written = {"fat_fraction": found.fraction, "r2star": images.decay, "t2": images.relaxation}
-    renew_images(out, **written, **maps)
+    renew_images(out, **maps)
     write_image(out / "anatomy.nii.gz", found.images.anatomy)
     write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
     write_labels(out / "segmentation.nii.gz", labels)
@@ -98,26 +101,26 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     return parts
 
 
-def _record(deck: Mapping[str, Any], found: Segmentation) -> "LabelRecord":
-    """Entry of the summary."""
+def _record(
+    deck: Mapping[str, Any], found: Segmentation, filled: Mapping[str, float]
+) -> dict[str, Any]:
+    """Entry of the summary; `filled` as of `_volumes`."""
     table, images, labels = deck["image"], found.images, found.labels
-    record = LabelRecord(labels, deck)
-    parts = {} if found.fraction is None else {
-        name: fat_of_label(labels.data == number, found.fraction, images.whole)
-        for number, name in labels.names.items()
-    }  # fmt: skip
-    fat = {name: part for name, part in parts.items() if part is not None}
-    for name, part in fat.items():
-        record["labels"][name]["fat_fraction"] = part
-    if images.relaxation is not None:
-        for number, name in labels.names.items():
-            times = images.relaxation.data[labels.data == number]
-            if times.any():
-                record["labels"][name]["t2"] = float(np.median(times[times > 0]))
-    warnings = list(found.warnings)
-    if table["regions"] == 2 and images.reference is None and images.seeds is None:
-        warnings += [] if deck.get("muscle") else _fat_doubts(fat, table["phase"])
-    record |= {
+    entries, warnings = _volumes(labels, deck, filled), list(found.warnings)
+    by_phase = table["regions"] == 2 and images.reference is None and images.seeds is None
+    for number, name in labels.names.items():
+        own = labels.data == number
+        fraction = found.fraction
+        fat = None if fraction is None else fat_of_label(own, fraction, images.whole)
+        if fat is not None:
+            entries[name]["fat_fraction"] = fat
+            if by_phase and not deck.get("muscle"):
+                warnings += _fat_doubt(name, fat, table["phase"])
+        if images.relaxation is not None and images.relaxation.data[own].any():
+            times = images.relaxation.data[own]
+            entries[name]["t2"] = float(np.median(times[times > 0]))
+    record = {
+        "labels": entries,
         "scores": {} if images.truth is None else _scores(table, labels, images.truth),
         "iterations": int(found.regions.iterations.max()),
         "converged": not found.regions.unrest,
@@ -131,11 +134,22 @@ def _record(deck: Mapping[str, Any], found: Segmentation) -> "LabelRecord":
             {"name": one.name, "weight": weight}
             for one, weight in zip(images.channels, found.weights, strict=True)
         ]
-    maps = {"fat": found.fraction, "fat_fraction": found.fraction, "r2star": images.decay,
-            "t2": images.relaxation}  # fmt: skip
-    if names := [name for name, one in maps.items() if one is not None]:
-        record["maps"] = {name: f"{name}.nii.gz" for name in names}
     return record
+
+
+def _volumes(
+    labels: Labels, deck: Mapping[str, Any], filled: Mapping[str, float]
+) -> dict[str, dict[str, float]]:
+    """Voxels and volume of each label, in the deck's unit of length, cubed.
+
+    - `filled`: voxels that parts of labels fill, where they were computed
+    """
+    voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
+    count = {name: int((labels.data == n).sum()) for n, name in labels.names.items()}
+    found = {name: {"pixels": n, "volume": n * voxel} for name, n in count.items()}
+    for name, voxels in filled.items():
+        found[name]["volume_of_parts"] = voxels * voxel
+    return found
 
 
 def _fibers(
@@ -158,14 +172,14 @@ def _fibers(
     return way.fibers
 
 
-def _fat_doubts(fat: Mapping[str, float], phase: str) -> list[str]:
+def _fat_doubt(name: str, fat: float, phase: str) -> list[str]:
     """What to say where the wanted phase of the water is fat and is not called so."""
+    if fat <= 0.5 or "fat" in name.lower():
+        return []
     other = "bright" if phase == "dark" else "dark"
     return [
-        f"{name}: {100.0 * mean:.0f} % of its signal is fat; muscle is bright in the water of a "
+        f"{name}: {100.0 * fat:.0f} % of its signal is fat; muscle is bright in the water of a "
         f"Dixon sequence: check whether image.phase should be '{other}'"
-        for name, mean in fat.items()
-        if mean > 0.5 and "fat" not in name.lower()
     ]
 
 
@@ -195,13 +209,10 @@ def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
 
 def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str, Any]:
     """Scores of the labels that the truth has as well."""
-    there = np.unique(truth.data[truth.data > 0]).tolist()
-    by_name = {truth.label_name(number): [number] for number in there}
-    pairs: dict[str, tuple[int, list[int]]] = {}
+    by_name = {name: [number] for number, name in truth.present.items()}
     if set(labels.names.values()) == {table["label"]}:
-        pairs[table["label"]] = (1, by_name.get(table["label"], there))
-    else:
-        pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
+        by_name.setdefault(table["label"], list(truth.present))
+    pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
     return label_scores(labels.data, truth.data, pairs)
 
 
@@ -219,43 +230,14 @@ def _lines(record: Mapping[str, Any], deck: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-class LabelRecord(dict[str, Any]):
-    """Entry of the summary about a label map.
-
-    - `labels`: the map
-    - `deck`: table `units`: volumes are in its unit of length, cubed
-    """
-
-    def __init__(self, labels: Labels, deck: Mapping[str, Any]) -> None:
-        self._labels = labels
-        self._voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
-        count = {name: int((labels.data == n).sum()) for n, name in labels.names.items()}
-        entries = {name: {"pixels": n, "volume": n * self._voxel} for name, n in count.items()}
-        super().__init__(labels=entries)
-
-    def parts(self, kinds: I32, values: F64, unmixed: Sequence[int], file: str) -> Image:
-        """Parts of the labels in each voxel; their volumes and file are noted.
-
-        - `kinds`, `values`, `unmixed`: as of `parts_of_labels`
-        - `file`: name of the file of the parts
-        """
-        parts, filled = parts_of_labels(self._labels, kinds, values, unmixed)
-        for name, voxels in filled.items():
-            self["labels"][name]["volume_of_parts"] = voxels * self._voxel
-        self.setdefault("maps", {})["fractions"] = file
-        return parts
-
-
 def find_tissues(
     deck: Mapping[str, Any], out: Path, segmented: Segmentation, grid: OneGrid
-) -> LabelRecord:
+) -> dict[str, Any]:
     """Label the materials of a leg and write them and the muscle's fibers.
 
-    - `deck`: effective deck; the tables `tissue`, `image` and `units` are read
     - `out`: folder of the results, in which the phantom's images lie where it is used
     - `segmented`: images without shading; the fraction of fat, or T2, which is longer in fat,
       stands in for `tissue.fat` where the deck names none
-    - `grid`: brings images onto the grid of the segmented ones
     - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
     """
     files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
@@ -282,20 +264,20 @@ def find_tissues(
         ("tissue_fibers", "tissue_fractions", "membership_fat", "membership_connective_tissue")
     )
     made |= {f"membership_{k}": Image(v, found.affine) for k, v in memberships.items()}
-    record = LabelRecord(found, deck)
-    record["warnings"] = doubts
-    record["maps"] = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
+    filled: Mapping[str, float] = {}
+    listed = {name: f"{name}.nii.gz" for name, one in made.items() if one is not None}
+    if keys["partial"]:
+        shown = [one for one in (anatomy, fat, connective) if one is not None]
+        values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
+        kinds = np.zeros_like(found.data)
+        made["tissue_fractions"], filled = parts_of_labels(found, kinds, values, _UNMIXED)
+        listed["fractions"] = "tissue_fractions.nii.gz"
+    record = {"labels": _volumes(found, deck, filled), "warnings": doubts, "maps": listed}
     if tensor is not None:
         own = Labels(muscle.astype(np.int32), found.affine, {}, found.name)
         way = fibers_of_labels(images.measured or tensor, own, keys.get("fiber_smoothing"))
         made["tissue_fibers"] = way.fibers
         record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
-    if keys["partial"]:
-        shown = [one for one in (anatomy, fat, connective) if one is not None]
-        values = np.stack([scaled_values(one, found.data > 0) for one in shown], axis=-1)
-        made["tissue_fractions"] = record.parts(
-            np.zeros_like(found.data), values, _UNMIXED, "tissue_fractions.nii.gz"
-        )
     write_labels(out / "tissue.nii.gz", found)
     renew_images(out, **made)
     if phantom:
@@ -310,12 +292,7 @@ def find_tissues(
 def read_images(
     deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback
 ) -> Images:
-    """Images of a deck; the phantom's are also written.
-
-    - `deck`: tables `image`, `dixon`, `t2` and `phantom`
-    - `out`: folder of the results
-    - `grid`: brings images onto the grid of the anatomy
-    """
+    """Images of a deck, on the grid of the anatomy; the phantom's are also written."""
     table, files = deck["image"], DeckFiles(deck, "image", grid)
     found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
     if anatomy is not None:
@@ -355,28 +332,13 @@ def read_images(
         seeds=files.labels("seeds", like, progress),
         region=files.labels("region", like),
     )
-    _check_labels(found)
     body = files.labels("body", like)
     return found if body is None else replace(found, body=_checked_body(body, found.region))
-
-
-def _check_labels(images: Images) -> None:
-    """Refuse an empty truth and an empty reference."""
-    truth, reference = images.truth, images.reference
-    if truth is not None and not truth.data.any():
-        raise InputError(f"{truth.name}: the truth is empty, no label is above zero")
-    if reference is not None and not reference.data.any():
-        raise InputError(
-            f"{reference.name}: the reference is empty, no voxel has a label above zero; give the "
-            "label map by which regions are to be grouped"
-        )
 
 
 def _checked_body(labels: Labels, region: Labels | None) -> Mask:
     """The body that the user names, which contains the region; a voxel at its rim is taken in."""
     body = labels.data > 0
-    if not body.any():
-        raise InputError(f"{labels.name}: image.body is empty, no label is above zero")
     if region is None:
         return body
     near = ndimage.binary_dilation(body, ndimage.generate_binary_structure(3, 3))

@@ -14,7 +14,7 @@ import numpy as np
 
 from myork.console import ProgressCallback
 from myork.errors import InputError
-from myork.imaging.diffusion import known_tensors, tensor_maps
+from myork.imaging.diffusion import finite_tensors, known_tensors, tensor_maps
 from myork.imaging.io import renew_images
 from myork.model.fibers import fiber_field
 from myork.records import Image
@@ -39,10 +39,10 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
     label = _mask(tensor, mean, files)
     inside = label > 0
     progress(f"{tensor.name}: fibers in {int(inside.sum())} voxels")
-    whole = np.where(np.isfinite(tensor.data).all(axis=-1, keepdims=True), tensor.data, 0.0)
     maps = tensor_maps(tensor)
     found = fiber_field(tensor, label, files.table.get("fiber_smoothing"))
-    renew_images(out, tensor=Image(whole, tensor.affine), tensor_fibers=found.fibers, **maps)
+    whole = Image(finite_tensors(tensor.data), tensor.affine)
+    renew_images(out, tensor=whole, tensor_fibers=found.fibers, **maps)
     known = inside & known_tensors(tensor.data)
     record = {
         "voxels": int(inside.sum()),
