@@ -17,7 +17,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: symmetric_matrix, new_symmetric
+   public :: symmetric_matrix, new_symmetric, preconditioned_type, solve_near
 
    !> Factor of half as many digits, of the matrix between the roots of its diagonal
    type :: near_factor
@@ -58,7 +58,7 @@ module rk_symmetric
       type(near_factor), pointer, private :: near => null()
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
-      procedure :: let_go, definite, rows, add, product => product_with, add_skew
+      procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
       final :: free
    end type symmetric_matrix
 
@@ -81,12 +81,12 @@ module rk_symmetric
    !> Share of the iterations that it is worth which are made with the last one, and the residual
    !> that they must reach: a step of Newton that is off by so much costs no further iteration; and
    !> of those with one of its own [-]
-   real(wp), parameter :: tried = 0.6_wp, exact = 1.0e-5_wp, own = 1.0e-10_wp
+   real(wp), parameter :: tried = 0.6_wp, exact = 1.0e-5_wp, own = 1.0e-8_wp
    !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
    !> other: half of the digits show for sure that it is not where the first does not suffice
    real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
-   integer, parameter :: most = 100, few = 20
+   integer, parameter :: most = 100, few = 30
 
 contains
 
@@ -379,21 +379,29 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    real(wp), contiguous, intent(inout) :: x(:)
    type(square_report), intent(out) :: report
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: shifted(:)
+
+   if (shift > 0.0_wp) then
+      call solve_with(self, self%shifted(shift), b, x, report, error)
+   else
+      call solve_with(self, self%value, b, x, report, error)
+   end if
+end subroutine solve_square
+
+!> Entries of A + shift |D|
+function shifted(self, shift) result(value)
+   class(symmetric_matrix), intent(in) :: self
+   !> Share of the diagonal
+   real(wp), intent(in) :: shift
+   real(wp) :: value(size(self%value, kind=i8))
    integer :: j
 
-   if (.not. shift > 0.0_wp) then
-      call solve_with(self, self%value, b, x, report, error)
-      return
-   end if
-   shifted = self%value
+   value = self%value
    do j = 1, self%n
-      associate (diagonal => shifted(self%start(j + 1)))
+      associate (diagonal => value(self%start(j + 1)))
          diagonal = diagonal + shift*abs(diagonal)
       end associate
    end do
-   call solve_with(self, shifted, b, x, report, error)
-end subroutine solve_square
+end function shifted
 
 !> Solve with other entries in the same places
 subroutine solve_with(self, given, b, x, report, error)
@@ -410,11 +418,14 @@ subroutine solve_with(self, given, b, x, report, error)
    integer(i8), allocatable :: start(:), column(:), order(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
+   type(preconditioned_type) :: system
    logical :: symmetric, found
 
    symmetric = .not. (self%indefinite .or. allocated(self%skew))
    found = .false.
-   if (symmetric .and. .not. self%keeps) call solve_near(self, given, b, x, report, found)
+   system%size = self%n
+   if (symmetric .and. .not. self%keeps) &
+      & call solve_near(self, given, system, b, x, report, found)
    if (found) return
    if (self%near%far .and. self%near%operations > hopeless) then
       call fatal_error(error, err_linalg, 'the tangent is far from positive definite')
@@ -461,11 +472,14 @@ end subroutine solve_with
 
 !> Solve a large system by minimal residuals with a factor of half as many digits: the last one, or
 !> one of this matrix, if need be with a larger diagonal
-subroutine solve_near(self, given, b, x, report, found)
+subroutine solve_near(self, given, system, b, x, report, found)
    type(symmetric_matrix), target, intent(in) :: self
    real(wp), contiguous, target, intent(in) :: given(:)
+   !> The system of the matrix, or one that has it as its first block
+   class(preconditioned_type), intent(inout) :: system
+   !> Right hand side, shape (system%size)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution where it was found, shape (n)
+   !> Solution where it was found, shape (system%size)
    real(wp), contiguous, intent(inout) :: x(:)
    type(square_report), intent(inout) :: report
    !> Whether it was found: not where the system is small, half of the digits do not suffice, or the
@@ -475,6 +489,8 @@ subroutine solve_near(self, given, b, x, report, found)
 
    found = .false.
    if (self%block < 3) return
+   system%places => self
+   system%given => given
    associate (near => self%near)
       if (.not. allocated(near%matrix%start)) call lay_out(self)
       if (near%operations < large .or. near%coarse .or. near%far) return
@@ -508,11 +524,7 @@ contains
    subroutine iterate(tolerance, limit)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
-      type(preconditioned_type) :: system
 
-      system%size = self%n
-      system%places => self
-      system%given => given
       call minres(system, b, tolerance, limit, x, report%iterations, report%backward_error)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'

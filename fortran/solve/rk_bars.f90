@@ -307,8 +307,8 @@ subroutine bars_by_other(self, problem, other, kind, difference)
          if (kind == more_points) factor = factor_fine
          if (any(kind == [few_fewer, more_points]) .and. self%at_surface(i)) &
             & factor = factor_surface*factor
-         if (problem%scene%cloud%nd == 2 .and. (problem%mixture%has_layers() &
-            & .or. allocated(problem%scene%approximation%kink))) factor = factor_layers*factor
+         if (problem%mixture%has_layers() .or. allocated(problem%scene%approximation%kink)) &
+            & factor = factor_layers*factor
          if (kind == another_form) then
             factor = factor_forms
             self%size(i) = max(self%size(i), other%size(i))

@@ -4,8 +4,9 @@
 !> system is P K x = P b, B x = c with the projection P = 1 - B^T (B B^T)^-1 B. As one matrix it is
 !> A = P K + B^T R B with positive resistances R. It is never formed: K has R B^T B in it, whose
 !> places are few, is factorised as it is, and the multipliers follow from minimal residuals with
-!> B K^-1 B^T, which R preconditions. That is an augmented Lagrangian with exact multipliers; the
-!> same equations in a basis of the null space would couple all that a face holds.
+!> B K^-1 B^T, which R preconditions; where the factor has half of the digits, unknowns and
+!> multipliers follow together. That is an augmented Lagrangian with exact multipliers; the same
+!> equations in a basis of the null space would couple all that a face holds.
 !>
 !> Reference: Benzi, Golub, Liesen, Acta Numerica 14 (2005), sections 6 and 8,
 !>            doi:10.1017/S0962492904000212
@@ -16,7 +17,7 @@ module rk_constraint
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
    use rk_sparse, only : factor_upper, sparse_factor
-   use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_symmetric, only : new_symmetric, preconditioned_type, solve_near, symmetric_matrix
    use rk_text, only : to_text
    implicit none
    private
@@ -53,6 +54,13 @@ module rk_constraint
    contains
       procedure :: multiply, precondition
    end type compliance_type
+
+   !> Unknowns and multipliers: K and B^T, B and 0
+   type, extends(preconditioned_type) :: saddle_type
+      type(constraint_type), pointer :: constraint => null()
+   contains
+      procedure :: multiply => multiply_saddle, precondition => precondition_saddle
+   end type saddle_type
 
    !> Residual of one search for multipliers, and their number: the next one starts from the rest
    real(wp), parameter :: tolerance = 1.0e-8_wp
@@ -195,6 +203,8 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       ! b = P b + B^T R c
       m = rows%multipliers(b)
       wanted = m/rows%resistance
+      call solve_together(self, shift, b, wanted, x, report)
+      if (allocated(report%used)) return
       right = b
       call self%matrix%solve_square(shift, right, x, report, error)
       if (allocated(error)) return
@@ -229,6 +239,64 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       call rows%add_transposed(-left, x)
    end associate
 end subroutine solve_square
+
+!> Solve for unknowns and multipliers together where the factor has half of the digits
+subroutine solve_together(self, shift, b, wanted, x, report)
+   type(constrained_matrix), target, intent(in) :: self
+   real(wp), intent(in) :: shift
+   real(wp), intent(in) :: b(:)
+   !> What the constraints want, shape (rows)
+   real(wp), intent(in) :: wanted(:)
+   !> Solution where it was found, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Not used where it was not
+   type(square_report), intent(inout) :: report
+   type(saddle_type) :: system
+   real(wp) :: both(size(b) + size(wanted)), left(size(wanted))
+   logical :: found
+
+   associate (matrix => self%matrix, rows => self%constraint)
+      if (matrix%indefinite .or. allocated(matrix%skew)) return
+      system%size = size(both)
+      system%constraint => self%constraint
+      if (shift > 0.0_wp) then
+         call solve_near(matrix, matrix%shifted(shift), system, [b, wanted], &
+            & both, report, found)
+      else
+         call solve_near(matrix, matrix%value, system, [b, wanted], both, &
+            & report, found)
+      end if
+      if (.not. found) return
+      x = both(:size(x))
+      ! what the iteration leaves of the constraints
+      left = rows%times(x) - wanted
+      call rows%square%solve(left)
+      call rows%add_transposed(-left, x)
+   end associate
+end subroutine solve_together
+
+subroutine multiply_saddle(self, x, y)
+   class(saddle_type), intent(in) :: self
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   associate (n => self%places%n)
+      call self%preconditioned_type%multiply(x(:n), y(:n))
+      call self%constraint%add_transposed(x(n + 1:), y(:n))
+      y(n + 1:) = self%constraint%times(x(:n))
+   end associate
+end subroutine multiply_saddle
+
+subroutine precondition_saddle(self, x, y)
+   class(saddle_type), intent(in) :: self
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   associate (n => self%places%n)
+      call self%preconditioned_type%precondition(x(:n), y(:n))
+      y(n + 1:) = self%constraint%resistance*x(n + 1:)
+   end associate
+end subroutine precondition_saddle
 
 !> y = B K^-1 B^T x
 subroutine multiply(self, x, y)

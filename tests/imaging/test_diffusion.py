@@ -167,7 +167,7 @@ def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
     assert (record["voxels"], record["filled"], record["far"]) == (48, 32, 32)
     assert any("up to 4 mm away" in line for line in told)
     deck["image"]["region"] = tmp_path / "none.nii.gz"
-    refuses("no voxel to find fibers in", write_tensors, deck, tmp_path / "out")
+    refuses("the region is empty, no label is above zero", write_tensors, deck, tmp_path / "out")
 
 
 def test_maps_of_known_tensors():
