@@ -52,6 +52,8 @@ module rk_mixture
    !> Part of an activation by which the mean of the corners of a spacing is off the middle, above
    !> which it is not linear there [-]
    real(wp), parameter :: bent_level = 1.0e-3_wp
+   !> Part by which roundings of an expression, of terms of size one, may leave 0 to 1 [-]
+   real(wp), parameter :: rounded = 1.0e3_wp*epsilon(1.0_wp)
 
    !> Tissues at places in compressed rows
    type :: mixture_type
@@ -700,7 +702,8 @@ subroutine find_level(scene, tissue, point, place, level, error)
       if (given%given()) then
          call given%at(place, level, error)
          if (allocated(error)) return
-         if (level >= 0.0_wp .and. level <= 1.0_wp) then
+         if (level >= -rounded .and. level <= 1.0_wp + rounded) then
+            level = min(max(level, 0.0_wp), 1.0_wp)
             if (allocated(scene%cloud%lattice)) call spread_level(scene, given, place, level)
             return
          end if

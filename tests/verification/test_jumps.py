@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.truths.deck_parts import force, held, probe
+from myork import Scene
 from myork.bench.exact import inner_stress
 from myork.bench.materials import MUSCLE
 from tests.scenes import RUBBER, annulus, box, scene, solved
@@ -88,6 +89,17 @@ def test_stress_has_the_activation_of_its_own_place(activation, quantity) -> Non
             table["expression"] = "cauchy_xx - cauchy_yy"
     found = list(solved(tables).last().values())
     assert found[::2] == pytest.approx(found[1::2], rel=1e-3)
+
+
+def test_an_activation_may_be_below_zero_by_a_rounding() -> None:
+    # the radius of a point on the inner surface is 1 up to roundings
+    tables = scene(
+        "rkpm-gauss", annulus(5, 9, radii=(1.0, 1.5)),
+        material=[{**_ACTIVE, "activation": "0.3*(r-1)"}],
+        boundary=[{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}],
+    )  # fmt: skip
+    with Scene.from_tables(tables) as opened:
+        assert opened.dofs > 0
 
 
 def test_the_smallest_square_is_near_finer_ones() -> None:
