@@ -33,6 +33,8 @@ module rk_conditions
       real(wp), allocatable :: traction(:, :, :)
       !> Whether a clamped and a free face meet here, where stresses are singular, shape (nb)
       logical, allocatable :: singular(:)
+   contains
+      procedure :: supported
    end type boundary_type
 
 contains
@@ -50,6 +52,29 @@ subroutine new_boundary(self, scene, error, time)
    call find_boundary(self, scene%cloud, scene%condition, scene%programme%count(), error, time)
    if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
 end subroutine new_boundary
+
+!> Whether something resists the motion of a component: what is prescribed, or an elastic support,
+!> shape (nd, nb)
+pure function supported(self, scene)
+   class(boundary_type), intent(in) :: self
+   !> Scene from which the boundary was made
+   type(scene_type), intent(in) :: scene
+   logical, allocatable :: supported(:, :)
+   integer :: c, e
+
+   supported = self%essential
+   associate (cloud => scene%cloud)
+      do c = 1, size(scene%condition)
+         if (.not. any(scene%condition(c)%spring > 0.0_wp)) cycle
+         do e = 1, size(cloud%boundary_point)
+            if (.not. cloud%in_set(e, scene%condition(c)%set)) cycle
+            associate (own => supported(:, findloc(self%point, cloud%boundary_point(e), dim=1)))
+               own = own .or. scene%condition(c)%spring(:cloud%nd) > 0.0_wp
+            end associate
+         end do
+      end do
+   end associate
+end function supported
 
 !> Prescribe components at the pins of a linear problem
 subroutine add_pins(self, scene, error)

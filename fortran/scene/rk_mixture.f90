@@ -52,6 +52,8 @@ module rk_mixture
    !> Part of an activation by which the mean of the corners of a spacing is off the middle, above
    !> which it is not linear there [-]
    real(wp), parameter :: bent_level = 1.0e-3_wp
+   !> Part by which roundings of an expression, of terms of size one, may leave 0 to 1 [-]
+   real(wp), parameter :: rounded = 1.0e3_wp*epsilon(1.0_wp)
 
    !> Tissues at places in compressed rows
    type :: mixture_type
@@ -84,7 +86,7 @@ module rk_mixture
    contains
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal, has_layers
       !> Fraction of a tissue, and its fiber
-      procedure :: part_of
+      procedure :: part_of, beside
       procedure :: fiber_of, energy, stress, strong, stress_curvature, strong_curvature
    end type mixture_type
 
@@ -633,6 +635,45 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
    end do
 end subroutine strong_curvature
 
+!> Mixture of one place of a nonlinear problem that is none of self's: tissues and fibers are those
+!> of a place near by, an activation by an expression is that of the place itself, by the rule that
+!> integration points follow. Where it is linear, or nearly so, that is its value; where it jumps,
+!> the displacements have seen its mean over a spacing, and the stress that balances has this mean
+subroutine beside(self, ip, place, one)
+   class(mixture_type), intent(in) :: self
+   !> Place near by
+   integer, intent(in) :: ip
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: place(:)
+   type(mixture_type), intent(out) :: one
+   type(error_type), allocatable :: error
+   real(wp) :: level
+   integer :: e
+
+   one%scene => self%scene
+   associate (first => self%first(ip) + 1, last => self%first(ip + 1))
+      one%first = [0, last - first + 1]
+      one%tissue = self%tissue(first:last)
+      one%fraction = self%fraction(first:last)
+      one%fiber = self%fiber(:, first:last)
+      if (allocated(self%normal)) one%normal = self%normal(:, ip:ip)
+      if (allocated(self%level)) one%level = self%level(first:last)
+   end associate
+   if (.not. allocated(one%level)) return
+   ! a collocation point is its own place
+   if (ip <= size(self%scene%cloud%points, 2)) then
+      if (.not. any(abs(place - self%scene%cloud%points(:, ip)) > 0.0_wp)) return
+   end if
+   do e = 1, size(one%tissue)
+      if (.not. (self%scene%tissue(one%tissue(e))%level%given() &
+         & .and. norm2(one%fiber(:, e)) > 0.0_wp)) cycle
+      call find_level(self%scene, one%tissue(e), 0, place, level, error)
+      ! an expression without a value here is what it is near by
+      if (.not. allocated(error)) one%level(e) = level
+      if (allocated(error)) deallocate (error)
+   end do
+end subroutine beside
+
 pure logical function has_levels(scene)
    type(scene_type), intent(in) :: scene
    integer :: k
@@ -646,7 +687,8 @@ subroutine find_level(scene, tissue, point, place, level, error)
    type(scene_type), intent(in) :: scene
    !> Muscle
    integer, intent(in) :: tissue
-   !> Collocation point whose fibers it has there
+   !> Collocation point whose fibers it has there, of no meaning where its activation is an
+   !> expression
    integer, intent(in) :: point
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: place(:)
@@ -660,7 +702,8 @@ subroutine find_level(scene, tissue, point, place, level, error)
       if (given%given()) then
          call given%at(place, level, error)
          if (allocated(error)) return
-         if (level >= 0.0_wp .and. level <= 1.0_wp) then
+         if (level >= -rounded .and. level <= 1.0_wp + rounded) then
+            level = min(max(level, 0.0_wp), 1.0_wp)
             if (allocated(scene%cloud%lattice)) call spread_level(scene, given, place, level)
             return
          end if

@@ -1,5 +1,5 @@
-!> Bodies and parts of them that prescribed displacements leave free to move as a whole. Supports do
-!> not reach across gaps, so each part needs displacements of its own; and in statics a motion that
+!> Bodies and parts of them that prescribed displacements and springs leave free to move as a whole.
+!> Shape functions do not reach across gaps, so each part must be held; and in statics a motion that
 !> nothing hinders has no answer, whatever the loads.
 module rk_islands
    use rk_error, only : error_type, fatal_error, err_input
@@ -11,7 +11,7 @@ module rk_islands
 
    public :: check_islands
 
-   !> A motion whose prescribed components move less than this share of the body's size is free [-]
+   !> A motion whose supported components move less than this share of the body's size is free [-]
    real(wp), parameter :: free = 1.0e-5_wp
    !> Names of the axes
    character(len=1), parameter :: axis(3) = ['x', 'y', 'z']
@@ -19,7 +19,7 @@ module rk_islands
 contains
 
 !> Refuse a body with a part that can move as a whole
-subroutine check_islands(shape, link, place, point, essential, error)
+subroutine check_islands(shape, link, place, point, supported, error)
    !> Shape functions; places beyond those given are ignored
    type(shape_type), intent(in) :: shape
    !> Those at the points that join source points: where rows or integrals are
@@ -28,8 +28,8 @@ subroutine check_islands(shape, link, place, point, essential, error)
    real(wp), intent(in) :: place(:, :)
    !> Collocation point of each boundary point, shape (nb)
    integer, intent(in) :: point(:)
-   !> Whether a component of the displacement is prescribed there, shape (nd, nb)
-   logical, intent(in) :: essential(:, :)
+   !> Whether a component of the displacement is prescribed or sprung there, shape (nd, nb)
+   logical, intent(in) :: supported(:, :)
    !> Error handling: names the part and its motions
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: motions, where_
@@ -52,14 +52,14 @@ subroutine check_islands(shape, link, place, point, essential, error)
       ! each part once, at its first point
       if (findloc(of_place, first, dim=1) /= ip) cycle
       mine = pack([(i, i=1, size(point))], of_boundary == first)
-      motions = free_motions(place(:, point(mine)), essential(:, mine))
+      motions = free_motions(place(:, point(mine)), supported(:, mine))
       if (len(motions) == 0) cycle
       members = count(of_place == first)
-      if (any(essential(:, mine))) then
+      if (any(supported(:, mine))) then
          where_ = 'the body'
          if (members < size(place, 2)) where_ = 'the '//to_text(members)//' collocation points ' &
             & //'around '//to_text(place(:, ip))//', which are not connected to the others,'
-         call fatal_error(error, err_input, 'the prescribed displacements leave '//where_ &
+         call fatal_error(error, err_input, 'prescribed displacements and springs leave '//where_ &
             & //' free to '//motions//'; prescribe components that prevent it, as on a ' &
             & //'symmetry plane')
       else
@@ -84,14 +84,14 @@ contains
 
 end subroutine check_islands
 
-!> Rigid motions that prescribed components do not hinder, in words; empty where there are none. The
+!> Rigid motions that supported components do not hinder, in words; empty where there are none. The
 !> quadratic form of the motions of these components is eliminated motion by motion: where nothing
 !> is left of a pivot, that motion is free, together with what it takes of those before it.
-function free_motions(place, essential) result(text)
+function free_motions(place, supported) result(text)
    !> Boundary points, shape (nd, n) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Whether a component is prescribed, shape (nd, n)
-   logical, intent(in) :: essential(:, :)
+   !> Whether a component is prescribed or sprung, shape (nd, n)
+   logical, intent(in) :: supported(:, :)
    character(len=:), allocatable :: text
    real(wp) :: form(6, 6), row(6), motion(6), x(3), centre(3), size_
    logical :: held(6)
@@ -110,7 +110,7 @@ function free_motions(place, essential) result(text)
       x = 0.0_wp
       x(:nd) = (place(:, p) - centre(:nd))/size_
       do i = 1, nd
-         if (.not. essential(i, p)) cycle
+         if (.not. supported(i, p)) cycle
          row = 0.0_wp
          row(i) = 1.0_wp
          if (nd == 2) then

@@ -48,10 +48,10 @@ subroutine new_problem(problem, scene, error)
    type is (galerkin_problem)
       ! its collocation points are places of output, and may be few
       call check_islands(problem%shape, problem%inside, scene%cloud%points, &
-         & problem%boundary%point, problem%boundary%essential, error)
+         & problem%boundary%point, problem%boundary%supported(scene), error)
    class default
       call check_islands(problem%shape, problem%shape, scene%cloud%points, &
-         & problem%boundary%point, problem%boundary%essential, error)
+         & problem%boundary%point, problem%boundary%supported(scene), error)
    end select
 end subroutine new_problem
 

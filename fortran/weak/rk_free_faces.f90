@@ -245,11 +245,11 @@ pure subroutine smooth(self, i, x, h)
 end subroutine smooth
 
 !> Stress without traction; it stays what it is where none is found
-subroutine release(self, i, mixture, ip, load, f, local)
+subroutine release(self, i, mixture, load, f, local)
    class(free_faces_type), intent(in) :: self
    integer, intent(in) :: i
+   !> Mixture of the place
    type(mixture_type), intent(in) :: mixture
-   integer, intent(in) :: ip
    !> Load [-]
    real(wp), intent(in) :: load
    !> Deformation gradient along the face [-]
@@ -260,13 +260,13 @@ subroutine release(self, i, mixture, ip, load, f, local)
    integer :: a, b, k, nd
 
    ! there is no law for the volume alone
-   if (.not. mixture%bulk(ip) <= huge(1.0_wp)) return
+   if (.not. mixture%bulk(1) <= huge(1.0_wp)) return
    nd = size(self%pair, 1)
    g = f
    associate (normal => self%normal(:, i))
       do k = 1, most
          if (.not. determinant(g) > 0.0_wp) return
-         call mixture%stress(ip, g, load, p, c4, volumetric=.true.)
+         call mixture%stress(1, g, load, p, c4, volumetric=.true.)
          slope = identity
          slope(:nd, :nd) = 0.0_wp
          do b = 1, nd

@@ -25,7 +25,7 @@ module rk_galerkin
    use rk_group_stiffness, only : add_forces
    use rk_held, only : held_type, new_held
    use rk_kernel, only : window_polar
-   use rk_mixture, only : new_mixture
+   use rk_mixture, only : mixture_type, new_mixture
    use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
@@ -797,6 +797,7 @@ subroutine at_place(self, state, ip, x, u, local)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
    type(point_state) :: at_point
+   type(mixture_type) :: here
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
    integer :: i
 
@@ -815,8 +816,8 @@ subroutine at_place(self, state, ip, x, u, local)
       call deformation(size(x), u, local%f, h)
       local%j = determinant(local%f)
    end if
-   call self%mixture%stress(self%material_at(ip, x), local%f, state%load, local%p, &
-      & volumetric=.false.)
+   call self%mixture%beside(self%material_at(ip, x), x, here)
+   call here%stress(1, local%f, state%load, local%p, volumetric=.false.)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
    if (.not. allocated(self%faces) .or. state%tissue > 0) return
@@ -824,10 +825,10 @@ subroutine at_place(self, state, ip, x, u, local)
    if (i == 0) return
    slope = local%f - identity
    call self%faces%smooth(i, state%x, slope)
-   call self%faces%release(i, self%mixture, ip, state%load, identity + slope, local)
+   call self%faces%release(i, here, state%load, identity + slope, local)
    if (.not. norm2(identity + slope - local%f) > 0.0_wp) return
    at_point = local
-   call self%faces%release(i, self%mixture, ip, state%load, local%f, at_point)
+   call self%faces%release(i, here, state%load, local%f, at_point)
    local%other = at_point%cauchy
 end subroutine at_place
 

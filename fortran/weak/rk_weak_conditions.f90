@@ -4,6 +4,7 @@ module rk_weak_conditions
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
    use rk_error, only : error_type
+   use rk_neighbours, only : nearest_points
    use rk_plates, only : new_plates, plates_type
    use rk_precision, only : wp
    use rk_programme, only : combined, ramp
@@ -214,8 +215,8 @@ subroutine set_penalty(self, scene, cells, shear)
    type(cells_type), intent(in) :: cells
    !> Modulus at each integration point whose multiple the penalty is, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   real(wp) :: spacing, step(size(cells%outward, 1))
-   integer :: s
+   real(wp) :: spacing
+   integer :: near(size(cells%set)), s
 
    allocate (self%penalty(size(cells%set)))
    self%area = cells%part*norm2(cells%outward, dim=1)
@@ -227,12 +228,13 @@ subroutine set_penalty(self, scene, cells, shear)
             & /norm2(cells%outward(:, s)))
       end do
    end if
-   step = sum(scene%cloud%spacing, dim=2)/size(scene%cloud%spacing, 2)
    self%penalty = 0.0_wp
    if (scene%galerkin%essential == 'transformation') return
+   near = nearest_points(scene%cloud%source, cells%surface)
    do s = 1, size(cells%set)
-      ! the spacing across the surface
-      spacing = norm2(cells%outward(:, s)*step)/norm2(cells%outward(:, s))
+      ! the spacing across the surface, which is closer there where points move towards a side
+      spacing = norm2(cells%outward(:, s)*scene%cloud%spacing(:, near(s))) &
+         & /norm2(cells%outward(:, s))
       ! of several tissues behind it the stiffest
       self%penalty(s) = scene%galerkin%penalty/spacing*self%area(s) &
          & *maxval(shear(cells%lift_point(cells%lift_first(s) + 1:cells%lift_first(s + 1))))

@@ -229,6 +229,35 @@ def test_a_spring_whose_other_end_moves():
     assert 0 < found["down"] < g
 
 
+@pytest.mark.parametrize(
+    ("ends", "seen", "value"),
+    [
+        # a bed under an even load moves by traction over stiffness
+        (({"set": "x0", "u_x": 0}, {"set": "y0", "spring": [0, 3]},
+          {"set": "y1", "traction": [0, -0.5]}), "u_y 0 0", -0.5 / 3),
+        # nothing is prescribed at all: the springs bear the whole load
+        (({"set": "x0", "spring": [50, 50]}, {"set": "x1", "traction": [0.5, 0]}),
+         "force_x x0", -0.5),
+    ],
+)  # fmt: skip
+def test_springs_are_supports(ends, seen, value):
+    """Springs may be all that holds a body, in a direction or at all."""
+    tables = scene(
+        "rkpm-gauss", box(5, 3, size=[2, 1]), material=[SOFT], boundary=list(ends),
+        probe=probes(f"seen {seen}"),
+    )  # fmt: skip
+    assert solved(tables).last()["seen"] == pytest.approx(value, rel=1e-6)
+
+
+def test_springs_hold_only_what_they_act_on():
+    """A bed across the way does not keep a body from sliding along it."""
+    tables = scene(
+        "rkpm-gauss", box(5, 3, size=[2, 1]), material=[SOFT],
+        boundary=[{"set": "y0", "spring": [0, 3]}],
+    )  # fmt: skip
+    assert "free to slide along x" in refused(tables)
+
+
 def test_a_spring_is_as_stiff_whatever_its_amplitude():
     """What pulls beside it follows the amplitude: the end is that of the ramp, the way is not."""
     early = {"name": "early", "time": [0, 0.5, 1], "value": [0, 1, 1]}

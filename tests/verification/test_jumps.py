@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+from benchmarks.truths.deck_parts import probe
+from myork import Scene
 from myork.bench.exact import inner_stress
 from myork.bench.materials import MUSCLE
 from tests import scenes
-from tests.scenes import box, gripped, held, loaded, neo, probes, scene, slip, solved
+from tests.scenes import annulus, box, gripped, held, loaded, neo, probes, scene, slip, solved
 
 _ACTIVE = {**MUSCLE, "fiber": [1, 0, 0]}
 
@@ -57,6 +59,37 @@ def test_activation_and_its_mirror_image_act_alike(kind, border) -> None:
     # the mean over a spacing is that of a slope in its middle, at the surface too
     one, other = (pull(kind.format(x=x, border=border), 6, 5) for x in ("x", "(2 - x)"))
     assert one == pytest.approx(other, rel=1e-9)
+
+
+@pytest.mark.parametrize("activation", ["0.1*x", "0.3*(x < 1)"])
+@pytest.mark.parametrize("quantity", ["cauchy_xx", "expression"])
+def test_stress_has_the_activation_of_its_own_place(activation, quantity) -> None:
+    # half way between two points the stress is one from either side, but for its slope over 2e-5;
+    # with the activation of the nearest point it jumped there by 12 % and more
+    middles = [1.0 + (k + 0.5) / 8 for k in range(-3, 3)]
+    sides = [(middle, middle + side * 1e-5) for middle in middles for side in (-1, 1)]
+    tables = scene(
+        "rkpm-gauss", box(9, 5, size=[2.0, 1.0]),
+        material=[{**_ACTIVE, "activation": activation}],
+        boundary=[held("x0", 2), held("x1", 2)],
+        probe=[probe(f"p{k}", quantity, (x, 0.47)) for k, (_, x) in enumerate(sides)],
+    )  # fmt: skip
+    if quantity == "expression":
+        for table in tables["probe"]:
+            table["expression"] = "cauchy_xx - cauchy_yy"
+    found = list(solved(tables).last().values())
+    assert found[::2] == pytest.approx(found[1::2], rel=1e-3)
+
+
+def test_an_activation_may_be_below_zero_by_a_rounding() -> None:
+    # the radius of a point on the inner surface is 1 up to roundings
+    tables = scene(
+        "rkpm-gauss", annulus(5, 9, radii=(1.0, 1.5)),
+        material=[{**_ACTIVE, "activation": "0.3*(r-1)"}],
+        boundary=[{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}],
+    )  # fmt: skip
+    with Scene.from_tables(tables) as opened:
+        assert opened.dofs > 0
 
 
 def test_the_smallest_square_is_near_finer_ones() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from myork import ReducedModel
+from myork.core.galerkin import modal_products
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.report import make_report
@@ -103,6 +104,20 @@ def test_a_graded_lattice_is_nearer_to_the_truth() -> None:
     deck["geometry"]["graded"] = ["x0", "y0", "y1"]
     # with a spacing of a half at the corners their error is a quarter at least
     assert abs(solved(deck).last()["tip"] - BEAM_TIP) < 0.25 * abs(even - BEAM_TIP)
+
+
+def test_a_penalty_is_as_stiff_as_the_points_at_its_side_are_close() -> None:
+    """Moved as a whole, a body feels the penalty only: moduli over the spacing at the wall."""
+    found = []
+    for graded in ([], ["x0"], ["x1"]):
+        deck = beam(9, 5, places=(9, 5))
+        deck["geometry"]["graded"] = graded
+        with Scene.from_tables(deck) as opened:
+            shift = np.zeros((opened.dofs, 1))
+            shift[::2] = 1.0
+            resistance = modal_products(opened, shift)[0].sum()
+            found.append(resistance * np.diff(np.unique(opened.points()[:, 0]))[0])
+    assert found[1:] == pytest.approx(2 * [found[0]], rel=1e-9)
 
 
 def test_an_accuracy_above_all_tables_is_met_and_the_scene_has_the_points() -> None:
