@@ -283,12 +283,14 @@ subroutine check(scene, deck, error)
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
-   !> Error handling: another form, a linear problem, no probes
+   !> Error handling: another form, a known solution, a motion, no probes
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: complaint
 
-   if (allocated(scene%equation%problem)) then
-      complaint = 'is not for linear problems, whose solution is known'
+   if (scene%equation%is_known()) then
+      complaint = 'is not for linear problems whose solution is known'
+   else if (allocated(scene%motion)) then
+      complaint = 'is not for motions, whose time step depends on the points'
    else if (scene%method /= 'rkpm-gauss' .or. .not. (allocated(scene%cloud%lattice) &
       & .or. allocated(scene%cloud%block))) then
       complaint = 'needs scene.method = "rkpm-gauss" on a box, an annulus or a model of voxels'
