@@ -94,7 +94,7 @@ contains
 
 !> Judge the answer of a run, one check after the other as far as those before leave something to
 !> check. The reasons join the warnings of the run; what helps is named once, at their end.
-subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
+subroutine judge(self, problem, deck, model, with_companion, searched, receiver, outcome)
    type(verdict_type), intent(out) :: self
    class(discretisation_type), target, intent(in) :: problem
    type(deck_type), target, intent(in) :: deck
@@ -103,6 +103,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
    !> Receiver of the caller, asked whether to stop
+   !> The points are those of a search, which says itself what it lacked
+   logical, intent(in) :: searched
    class(recorder_type), target, intent(inout) :: receiver
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
@@ -151,7 +153,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       answer%x = outcome%x
       call judge_by_others(self, answer, with_companion, outcome)
    end if
-   if (self%curable .and. .not. deck%has('refine')) self%reasons = self%reasons//'what helps: ' &
+   if (self%curable .and. .not. searched) self%reasons = self%reasons//'what helps: ' &
       & //cure_of(problem, self%bars)//new_line('a')
 end subroutine judge
 
