@@ -115,8 +115,6 @@ module rk_companion
       type(start_type) :: run
       !> Loads of the states that are kept; all of them where it is not allocated, shape (m) [-]
       real(wp), allocatable :: load(:)
-      !> CPU time at which it is given up [s]
-      real(wp) :: deadline = huge(1.0_wp)
    contains
       procedure :: begin, iteration, step, stopped
    end type kept_run
@@ -490,11 +488,8 @@ end subroutine step
 !> Whether the caller wants to stop
 logical function stopped(self)
    class(kept_run), intent(inout) :: self
-   real(wp) :: now
 
-   call cpu_time(now)
-   stopped = now > self%deadline
-   if (.not. stopped) stopped = self%receiver%stopped()
+   stopped = self%receiver%stopped()
 end function stopped
 
 end module rk_companion
