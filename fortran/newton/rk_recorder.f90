@@ -63,6 +63,8 @@ module rk_recorder
       real(wp) :: load = 0.0_wp
       !> Iterations, those of halved steps included
       integer :: iterations = 0
+      !> Most halvings of the load on the way to it
+      integer :: halvings = 0
       !> Relative gradient reached [-]
       real(wp) :: gradient = 0.0_wp
       !> Relative step reached, the Newton decrement of the last iteration [-]
@@ -95,6 +97,8 @@ module rk_recorder
       real(wp), allocatable :: first(:)
       !> Iterations that led there and are recorded once more; not allocated where they were
       type(iteration_type), allocatable :: iteration(:)
+      !> Halvings with which the first load step begins, where none was done
+      integer :: halvings = 0
    end type start_type
 
    !> Receiver of what happens

@@ -20,11 +20,14 @@ module rk_static
    !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive.
    !> From an unstable state there are no more: the branch is lost, and what they reach is chance
    integer, parameter :: early = 5
+   !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
+   integer, parameter :: rests = 3
 
 contains
 
 !> Solve all load steps
-subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error, last)
+subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error, last, &
+   & halved)
    class(problem_type), target, intent(inout) :: problem
    type(newton_type), intent(inout) :: newton
    type(plan_type), intent(in) :: planned
@@ -41,16 +44,23 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    !> Load step that another run has done, whose state x is then; without it x is that of load 0, or
    !> any other at which the iteration shall begin
    type(step_type), intent(in), optional :: last
+   !> Halvings with which it begins where there is no such load step, 0 without it
+   integer, intent(in), optional :: halved
    type(step_type) :: record
    real(wp), allocatable :: before(:)
    real(wp) :: load, part, most, target_load, done, from
-   integer :: step, first, halvings
+   integer :: step, first, halvings, waits
    logical :: aside, settled
 
    done = 0.0_wp
    aside = any(abs(x) > 0.0_wp) .and. .not. present(last)
    settled = present(last)
    halvings = 0
+   waits = 0
+   if (present(halved)) then
+      halvings = min(halved, max_halvings)
+      if (halvings > 0) waits = rests
+   end if
    first = 1
    if (present(last)) then
       record%gradient = last%gradient
@@ -86,6 +96,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       end if
       record%step = step
       record%iterations = 0
+      record%halvings = halvings
       do
          call choose_load()
          if (nothing_moves()) then
@@ -106,6 +117,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
          end if
          if (load >= target_load) exit
       end do
+      waits = 0
       ! what was prescribed goes on at another rate
       if (step == 0) then
          call newton%path%forget()
@@ -160,9 +172,16 @@ contains
    end function may_halve
 
    subroutine halve()
-      halvings = halvings + 1
+      ! the last one before the planned load is shorter than its part: to cut that less would only
+      ! repeat it
+      do
+         halvings = halvings + 1
+         part = 0.5_wp*part
+         if (part < 0.99_wp*(load - done) .or. halvings >= max_halvings) exit
+      end do
+      record%halvings = max(record%halvings, halvings)
       call recorder%note('load '//to_text(load, 4)//': '//error%message &
-         & //'; the load step is halved to '//to_text(0.5_wp*part, 4), warning=.false.)
+         & //'; the load step is halved to '//to_text(part, 4), warning=.false.)
       deallocate (error)
       ! the secant may have pointed the wrong way
       call newton%path%forget()
@@ -176,7 +195,9 @@ contains
       settled = .true.
       done = load
       call note_state(load)
-      if (halvings > 0 .and. 2*newton%iterations <= newton%max_iterations) halvings = halvings - 1
+      waits = max(waits - 1, 0)
+      if (halvings > 0 .and. waits == 0 .and. 2*newton%iterations <= newton%max_iterations) &
+         & halvings = halvings - 1
    end subroutine arrive
 
    !> What the record says of a converged state

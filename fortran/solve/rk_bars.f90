@@ -24,7 +24,7 @@ module rk_bars
    private
 
    public :: bars_type, new_bars, bars_by_other, bars_by_solution, bars_by_earlier, printed
-   public :: fewer_points, few_fewer, more_points, another_form, size_of
+   public :: fewer_points, few_fewer, more_points, another_form, share_of_kind, size_of
 
    !> What an answer is compared with: the same form on half as many cells in each direction, on
    !> three quarters of them, or on more, or another form
@@ -91,6 +91,9 @@ module rk_bars
       !> By how much a J is off what the pressure allows at these loads, and a stress is another one
       !> by other derivatives of the same displacements, 0 of all else, shape (probes, n)
       real(wp), allocatable :: apart(:, :)
+      !> Kind of all displacements at these loads: the shear strain that the stress would make of a
+      !> free body, times its size; 0 of linear problems, shape (n) [length]
+      real(wp), allocatable :: strained(:)
       !> Own size at full load, at least a tenth of that of its kind, shape (probes)
       real(wp), allocatable :: size(:)
       !> Own size at full load, at least that of its kind, shape (probes)
@@ -136,7 +139,7 @@ subroutine new_bars(self, problem, load, x, error)
    n = size(problem%scene%probe)
    self%load = load
    allocate (self%values(3, n, size(load)), self%bars(3, n, size(load)))
-   allocate (self%whole(n, size(load)), self%apart(n, size(load)))
+   allocate (self%whole(n, size(load)), self%apart(n, size(load)), self%strained(size(load)))
    allocate (self%value(3, n), self%bar(3, n), self%change(n), self%at_surface(n))
    allocate (self%size(n), self%kind(n), self%peak(n), self%open(n), source=0.0_wp)
    peak = 0.0_wp
@@ -153,7 +156,7 @@ subroutine new_bars(self, problem, load, x, error)
    do k = 1, size(load)
       call problem%state(x(:, k), load(k), state)
       call look_at(self, problem, probes, state, self%values(:, :, k), self%whole(:, k), &
-         & self%apart(:, k))
+         & self%apart(:, k), self%strained(k))
       self%peak = max(self%peak, self%size)
       peak = max(peak, self%kind)
    end do
@@ -165,7 +168,7 @@ subroutine new_bars(self, problem, load, x, error)
 end subroutine new_bars
 
 !> Values and sizes of a state
-subroutine look_at(self, problem, probes, state, value, whole, apart)
+subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
    type(bars_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
    type(probes_type), intent(in) :: probes
@@ -176,8 +179,11 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
    real(wp), intent(out) :: whole(:)
    !> By how much they differ from what the same displacements say otherwise, shape (probes)
    real(wp), intent(out) :: apart(:)
+   !> Displacement that the stress would make of a free body [length]
+   real(wp), intent(out) :: strained
    type(point_state) :: local
-   real(wp) :: stresses(size(problem%scene%cloud%points, 2)), displacement, stress, force, share, &
+   real(wp), dimension(size(problem%scene%cloud%points, 2)) :: stresses, strains
+   real(wp) :: displacement, stress, force, share, &
       & own, kind, slope(3)
    integer :: e, i, set
 
@@ -187,9 +193,12 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
       do i = 1, size(stresses)
          call problem%at_point(state, i, local)
          stresses(i) = norm2(local%cauchy)
+         strains(i) = shear_strain(scene, i, local%cauchy)
          displacement = max(displacement, norm2(local%u))
       end do
       stress = size_of(stresses, scene%cloud%volume)
+      strained = size_of(strains, scene%cloud%volume)*sum(scene%cloud%volume) &
+         & **(1.0_wp/scene%cloud%nd)
       do set = 1, size(scene%cloud%set_names)
          if (problem%fields < scene%cloud%nd) exit
          if (.not. (any(scene%condition%set == set) .or. any(scene%probe%set == set))) cycle
@@ -244,6 +253,28 @@ subroutine look_at(self, problem, probes, state, value, whole, apart)
    end associate
 end subroutine look_at
 
+!> Shear strain that a stress makes alone, by the shear modulus at rest, 0 in a linear problem; the
+!> pressure makes none, and may be any number where the volume is kept [-]
+pure real(wp) function shear_strain(scene, place, cauchy)
+   type(scene_type), intent(in) :: scene
+   !> Place of output
+   integer, intent(in) :: place
+   !> Stress there [stress]
+   real(wp), intent(in) :: cauchy(3, 3)
+   real(wp) :: deviator(3, 3)
+   integer :: d
+
+   shear_strain = 0.0_wp
+   if (allocated(scene%equation%problem)) return
+   deviator = cauchy
+   do d = 1, 3
+      deviator(d, d) = cauchy(d, d) - (cauchy(1, 1) + cauchy(2, 2) + cauchy(3, 3))/3.0_wp
+   end do
+   associate (shear => scene%tissue(scene%tissue_of(place))%material%shear)
+      if (shear > 0.0_wp) shear_strain = norm2(deviator)/(2.0_wp*shear)
+   end associate
+end function shear_strain
+
 !> Mean of a norm over the volume where it is finite, at most what `ordinary` of that stays below
 pure real(wp) function size_of(norm, volume)
    !> Norm at each place, shape (nc)
@@ -273,7 +304,7 @@ pure real(wp) function size_of(norm, volume)
 end function size_of
 
 !> Bars from a second solution
-subroutine bars_by_other(self, problem, other, kind, difference)
+subroutine bars_by_other(self, problem, other, kind, difference, which)
    type(bars_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
    !> Values of the second solution
@@ -283,6 +314,8 @@ subroutine bars_by_other(self, problem, other, kind, difference)
    !> What all displacements differ by at the same loads [length], and the stresses around each
    !> probe [stress], shape (2, probes, loads)
    real(wp), intent(in) :: difference(:, :, :)
+   !> Probes that get bars, all of them without it, shape (probes)
+   logical, intent(in), optional :: which(:)
    real(wp) :: least_change(size(difference, 3)), left, open
    logical :: blocks
    integer :: i
@@ -291,6 +324,9 @@ subroutine bars_by_other(self, problem, other, kind, difference)
    if (blocks) open = off_surface*surface_share(problem%scene%cloud) &
       & + off_end*taper_of(problem%scene)
    do i = 1, size(self%change)
+      if (present(which)) then
+         if (.not. which(i)) cycle
+      end if
       associate (quantity => problem%scene%probe(i)%quantity, factor => self%factor(i))
          least_change = 0.0_wp
          left = 0.0_wp

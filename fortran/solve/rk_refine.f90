@@ -17,7 +17,7 @@ module rk_refine
    use rk_deck, only : deck_type, joined, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
-   use rk_error, only : error_type, fatal_error, err_stopped
+   use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
@@ -67,6 +67,16 @@ module rk_refine
       procedure, private :: target
    end type refinement_type
 
+   !> Receiver that ends every solution of a search when its cost is used up
+   type, extends(recorder_type) :: limited_type
+      !> Receiver of the caller, asked whether to stop
+      class(recorder_type), pointer :: receiver => null()
+      !> CPU time at which solutions are given up [s]
+      real(wp) :: deadline = huge(1.0_wp)
+   contains
+      procedure :: late, stopped
+   end type limited_type
+
 contains
 
 !> Find the points of a deck that has a table refine, and write them into it
@@ -82,6 +92,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(error_type), allocatable, intent(out) :: error
    type(scene_type), target :: scene
    class(discretisation_type), allocatable, target :: problem
+   type(limited_type), target :: limited
    type(start_type) :: run
    type(solved_type) :: answer
    type(bars_type) :: bars
@@ -92,7 +103,7 @@ subroutine refine(self, deck, model, receiver, error)
    integer, allocatable :: before_cells(:), cells(:), next(:), limit(:)
    logical, allocatable :: counts(:)
    character(len=word_length), allocatable :: graded(:)
-   integer :: level, unknowns
+   integer :: level, halvings
    character(len=:), allocatable :: line
    character(len=override_length), allocatable :: words(:)
 
@@ -102,7 +113,10 @@ subroutine refine(self, deck, model, receiver, error)
    self%levels = ''
    self%points = ''
    call cpu_time(start)
+   limited%receiver => receiver
+   limited%deadline = start + cost
    before = start
+   halvings = 0
    growth = 1.0_wp
    do level = 1, most_levels
       call new_scene(scene, deck, model, error)
@@ -114,15 +128,16 @@ subroutine refine(self, deck, model, receiver, error)
       call cells_of(scene, cells, limit)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
          & self%points = joined(words_of(deck, scene%cloud, cells))
+      if (level == 1) call scout(halvings, scene, deck, model, cells, limited)
       call new_problem(problem, scene, error)
       if (.not. allocated(error)) then
-         unknowns = problem%n
-         call solve(problem, scene, deck, model, receiver, merge(start + cost, huge(1.0_wp), &
-            & allocated(self%start)), run, answer, bars, error)
+         call solve(problem, scene, deck, model, limited, halvings, run, answer, bars, error)
       else if (.not. allocated(self%start)) then
          return
       end if
       if (.not. allocated(error)) then
+         ! where the load had to be halved, finer points need that as well
+         halvings = maxval(run%step%halvings)
          if (allocated(earlier)) call bars_by_earlier(bars, earlier, growth)
          worst = maxval(relative(bars), mask=counts)
          ! what voxels leave open no blocks will close
@@ -139,15 +154,30 @@ subroutine refine(self, deck, model, receiver, error)
          & //'were refined')
       if (allocated(error)) then
          if (receiver%stopped()) return
+         call cpu_time(now)
+         self%seconds = now - start
          if (allocated(self%start)) then
             ! the answer before stands
             self%reason = self%target()//'not met: the next points, '//list(cells)//' cells, ' &
                & //'have no answer within refine.cost: '//error%message
             deallocate (error)
-            call cpu_time(now)
-            self%seconds = now - start
             self%points = joined(words_of(coarser, scene%cloud, before_cells))
             deck = coarser
+            return
+         end if
+         if (limited%late()) then
+            if (allocated(run%x)) then
+               ! the answer stands, its second solution came too late
+               self%start = run
+               self%reason = self%target()//'not met: refine.cost = '//to_text(cost, 3)//' CPU ' &
+                  & //'s is used up by the first points, '//list(cells)//' cells'
+               deallocate (error)
+               return
+            end if
+            error%message = 'the first points of the search, '//list(cells)//' cells, have no ' &
+               & //'answer within refine.cost = '//to_text(cost, 3)//' CPU s: '//error%message &
+               & //'; allow more cost, give fewer points (geometry.source) or less load'
+            error%code = err_convergence
             return
          end if
          ! points that nobody chose: singular rims are met with less force
@@ -283,12 +313,14 @@ subroutine check(scene, deck, error)
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
-   !> Error handling: another form, a linear problem, no probes
+   !> Error handling: another form, a known solution, a motion, no probes
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: complaint
 
-   if (allocated(scene%equation%problem)) then
-      complaint = 'is not for linear problems, whose solution is known'
+   if (scene%equation%is_known()) then
+      complaint = 'is not for linear problems whose solution is known'
+   else if (allocated(scene%motion)) then
+      complaint = 'is not for motions, whose time step depends on the points'
    else if (scene%method /= 'rkpm-gauss' .or. .not. (allocated(scene%cloud%lattice) &
       & .or. allocated(scene%cloud%block))) then
       complaint = 'needs scene.method = "rkpm-gauss" on a box, an annulus or a model of voxels'
@@ -360,8 +392,45 @@ function words_of(deck, cloud, cells) result(words)
    end if
 end function words_of
 
+!> Halvings of the load that half as many cells in each direction need, where they cost little
+!> beside the first lattice: in space; 0 where they say nothing
+subroutine scout(halvings, scene, deck, model, cells, receiver)
+   integer, intent(out) :: halvings
+   !> Scene of the first lattice
+   type(scene_type), intent(in) :: scene
+   !> Its deck
+   type(deck_type), intent(in) :: deck
+   !> Points of the model file
+   type(cloud_type), intent(in) :: model
+   !> Cells along each direction, shape (nd)
+   integer, intent(in) :: cells(:)
+   !> Asked whether to stop
+   class(recorder_type), target, intent(inout) :: receiver
+   type(scene_type), target :: coarse
+   class(discretisation_type), allocatable, target :: problem
+   type(deck_type) :: other
+   type(kept_run) :: recorder
+   type(timer_type) :: timer
+   type(error_type), allocatable :: error
+   integer :: fewer(size(cells))
+
+   halvings = 0
+   if (size(cells) < 3 .or. .not. allocated(scene%cloud%lattice) &
+      & .or. allocated(scene%equation%problem)) return
+   fewer = other_number(cells + 1, scene%approximation%order) - 1
+   if (any(fewer >= cells)) return
+   call deck%vary(words_of(deck, scene%cloud, fewer), other, error)
+   if (.not. allocated(error)) call new_scene(coarse, other, model, error)
+   if (.not. allocated(error)) call new_problem(problem, coarse, error)
+   if (allocated(error)) return
+   call recorder%begin(problem%n, receiver)
+   call solve_problem(problem, coarse, '', recorder, timer, error)
+   if (.not. allocated(error)) halvings = maxval(recorder%run%step%halvings)
+   call free_discretisation(problem)
+end subroutine scout
+
 !> Solve a scene and its companion
-subroutine solve(problem, scene, deck, model, receiver, deadline, run, answer, bars, error)
+subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, bars, error)
    class(discretisation_type), target, intent(inout) :: problem
    !> Its scene
    type(scene_type), intent(inout) :: scene
@@ -369,11 +438,11 @@ subroutine solve(problem, scene, deck, model, receiver, deadline, run, answer, b
    type(deck_type), target, intent(in) :: deck
    !> Points of the model file
    type(cloud_type), target, intent(in) :: model
-   !> Receiver of the caller
+   !> Asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
-   !> CPU time at which the solution is given up [s]
-   real(wp), intent(in) :: deadline
-   !> All load steps
+   !> Halvings with which the load begins
+   integer, intent(in) :: halvings
+   !> All load steps; without unknowns where they did not converge
    type(start_type), intent(out) :: run
    !> What is compared: of a programme, which may end at rest, all of them, of a ramp the last one
    type(solved_type), intent(out) :: answer
@@ -381,13 +450,16 @@ subroutine solve(problem, scene, deck, model, receiver, deadline, run, answer, b
    !> Error handling: a solution failed
    type(error_type), allocatable, intent(out) :: error
    type(kept_run) :: recorder
+   type(start_type) :: begin
    type(companion_type) :: companion
    type(timer_type) :: timer
    integer :: first
 
    call recorder%begin(problem%n, receiver)
-   recorder%deadline = deadline
-   call solve_problem(problem, scene, '', recorder, timer, error)
+   allocate (begin%step(0), begin%x(problem%n, 1))
+   begin%x = 0.0_wp
+   begin%halvings = halvings
+   call solve_problem(problem, scene, '', recorder, timer, error, begin)
    if (allocated(error)) return
    run = recorder%run
    first = merge(1, size(run%step), scene%programme%count() > 1)
@@ -510,5 +582,22 @@ elemental integer function divisor_from(least, number) result(divisor)
    end do
    divisor = number
 end function divisor_from
+
+!> Whether the cost is used up
+logical function late(self)
+   class(limited_type), intent(in) :: self
+   real(wp) :: now
+
+   call cpu_time(now)
+   late = now > self%deadline
+end function late
+
+!> Whether a solution is to end: the cost is used up, or the caller wants to stop
+logical function stopped(self)
+   class(limited_type), intent(inout) :: self
+
+   stopped = self%late()
+   if (.not. stopped) stopped = self%receiver%stopped()
+end function stopped
 
 end module rk_refine

@@ -162,7 +162,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    type(newton_type) :: newton
    type(step_type), allocatable :: last
    real(wp), allocatable :: x(:)
-   integer :: done
+   integer :: done, halvings
 
    newton%linear = trim(linear)
    if (linear == '') newton%linear = scene%solver%linear
@@ -178,14 +178,16 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
       call solve_linear(problem, newton%linear, x, recorder, timer, error)
       return
    end if
+   halvings = 0
    if (present(start)) then
       done = size(start%step)
       x = start%x(:, max(done, 1))
+      halvings = start%halvings
       if (done > 0) last = start%step(done)
    end if
    ! without a last step the argument is absent
    call solve_static(problem, newton, scene%programme%plan(scene%load%steps), &
-      & scene%load%max_halvings, x, recorder, timer, error, last)
+      & scene%load%max_halvings, x, recorder, timer, error, last, halvings)
 end subroutine solve_problem
 
 subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)

@@ -8,7 +8,8 @@ module rk_verdict
    use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, few_fewer, &
       & fewer_points, more_points, new_bars
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, solve_beside, solve_companion, solved_type
+   use rk_companion, only : companion_type, override_length, solve_beside, solve_companion, &
+      & solved_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -94,7 +95,7 @@ contains
 
 !> Judge the answer of a run, one check after the other as far as those before leave something to
 !> check. The reasons join the warnings of the run; what helps is named once, at their end.
-subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
+subroutine judge(self, problem, deck, model, with_companion, searched, receiver, outcome)
    type(verdict_type), intent(out) :: self
    class(discretisation_type), target, intent(in) :: problem
    type(deck_type), target, intent(in) :: deck
@@ -102,15 +103,19 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
    type(cloud_type), target, intent(in) :: model
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
+   !> The points are those of a search, which says itself what it lacked
+   logical, intent(in) :: searched
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
    type(solved_type) :: answer
    type(error_type), allocatable :: error
+   real(wp) :: off
 
    self%state = accepted
    self%reasons = ''
+   off = 0.0_wp
    if (allocated(outcome%ended)) then
       ! which is a warning already
       self%state = refused
@@ -133,7 +138,8 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
             & //'or constrain the body')
       end if
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
-      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, receiver)
+      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, &
+         & receiver, off)
    end if
    outcome%warnings = outcome%warnings//self%reasons
    if (problem%scene%thin_layers) then
@@ -141,7 +147,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
          & //'spacings of the source points apart, and may be too stiff across it')
       self%curable = .true.
    end if
-   call judge_broken(self, problem, outcome)
+   call judge_broken(self, problem, off, outcome)
    ! of which the run has warned on its way
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)
    call new_bars(self%bars, problem, outcome%load, outcome%x, error)
@@ -151,7 +157,7 @@ subroutine judge(self, problem, deck, model, with_companion, receiver, outcome)
       answer%x = outcome%x
       call judge_by_others(self, answer, with_companion, outcome)
    end if
-   if (self%curable .and. .not. deck%has('refine')) self%reasons = self%reasons//'what helps: ' &
+   if (self%curable .and. .not. searched) self%reasons = self%reasons//'what helps: ' &
       & //cure_of(problem, self%bars)//new_line('a')
 end subroutine judge
 
@@ -164,10 +170,10 @@ subroutine judge_by_others(self, answer, with_companion, outcome)
    type(outcome_type), intent(inout) :: outcome
    type(error_type), allocatable :: error
    type(companion_type) :: nearer
-   character(len=:), allocatable :: from
-   real(wp) :: bound
+   character(len=override_length) :: from(size(answer%problem%scene%probe))
+   real(wp) :: bound, most(size(from))
    integer :: i, kind
-   logical :: adrift
+   logical :: adrift, wide(size(from))
 
    adrift = self%state == refused
    call judge_values(self, answer%problem, outcome)
@@ -175,7 +181,8 @@ subroutine judge_by_others(self, answer, with_companion, outcome)
       if (allocated(outcome%norms)) then
          call bars_by_solution(self%bars, problem, outcome%last%load, error)
          call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
-            & of_error(2), ' from the known solution', outcome)
+            & spread(of_error(2), 1, size(from)), spread(' from the known solution', 1, &
+            & size(from)), outcome)
          return
       end if
       if (.not. with_companion) then
@@ -193,34 +200,63 @@ subroutine judge_by_others(self, answer, with_companion, outcome)
       if (self%companion%other_form) kind = another_form
       call bars_by_other(self%bars, problem, self%companion%seen, kind, self%companion%difference)
       if (outcome%unstrained) return
-      if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
-         & .and. allocated(problem%scene%cloud%lattice) .and. any([(self%bars%unresolved(i), &
-         & i=1, size(self%bars%size))])) then
-         call solve_companion(nearer, answer, near=.true.)
-         if (.not. allocated(nearer%why_not)) then
-            self%companion = nearer
-            call bars_by_other(self%bars, problem, nearer%seen, few_fewer, nearer%difference)
-         end if
-      end if
       if (self%companion%other_form) then
-         from = 'on the same points'
-         if (self%companion%finer) from = 'with '//self%companion%lattice
-         call judge_probes(self, problem, spread(of_forms(1), 1, size(self%bars%change)), &
-            & of_forms(2), ' from a solution by method "'//self%companion%method//'" '//from, &
-            & outcome)
+         from = other_text(self%companion)
+         call judge_probes(self, problem, spread(of_forms(1), 1, size(from)), &
+            & spread(of_forms(2), 1, size(from)), from, outcome)
       else
+         from = other_text(self%companion)
+         most = most_change(self%companion)
+         wide = [(self%bars%unresolved(i), i=1, size(wide))] .or. ieee_is_nan(self%bars%change)
+         if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
+            & .and. allocated(problem%scene%cloud%lattice) .and. any(wide)) then
+            call solve_companion(nearer, answer, near=.true.)
+            if (.not. allocated(nearer%why_not)) then
+               ! the bar of a probe does not depend on which others there are
+               call bars_by_other(self%bars, problem, nearer%seen, few_fewer, &
+                  & nearer%difference, wide)
+               where (wide)
+                  from = other_text(nearer)
+                  most = most_change(nearer)
+               end where
+               self%companion = nearer
+            end if
+         end if
          bound = of_bar
          if (allocated(problem%scene%cloud%block)) bound = of_block_bar
          if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
             & bound = of_wide_bar
          call judge_probes(self, problem, max(0.0_wp, bound - self%bars%open)/self%bars%factor, &
-            & merge(of_finer, of_change, self%companion%finer), ' from a solution with ' &
-            & //self%companion%lattice, outcome)
+            & most, from, outcome)
       end if
       ! off equilibrium collocation has several minima, and the iteration ends in any of them
       if (adrift) call withhold(self%bars)
    end associate
 end subroutine judge_by_others
+
+!> Change of a probe from a second solution of the same form that is too much for any answer; too
+!> few cells may be far off themselves [-]
+pure real(wp) function most_change(companion)
+   type(companion_type), intent(in) :: companion
+
+   most_change = of_change
+   if (companion%finer) most_change = of_finer
+   if (companion%coarse) most_change = huge(1.0_wp)
+end function most_change
+
+!> What a second solution is, behind a difference
+pure function other_text(companion) result(text)
+   type(companion_type), intent(in) :: companion
+   character(len=override_length) :: text
+
+   if (companion%other_form) then
+      text = ' from a solution by method "'//companion%method//'" on the same points'
+      if (companion%finer) text = ' from a solution by method "'//companion%method//'" with ' &
+         & //companion%lattice
+   else
+      text = ' from a solution with '//companion%lattice
+   end if
+end function other_text
 
 !> Leave the bars of an answer away where they would measure nothing
 subroutine withhold(bars)
@@ -290,12 +326,13 @@ subroutine judge_volume(self, problem, state)
 end subroutine judge_volume
 
 !> Warn where J at points is not that of the pressure, which weak forms keep over cells only
-subroutine warn_of_volume(problem, outcome, receiver)
+subroutine warn_of_volume(problem, outcome, receiver, off)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(inout) :: outcome
    class(recorder_type), intent(inout) :: receiver
+   !> Root mean square of the difference [-]
+   real(wp), intent(out) :: off
    type(point_state) :: local
-   real(wp) :: off
    integer :: ip
 
    off = 0.0_wp
@@ -311,10 +348,13 @@ subroutine warn_of_volume(problem, outcome, receiver)
 end subroutine warn_of_volume
 
 !> Places of output that are turned inside out or whose stress is not finite. Corners of fixed faces
-!> are singular, whatever the points: a few places there are reported, and do not count
-subroutine judge_broken(self, problem, outcome)
+!> are singular, whatever the points: a few places there are reported, and do not count, unless
+!> volumes are off everywhere: fewer points have the same fault, and their bars do not know it
+subroutine judge_broken(self, problem, off, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
+   !> Root mean square by which J at points is off what the pressure allows [-]
+   real(wp), intent(in) :: off
    type(outcome_type), intent(inout) :: outcome
    character(len=:), allocatable :: found
    integer, allocatable :: bad(:)
@@ -326,9 +366,9 @@ subroutine judge_broken(self, problem, outcome)
    outcome%warnings = outcome%warnings//found//new_line('a')
    bad = pack([(i, i=1, size(outcome%broken))], outcome%broken)
    associate (cloud => problem%scene%cloud)
-      if (.not. matters(problem, outcome%broken) .and. all([(rim_near(problem, &
-         & cloud%points(:, bad(i)), rim_spacings(2)*cloud%mean_spacing()) > 0, &
-         & i=1, size(bad))])) then
+      if (off <= of_point_volume .and. .not. matters(problem, outcome%broken) .and. &
+         & all([(rim_near(problem, cloud%points(:, bad(i)), rim_spacings(2) &
+         & *cloud%mean_spacing()) > 0, i=1, size(bad))])) then
          self%reasons = self%reasons//'not counted, as it is at the rim of a fixed set and far ' &
             & //'from the probes: '//found//new_line('a')
       else
@@ -443,10 +483,10 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    class(discretisation_type), intent(in) :: problem
    !> Change of each probe from where on the answer is doubtful, shape (probes) [-]
    real(wp), intent(in) :: lower(:)
-   !> From where on it is refused [-]
-   real(wp), intent(in) :: most
-   !> What it is compared with
-   character(len=*), intent(in) :: from
+   !> From where on it is refused, shape (probes) [-]
+   real(wp), intent(in) :: most(:)
+   !> What each is compared with, shape (probes)
+   character(len=*), intent(in) :: from(:)
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
    character(len=:), allocatable :: reference, rim, small
@@ -461,8 +501,9 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    if (self%companion%finer) limits = [of_bar, of_finer]
    if (self%companion%other_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
-   reference = from
-   if (self%companion%tissue > 0) reference = from//', most of it in ' &
+   reference = ''
+   if (allocated(self%companion%method)) reference = trim(other_text(self%companion))
+   if (self%companion%tissue > 0) reference = reference//', most of it in ' &
       & //problem%scene%tissue(self%companion%tissue)%name
    call found%compare(self%companion%distance, limits, 'the displacements differ by # of their ' &
       & //'norm'//reference, curable=.true.)
@@ -475,16 +516,15 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
       associate (bars => self%bars)
          allocate (upper(size(bars%change)))
          ! what is small among its kind does not speak against the rest
-         upper = most*bars%kind/max(bars%size, tiny(1.0_wp))
+         upper = most*(bars%kind/max(bars%size, tiny(1.0_wp)))
          ! at the surface the other form may be the one that is off
          if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
-         if (self%companion%coarse) upper = huge(1.0_wp)
          ! where voxels leave more open than may be, any change is too much
          worst = maxloc(merge(max(bars%change, least_change)/max(lower, least_change), -1.0_wp, &
             & bars%change >= 0.0_wp), dim=1)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
          if (any(bars%change >= 0.0_wp)) then
-            reference = from
+            reference = trim(from(worst))
             if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure ' &
                & //'allows'
             if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
@@ -503,7 +543,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
          do i = 1, size(bars%change)
             if (ieee_is_nan(bars%change(i))) then
                call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
-                  & //'bar: its value'//from//' is not a finite number')
+                  & //'bar: its value'//trim(from(i))//' is not a finite number')
                cycle
             end if
             bar = maxval(bars%bar(:, i), mask=.not. ieee_is_nan(bars%bar(:, i)))

@@ -11,13 +11,13 @@ import pytest
 from myork import ReducedModel
 from myork.core.galerkin import modal_products
 from myork.core.scene import Scene
-from myork.errors import InputError
+from myork.errors import ConvergenceError, InputError
 from myork.report import make_report
 from myork.rom.study import run_rom
 from myork.stations.solve import run_deck
 from myork.summary import read_summary
 from tests import scenes
-from tests.scenes import BEAM_TIP, beam, box, gripped, held, probes, solved
+from tests.scenes import BEAM_TIP, beam, box, gripped, held, history, probes, scene, solved
 
 
 def cantilever(**refine: Any) -> dict[str, Any]:
@@ -48,9 +48,65 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
     )
 
 
-def without_points(accuracy: float | None = None) -> dict[str, Any]:
+def test_the_first_points_of_a_search_end_with_the_cost() -> None:
+    """A microsecond is over before the first iteration."""
+    ended = r"the first points of the search, \[8,2\] cells, have no answer within refine\.cost = "
+    with pytest.raises(ConvergenceError, match=ended + ".*on the way to load 1; last converged"):
+        Scene.from_tables(cantilever(accuracy=0.01, cost=1e-6)).close()
+
+
+def long_beam(**geometry: Any) -> dict[str, Any]:
+    """A beam of ten heights under a dead load that bends its end upright: in one step that fails,
+    in four it does not.
+    """
+    return scene(
+        "auto", {"kind": "box", "size": [10, 1], **geometry},
+        material=[{"name": "soft", "model": "neo-hookean", "mu": 10.0, "K": 1e3}],
+        boundary=[held("x0", 2), {"set": "x1", "traction": [0, 0.06]}],
+        probe=[{"name": "end", "quantity": "u_y", "point": [10, 0.5]}],
+    ) | {"scene": {"dimension": 2}}  # fmt: skip
+
+
+def test_no_load_step_is_tried_twice(tmp_path: Path) -> None:
+    """The last one before full load is cut in half whatever its part was."""
+    run_deck(long_beam(source=[21, 5]), tmp_path)
+    begun = [
+        (line["load"], round(float(line["residual"]), 6))
+        for line in history(tmp_path)
+        if int(line["iteration"]) == 1
+    ]
+    assert len(begun) > 4 and len(set(begun)) == len(begun)
+
+
+def test_the_points_that_follow_begin_with_the_load_steps_that_worked(tmp_path: Path) -> None:
+    summary = run_deck(long_beam(source=[13, 5]) | {"accuracy": 0.01}, tmp_path)
+    assert len(summary["refine"]["levels"]) > 1
+    loads = [float(line["load"]) for line in history(tmp_path)]
+    # none is given up
+    assert loads[0] < 1 and loads == sorted(loads)
+
+
+def test_points_of_a_linear_problem_are_searched() -> None:
+    """-u'' = sin(pi x) between ends at 0, the same at all heights."""
+    deck = scene(
+        "auto", {"kind": "box", "size": [1, 1]},
+        linear={"problem": "poisson", "source": "sin(pi*x)"},
+        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "u": 0}],
+        probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}],
+    ) | {"scene": {"dimension": 2}, "accuracy": 0.005}  # fmt: skip
+    with Scene.from_tables(deck) as opened:
+        assert opened.points_found
+        found = solved(opened, error=True)
+    assert found.states.reasons[-1] == "the target error of 0.5 % is met"
+    assert found.last()["middle"] == pytest.approx(np.pi**-2, rel=0.005)
+    deck["linear"]["exact"] = "sin(pi*x)/pi^2"
+    with pytest.raises(InputError, match="refine: is not for linear problems whose solution is"):
+        Scene.from_tables(deck).close()
+
+
+def without_points(accuracy: float | None = None, **tables: Any) -> dict[str, Any]:
     """The beam, of which nobody says how many points it has."""
-    deck = beam(9, 3, geometry=box(size=[4, 1]))
+    deck = beam(9, 3, **{"geometry": box(size=[4, 1])} | tables)
     return deck if accuracy is None else deck | {"accuracy": accuracy}
 
 

@@ -186,8 +186,8 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
          & start)
    else
       call solve_scene(slot%full, linear, slot%states, slot%outcome, error, start)
-      call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, slot%states, &
-         & slot%outcome)
+      call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, &
+         & allocated(slot%refinement%reason), slot%states, slot%outcome)
       if (allocated(slot%refinement%reason)) slot%verdict%reasons = slot%verdict%reasons &
          & //slot%refinement%reason//new_line('a')
    end if

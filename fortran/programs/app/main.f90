@@ -138,7 +138,8 @@ contains
       logical :: finished
 
       call solve_scene(problem, '', output, outcome, failure, start)
-      call judge(verdict, problem, deck, model, config%estimate, output, outcome)
+      call judge(verdict, problem, deck, model, config%estimate, &
+         & allocated(refinement%reason) .or. resumed, output, outcome)
       call output%tell_verdict(deck, verdict)
       if (resumed) then
          call refined_before(refinement, deck, scene, verdict%bars, error)
