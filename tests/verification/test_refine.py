@@ -104,9 +104,9 @@ def test_points_of_a_linear_problem_are_searched() -> None:
         Scene.from_tables(deck).close()
 
 
-def without_points(accuracy: float | None = None, **tables: Any) -> dict[str, Any]:
+def without_points(accuracy: float | None = None) -> dict[str, Any]:
     """The beam, of which nobody says how many points it has."""
-    deck = beam(9, 3, **{"geometry": box(size=[4, 1])} | tables)
+    deck = beam(9, 3, geometry=box(size=[4, 1]))
     return deck if accuracy is None else deck | {"accuracy": accuracy}
 
 
