@@ -224,13 +224,21 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
 
 // Whether source points on the sides can hold prescribed displacements exactly, so that no answer
 // depends on a penalty. Tendons, pressures with a free rim and tangents that are not factorised need
-// the penalty, and a deck that sets its size asks for it.
+// the penalty, and a deck that sets its size asks for it. Part of a side ends between two points: the
+// penalty holds it to its border.
 static bool can_hold(Deck &deck) {
    if (deck.value("galerkin", "penalty") || deck.value("galerkin", "direct_limit"))
       return false;
+   std::set<std::string> parts;
+   for (const Section *entry : deck.entries("set"))
+      if (entry->find("where") || entry->find("on"))
+         parts.insert(entry->text("name"));
    const std::vector<Section *> entries = deck.entries("boundary");
-   return std::none_of(entries.begin(), entries.end(), [](const Section *entry) {
-      return entry->find("tendon") || entry->find("pressure");
+   return std::none_of(entries.begin(), entries.end(), [&parts](const Section *entry) {
+      const bool held = entry->find("u_x") || entry->find("u_y") || entry->find("u_z") ||
+                        entry->find("radial") || entry->find("rotation");
+      return entry->find("tendon") || entry->find("pressure") ||
+             (held && parts.count(entry->text("set")));
    });
 }
 
