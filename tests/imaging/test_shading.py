@@ -52,25 +52,6 @@ def test_stack_under_a_strong_coil():
     assert likeness(found.field, truth, mask) >= 0.985
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("axis", "slices"), [(0, slice(None)), (1, slice(None)), (0, slice(1, 2))])
-def test_slices_along_another_axis_are_no_other_image(axis, slices):
-    """Sagittal arrays: one limb's width, one field, wherever the array has its slices."""
-    image, mask, _ = shaded((0.5, 1.8), (0.1, 0.2, 0.5), slices=slices, size=(96, 96, 5),
-                            spacing=(1.25, 1.25, 6.0))  # fmt: skip
-    size = image.spacing if mask.shape[2] > 1 else np.array([1.25, 1.25, 1.0])
-    upright = shading(image.data, mask, spacing=size)
-    turned = shading(
-        np.moveaxis(image.data, 2, axis),
-        np.moveaxis(mask, 2, axis),
-        spacing=np.insert(size[:2], axis, size[2]),
-    )
-    assert np.array_equal(np.moveaxis(turned.field, axis, 2), upright.field)
-    assert [one.start for one in turned.candidates] == [one.start for one in upright.candidates]
-    for one, other in zip(turned.candidates, upright.candidates, strict=True):
-        assert one.field.shape == turned.field.shape and one.entropy == other.entropy
-
-
 def two_limbs(darker):
     """The second leg is darker as a whole."""
     image, mask, truth = shaded((0.5, 1.5), (0.1, 0.2, 0.5))

@@ -12,8 +12,8 @@ from myork.errors import FileError, InputError
 from myork.imaging.damage import Damage, damaged_slices, missing_slices
 from myork.imaging.dicom import split_choice
 from myork.imaging.diffusion import Diffusion, read_tensors
-from myork.imaging.geometry import Grid
-from myork.imaging.io import read_image, read_labels, read_reference
+from myork.imaging.geometry import Grid, slice_axis, with_axis_at
+from myork.imaging.io import read_image, read_labels, read_reference, renew_images
 from myork.imaging.resampling import on_grid
 from myork.records import Image, Labels
 
@@ -51,10 +51,14 @@ class OneGrid:
     """Brings images and label maps onto the grid of a run; the log says what was moved.
 
     - `progress`: called with a line of text at a time
+    - `slices_last`: all images come with the axis along which their slices follow each other last,
+      as the segmentation has it; `stored` puts results back in the order of the first one's file
     """
 
-    def __init__(self, progress: ProgressCallback) -> None:
+    def __init__(self, progress: ProgressCallback, slices_last: bool = False) -> None:
         self._progress = progress
+        self._slices_last = slices_last
+        self._axis: int | None = None  # of the slices in the first file
         #: Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`
         self.moved: list[dict[str, Any]] = []
         #: Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`
@@ -69,6 +73,10 @@ class OneGrid:
 
     def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
         """An image on the grid of another one; as it is where there is none."""
+        if self._slices_last:
+            axis = slice_axis(one.spacing, one.data.shape[:3])
+            self._axis = axis if self._axis is None else self._axis
+            one = with_axis_at(one, axis, 2)
         if like is None:
             return one
         one, move = on_grid(one, like, way)
@@ -77,6 +85,14 @@ class OneGrid:
             self._progress(move.said)
             self.doubts += move.doubts
         return one
+
+    def stored(self, one: Grid) -> Grid:
+        """A result in the order of voxels of the first file."""
+        return one if self._axis is None else with_axis_at(one, 2, self._axis)
+
+    def renew(self, folder: Path, **images: Image | None) -> None:
+        """Write results as `renew_images` does, in the order of voxels of the first file."""
+        renew_images(folder, **{name: one and self.stored(one) for name, one in images.items()})
 
 
 class DeckFiles:

@@ -29,7 +29,7 @@ from myork.imaging.diffusion import tensor_maps
 from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import length_factor
 from myork.imaging.headers import Header, read_header
-from myork.imaging.io import read_image, read_labels, renew_images, write_image, write_labels
+from myork.imaging.io import read_image, read_labels, write_labels
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.imaging.relaxation import t2_map
 from myork.model.architecture import fat_of_label
@@ -62,7 +62,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     """
     table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
-    grid = OneGrid(progress)
+    grid = OneGrid(progress, slices_last=True)
     images = read_images(deck, out, grid, progress)
     bias = {"bias": deck["bias"]["method"]} | {key: deck["bias"][key] for key in ("mu", "gamma")}
     found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
@@ -83,10 +83,9 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         maps["fat"] = found.images.fat
     maps["bias"] = None if found.field is None else Image(found.field, affine)
     written = {"fat_fraction": found.fraction, "r2star": images.decay, "t2": images.relaxation}
-    renew_images(out, **written, **maps)
-    write_image(out / "anatomy.nii.gz", found.images.anatomy)
-    write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
-    write_labels(out / "segmentation.nii.gz", labels)
+    grid.renew(out, anatomy=found.images.anatomy, **written, **maps)
+    write_labels(out / "regions.nii.gz", grid.stored(Labels(kinds + 1, affine)))
+    write_labels(out / "segmentation.nii.gz", grid.stored(labels))
     parts: dict[str, Any] = {"segmentation": record, "grid": grid}
     if deck["tissue"]["find"]:
         progress("materials of the leg")
@@ -263,7 +262,10 @@ def find_tissues(
     fat: Image | None
     connective: Image | None
     if phantom:
-        fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
+        fat, connective = (
+            grid.of(read_image(out / f"{name}.nii.gz"), images.anatomy)
+            for name in ("fat", "connective")
+        )
     else:
         fat = files.image("fat", images.anatomy) or segmented.fraction or images.relaxation
         connective = files.image("connective", images.anatomy)
@@ -296,10 +298,10 @@ def find_tissues(
         made["tissue_fractions"] = record.parts(
             np.zeros_like(found.data), values, _UNMIXED, "tissue_fractions.nii.gz"
         )
-    write_labels(out / "tissue.nii.gz", found)
-    renew_images(out, **made)
+    write_labels(out / "tissue.nii.gz", grid.stored(found))
+    grid.renew(out, **made)
     if phantom:
-        truth = read_labels(out / "true_tissue.nii.gz").data
+        truth = grid.of(read_labels(out / "true_tissue.nii.gz"), images.anatomy).data
         record["scores"] = {
             name: {"dice": dice(found.data == label, truth == label)}
             for label, name in found.names.items()
@@ -314,7 +316,7 @@ def read_images(
 
     - `deck`: tables `image`, `dixon`, `t2` and `phantom`
     - `out`: folder of the results
-    - `grid`: brings images onto the grid of the anatomy
+    - `grid`: brings images onto the grid of the anatomy, slices last
     """
     table, files = deck["image"], DeckFiles(deck, "image", grid)
     found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
@@ -332,8 +334,10 @@ def read_images(
         progress(f"phantom of {' x '.join(map(str, deck['phantom']['size']))} voxels")
         phantom = make_phantom(**deck["phantom"])
         write_phantom(out, phantom)
-        found = Images(phantom.anatomy, tensor=phantom.tensor, truth=phantom.truth)
-        like = found.anatomy
+        like = grid.of(phantom.anatomy, None)
+        found = Images(
+            like, tensor=grid.of(phantom.tensor, None), truth=grid.of(phantom.truth, None)
+        )
     else:
         like, diffusion = found.anatomy, files.tensors()
         measured = diffusion and diffusion.tensor
