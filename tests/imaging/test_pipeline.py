@@ -16,8 +16,9 @@ from myork.model_file import read_model
 from myork.records import Image, Labels
 from myork.stations.build import build
 from myork.stations.segment import segment
+from myork.stations.tensors import write_tensors
 from myork.summary import update_summary
-from tests.images import angle, phantom_dwi, segmented
+from tests.images import UNITS, angle, phantom_dwi, save, segmented
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +128,24 @@ def test_results_are_those_of_the_slices_wherever_a_file_has_them(tmp_path, axis
         else:
             np.testing.assert_array_equal(two.data, one.data, path.name)
         np.testing.assert_allclose(two.affine, one.affine, atol=1e-5)
+
+
+@pytest.mark.parametrize("station", [build, write_tensors])
+def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_path, station):
+    x, y, _ = np.indices((20, 16, 12)) - np.array([9.5, 7.5, 5.5]).reshape(3, 1, 1, 1)
+    inside = (x / 8) ** 2 + (y / 6) ** 2 < 1
+    affine = np.diag([1.0, 1.0, 2.5, 1.0])
+    tensor = inside[..., np.newaxis] * [1.2e-3, 1.2e-3, 2e-3, 0.0, 0.0, 0.0]
+    save(tmp_path, affine, bar=inside.astype(np.int32), dti=tensor)
+    lines = []
+    for axes, said in (("x y z", False), ("z y x", True)):
+        image = {"tensor": "dti.nii.gz", "region": "bar.nii.gz", "gradient_axes": axes}
+        deck = {"scene": {"dimension": 3}, "units": UNITS, "image": image}
+        deck["build"] = {"labels": "bar.nii.gz", "source_stride": [4, 4, 2]}
+        (tmp_path / "deck.toml").write_text(text_of_tables(deck))
+        station(tmp_path / "deck.toml", tmp_path / "out", progress=lines.append)
+        warned = [line for line in lines if "axes of the diffusion gradients are swapped" in line]
+        assert bool(warned) == said and all(line.startswith("warning") for line in warned)
 
 
 @pytest.mark.slow

@@ -123,7 +123,9 @@ def _of_diffusion(
         return None
     progress(f"{found.tensor.name}: fibers from the diffusion tensors")
     way = fibers_of_labels(found.tensor, labels, images.table.get("fiber_smoothing"))
-    grid.doubts += way.doubts()
+    if way.axes.remark:
+        progress(way.axes.remark)
+    grid.doubts += [f"{found.tensor.name}: {text}" for text in way.doubts()]
     renew_images(out, fibers=way.fibers, **tensor_maps(found.tensor))
     return way.fibers
 

@@ -34,7 +34,6 @@ from myork.imaging.phantom import make_phantom, write_phantom
 from myork.imaging.relaxation import t2_map
 from myork.model.architecture import fat_of_label
 from myork.model.fibers import fibers_of_labels
-from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.grouping import Muscle
@@ -146,13 +145,11 @@ def _fibers(
 ) -> Image:
     """Fibers of the labels; the record gets what was seen of them."""
     labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
-    way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"))
-    axes = check_orientation(way.fibers, labels if truth is None else truth)
-    warnings += [axes.doubt] if axes.doubt else []
-    if axes.remark:
-        progress(axes.remark)
+    way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"), truth)
+    if way.axes.remark:
+        progress(way.axes.remark)
     warnings += [f"{tensor.name}: {text}" for text in way.doubts()]
-    record["orientation"] = [entry._asdict() for entry in axes.evidence]
+    record["orientation"] = [entry._asdict() for entry in way.axes.evidence]
     record["fiber_smoothing"] = way.smoothing
     return way.fibers
 
