@@ -9,8 +9,9 @@ import pytest
 
 from myork.errors import FileError, InputError
 from myork.imaging.damage import damaged_slices, missing_slices
+from myork.imaging.diffusion import gradient_files
 from myork.imaging.geometry import check_same_grid
-from myork.imaging.headers import Header, bids_name, read_header
+from myork.imaging.headers import Header, bids_name, described_by, read_header
 from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
@@ -167,6 +168,30 @@ def test_the_nearest_and_most_special_file_wins(tmp_path):
     (tmp_path / "MEGRE.json").write_text("{")
     with pytest.raises(InputError, match=r"MEGRE.json: is not readable JSON"):
         read_header(image)
+
+
+def test_a_plain_name_takes_no_table_of_another_image(tmp_path):
+    image = tmp_path / "arm2_dwi.nii.gz"
+    for name in ("arm1_dwi.bval", "xdwi.bval", "dwi.bval"):
+        (tmp_path / name).touch()
+    assert described_by(image, "bval") == [tmp_path / "dwi.bval"]
+    (tmp_path / "dwi.nii.gz").touch()  # whose table that is
+    assert described_by(image, "bval") == []
+    inner = tmp_path / "inner" / image.name
+    inner.parent.mkdir()
+    (tmp_path / "dwi.nii.gz").unlink()
+    assert described_by(inner, "bval") == []
+    # entities are inherited from above
+    assert described_by(inner.with_name("sub-1_dwi.nii.gz"), "bval") == [tmp_path / "dwi.bval"]
+
+
+def test_the_log_names_tables_of_another_name(tmp_path):
+    for name in ("dwi.bval", "a_dwi.bvec"):
+        (tmp_path / name).touch()
+    lines = []
+    image = tmp_path / "a_dwi.nii.gz"
+    OneGrid(lines.append).tell_strangers(image, gradient_files(image))
+    assert lines == ["a_dwi.nii.gz: described by dwi.bval"]
 
 
 def test_names():

@@ -1,7 +1,7 @@
 """Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.damage import Damage, damaged_slices, missing_slices
 from myork.imaging.dicom import split_choice
-from myork.imaging.diffusion import Diffusion, read_tensors
+from myork.imaging.diffusion import Diffusion, gradient_files, read_tensors
 from myork.imaging.geometry import Grid, slice_axis, with_axis_at
 from myork.imaging.io import read_image, read_labels, read_reference, renew_images
 from myork.imaging.resampling import on_grid
@@ -64,6 +64,12 @@ class OneGrid:
         #: Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`
         self.damaged: list[dict[str, Any]] = []
         self.doubts: list[str] = []  #: Warnings
+
+    def tell_strangers(self, image: Path, files: Iterable[Path]) -> None:
+        """Name the files that describe an image and have another name."""
+        stem = image.name.removesuffix(".gz").removesuffix(".nii")
+        if names := [file.name for file in files if file.stem != stem]:
+            self._progress(f"{image.name}: described by {' and '.join(names)}")
 
     def note(self, name: str, faults: Sequence[Damage]) -> None:
         """Warn of damaged slices of a file."""
@@ -167,6 +173,9 @@ class DeckFiles:
         """Diffusion tensors of the table `image`, on their own grid; None without any."""
         with self._naming("dwi" if "dwi" in self.table else "tensor"):
             found = read_tensors(self.table, self.folder)
+        dwi = self.folder / self.table.get("dwi", "")
+        if dwi.is_file():
+            self.grid.tell_strangers(dwi, gradient_files(dwi))
         if found is not None and found.mean is not None:
             self.grid.note(found.mean.name, damaged_slices(found.mean))
         return found

@@ -28,7 +28,7 @@ from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import length_factor
-from myork.imaging.headers import Header, read_header
+from myork.imaging.headers import Header, described_by, read_header
 from myork.imaging.io import read_image, read_labels, write_labels
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.imaging.relaxation import t2_map
@@ -448,7 +448,10 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
 
 
 def _headers(files: DeckFiles) -> list[Header]:
-    return [read_header(files.folder / name) for name in files.table["magnitude"]]
+    paths = [files.folder / name for name in files.table["magnitude"]]
+    for path in paths:
+        files.grid.tell_strangers(path, described_by(path, "json"))
+    return [read_header(path) for path in paths]
 
 
 def _spin_echo_times(files: DeckFiles) -> list[float]:
