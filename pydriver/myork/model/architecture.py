@@ -116,7 +116,10 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
     fat = None
     if maps.fat is not None and maps.signal is not None:
         fat = fat_of_label(own, maps.fat, maps.signal)
-    fa, md = (None if one is None else _median(one.data[own]) for one in (maps.fa, maps.md))
+    fa, md = (
+        None if one is None else _median(one.data[own & (one.data > 0)])
+        for one in (maps.fa, maps.md)
+    )
     area = float(layers.max() * size.prod() / size[axis])
     return Numbers(
         labels.label_name(number), volume, area, fat, fa, md, length, pennation, pcsa, cut
@@ -124,8 +127,8 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
 
 
 def _median(values: F64) -> float | None:
-    """Median of what is above zero."""
-    known = values[np.isfinite(values) & (values > 0)]
+    """Median of what is finite."""
+    known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
