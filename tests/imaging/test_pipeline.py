@@ -1,6 +1,7 @@
 """The stations `segment` and `build` on decks: files, summary, errors."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -146,6 +147,24 @@ def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_pat
         station(tmp_path / "deck.toml", tmp_path / "out", progress=lines.append)
         warned = [line for line in lines if "axes of the diffusion gradients are swapped" in line]
         assert bool(warned) == said and all(line.startswith("warning") for line in warned)
+
+
+def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path):
+    data = np.zeros((12, 8, 6), np.int32)
+    data[:5], data[7:] = 3, 12
+    save(tmp_path, np.diag([2.0, 2.0, 5.0, 1.0]), l=data)
+    material = {"name": "m", "label": 12, "model": "neo-hookean", "mu": 1.0, "K": 9.0}
+    deck = {"scene": {"dimension": 3}, "units": UNITS | {"length": "cm"}, "material": [material]}
+    deck["build"] = {"labels": str(tmp_path / "l.nii.gz"), "ids": [12], "source_stride": [2, 2, 2]}
+    lines = []
+    found = build(deck, tmp_path / "out", progress=lines.append)["model"]
+    assert not any("has no material" in text for text in found["warnings"])
+    assert [row["muscle"] for row in found["muscles"]] == ["m"]
+    (said,) = [line for line in lines if line.startswith("body of ")]
+    both = re.fullmatch(r"body of (.+) x (.+) x (.+) mm, (.+) x (.+) x (.+) cm", said)
+    # five, eight and six voxels; normals move the points of edges by less than a tenth of a voxel
+    sizes = np.array(both.groups(), float).reshape(2, 3) * [[1.0], [10.0]]
+    np.testing.assert_allclose(sizes, [[10.0, 16.0, 30.0]] * 2, atol=0.2)
 
 
 @pytest.mark.slow
