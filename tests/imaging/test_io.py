@@ -194,6 +194,39 @@ def test_the_log_names_tables_of_another_name(tmp_path):
     assert lines == ["a_dwi.nii.gz: described by dwi.bval"]
 
 
+def test_labels_nearly_whole_and_without_a_number(tmp_path):
+    data = np.zeros((3, 3, 3))
+    data[1], data[0, 0, 0] = 2.0000001, np.nan
+    notes = []
+    labels = read_labels(save(tmp_path / "l.nii", data), None, notes.append)
+    assert labels.data[1].min() == labels.data.max() == 2 and labels.data[0, 0, 0] == 0
+    (note,) = notes
+    assert "1 voxels are not a number and count as background" in note
+    data[2, 2, 2] = 1.0015
+    with pytest.raises(InputError, match=r"1 voxels hold others, first 1\.0015 in voxel"):
+        read_labels(save(tmp_path / "l.nii", data))
+
+
+def test_vectors_with_an_axis_of_time(tmp_path):
+    """As ITK writes them: x, y, z, time, component."""
+    data = np.random.default_rng(0).normal(size=(3, 4, 5, 1, 3))
+    path = save(tmp_path / "v.nii", data)
+    assert np.array_equal(read_image(path, 3).data, data[..., 0, :])
+    assert np.array_equal(read_image(path, None).data, data[..., 0, :])
+
+
+def test_a_header_without_codes_is_noted(tmp_path):
+    file = nibabel.Nifti1Image(np.ones((2, 2, 2), np.uint8), AFFINE)
+    for code, said in ((1, False), (0, True)):
+        file.set_sform(AFFINE, code)
+        file.set_qform(AFFINE, 0)
+        nibabel.save(file, tmp_path / "a.nii")
+        for read in (read_image, read_labels):
+            notes = []
+            read(tmp_path / "a.nii", note=notes.append)
+            assert any("left and right are not known" in note for note in notes) == said
+
+
 def test_names():
     assert bids_name(Path("a/sub-01_echo-2_dwi.nii.gz")) == ({"sub": "01", "echo": "2"}, "dwi")
     assert bids_name(Path("t1.nii")) == ({}, "t1")

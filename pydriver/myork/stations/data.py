@@ -156,7 +156,7 @@ class DeckFiles:
     def _image(self, key: str, path: Path, values: int | None = 1) -> Image:
         """Image of a file, whose damaged slices are noted."""
         with self._naming(key):
-            found = read_image(path, values)
+            found = read_image(path, values, self.grid.doubts.append)
         if key in _MEASURED:
             self.grid.note(found.name, damaged_slices(found))
         return found
@@ -193,7 +193,11 @@ class DeckFiles:
         if path is None:
             return None
         with self._naming(key):
-            found = read_reference(path, progress, like) if progress else read_labels(path, like)
+            note = self.grid.doubts.append
+            if progress:
+                found = read_reference(path, progress, like, note)
+            else:
+                found = read_labels(path, like, note)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
         return self.grid.of(found, like)
