@@ -98,7 +98,7 @@ def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
 def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
     """Numbers of a muscle."""
     own, size = labels.data == number, labels.spacing
-    long, axis = _long_axis(labels, own)
+    long, axis = long_axis(labels, own)
     layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
     cut = bool(max(layers[0], layers[-1]) > _CUT * layers.max())
     volume = float(layers.sum() * size.prod())
@@ -132,7 +132,7 @@ def _median(values: F64) -> float | None:
     return float(np.median(known)) if len(known) else None
 
 
-def _long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
+def long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
     """Long axis of a muscle in the world, None without one, and the voxel axis nearest to it."""
     place = labels.world(np.argwhere(own))
     place = place - place.mean(axis=0)
