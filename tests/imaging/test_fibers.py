@@ -42,12 +42,12 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
     data[3, 3, 1] = 0.0
     data[4, 4, 1] = -data[4, 4, 1]
     inside = np.ones((6, 6, 3), bool)
-    fibers, *counts = fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
+    fibers, *counts, _ = fiber_field(Image(data, np.eye(4), "dti.nii"), inside, 1.0)
     assert counts == [3, 0, 0.0, 1.0]
     exact = np.array([0, 1, 3]) / np.sqrt(10)
     assert angle(fibers.data[inside], exact).max() < 1e-5
     # Without smoothing nothing is near: the nearest voxel helps out, here a neighbour.
-    fibers, *counts = fiber_field(Image(data, np.diag([2.0, 2.0, 2.0, 1.0])), inside, 0.0)
+    fibers, *counts, _ = fiber_field(Image(data, np.diag([2.0, 2.0, 2.0, 1.0])), inside, 0.0)
     assert counts == [3, 3, 2.0, 0.0]
     assert angle(fibers.data[inside], exact).max() < 1e-5
     data[:, :, :] = 0.0

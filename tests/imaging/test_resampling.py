@@ -188,7 +188,7 @@ def test_whole_numbers_of_any_type_are_labels(tmp_path, kind):
     data[1, 1] = [1, 2, 17]
     nibabel.save(nibabel.Nifti1Image(data, np.eye(4)), path)
     assert read_labels(path).data[1, 1].tolist() == [1, 2, 17]
-    for wrong, first in ((0.5, "first 0.5"), (np.nan, "first nan"), (np.inf, "first inf")):
+    for wrong, first in ((0.5, "first 0.5"), (np.inf, "first inf")):
         data[0, 1, 2] = wrong
         nibabel.save(nibabel.Nifti1Image(data, np.eye(4)), path)
         with pytest.raises(InputError, match=rf"1 voxels hold others, {first} in voxel \(0, 1, 2"):
