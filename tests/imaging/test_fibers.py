@@ -262,7 +262,7 @@ def test_each_label_has_its_own_flow_in_any_orientation():
     ("ends", "axis"), [({"x0", "x1"}, 0), ({"bottom", "top"}, 2), ({None}, 0), ({"bottom"}, 2)]
 )
 def test_the_flow_runs_between_held_ends_or_along_the_muscle(ends, axis):
-    bar = Labels(np.ones((24, 8, 10), np.int32), np.diag([2.0, 1.0, 1.0, 1.0]))
+    bar = Labels(np.ones((24, 8, 10), np.int32), affine_of((2, 1, 1)))
     table = table_defaults("build") | {"flow": True, "source_stride": [2, 2, 2]}
     cloud, _ = build_cloud(bar, None, table, "mm", held=ends)
     # of a prism: exact but for the residual of the potential

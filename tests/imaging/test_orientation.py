@@ -8,6 +8,7 @@ from myork.imaging.geometry import with_axis_at
 from myork.imaging.phantom import make_phantom
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
+from tests.images import affine_of, centred
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +68,11 @@ def test_right_tables_of_short_and_pennate_muscles_raise_no_doubt(pennation, sli
 
 def test_outlines_that_end_before_the_image_are_no_walls():
     """A short bar, drawn in part of the image, whose fibers lean 20 degrees."""
-    x, y, z = np.indices((20, 16, 16)) - np.array([9.5, 7.5, 7.5]).reshape(3, 1, 1, 1)
+    x, y, z = centred(20, 16, 16)
     inside = ((x / 8) ** 2 + (y / 6) ** 2 < 1) & (np.abs(2.5 * z) < 16)
     lean = np.radians(20.0)
     along = np.array([np.sin(lean), 0.0, np.cos(lean)])
-    affine = np.diag([1.0, 1.0, 2.5, 1.0])
+    affine = affine_of((1, 1, 2.5))
     muscle = Labels(inside.astype(np.int32), affine)
     right, swapped = (
         check_orientation(Image(inside[..., np.newaxis] * way, affine), muscle)

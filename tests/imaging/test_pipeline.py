@@ -19,7 +19,7 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.stations.tensors import write_tensors
 from myork.summary import read_summary, update_summary
-from tests.images import UNITS, angle, labels_in, phantom_dwi, save, segmented
+from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
 from tests.refusals import refuses
 
 
@@ -125,11 +125,10 @@ def test_results_are_those_of_the_slices_wherever_a_file_has_them(tmp_path, axis
 
 @pytest.mark.parametrize("station", [build, write_tensors])
 def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_path, station):
-    x, y, _ = np.indices((20, 16, 12)) - np.array([9.5, 7.5, 5.5]).reshape(3, 1, 1, 1)
+    x, y, _ = centred(20, 16, 12)
     inside = (x / 8) ** 2 + (y / 6) ** 2 < 1
-    affine = np.diag([1.0, 1.0, 2.5, 1.0])
     tensor = inside[..., np.newaxis] * [1.2e-3, 1.2e-3, 2e-3, 0.0, 0.0, 0.0]
-    save(tmp_path, affine, bar=inside.astype(np.int32), dti=tensor)
+    save(tmp_path, affine_of((1, 1, 2.5)), bar=inside.astype(np.int32), dti=tensor)
     lines = []
     for axes, said in (("x y z", False), ("z y x", True)):
         image = {"tensor": "dti.nii.gz", "region": "bar.nii.gz", "gradient_axes": axes}
@@ -144,7 +143,7 @@ def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_pat
 def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path):
     data = np.zeros((12, 8, 6), np.int32)
     data[:5], data[7:] = 3, 12
-    save(tmp_path, np.diag([2.0, 2.0, 5.0, 1.0]), l=data)
+    save(tmp_path, affine_of((2, 2, 5)), l=data)
     material = {"name": "m", "label": 12, "model": "neo-hookean", "mu": 1.0, "K": 9.0}
     deck = {"scene": {"dimension": 3}, "units": UNITS | {"length": "cm"}, "material": [material]}
     deck["build"] = {"labels": str(tmp_path / "l.nii.gz"), "ids": [12], "source_stride": [2, 2, 2]}
