@@ -1,5 +1,7 @@
 """Bias fields with a number of tissues and without, against the truth."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -119,22 +121,6 @@ def test_stack_under_a_strong_coil():
     assert likeness(found.field, truth, mask) >= 0.985
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("axis", "slices"), [(0, slice(None)), (1, slice(None)), (0, slice(1, 2))])
-def test_slices_along_another_axis_are_no_other_image(axis, slices):
-    """Sagittal arrays: one limb's width, one field, wherever the array has its slices."""
-    image, mask, _ = shaded((0.5, 1.8), (0.1, 0.2, 0.5), slices=slices, size=(96, 96, 5),
-                            spacing=(1.25, 1.25, 6.0))  # fmt: skip
-    size = image.spacing if mask.shape[2] > 1 else np.array([1.25, 1.25, 1.0])
-    upright = shading(image.data, mask, spacing=size)
-    values, body = (np.moveaxis(one, 2, axis) for one in (image.data, mask))
-    turned = shading(values, body, spacing=np.insert(size[:2], axis, size[2]))
-    assert np.array_equal(np.moveaxis(turned.field, axis, 2), upright.field)
-    for one, other in zip(turned.candidates, upright.candidates, strict=True):
-        assert (one.start, one.entropy) == (other.start, other.entropy)
-        assert one.field.shape == turned.field.shape
-
-
 def two_limbs(darker):
     image, mask, truth = shaded((0.5, 1.5), (0.1, 0.2, 0.5))
     values, mask, truth = (
@@ -179,7 +165,11 @@ def test_a_field_that_makes_tissues_scatter_more_is_doubted():
     field = 1.0 + 0.4 * np.sin(i / 9.0)
     assert not variation_doubt(even * field, field, mask)
     doubt = variation_doubt(even, field, mask)
-    assert "joint variation of bright and dark tissue from 0.05 to 0." in doubt
+    assert re.search(r"of bright and dark tissue from 0\.0\d+ to 0\.\d+; look", doubt)
+    # a rise as small as what noise makes is no evidence
+    slight = 1.0 + 0.01 * np.sin(i / 9.0)
+    assert joint_variation(even / slight, mask) > joint_variation(even, mask)
+    assert not variation_doubt(even, slight, mask)
     assert joint_variation(np.ones(mask.shape), mask) == 0.0
     # one tissue alone: its scatter is cut in two, and a field that adds to it is no evidence
     alone = 100.0 + random.normal(0.0, 20.0, tissue.shape)

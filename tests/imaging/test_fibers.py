@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from myork.core.deck import table_defaults
 from myork.errors import ConvergenceError
 from myork.imaging.diffusion import fit_tensors, lead_vector, tensor_components
 from myork.imaging.io import write_labels
 from myork.imaging.phantom import make_phantom
 from myork.model.averaging import best_average, tensor_logarithms, tensor_trust
+from myork.model.cloud import build_cloud
 from myork.model.fibers import fiber_field, fibers_at_points
 from myork.model.flow import flow_fibers
 from myork.model.slices import extruded
@@ -56,7 +58,7 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
     inside = np.ones((6, 6, 3), bool)
     # Without smoothing nothing is near: the nearest voxel helps out, here a neighbour.
     for size, width, wanted in ((1.0, 1.0, [3, 0, 0.0, 1.0]), (2.0, 0.0, [3, 3, 2.0, 0.0])):
-        fibers, *counts = fiber_field(Image(data, affine_of(size)), inside, width)
+        fibers, *counts, _ = fiber_field(Image(data, affine_of(size)), inside, width)
         assert counts == wanted
         assert angle(fibers.data[inside], np.array([0, 1, 3]) / np.sqrt(10)).max() < 1e-5
     said = r"dti.nii: 108 of 108 voxels .* voxel \(0, 0, 0\)"
@@ -254,6 +256,17 @@ def test_each_label_has_its_own_flow_in_any_orientation():
     again = flow_fibers(Labels(data, turn @ labels.affine))
     assert again.data.shape == (30, 40, 8, 3)  # its third axis is superior now
     assert np.linalg.norm(again.data, axis=-1).max() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("ends", "axis"), [({"x0", "x1"}, 0), ({"bottom", "top"}, 2), ({None}, 0), ({"bottom"}, 2)]
+)
+def test_the_flow_runs_between_held_ends_or_along_the_muscle(ends, axis):
+    bar = Labels(np.ones((24, 8, 10), np.int32), affine_of((2, 1, 1)))
+    table = table_defaults("build") | {"flow": True, "source_stride": [2, 2, 2]}
+    cloud, _ = build_cloud(bar, None, table, "mm", held=ends)
+    # of a prism: exact but for the residual of the potential
+    assert angle(cloud.fiber, np.eye(3)[axis]).max() < 0.1
 
 
 def test_a_flow_that_is_not_found_is_told(monkeypatch):

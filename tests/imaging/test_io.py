@@ -9,8 +9,9 @@ import pytest
 
 from myork.errors import FileError, InputError
 from myork.imaging.damage import damaged_slices, missing_slices
+from myork.imaging.diffusion import gradient_files
 from myork.imaging.geometry import check_same_grid
-from myork.imaging.headers import Header, bids_name, read_header
+from myork.imaging.headers import Header, bids_name, described_by, read_header
 from myork.imaging.io import read_image, read_labels, read_reference
 from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
@@ -155,6 +156,63 @@ def test_the_nearest_and_most_special_file_wins(tmp_path):
     refuses("EchoTime of its header is 'long', a number above zero", read_header, image)
     (tmp_path / "MEGRE.json").write_text("{")
     refuses(r"MEGRE.json: is not readable JSON", read_header, image)
+
+
+def test_a_plain_name_takes_no_table_of_another_image(tmp_path):
+    image = tmp_path / "arm2_dwi.nii.gz"
+    for name in ("arm1_dwi.bval", "xdwi.bval", "dwi.bval"):
+        (tmp_path / name).touch()
+    assert described_by(image, "bval") == [tmp_path / "dwi.bval"]
+    (tmp_path / "dwi.nii.gz").touch()  # whose table that is
+    assert described_by(image, "bval") == []
+    inner = tmp_path / "inner" / image.name
+    inner.parent.mkdir()
+    (tmp_path / "dwi.nii.gz").unlink()
+    assert described_by(inner, "bval") == []
+    # entities are inherited from above
+    assert described_by(inner.with_name("sub-1_dwi.nii.gz"), "bval") == [tmp_path / "dwi.bval"]
+
+
+def test_the_log_names_tables_of_another_name(tmp_path):
+    for name in ("dwi.bval", "a_dwi.bvec"):
+        (tmp_path / name).touch()
+    lines = []
+    image = tmp_path / "a_dwi.nii.gz"
+    OneGrid(lines.append).tell_strangers(image, gradient_files(image))
+    assert lines == ["a_dwi.nii.gz: described by dwi.bval"]
+
+
+def test_labels_nearly_whole_and_without_a_number(tmp_path):
+    data = np.zeros((3, 3, 3))
+    data[1], data[0, 0, 0] = 2.0000001, np.nan
+    notes = []
+    labels = read_labels(save(tmp_path / "l.nii", data), None, notes.append)
+    assert labels.data[1].min() == labels.data.max() == 2 and labels.data[0, 0, 0] == 0
+    (note,) = notes
+    assert "1 voxels are not a number and count as background" in note
+    data[2, 2, 2] = 1.0015
+    path = save(tmp_path / "l.nii", data)
+    refuses(r"1 voxels hold others, first 1\.0015 in voxel", read_labels, path)
+
+
+def test_vectors_with_an_axis_of_time(tmp_path):
+    """As ITK writes them: x, y, z, time, component."""
+    data = np.random.default_rng(0).normal(size=(3, 4, 5, 1, 3))
+    path = save(tmp_path / "v.nii", data)
+    assert np.array_equal(read_image(path, 3).data, data[..., 0, :])
+    assert np.array_equal(read_image(path, None).data, data[..., 0, :])
+
+
+def test_a_header_without_codes_is_noted(tmp_path):
+    file = nibabel.Nifti1Image(np.ones((2, 2, 2), np.uint8), AFFINE)
+    for code, said in ((1, False), (0, True)):
+        file.set_sform(AFFINE, code)
+        file.set_qform(AFFINE, 0)
+        nibabel.save(file, tmp_path / "a.nii")
+        for read in (read_image, read_labels):
+            notes = []
+            read(tmp_path / "a.nii", note=notes.append)
+            assert any("left and right are not known" in note for note in notes) == said
 
 
 def files(folder, **dixon):

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from myork.imaging.diffusion import parse_axes
+from myork.imaging.geometry import with_axis_at
 from myork.imaging.phantom import make_phantom
 from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
+from tests.images import affine_of, centred
 
 
 @pytest.fixture(scope="module")
@@ -62,3 +64,27 @@ def test_right_tables_of_short_and_pennate_muscles_raise_no_doubt(pennation, sli
     for labels in ([3], [1], [1, 2, 3, 4, 5, 6]):
         data = np.where(np.isin(calf.truth.data, labels), calf.truth.data, 0).astype(np.int32)
         assert check_orientation(calf.fiber, Labels(data, calf.truth.affine)).doubt == ""
+
+
+def test_outlines_that_end_before_the_image_are_no_walls():
+    """A short bar, drawn in part of the image, whose fibers lean 20 degrees."""
+    x, y, z = centred(20, 16, 16)
+    inside = ((x / 8) ** 2 + (y / 6) ** 2 < 1) & (np.abs(2.5 * z) < 16)
+    lean = np.radians(20.0)
+    along = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    affine = affine_of((1, 1, 2.5))
+    muscle = Labels(inside.astype(np.int32), affine)
+    right, swapped = (
+        check_orientation(Image(inside[..., np.newaxis] * way, affine), muscle)
+        for way in (along, along[::-1])
+    )
+    # all around, the mean square of the cosine to the walls' normals is half that of the lean
+    assert right.evidence[0].crossing == pytest.approx(0.5 * np.sin(lean) ** 2, abs=0.03)
+    assert right.doubt == "" and "swapped" in swapped.doubt
+
+
+def test_the_axes_are_those_of_the_diffusion_images(phantom):
+    """Labels on voxels in another order do not rename what is to be exchanged."""
+    fibers, muscles = (with_axis_at(one, 2, 0) for one in (wrong(phantom, "x z y"), phantom.truth))
+    doubt = check_orientation(fibers, muscles, phantom.truth.affine).doubt
+    assert 'image.gradient_axes = "x z y"' in doubt

@@ -1,6 +1,7 @@
 """The stations `segment` and `build` on decks: files, summary, errors."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from benchmarks.truths.scanners import write_gradients
 from myork.core.deck import text_of_tables
 from myork.errors import FileError, InputError
-from myork.imaging.geometry import check_same_grid
+from myork.imaging.geometry import check_same_grid, with_axis_at
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import read_image, read_labels, write_image
 from myork.imaging.phantom import make_phantom
@@ -16,8 +17,9 @@ from myork.model_file import read_model
 from myork.records import Image
 from myork.stations.build import build
 from myork.stations.segment import segment
+from myork.stations.tensors import write_tensors
 from myork.summary import read_summary, update_summary
-from tests.images import angle, labels_in, phantom_dwi, save
+from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
 from tests.refusals import refuses
 
 
@@ -86,6 +88,74 @@ def own(tmp_path):
         return station(tmp_path / "deck.toml", tmp_path / "out", overrides=[*options, *overrides])
 
     return run, tmp_path
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_results_are_those_of_the_slices_wherever_a_file_has_them(tmp_path, axis):
+    """Sagittal slices, as one axis of the file or another: the same labels in the same places."""
+    phantom = make_phantom(size=(40, 40, 4), spacing=(3.0, 3.0, 9.0))
+    outs = []
+    for name, place in (("last", 2), ("other", axis)):
+        folder = tmp_path / name
+        folder.mkdir()
+        images = {"t1": phantom.anatomy, "dti": phantom.tensor, "truth": phantom.truth}
+        placed = {key: with_axis_at(one, 2, place) for key, one in images.items()}
+        save(folder, phantom.truth.affine, **placed)
+        keys = {"label": "muscle", "phase": "dark", "partial": True, "iterations": 20}
+        files = {"anatomy": "t1.nii.gz", "tensor": "dti.nii.gz", "truth": "truth.nii.gz"}
+        tables = {"image": keys | files, "bias": {"method": "auto"}, "tissue": {"find": True}}
+        summary = segmented(folder, **tables)
+        assert not summary["resampled"]
+        outs.append((folder / "out", summary["segmentation"]["scores"]))
+    (last, score), (other, same) = outs
+    assert same == score
+    for path in sorted(last.glob("*.nii.gz")):
+        one, two = (read_image(folder / path.name, None) for folder in (last, other))
+        one = with_axis_at(one, 2, axis)
+        if "fibers" in path.name:
+            # tensors are averaged on their own file's grid; sums in another order part families
+            # of fibers elsewhere in a few voxels
+            inside = one.data.any(axis=-1)
+            np.testing.assert_array_equal(two.data.any(axis=-1), inside)
+            assert np.percentile(angle(one.data[inside], two.data[inside]), 95) < 0.1
+        else:
+            np.testing.assert_array_equal(two.data, one.data, path.name)
+        np.testing.assert_allclose(two.affine, one.affine, atol=1e-5)
+
+
+@pytest.mark.parametrize("station", [build, write_tensors])
+def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_path, station):
+    x, y, _ = centred(20, 16, 12)
+    inside = (x / 8) ** 2 + (y / 6) ** 2 < 1
+    tensor = inside[..., np.newaxis] * [1.2e-3, 1.2e-3, 2e-3, 0.0, 0.0, 0.0]
+    save(tmp_path, affine_of((1, 1, 2.5)), bar=inside.astype(np.int32), dti=tensor)
+    lines = []
+    for axes, said in (("x y z", False), ("z y x", True)):
+        image = {"tensor": "dti.nii.gz", "region": "bar.nii.gz", "gradient_axes": axes}
+        deck = {"scene": {"dimension": 3}, "units": UNITS, "image": image}
+        deck["build"] = {"labels": "bar.nii.gz", "source_stride": [4, 4, 2]}
+        (tmp_path / "deck.toml").write_text(text_of_tables(deck))
+        station(tmp_path / "deck.toml", tmp_path / "out", progress=lines.append)
+        warned = [line for line in lines if "axes of the diffusion gradients are swapped" in line]
+        assert bool(warned) == said and all(line.startswith("warning") for line in warned)
+
+
+def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path):
+    data = np.zeros((12, 8, 6), np.int32)
+    data[:5], data[7:] = 3, 12
+    save(tmp_path, affine_of((2, 2, 5)), l=data)
+    material = {"name": "m", "label": 12, "model": "neo-hookean", "mu": 1.0, "K": 9.0}
+    deck = {"scene": {"dimension": 3}, "units": UNITS | {"length": "cm"}, "material": [material]}
+    deck["build"] = {"labels": str(tmp_path / "l.nii.gz"), "ids": [12], "source_stride": [2, 2, 2]}
+    lines = []
+    found = build(deck, tmp_path / "out", progress=lines.append)["model"]
+    assert not any("has no material" in text for text in found["warnings"])
+    assert [row["muscle"] for row in found["muscles"]] == ["m"]
+    (said,) = [line for line in lines if line.startswith("body of ")]
+    both = re.fullmatch(r"body of (.+) x (.+) x (.+) mm, (.+) x (.+) x (.+) cm", said)
+    # five, eight and six voxels; normals move the points of edges by less than a tenth of a voxel
+    sizes = np.array(both.groups(), float).reshape(2, 3) * [[1.0], [10.0]]
+    np.testing.assert_allclose(sizes, [[10.0, 16.0, 30.0]] * 2, atol=0.2)
 
 
 @pytest.mark.slow

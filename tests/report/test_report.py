@@ -17,7 +17,7 @@ from benchmarks.truths.scanners import reordered
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import make_report
-from myork.report.bodies import plane_figure, reduced_figure, slices_figure, surface_figure
+from myork.report.bodies import _plane, plane_figure, reduced_figure, slices_figure, surface_figure
 from myork.report.figures import Series, history_figure, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
@@ -251,6 +251,16 @@ def test_planes_show_what_lies_in_them() -> None:
     coronal = [axes for axes in figure.axes if axes.get_ylabel().startswith("plane y")][0]
     arrows = coronal.collections[-1]
     assert np.all(np.asarray(arrows.U) == 0.5) and np.all(np.asarray(arrows.V) == 0.0)
+
+
+def test_the_plane_drawn_lies_in_a_body_and_not_between_two() -> None:
+    """Two limbs of unequal size with a gap in the middle; of planes alike the middle one."""
+    lattice = np.stack(np.meshgrid(np.arange(9), np.arange(4), np.arange(5), indexing="ij"), -1)
+    limbs = np.concatenate([lattice[:2].reshape(-1, 3), lattice[6:, :, :3].reshape(-1, 3)])
+    kept, triangles = _plane(limbs.astype(np.int32), 0)
+    assert set(limbs[kept, 0]) == {1} and len(triangles) == 2 * 3 * 4
+    whole = lattice.reshape(-1, 3).astype(np.int32)
+    assert set(whole[_plane(whole, 2)[0], 2]) == {2} and set(whole[_plane(whole, 1)[0], 1]) == {1}
 
 
 @pytest.mark.parametrize(("draw", "plane"), [(plane_figure, True), (slices_figure, False)])

@@ -205,12 +205,17 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
             dwi, gradients = read_diffusion(file)
         return replace(dwi, name=str(path)), gradients
     dwi = read_image(path, values=None)
+    return dwi, read_gradients(*gradient_files(path), dwi.affine, dwi.data.shape[3])
+
+
+def gradient_files(path: Path) -> tuple[Path, Path]:
+    """Files of b values and of directions that belong to diffusion-weighted images."""
     stem = path.name.removesuffix(".gz").removesuffix(".nii")
     bval, bvec = (
         next(reversed(described_by(path, kind)), path.with_name(f"{stem}.{kind}"))
         for kind in ("bval", "bvec")
     )
-    return dwi, read_gradients(bval, bvec, dwi.affine, dwi.data.shape[3])
+    return bval, bvec
 
 
 def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:

@@ -20,6 +20,8 @@ SLACK = 1e-4
 
 # Voxels of a microscope to those of a whale [mm]; a header in another unit lies outside.
 _VOXEL = (1e-4, 1e3)
+# Voxels of slices are so many times as long as wide.
+_THICKER = 1.1
 # Farther from the scanner's middle single precision does not resolve two voxels [mm].
 _FARTHEST = 1e6
 
@@ -141,11 +143,30 @@ def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
 def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:
     """Axis along which slices follow each other: that of a single slice, or of the longest voxels.
 
-    - `spacing`: voxel sizes, shape `(3,)`; of equal ones the last counts as longest [mm]
+    - `spacing`: voxel sizes, shape `(3,)`; where none is a tenth longer than both others, slices
+      follow each other along the last axis [mm]
     - `shape`: numbers of voxels, shape `(3,)`
     """
     single = [axis for axis, count in enumerate(shape) if count == 1]
-    return max(single or range(3), key=lambda axis: float(spacing[axis]) * (1.0 + 1e-6 * axis))
+    if single:
+        return max(single, key=lambda axis: float(spacing[axis]) * (1.0 + 1e-6 * axis))
+    order = np.argsort(spacing)
+    return int(order[2]) if spacing[order[2]] > _THICKER * spacing[order[1]] else 2
+
+
+def with_axis_at(image: Grid, source: int, target: int) -> Grid:
+    """Put a voxel axis at another place in the order; nothing moves in the world.
+
+    - `image`: values, shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)`
+    - `source`, `target`: place of the axis before and after, 0 to 2
+    """
+    if source == target:
+        return image
+    affine = image.affine.copy()
+    affine[:, target] = image.affine[:, source]
+    affine[:, np.delete(np.arange(3), target)] = np.delete(image.affine[:, :3], source, axis=1)
+    data = np.ascontiguousarray(np.moveaxis(image.data, source, target))
+    return replace(image, data=data, affine=affine)
 
 
 def boxes_of(labels: I32) -> Iterator[tuple[tuple[slice, ...], Mask]]:

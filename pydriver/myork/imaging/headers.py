@@ -7,6 +7,7 @@ metadata of magnetic resonance images
 import json
 import math
 from collections.abc import Mapping
+from glob import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,19 +52,24 @@ def bids_name(path: Path) -> tuple[dict[str, str], str]:
 def described_by(path: Path, kind: str) -> list[Path]:
     """Files that describe an image by the inheritance of BIDS, the nearest and most special last.
 
+    They have the suffix of the image and no part that its name lacks. A name without entities
+    inherits within its folder only, and nothing of another image there.
+
     - `path`: image
     - `kind`: of the files: json, bval or bvec
     """
     entities, suffix = bids_name(path)
     own = path.with_name(f"{path.name.removesuffix('.gz').removesuffix('.nii')}.{kind}")
+    above = path.parent.parents[:4] if entities else ()
     found: list[Path] = []
-    for folder in reversed([path.parent, *path.parent.parents[:4]]):
-        fitting = [
-            (len(also), file)
-            for file in folder.glob(f"*{suffix}.{kind}")
-            for also, its in [bids_name(file)]
-            if its == suffix and also.items() <= entities.items() and file != own
-        ]
+    for folder in reversed([path.parent, *above]):
+        fitting = []
+        for file in folder.glob(f"*{suffix}.{kind}"):
+            parts = file.stem.split("_")
+            fits = parts[-1] == suffix and set(parts) <= set(own.stem.split("_"))
+            others = not entities and any(folder.glob(f"{escape(file.stem)}.nii*"))
+            if fits and file != own and not others:
+                fitting.append((len(parts), file))
         found += [file for _, file in sorted(fitting)]
     return [*found, own] if own.is_file() else found
 

@@ -15,7 +15,7 @@ import numpy as np
 from nibabel.imageglobals import LoggingOutputSuppressor
 from nibabel.openers import ImageOpener
 
-from myork.console import ProgressCallback
+from myork.console import ProgressCallback, silent
 from myork.errors import FileError, InputError
 from myork.files import whole_file, write_text
 from myork.imaging.dicom import load_dicom, split_choice
@@ -27,6 +27,7 @@ from myork.records import Image, Labels
 
 # Larger values are no measurement; squares of smaller ones can be added up.
 _LARGEST = 1e30
+_WHOLE = 1e-3  # labels are so near to whole numbers
 _LAST_LABEL = int(np.iinfo(np.int32).max)
 # Scales (scl_slope) below are of values that were spread; larger ones of images
 _SPREAD = 0.25
@@ -35,7 +36,7 @@ _SCREEN = np.diag([-1.0, -1.0, 1.0, 1.0])
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
-def read_image(path: Path, values: int | None = 1) -> Image:
+def read_image(path: Path, values: int | None = 1, note: ProgressCallback = silent) -> Image:
     """Read an image.
 
     - `path`: NIfTI, NRRD or MetaImage file, or folder of DICOM images; one of several is chosen by
@@ -43,9 +44,10 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     - `values`: values per voxel: 1 for a 3-D image, whose values must be finite; more for the last
       axis of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
       any number of them, one for a 3-D image
+    - `note`: called with what is odd in the file
     - returns values as floating point numbers; a single slice has shape `(ni, nj, 1)`
     """
-    data, affine = _load(path, raw=False)
+    data, affine = _load(path, raw=False, note=note)
     data = _grid(path, data.astype(np.float64, copy=False), values)
     if values == 1:
         bad = np.argwhere(~np.isfinite(data))
@@ -63,31 +65,41 @@ def read_image(path: Path, values: int | None = 1) -> Image:
     return Image(data, affine, str(path))
 
 
-def read_labels(path: Path, like: Image | Labels | None = None) -> Labels:
+def read_labels(
+    path: Path, like: Image | Labels | None = None, note: ProgressCallback = silent
+) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
-    They may be stored as floating point numbers.
+    They may be stored as floating point numbers, nearly whole and not a number for the background.
 
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
     `{"name": label}`, where there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
 
     - `path`: label map, or masks of Dafne (.npz), which have no grid of their own
     - `like`: image that masks of Dafne were drawn in
+    - `note`: called with what is odd in the file
     """
     if path.suffix == ".npz":
         return read_rois(path, like)
-    data, affine = _load(path, raw=True)
+    data, affine = _load(path, raw=True, note=note)
     if data.dtype == np.bool_:
         data = data.astype(np.uint8)
     data = _grid(path, data, 1)
-    with np.errstate(invalid="ignore"):
-        broken = np.argwhere(data % 1 != 0)
-    if len(broken):
-        first = tuple(broken[0].tolist())
-        raise InputError(
-            f"{path}: a label map must hold whole numbers, but {len(broken)} voxels hold others, "
-            f"first {data[first]:g} in voxel {first}; threshold a probability map before"
-        )
+    if data.dtype.kind == "f":
+        unknown = np.isnan(data)
+        if unknown.any():
+            note(f"{path}: {int(unknown.sum())} voxels are not a number and count as background")
+        whole = np.rint(np.where(unknown, 0.0, data))
+        with np.errstate(invalid="ignore"):
+            broken = np.argwhere(~unknown & ~(np.abs(data - whole) < _WHOLE))
+        if len(broken):
+            first = tuple(broken[0].tolist())
+            raise InputError(
+                f"{path}: a label map must hold whole numbers, but {len(broken)} voxels hold "
+                f"others, first {data[first]:.10g} in voxel {first}; threshold a probability map "
+                "before"
+            )
+        data = whole
     if data.min() < 0:
         raise InputError(f"{path}: labels must not be negative, the lowest is {data.min()}")
     if data.max() > _LAST_LABEL:
@@ -100,15 +112,18 @@ def read_labels(path: Path, like: Image | Labels | None = None) -> Labels:
 
 
 def read_reference(
-    path: Path, progress: ProgressCallback, like: Image | Labels | None = None
+    path: Path,
+    progress: ProgressCallback,
+    like: Image | Labels | None = None,
+    note: ProgressCallback = silent,
 ) -> Labels:
     """Read a label map of others: one without names of its own takes those of its folder.
 
     - `path`: label map; data sets have one `labels.json` for all maps of a folder
     - `progress`: called with a warning where that file holds something else, which is then ignored
-    - `like`: as of `read_labels`
+    - `like`, `note`: as of `read_labels`
     """
-    labels, own = read_labels(path, like), _names_path(path)
+    labels, own = read_labels(path, like, note), _names_path(path)
     if own.is_file() or path.suffix == ".npz":
         return labels
     try:
@@ -141,7 +156,7 @@ def write_labels(path: Path, labels: Labels) -> None:
     write_text(_names_path(path), json.dumps(names, indent=1) + "\n")
 
 
-def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
+def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray]:
     """Values (as stored, or scaled as the header says) and affine in mm."""
     folder, choice = split_choice(path)
     if folder.is_dir():
@@ -152,7 +167,7 @@ def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     elif path.suffix in ITK_SUFFIXES:
         data, affine = load_itk(path)
     else:
-        data, affine = load_nifti(path, raw)
+        data, affine = load_nifti(path, raw, note)
     check_kind(str(path), data.dtype)
     check_affine(affine, str(path))
     return data, affine
@@ -161,6 +176,8 @@ def _load(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
     """Array of shape `(ni, nj, nk)`, or `(ni, nj, nk, values)`."""
     shape = data.shape
+    if values != 1 and data.ndim == 5 and shape[3] == 1:  # vectors as NIfTI defines them
+        data = data[:, :, :, 0]
     if values is None and data.ndim in (2, 3):
         data = data.reshape(*shape, *[1] * (4 - data.ndim))
     if values == 1:
@@ -273,7 +290,7 @@ def read_rois(path: Path, like: Image | Labels | None) -> Labels:
     return Labels(stored, like.affine, dict(enumerate(masks, start=1)), str(path))
 
 
-def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
+def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray]:
     """Values as they are stored, or scaled as the header says, and the affine [mm].
 
     Stored ones that a small scale makes whole numbers come scaled as well: so floating point masks
@@ -289,6 +306,11 @@ def load_nifti(path: Path, raw: bool) -> tuple[np.ndarray, np.ndarray]:
     if not isinstance(file, nibabel.Nifti1Image):
         raise InputError(f"{path}: is {type(file).__name__}; convert it to NIfTI (.nii, .nii.gz)")
     _check_written(path, written, file.header)
+    if not (written["sform_code"] or written["qform_code"]):
+        note(
+            f"{path}: sform and qform of its header have code 0, so that left and right are not "
+            "known and only guessed; set them from the scanner's geometry"
+        )
     proxy: Any = file.dataobj
     affine = np.array(file.affine, dtype=float)
     try:

@@ -97,7 +97,7 @@ def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
 def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
     """Numbers of a muscle."""
     own, size = labels.data == number, labels.spacing
-    long, axis = _long_axis(labels, own)
+    long, axis = long_axis(labels, own)
     layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
     cut = bool(max(layers[0], layers[-1]) > _CUT * layers.max())
     volume = float(layers.sum() * size.prod())
@@ -115,7 +115,10 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
     fat = None
     if maps.fat is not None and maps.signal is not None:
         fat = fat_of_label(own, maps.fat, maps.signal)
-    fa, md = (None if one is None else _median(one.data[own]) for one in (maps.fa, maps.md))
+    fa, md = (
+        None if one is None else _median(one.data[own & (one.data > 0)])
+        for one in (maps.fa, maps.md)
+    )
     area = float(layers.max() * size.prod() / size[axis])
     return Numbers(
         labels.label_name(number), volume, area, fat, fa, md, length, pennation, pcsa, cut
@@ -123,12 +126,12 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
 
 
 def _median(values: F64) -> float | None:
-    """Median of what is above zero."""
-    known = values[np.isfinite(values) & (values > 0)]
+    """Median of what is finite."""
+    known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
-def _long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
+def long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
     """Long axis of a muscle in the world, None without one, and the voxel axis nearest to it."""
     place = labels.world(np.argwhere(own))
     place = place - place.mean(axis=0)

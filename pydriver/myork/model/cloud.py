@@ -9,6 +9,7 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.imaging.geometry import canonical, frame, length_factor, to_voxels
 from myork.model import points
+from myork.model.architecture import long_axis
 from myork.model.boundary import Boundary, bone_beside, boundary_sets, surface_offsets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
@@ -20,6 +21,8 @@ from myork.records import Image, Labels, PointCloud, Voxels
 _FEW_AT_END = 6
 # An end with less of the largest section is a tip; slices that are no tip have so much of it
 _TIP, _BLUNT = 0.05, 0.2
+# Ends of a model along x, y, z
+_SIDES = ({"x0", "x1"}, {"y0", "y1"}, {"bottom", "top"})
 # The tip of a bent bracket moves 2 % too little with 4 source points across, 1 % with 8.
 _FEW_ACROSS = 4
 
@@ -66,7 +69,7 @@ def build_cloud(
             f"= {list(block)} in each direction"
         )
     body_of = Body(labels, fibers, activation, fractions)
-    labels, fibers, activation, fractions = _prepared(body_of, table, progress)
+    labels, fibers, activation, fractions = _prepared(body_of, table, progress, held)
     whole = canonical(labels)
     chosen = points.select(whole, table["ids"], table.get("slices"), table["bone"])
     part = points.trimmed(chosen)
@@ -136,7 +139,12 @@ def build_cloud(
     return cloud, warnings
 
 
-def _prepared(body: Body, table: Mapping[str, Any], progress: ProgressCallback) -> Body:
+def _prepared(
+    body: Body,
+    table: Mapping[str, Any],
+    progress: ProgressCallback,
+    held: Collection[str | None],
+) -> Body:
     """The body as a prism, in thinner slices and with fibers of a flow, as the deck wants it."""
     labels, fibers, activation, fractions = body
     if "extrude" in table:
@@ -158,15 +166,26 @@ def _prepared(body: Body, table: Mapping[str, Any], progress: ProgressCallback) 
         size = " x ".join(map(str, labels.data.shape))
         progress(f"slices cut: {size} voxels of {labels.spacing.round(2)}")
     if table["flow"]:
-        progress("fibers along a flow from end to end of each label")
         labels = canonical(labels)
-        if labels.data.shape[2] == 1:
+        axis = _flow_axis(labels, held)
+        progress(f"fibers along a flow from end to end of each label, along {'xyz'[axis]}")
+        if labels.data.shape[axis] == 1:
             raise InputError(
-                f"{labels.name}: build.flow runs from the lowest slice to the highest, and there "
-                "is one slice only; set build.extrude, or leave build.flow out"
+                f"{labels.name}: build.flow runs from the first slice to the last along "
+                f"{'xyz'[axis]}, and there is one slice only; set build.extrude, or leave "
+                "build.flow out"
             )
-        fibers = flow_fibers(labels)
+        fibers = flow_fibers(labels, axis)
     return Body(labels, fibers, activation, fractions)
+
+
+def _flow_axis(labels: Labels, held: Collection[str | None]) -> int:
+    """Axis from end to end: between held sides, else the long one of all labels, else z."""
+    for axis, sides in ((2, _SIDES[2]), (0, _SIDES[0]), (1, _SIDES[1])):
+        if sides <= set(held):
+            return axis
+    long, axis = long_axis(labels, labels.data > 0)
+    return 2 if long is None or _SIDES[2] & set(held) else axis
 
 
 def _tips(chosen: Labels, held: Collection[str | None]) -> list[str]:

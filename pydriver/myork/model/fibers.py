@@ -24,6 +24,7 @@ from myork.model.averaging import (
     tensor_logarithms,
     tensor_trust,
 )
+from myork.model.orientation import Finding, check_orientation
 from myork.records import Image, Labels
 from myork.types import F64, I32, Mask
 
@@ -41,10 +42,11 @@ class FiberField(NamedTuple):
     far: int
     distance: float  #: Largest distance to such a voxel [mm]
     smoothing: float  #: Standard deviation of the average [mm]
+    axes: Finding = Finding([], "", "")  #: What fibers of labels say about the gradient axes
 
     def doubts(self) -> list[str]:
-        """Sentences about fibers that are not those of their own tensors."""
-        sentences = []
+        """Sentences about wrong gradient axes and fibers that are not those of their tensors."""
+        sentences = [self.axes.doubt] if self.axes.doubt else []
         if self.filled:
             sentences.append(
                 f"{self.filled} tensors of the tissue are not finite or not positive; "
@@ -97,7 +99,9 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
     )
 
 
-def fibers_of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> FiberField:
+def fibers_of_labels(
+    tensor: Image, labels: Labels, smoothing: float | None, muscles: Labels | None = None
+) -> FiberField:
     """Fibers of labels from tensors on any grid of the same world, on the grid of the labels.
 
     Tensors are averaged where they were measured: interpolated ones share their noise, and the
@@ -105,7 +109,16 @@ def fibers_of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> 
 
     - `tensor`, `smoothing`: as of `fiber_field`
     - `labels`: muscles
+    - `muscles`: those by whose walls and names the gradient axes are checked, on the same grid; by
+      default the labels
     """
+    found = _of_labels(tensor, labels, smoothing)
+    axes = check_orientation(found.fibers, muscles or labels, tensor.affine)
+    return found._replace(axes=axes)
+
+
+def _of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> FiberField:
+    """Fibers of labels, as `fibers_of_labels`."""
     there, move = on_grid(labels, tensor)
     found = fiber_field(tensor, there.data, smoothing)
     if move is None:

@@ -1,8 +1,8 @@
 """Fibers where nothing was measured: along a flow through the muscle, from one end to the other.
 
-The flow is that of a potential, 0 in the lowest slice of a muscle and 1 in the highest, with
-nothing through its sides: fibers run along the walls and close up where the muscle grows thin. It
-is a guess for muscles whose fibers go from end to end. It knows nothing of pennate ones.
+The flow is that of a potential, 0 in the first slice of a muscle and 1 in the last, with nothing
+through its sides: fibers run along the walls and close up where the muscle grows thin. It is a
+guess for muscles whose fibers go from end to end. It knows nothing of pennate ones.
 
 Reference: Choi, Blemker, PLoS ONE 8 (2013), doi:10.1371/journal.pone.0077576
 """
@@ -12,7 +12,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg
 
 from myork.errors import ConvergenceError
-from myork.imaging.geometry import boxes_of, canonical, frame, neighbours
+from myork.imaging.geometry import boxes_of, canonical, frame, neighbours, with_axis_at
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
@@ -20,15 +20,16 @@ _TOLERANCE = 1e-5  # residual of the potential, relative; directions are then kn
 _LEAST = 1e-12  # smallest flow that has a direction, of the largest
 
 
-def flow_fibers(labels: Labels) -> Image:
+def flow_fibers(labels: Labels, axis: int = 2) -> Image:
     """Fiber vectors of all voxels with a label, each connected piece of a label by itself.
 
     - `labels`: label map, in any orientation
+    - `axis`: world axis along which slices follow each other, 0 to 2
     - returns unit vectors in the world frame on the grid of the labels with its axes turned to the
       nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`
     - raises ConvergenceError: the potential of a piece is not found
     """
-    whole = canonical(labels)
+    whole = with_axis_at(canonical(labels), axis, 2)
     flow = np.zeros((*whole.data.shape, 3))
     for number in whole.present:
         pieces, _ = ndimage.label(whole.data == number)
@@ -39,7 +40,8 @@ def flow_fibers(labels: Labels) -> Image:
     flow[still] = [0.0, 0.0, 1.0]  # a dead end, through which nothing flows
     length[still] = 1.0
     unit = np.divide(flow, length, out=np.zeros_like(flow), where=length > 0)
-    return Image(unit @ frame(whole.affine).T, whole.affine, "fibers of the flow")
+    fibers = Image(unit @ frame(whole.affine).T, whole.affine, "fibers of the flow")
+    return with_axis_at(fibers, 2, axis)
 
 
 def _flow(here: Mask, spacing: F64) -> F64:

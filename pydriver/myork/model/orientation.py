@@ -21,7 +21,7 @@ import numpy as np
 from scipy import ndimage
 
 from myork.imaging.diffusion import parse_axes
-from myork.imaging.geometry import frame
+from myork.imaging.geometry import frame, slice_axis, with_axis_at
 from myork.model.normals import surface_normals
 from myork.records import Image, Labels
 from myork.types import F64, Mask
@@ -55,13 +55,15 @@ class Finding(NamedTuple):
     remark: str
 
 
-def check_orientation(fibers: Image, muscles: Labels) -> Finding:
+def check_orientation(fibers: Image, muscles: Labels, affine: F64 | None = None) -> Finding:
     """Compare all orders and flips of the gradient axes.
 
     - `fibers`: fiber vectors in the world frame as the files say, shape `(ni, nj, nk, 3)`
     - `muscles`: muscles whose walls are looked at; their names are used where they are known
+    - `affine`: of the diffusion images, whose voxel axes are those of the gradients; by default
+      that of the fibers
     """
-    columns = frame(fibers.affine)
+    columns = frame(fibers.affine if affine is None else affine)
     vector, normal = _at_walls(fibers, muscles)
     if not len(vector):
         return Finding([], "", "")
@@ -70,22 +72,27 @@ def check_orientation(fibers: Image, muscles: Labels) -> Finding:
     for axes in _candidates():
         turn = columns @ parse_axes(axes) @ columns.T
         crossing = float((((vector @ turn.T) * normal).sum(axis=1) ** 2).mean())
-        found.append(Orientation(axes, crossing, _agreement(fibers.data @ turn.T, rules)))
+        found.append(Orientation(axes, crossing, _agreement(fibers, turn, rules)))
     doubt = _doubt(found)
     return Finding(found, doubt, "" if doubt else _remark(found[0]))
 
 
 def _at_walls(fibers: Image, muscles: Labels) -> tuple[F64, F64]:
     """Fibers at the walls of each muscle and the walls' normals in the world, `(n, 3)` each."""
-    usable = fibers.data.any(axis=-1)
+    axis = slice_axis(muscles.spacing, muscles.data.shape)
+    fibers, muscles = with_axis_at(fibers, axis, 2), with_axis_at(muscles, axis, 2)
+    usable = np.asarray(fibers.data.any(axis=-1))
     parts = [(np.zeros((0, 3)), np.zeros((0, 3)))]
     for label in muscles.present:
-        inside = muscles.data == label
-        # the ends of the image cut muscles, they are no walls
-        wall = inside & ~ndimage.binary_erosion(inside, border_value=1) & usable
+        own = muscles.data == label
+        slices = np.flatnonzero(own.any(axis=(0, 1)))
+        # where the image or its outlines end a muscle is cut, that is no wall
+        box = np.s_[:, :, slices[0] : slices[-1] + 1]
+        inside = own[box]
+        wall = inside & ~ndimage.binary_erosion(inside, border_value=1) & usable[box]
         if wall.any():
             normal = surface_normals(inside, muscles.spacing, np.argwhere(wall))
-            parts.append((fibers.data[wall], normal @ frame(muscles.affine).T))
+            parts.append((fibers.data[box][wall], normal @ frame(muscles.affine).T))
     vector, normal = (np.concatenate(side) for side in zip(*parts, strict=True))
     return vector, normal
 
@@ -129,11 +136,11 @@ def _rules(fibers: Image, muscles: Labels) -> list[tuple[Mask, F64]]:
     return rules
 
 
-def _agreement(fibers: F64, rules: list[tuple[Mask, F64]]) -> float | None:
-    """Mean over the rules of how far fibers lean the right way, -1 to 1."""
+def _agreement(fibers: Image, turn: F64, rules: list[tuple[Mask, F64]]) -> float | None:
+    """Mean over the rules of how far turned fibers lean the right way, -1 to 1."""
     scores = []
     for mask, direction in rules:
-        vector = fibers[mask]
+        vector = fibers.data[mask] @ turn.T
         lean = (vector @ direction) * np.where(vector[:, 2] < 0, -1.0, 1.0)
         total = np.abs(lean).sum()
         scores.append(float(lean.sum() / total) if total > 0 else 0.0)

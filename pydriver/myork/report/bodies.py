@@ -218,9 +218,14 @@ _PLANES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
 def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
-    """Points of the middle plane of a lattice, and triangles between them."""
-    layer = lattice[:, normal]
-    kept = np.flatnonzero(layer == (int(layer.min()) + int(layer.max())) // 2)
+    """Points of the fullest plane of a lattice, and triangles between them.
+
+    Of planes alike it is that nearest to the middle, which itself may lie between two limbs.
+    """
+    layer = lattice[:, normal] - int(lattice[:, normal].min())
+    count = np.bincount(layer)
+    full = np.flatnonzero(count == count.max())
+    kept = np.flatnonzero(layer == full[np.abs(full - (len(count) - 1) // 2).argmin()])
     places = np.delete(lattice[kept], normal, axis=1)
     places = places - places.min(axis=0)
     at = np.full(places.max(axis=0) + 1, -1, np.int32)

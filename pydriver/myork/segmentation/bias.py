@@ -34,6 +34,7 @@ _EDGE = 0.05  # relative change from pixel to pixel that makes an edge; noise of
 _NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
 _SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
 _DARK = 0.3  # of the median value: what is darker is mostly noise
+_RISE = 1.1  # a field that raises the coefficient by less is no worse than none
 # Coefficient of joint variation of one normal distribution that is cut in the middle: an image that
 # has as much shows no two tissues, and the coefficient says nothing of it.
 _ONE_TISSUE = float(np.sqrt(0.5 * np.pi - 1.0))
@@ -91,11 +92,11 @@ def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
     - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
     """
     before, after = (joint_variation(one, mask) for one in (values, values / field))
-    if after <= before or before >= _ONE_TISSUE:
+    if after <= _RISE * before or before >= _ONE_TISSUE:
         return ""
     return (
         "the bias field raises the coefficient of joint variation of bright and dark tissue from "
-        f"{before:.2f} to {after:.2f}; look at bias.nii.gz, or set bias.method = 'none'"
+        f"{before:.3g} to {after:.3g}; look at bias.nii.gz, or set bias.method = 'none'"
     )
 
 

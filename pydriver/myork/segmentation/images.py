@@ -50,7 +50,7 @@ _EVEN = 3
 
 @dataclass(frozen=True)
 class Images:
-    """What a segmentation looks at; what is missing is None or empty."""
+    """What a segmentation looks at, slices last; what is missing is None or empty."""
 
     anatomy: Image  #: MR image; with fat it is water
     fat: Image | None = None  #: Fat of a Dixon sequence

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from myork.imaging.geometry import depth_in_slices, slice_axis
+from myork.imaging.geometry import depth_in_slices
 from myork.types import F64, I32, Mask
 
 # Chosen on `benchmarks/runner.py outlines tuned`: rate of a walk's end where outlines predict a
@@ -29,8 +29,7 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
     - returns for the labels in their order, shape `(nlabel, ni, nj, nk)` [-]; None: nothing is
       predicted
     """
-    axis = slice_axis(spacing, known.shape)
-    known, thickness, size = np.moveaxis(known, axis, 2), spacing[axis], np.delete(spacing, axis)
+    thickness, size = spacing[2], spacing[:2]
     names = np.unique(known[known >= 0])
     depth = np.full((len(names), *known.shape), -np.inf, np.float32)
     for number, name in enumerate(names):
@@ -53,7 +52,7 @@ def pull_of_outlines(known: I32, spacing: F64) -> NDArray[np.float32] | None:
     width = (_OFF + _DRIFT * way).astype(np.float32)
     pull = np.exp((depth - np.where(predicted, depth.max(axis=0), 0.0)) / width)
     pull *= _RATE * predicted / pull.sum(axis=0, where=predicted, initial=1e-30)
-    return np.moveaxis(pull, 3, axis + 1)
+    return pull
 
 
 def signed_distances(here: Mask, size: F64) -> F64:

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import neighbours, slice_axis
+from myork.imaging.geometry import neighbours
 from myork.segmentation.bias import of_mean_one
 from myork.types import F64, I64, Mask
 
@@ -80,8 +80,7 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     Parameters
     ----------
     values : NDArray
-        Image, shape `(ni, nj, nk)` [-]; one slice is enough. Slices follow each other along the
-        axis of the longest voxels, or of the only one.
+        Image, shape `(ni, nj, nk)` [-]; slices along the last axis, one is enough.
     mask : NDArray
         Voxels of the body, same shape.
     spacing : ArrayLike
@@ -97,12 +96,6 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     if not np.isfinite(values[mask]).all():
         raise InputError("bias: values of the body are not finite; replace them")
     size = np.asarray(spacing, float)
-    axis = slice_axis(size, mask.shape)
-    if axis != 2:
-        turned = np.append(np.delete(size, axis), size[axis])
-        best = shading(np.moveaxis(values, axis, 2), np.moveaxis(mask, axis, 2), spacing=turned)
-        back = [one._replace(field=np.moveaxis(one.field, 2, axis)) for one in best.candidates]
-        return Shading(np.moveaxis(best.field, 2, axis), tuple(back), best.doubt)
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
         raise InputError("bias: the body has no signal, its 90th percentile is not above zero")

@@ -4,7 +4,7 @@ Beside it `muscles.csv` is written: sizes, fat, diffusion and fibers of each mus
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -54,11 +54,17 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     sums = "\n".join(f"{path.name} {_check_sum(path)}" for path in files.read)
     unit = deck["units"]["length"]
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress, _held(deck))
+    size = np.ptp(cloud.points, axis=0)
+    millimetres = " x ".join(f"{edge:.4g}" for edge in size / length_factor(unit))
+    progress(f"body of {millimetres} mm, {' x '.join(f'{edge:.4g}' for edge in size)} {unit}")
     write_model(out / "model.h5", cloud)
     maps = _maps(body, files, out)
-    strangers = _strangers(body.labels, deck.get("material", []), table["bone"])
+    left_out = {*table["bone"]}
+    if table["ids"]:
+        left_out |= {*np.unique(body.labels.data).tolist()} - {*table["ids"]}
+    strangers = _strangers(body.labels, deck.get("material", []), left_out)
     model = _record(cloud, [*files.grid.doubts, *strangers, *warnings])
-    model["muscles"] = _muscles(body, table["bone"], maps, unit, progress)
+    model["muscles"] = _muscles(body, left_out, maps, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
     write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
     progress(
@@ -123,7 +129,9 @@ def _of_diffusion(
         return None
     progress(f"{found.tensor.name}: fibers from the diffusion tensors")
     way = fibers_of_labels(found.tensor, labels, images.table.get("fiber_smoothing"))
-    grid.doubts += way.doubts()
+    if way.axes.remark:
+        progress(way.axes.remark)
+    grid.doubts += [f"{found.tensor.name}: {text}" for text in way.doubts()]
     renew_images(out, fibers=way.fibers, **tensor_maps(found.tensor))
     return way.fibers
 
@@ -139,11 +147,11 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
 
 
 def _strangers(
-    labels: Labels, materials: Sequence[Mapping[str, Any]], bone: Sequence[int]
+    labels: Labels, materials: Sequence[Mapping[str, Any]], left_out: Collection[int]
 ) -> list[str]:
     """Labels without a material and materials without a voxel, which a solve will refuse."""
     wanted = {own["label"]: own["name"] for own in materials if "label" in own}
-    there = {int(label) for label in np.unique(labels.data)} - {0, *bone}
+    there = {int(label) for label in np.unique(labels.data)} - {0, *left_out}
     if not wanted or any("label" not in own for own in materials):
         return []
     return [
@@ -172,11 +180,11 @@ def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
 
 
 def _muscles(
-    body: Body, bone: Sequence[int], maps: Maps, unit: str, progress: ProgressCallback
+    body: Body, left_out: Collection[int], maps: Maps, unit: str, progress: ProgressCallback
 ) -> list[dict[str, Any]]:
     """Rows of `muscles.csv`: name and numbers with their units, None where there is none."""
     factor, rows = length_factor(unit), []
-    for own in muscle_numbers(body.labels, maps, bone):
+    for own in muscle_numbers(body.labels, maps, left_out):
         if own.cut and maps.fibers is not None:
             what = "fiber length and PCSA are" if own.fiber_length is None else "its PCSA is"
             progress(f"{own.muscle}: the image cuts it, so that {what} left out")

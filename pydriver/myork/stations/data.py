@@ -1,7 +1,7 @@
 """Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ from myork.core.deck import load_deck
 from myork.errors import FileError, InputError
 from myork.imaging.damage import Damage, damaged_slices, missing_slices
 from myork.imaging.dicom import split_choice
-from myork.imaging.diffusion import Diffusion, read_tensors
-from myork.imaging.geometry import Grid
-from myork.imaging.io import read_image, read_labels, read_reference
+from myork.imaging.diffusion import Diffusion, gradient_files, read_tensors
+from myork.imaging.geometry import Grid, slice_axis, with_axis_at
+from myork.imaging.io import read_image, read_labels, read_reference, renew_images
 from myork.imaging.resampling import on_grid
 from myork.records import Image, Labels
 
@@ -51,15 +51,25 @@ class OneGrid:
     """Brings images and label maps onto the grid of a run; the log says what was moved.
 
     - `progress`: called with a line of text at a time
+    - `slices_last`: all images come with the axis along which their slices follow each other last,
+      as the segmentation has it; `stored` puts results back in the order of the first one's file
     """
 
-    def __init__(self, progress: ProgressCallback) -> None:
+    def __init__(self, progress: ProgressCallback, slices_last: bool = False) -> None:
         self._progress = progress
+        self._slices_last = slices_last
+        self._axis: int | None = None  # of the slices in the first file
         #: Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`
         self.moved: list[dict[str, Any]] = []
         #: Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`
         self.damaged: list[dict[str, Any]] = []
         self.doubts: list[str] = []  #: Warnings
+
+    def tell_strangers(self, image: Path, files: Iterable[Path]) -> None:
+        """Name the files that describe an image and have another name."""
+        stem = image.name.removesuffix(".gz").removesuffix(".nii")
+        if names := [file.name for file in files if file.stem != stem]:
+            self._progress(f"{image.name}: described by {' and '.join(names)}")
 
     def note(self, name: str, faults: Sequence[Damage]) -> None:
         """Warn of damaged slices of a file."""
@@ -69,6 +79,10 @@ class OneGrid:
 
     def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
         """An image on the grid of another one; as it is where there is none."""
+        if self._slices_last:
+            axis = slice_axis(one.spacing, one.data.shape[:3])
+            self._axis = axis if self._axis is None else self._axis
+            one = with_axis_at(one, axis, 2)
         if like is None:
             return one
         one, move = on_grid(one, like, way)
@@ -77,6 +91,14 @@ class OneGrid:
             self._progress(move.said)
             self.doubts += move.doubts
         return one
+
+    def stored(self, one: Grid) -> Grid:
+        """A result in the order of voxels of the first file."""
+        return one if self._axis is None else with_axis_at(one, 2, self._axis)
+
+    def renew(self, folder: Path, **images: Image | None) -> None:
+        """Write results as `renew_images` does, in the order of voxels of the first file."""
+        renew_images(folder, **{name: one and self.stored(one) for name, one in images.items()})
 
 
 class DeckFiles:
@@ -132,7 +154,7 @@ class DeckFiles:
     def _image(self, key: str, path: Path, values: int | None = 1) -> Image:
         """Image of a file, whose damaged slices are noted."""
         with self._naming(key):
-            found = read_image(path, values)
+            found = read_image(path, values, self.grid.doubts.append)
         if key in _MEASURED:
             self.grid.note(found.name, damaged_slices(found))
         return found
@@ -149,6 +171,9 @@ class DeckFiles:
         """Diffusion tensors of the table `image`, on their own grid; None without any."""
         with self._naming("dwi" if "dwi" in self.table else "tensor"):
             found = read_tensors(self.table, self.folder)
+        dwi = self.folder / self.table.get("dwi", "")
+        if dwi.is_file():
+            self.grid.tell_strangers(dwi, gradient_files(dwi))
         if found is not None and found.mean is not None:
             self.grid.note(found.mean.name, damaged_slices(found.mean))
         return found
@@ -164,7 +189,11 @@ class DeckFiles:
         if path is None:
             return None
         with self._naming(key):
-            found = read_reference(path, progress, like) if progress else read_labels(path, like)
+            note = self.grid.doubts.append
+            if progress:
+                found = read_reference(path, progress, like, note)
+            else:
+                found = read_labels(path, like, note)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
         found = self.grid.of(found, like)

@@ -28,13 +28,12 @@ from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import length_factor
-from myork.imaging.headers import Header, read_header
-from myork.imaging.io import read_image, read_labels, renew_images, write_image, write_labels
+from myork.imaging.headers import Header, described_by, read_header
+from myork.imaging.io import read_image, read_labels, write_labels
 from myork.imaging.phantom import make_phantom, write_phantom
 from myork.imaging.relaxation import t2_map
 from myork.model.architecture import fat_of_label
 from myork.model.fibers import fibers_of_labels
-from myork.model.orientation import check_orientation
 from myork.records import Image, Labels
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.grouping import Muscle
@@ -62,7 +61,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     """
     table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
-    grid = OneGrid(progress)
+    grid = OneGrid(progress, slices_last=True)
     images = read_images(deck, out, grid, progress)
     bias = {"bias": deck["bias"]["method"]} | {key: deck["bias"][key] for key in ("mu", "gamma")}
     found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
@@ -86,10 +85,9 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         measured = images.measured or images.tensor
         maps["fibers"] = _fibers(measured, found, table, record, progress)
     maps["bias"] = None if found.field is None else Image(found.field, affine)
-    renew_images(out, **maps)
-    write_image(out / "anatomy.nii.gz", found.images.anatomy)
-    write_labels(out / "regions.nii.gz", Labels(kinds + 1, affine))
-    write_labels(out / "segmentation.nii.gz", labels)
+    grid.renew(out, anatomy=found.images.anatomy, **maps)
+    write_labels(out / "regions.nii.gz", grid.stored(Labels(kinds + 1, affine)))
+    write_labels(out / "segmentation.nii.gz", grid.stored(labels))
     parts: dict[str, Any] = {"segmentation": record, "grid": grid}
     if deck["tissue"]["find"]:
         progress("materials of the leg")
@@ -161,13 +159,11 @@ def _fibers(
 ) -> Image:
     """Fibers of the labels; the record gets what was seen of them."""
     labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
-    way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"))
-    axes = check_orientation(way.fibers, labels if truth is None else truth)
-    warnings += [axes.doubt] if axes.doubt else []
-    if axes.remark:
-        progress(axes.remark)
+    way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"), truth)
+    if way.axes.remark:
+        progress(way.axes.remark)
     warnings += [f"{tensor.name}: {text}" for text in way.doubts()]
-    record["orientation"] = [entry._asdict() for entry in axes.evidence]
+    record["orientation"] = [entry._asdict() for entry in way.axes.evidence]
     record["fiber_smoothing"] = way.smoothing
     return way.fibers
 
@@ -245,7 +241,10 @@ def find_tissues(
     fat: Image | None
     connective: Image | None
     if phantom:
-        fat, connective = (read_image(out / f"{name}.nii.gz") for name in ("fat", "connective"))
+        fat, connective = (
+            grid.of(read_image(out / f"{name}.nii.gz"), images.anatomy)
+            for name in ("fat", "connective")
+        )
     else:
         fat = files.image("fat", images.anatomy) or segmented.fraction or images.relaxation
         connective = files.image("connective", images.anatomy)
@@ -278,10 +277,10 @@ def find_tissues(
         way = fibers_of_labels(images.measured or tensor, own, keys.get("fiber_smoothing"))
         made["tissue_fibers"] = way.fibers
         record["fibers"] = {"filled": way.filled, "far": way.far, "distance_mm": way.distance}
-    write_labels(out / "tissue.nii.gz", found)
-    renew_images(out, **made)
+    write_labels(out / "tissue.nii.gz", grid.stored(found))
+    grid.renew(out, **made)
     if phantom:
-        truth = read_labels(out / "true_tissue.nii.gz").data
+        truth = grid.of(read_labels(out / "true_tissue.nii.gz"), images.anatomy).data
         record["scores"] = {
             name: {"dice": dice(found.data == label, truth == label)}
             for label, name in found.names.items()
@@ -292,7 +291,7 @@ def find_tissues(
 def read_images(
     deck: Mapping[str, Any], out: Path, grid: OneGrid, progress: ProgressCallback
 ) -> Images:
-    """Images of a deck, on the grid of the anatomy; the phantom's are also written."""
+    """Images of a deck, on the grid of the anatomy, slices last; the phantom's are also written."""
     table, files = deck["image"], DeckFiles(deck, "image", grid)
     found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
     if anatomy is not None:
@@ -309,8 +308,10 @@ def read_images(
         progress(f"phantom of {' x '.join(map(str, deck['phantom']['size']))} voxels")
         phantom = make_phantom(**deck["phantom"])
         write_phantom(out, phantom)
-        found = Images(phantom.anatomy, tensor=phantom.tensor, truth=phantom.truth)
-        like = found.anatomy
+        like = grid.of(phantom.anatomy, None)
+        found = Images(
+            like, tensor=grid.of(phantom.tensor, None), truth=grid.of(phantom.truth, None)
+        )
     else:
         like, diffusion = found.anatomy, files.tensors()
         measured = diffusion and diffusion.tensor
@@ -409,7 +410,10 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
 
 
 def _headers(files: DeckFiles) -> list[Header]:
-    return [read_header(files.folder / name) for name in files.table["magnitude"]]
+    paths = [files.folder / name for name in files.table["magnitude"]]
+    for path in paths:
+        files.grid.tell_strangers(path, described_by(path, "json"))
+    return [read_header(path) for path in paths]
 
 
 def _spin_echo_times(files: DeckFiles) -> list[float]:

@@ -15,13 +15,13 @@ import numpy as np
 from myork.console import ProgressCallback
 from myork.errors import InputError
 from myork.imaging.diffusion import finite_tensors, known_tensors, tensor_maps
+from myork.imaging.geometry import slice_axis, with_axis_at
 from myork.imaging.io import renew_images
-from myork.model.fibers import fiber_field
-from myork.records import Image
+from myork.model.fibers import fibers_of_labels
+from myork.records import Image, Labels
 from myork.segmentation.regions import body_mask
 from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
-from myork.types import I32
 
 
 @station("tensors", "tensors")
@@ -36,11 +36,11 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
     if measured is None:
         raise InputError("myork tensors needs image.dwi or image.tensor")
     tensor, mean = measured
-    label = _mask(tensor, mean, files)
-    inside = label > 0
+    labels = _mask(tensor, mean, files)
+    inside = labels.data > 0
     progress(f"{tensor.name}: fibers in {int(inside.sum())} voxels")
     maps = tensor_maps(tensor)
-    found = fiber_field(tensor, label, files.table.get("fiber_smoothing"))
+    found = fibers_of_labels(tensor, labels, files.table.get("fiber_smoothing"))
     whole = Image(finite_tensors(tensor.data), tensor.affine)
     renew_images(out, tensor=whole, tensor_fibers=found.fibers, **maps)
     known = inside & known_tensors(tensor.data)
@@ -52,8 +52,10 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
         "filled": found.filled,
         "far": found.far,
     }
-    for text in (*files.grid.doubts, *found.doubts()):
-        progress(text)
+    doubts = [*files.grid.doubts, *found.doubts()]
+    for text in (found.axes.remark, *(f"warning: {doubt}" for doubt in doubts)):
+        if text:
+            progress(text)
     progress(
         f"medians: FA {record['fa']:.3f}, MD {record['md']:.3g} mm^2/s; fibers averaged over "
         f"{found.smoothing:.2f} mm"
@@ -61,13 +63,14 @@ def write_tensors(deck: Mapping[str, Any], out: Path, progress: ProgressCallback
     return {"tensors": record, "grid": files.grid}
 
 
-def _mask(tensor: Image, mean: Image | None, files: DeckFiles) -> I32:
+def _mask(tensor: Image, mean: Image | None, files: DeckFiles) -> Labels:
     """Labels of the user's mask; one label where there is none: the body, or all tensors."""
     for key in ("region", "body"):
         labels = files.labels(key, tensor)
         if labels is not None:
-            return labels.data
+            return labels
     known = known_tensors(tensor.data)
     if mean is not None:
-        known &= body_mask(mean, rim=0.0)
-    return np.asarray(known, np.int32)
+        axis = slice_axis(mean.spacing, mean.data.shape)
+        known &= np.moveaxis(body_mask(with_axis_at(mean, axis, 2), rim=0.0), 2, axis)
+    return Labels(np.asarray(known, np.int32), tensor.affine)
