@@ -138,18 +138,28 @@ static std::vector<double> lengths(const Section &geometry) {
 }
 
 // Source points that nobody chose: cells about as long in all directions, an even number of them,
-// since pairs share their pressures
+// since pairs share their pressures; a plate has no more in all than a bar
 static bool first_points(Section &geometry, int dimension) {
    const std::vector<double> size = lengths(geometry);
    if (size.empty() || size.size() != std::size_t(dimension) || geometry.find("source"))
       return false;
    const double least = *std::min_element(size.begin(), size.end());
+   const double fewest = first_cells[size.size() - 1], most = most_first_cells[size.size() - 1];
+   const double in_all = most * std::pow(fewest, size.size() - 1.0);
+   std::vector<double> cells;
+   double share = 1.0, product;
+   do {
+      cells.clear();
+      product = 1.0;
+      for (double length : size) {
+         cells.push_back(std::clamp(share * fewest * length / least, fewest, most));
+         product *= cells.back();
+      }
+      share *= 0.99;
+   } while (product > 1.001 * in_all);
    std::vector<std::int64_t> source;
-   for (double length : size) {
-      const double cells = std::min(first_cells[size.size() - 1] * length / least,
-                                    double(most_first_cells[size.size() - 1]));
-      source.push_back(1 + 2 * std::llround(0.5 * cells));
-   }
+   for (double number : cells)
+      source.push_back(1 + 2 * std::llround(0.5 * number));
    put(geometry, "source", {source, geometry.origin});
    return true;
 }

@@ -40,11 +40,24 @@ def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
         {"probe": []}, {"geometry": SHEET["geometry"]}, {"galerkin": {"penalty": 50.0}},
         {"galerkin": {"direct_limit": 0}},
         {"boundary": [held("y0", 2), {"set": "y1", "pressure": 1.0}]},
+        {"boundary": [held("y0", 2), {"set": "part", "u_x": 0.1}],
+         "set": [{"name": "part", "side": "y1", "where": "x < 1"}]},
     )),
 ])  # fmt: skip
 def test_a_search_holds_displacements_exactly(change: dict[str, Any], essential: str) -> None:
     free = {**SHEET, "geometry": {"kind": "box", "size": [2, 1]}, "probe": probes("tip u_y 1 1")}
     assert load_deck({**free, **change})["galerkin"]["essential"] == essential
+
+
+@pytest.mark.parametrize(("size", "source"), [
+    ([1, 1, 1], [7, 7, 7]), ([10, 1, 1], [25, 7, 7]), ([3, 3, 1], [13, 13, 7]),
+    ([2, 1, 0.2], [17, 9, 7]), ([2, 1], [17, 9]), ([40, 1], [65, 9]),
+])  # fmt: skip
+def test_points_where_a_search_begins(size: list[float], source: list[int]) -> None:
+    """A plate has no more of them in all than a bar."""
+    tables = {"scene": {"dimension": len(size)}, "geometry": {"kind": "box", "size": size}}
+    tables["boundary"] = [held("y0", len(size))]
+    assert load_deck({**SHEET, **tables})["geometry"]["source"] == source
 
 
 @pytest.mark.parametrize(("where", "steps"), [
