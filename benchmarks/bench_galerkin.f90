@@ -214,7 +214,7 @@ contains
    function counts(problem) result(fill)
       class(galerkin_problem), intent(in) :: problem
       real(wp) :: fill(2)
-      integer(i8), allocatable :: order(:)
+      integer(i8), allocatable :: order(:), row(:)
       type(csr_type) :: above
       integer, allocatable :: along(:)
       integer(i8) :: e
@@ -223,9 +223,10 @@ contains
       ! the blocks of each block column, from its first column
       b = problem%matrix%block
       above = csr_type([0_i8], [integer ::])
+      allocate (row, source=problem%matrix%rows())
       do j = 1, problem%matrix%n, b
          associate (first => problem%matrix%start(j) + 1, last => problem%matrix%start(j + 1))
-            above%index = [above%index, [(int(problem%matrix%row(e))/b + 1, e=first, last, b)]]
+            above%index = [above%index, [(int(row(e))/b + 1, e=first, last, b)]]
             above%offset = [above%offset, size(above%index, kind=i8)]
          end associate
       end do
@@ -234,7 +235,7 @@ contains
       do i = 1, b
          order(i::b) = b*(along - 1_i8) + i - 1
       end do
-      call factor_counts(int(problem%matrix%n, i8), problem%matrix%start, problem%matrix%row, &
+      call factor_counts(int(problem%matrix%n, i8), problem%matrix%start, row, &
          & problem%matrix%value, order, fill(1), fill(2))
    end function counts
 

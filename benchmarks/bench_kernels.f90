@@ -32,7 +32,7 @@ program bench_kernels
    call time_machine(repeats)
    call problem%start(x, 0.1_wp, .false.)
    call problem%evaluate(x, 0.1_wp, r, state, tangent=.true.)
-   op => problem%operator()
+   op => problem%linearised
    call kernels()
 
 contains

@@ -87,6 +87,9 @@ module rk_symmetric
    real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
+   !> Solves of what the last one has left, and what the last of them may leave [-]
+   integer, parameter :: passes = 4
+   real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
@@ -427,10 +430,6 @@ subroutine solve_with(self, given, b, x, report, error)
    if (symmetric .and. .not. self%keeps) &
       & call solve_near(self, given, system, b, x, report, found)
    if (found) return
-   if (self%near%far .and. self%near%operations > hopeless) then
-      call fatal_error(error, err_linalg, 'the tangent is far from positive definite')
-      return
-   end if
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
@@ -449,6 +448,10 @@ subroutine solve_with(self, given, b, x, report, error)
       if (allocated(error)) then
          if (error%code == err_memory) return
          report%indefinite = error%code /= err_input
+         if (report%indefinite .and. self%near%far .and. self%near%operations > hopeless) then
+            error%message = 'the tangent is far from positive definite'
+            return
+         end if
       end if
       report%used = 'lu'
       ! columns
@@ -485,9 +488,11 @@ subroutine solve_near(self, given, system, b, x, report, found)
    !> Whether it was found: not where the system is small, half of the digits do not suffice, or the
    !> matrix is too far from a positive definite one
    logical, intent(out) :: found
+   logical :: close
    integer :: k
 
    found = .false.
+   close = .false.
    if (self%block < 3) return
    system%places => self
    system%given => given
@@ -496,36 +501,74 @@ subroutine solve_near(self, given, system, b, x, report, found)
       if (near%operations < large .or. near%coarse .or. near%far) return
       report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
          & //'Cholesky factor'
-      if (near%ready .and. .not. near%share > 0.0_wp) call iterate(exact, nint(tried*near%cost))
-      if (found) return
+      if (near%ready .and. .not. near%share > 0.0_wp) then
+         call iterate(b, exact, nint(tried*near%cost), x)
+         if (found) return
+      end if
       report%why = 'the tangent is large: minimal residuals with its Cholesky factor in single ' &
          & //'precision'
       call factorise(self, given, 0.0_wp)
       if (near%ready) then
-         call iterate(own, few)
+         call refine(own, few)
          if (found) report%used = 'cholesky'
-         if (found) return
-         ! all digits from now on
-         near%coarse = .true.
-         near%ready = .false.
-         deallocate (near%matrix%value)
-         return
+      else
+         do k = 1, size(added)
+            call factorise(self, given, added(k))
+            if (near%ready) exit
+         end do
+         if (near%ready) call refine(exact, most)
+         ! not for want of digits
+         near%far = .not. (found .or. close)
       end if
-      do k = 1, size(added)
-         call factorise(self, given, added(k))
-         if (near%ready) exit
-      end do
-      if (near%ready) call iterate(exact, most)
-      near%far = .not. found
+      if (found) return
+      ! of a solve among those that did not lead there
+      if (allocated(report%used)) deallocate (report%used)
+      report%iterations = 0
+      near%coarse = .true.
+      near%ready = .false.
+      deallocate (near%matrix%value)
    end associate
 
 contains
 
-   subroutine iterate(tolerance, limit)
+   !> Solve for what earlier solves have left, until nothing is: residuals in the norm of the
+   !> preconditioner say little of motions that are softer than its digits or its larger diagonal
+   subroutine refine(tolerance, limit)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
+      real(wp) :: left(system%size), step(system%size), image(system%size), last, size_of_step
+      integer :: pass, done
 
-      call minres(system, b, tolerance, limit, x, report%iterations, report%backward_error)
+      x = 0.0_wp
+      left = b
+      last = huge(1.0_wp)
+      done = 0
+      do pass = 1, passes
+         call iterate(left, tolerance, limit, step)
+         done = done + report%iterations
+         close = found
+         found = .false.
+         if (.not. close) exit
+         x = x + step
+         size_of_step = norm2(step(:self%n))
+         ! what the next one would be, as this one to the last
+         found = pass > 1 .and. size_of_step**2 <= same*norm2(x(:self%n))*last
+         if (found .or. size_of_step > 0.5_wp*last) exit
+         last = size_of_step
+         call system%multiply(x, image)
+         left = b - image
+      end do
+      report%iterations = done
+   end subroutine refine
+
+   subroutine iterate(right, tolerance, limit, solution)
+      real(wp), contiguous, intent(in) :: right(:)
+      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: limit
+      real(wp), contiguous, intent(inout) :: solution(:)
+
+      call minres(system, right, tolerance, limit, solution, report%iterations, &
+         & report%backward_error)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'
    end subroutine iterate
@@ -594,7 +637,7 @@ subroutine lay_out(self)
       near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, n)] - first + 1.0_wp))/faster
       if (near%operations < large) return
       call new_envelope(near%matrix, position, low, error)
-      near%coarse = allocated(error)
+      if (allocated(error)) near%operations = 0.0_wp
    end associate
 end subroutine lay_out
 
@@ -626,7 +669,7 @@ subroutine factorise(self, given, share)
    type(error_type), allocatable :: error
    real(wp) :: root(self%n)
    integer(i8) :: k, l
-   integer :: b, c, i, j
+   integer :: b, c, i, j, stat
 
    associate (near => self%near, position => self%near%matrix%position)
       near%ready = .false.
@@ -634,6 +677,12 @@ subroutine factorise(self, given, share)
       root = sqrt(given(self%start(2:)))
       if (.not. all(root > 0.0_wp)) return
       near%matrix%scale = root
+      if (.not. allocated(near%matrix%value)) then
+         associate (offset => near%matrix%offset)
+            allocate (near%matrix%value(offset(size(offset))), stat=stat)
+         end associate
+         if (stat /= 0) return
+      end if
       call near%matrix%clear()
       b = self%block
       do c = 1, self%n
@@ -704,6 +753,7 @@ subroutine let_go(self)
    if (.not. associated(self%near)) return
    self%near%ready = .false.
    self%near%far = .false.
+   self%near%coarse = .false.
 end subroutine let_go
 
 subroutine free(self)

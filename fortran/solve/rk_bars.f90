@@ -193,7 +193,8 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
       do i = 1, size(stresses)
          call problem%at_point(state, i, local)
          stresses(i) = norm2(local%cauchy)
-         strains(i) = shear_strain(scene, i, local%cauchy)
+         ! no more than a body can be sheared
+         strains(i) = min(shear_strain(scene, i, local%cauchy), 1.0_wp)
          displacement = max(displacement, norm2(local%u))
       end do
       stress = size_of(stresses, scene%cloud%volume)

@@ -197,14 +197,15 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    type(compliance_type) :: compliance
    real(wp), allocatable :: wanted(:), left(:), m(:), right(:)
    real(wp) :: reached, size_
+   logical :: found
    integer :: done, k
 
    associate (rows => self%constraint)
       ! b = P b + B^T R c
       m = rows%multipliers(b)
       wanted = m/rows%resistance
-      call solve_together(self, shift, b, wanted, x, report)
-      if (allocated(report%used)) return
+      call solve_together(self, shift, b, wanted, x, report, found)
+      if (found) return
       right = b
       call self%matrix%solve_square(shift, right, x, report, error)
       if (allocated(error)) return
@@ -241,7 +242,7 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
 end subroutine solve_square
 
 !> Solve for unknowns and multipliers together where the factor has half of the digits
-subroutine solve_together(self, shift, b, wanted, x, report)
+subroutine solve_together(self, shift, b, wanted, x, report, found)
    type(constrained_matrix), target, intent(in) :: self
    real(wp), intent(in) :: shift
    real(wp), intent(in) :: b(:)
@@ -249,12 +250,13 @@ subroutine solve_together(self, shift, b, wanted, x, report)
    real(wp), intent(in) :: wanted(:)
    !> Solution where it was found, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Not used where it was not
    type(square_report), intent(inout) :: report
+   !> Whether it was found
+   logical, intent(out) :: found
    type(saddle_type) :: system
    real(wp) :: both(size(b) + size(wanted)), left(size(wanted))
-   logical :: found
 
+   found = .false.
    associate (matrix => self%matrix, rows => self%constraint)
       if (matrix%indefinite .or. allocated(matrix%skew)) return
       system%size = size(both)

@@ -17,7 +17,7 @@ from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.results import Results
 from myork.stations.solve import run_deck
-from tests.scenes import box, explained, neo, places, probes, scene, solved
+from tests.scenes import box, explained, held, neo, places, probes, scene, solved
 
 #: Basis, support, Gauss points
 LINEAR = {
@@ -387,3 +387,17 @@ def test_explain_forecasts_the_time(inputs: Path) -> None:
     # where they are many, or may not be halved, there is one number
     forecast("geometry.source=[7,7,7]", "load.steps=16", halved=False)
     forecast("geometry.source=[7,7,7]", "load.max_halvings=0", halved=False)
+
+
+@pytest.mark.parametrize("essential", ["penalty", "transformation"])
+def test_a_slender_beam_whose_factor_has_too_few_digits(essential: str) -> None:
+    """Bending is 1e9 times softer than what holds the ends: an iteration that looks at the sum of
+    both took the middle, by symmetry half way, to be at -0.12.
+    """
+    tables = scene(
+        "rkpm-gauss", box(101, 5, 5, size=[50, 1, 1]),
+        linear={"problem": "elasticity", "E": 100.0, "nu": 0.4999},
+        boundary=[held("x0"), {"set": "x1", "u_x": 0, "u_y": 0, "u_z": 1}],
+        probe=probes("middle u_z 25 0.5 0.5"), galerkin={"essential": essential},
+    )  # fmt: skip
+    assert solved(tables).last()["middle"] == pytest.approx(0.5, abs=1e-6)
