@@ -606,7 +606,7 @@ pure logical function converged(self, now)
    converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still) &
       & .or. (now%first_step < self%tolerance .and. now%whole .and. self%step_norm < stands)
    ! where rounding lets no step through, the last one is damped without an end
-   converged = converged .or. (self%iterations > 0 .and. self%step_norm < rounding &
+   converged = converged .or. (self%iterations > 0 .and. self%step_norm < stands &
       & .and. self%gradient < now%balance)
 end function converged
 
