@@ -42,6 +42,8 @@ module rk_symmetric
       logical :: indefinite = .false.
       !> The last factor stays for further solves
       logical :: keeps = .false.
+      !> Of a linear problem: no later step mends what a solve leaves
+      logical :: once = .false.
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
       integer(i8), allocatable :: start(:)
       !> Entries
@@ -551,8 +553,10 @@ contains
          if (.not. close) exit
          x = x + step
          size_of_step = norm2(step(:self%n))
-         ! what the next one would be, as this one to the last
-         found = pass > 1 .and. size_of_step**2 <= same*norm2(x(:self%n))*last
+         ! what the next one would be, as this one to the last; a matrix that is surely not positive
+         ! definite is that of a step of Newton, which need not be better than the first
+         found = (self%near%share > added(1) .and. .not. self%once) .or. (pass > 1 &
+            & .and. size_of_step**2 <= same*norm2(x(:self%n))*last)
          if (found .or. size_of_step > 0.5_wp*last) exit
          last = size_of_step
          call system%multiply(x, image)

@@ -144,6 +144,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
       call new_symmetric(self%symmetric_matrix, gradient%fields, ns + multiplier%extra, &
          & joined(gradient%member, held), scene%cloud%source)
       self%indefinite = multiplier%extra > 0
+      self%once = allocated(scene%equation%problem)
       return
    end if
    ! a diagonal for all
