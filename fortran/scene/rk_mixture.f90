@@ -635,7 +635,7 @@ pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric
    end do
 end subroutine strong_curvature
 
-!> Mixture of one place of a nonlinear problem that is none of self's: tissues and fibers are those
+!> Mixture of one place of a nonlinear problem that self does not have: tissues and fibers are those
 !> of a place near by, an activation by an expression is that of the place itself, by the rule that
 !> integration points follow. Where it is linear, or nearly so, that is its value; where it jumps,
 !> the displacements have seen its mean over a spacing, and the stress that balances has this mean
