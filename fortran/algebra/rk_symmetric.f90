@@ -78,7 +78,7 @@ module rk_symmetric
    !> Operations from which a matrix that is far from a positive definite one is not solved: LU
    !> takes ten times as long and five times the memory, for a step that leads nowhere [-]
    real(wp), parameter :: hopeless = 2.0e10_wp
-   !> Speed of its matrix products over that of an iteration with it, in operations a second
+   !> Rate of its matrix products over that of an iteration with it, both in operations a second [-]
    real(wp), parameter :: faster = 30.0_wp
    !> Share of the iterations that it is worth which are made with the last one, and the residual
    !> that they must reach: a step of Newton that is off by so much costs no further iteration; and
@@ -89,7 +89,7 @@ module rk_symmetric
    real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
-   !> Solves of what the last one has left, and what the last of them may leave [-]
+   !> Solves of what the last one has left, and the share of the solution that the last may leave [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
 
@@ -451,7 +451,8 @@ subroutine solve_with(self, given, b, x, report, error)
          if (error%code == err_memory) return
          report%indefinite = error%code /= err_input
          if (report%indefinite .and. self%near%far .and. self%near%operations > hopeless) then
-            error%message = 'the tangent is far from positive definite'
+            error%message = 'the tangent is far from positive definite: take more load.steps or ' &
+               & //'points, or less load'
             return
          end if
       end if

@@ -145,7 +145,8 @@ module rk_newton
    !> Steps below this share of the unknowns, or of the size of the body, are rounding [-]
    real(wp), parameter :: rounding = 1.0e-13_wp
    !> Steps below this share of the unknowns where all were below the tolerance: the load step began
-   !> where it ends, as where a programme stands still, and its gradient is a rounding [-]
+   !> where it ends, as where a programme stands still, and its gradient is a rounding. Also where
+   !> the gradient is below its tolerance and rounding keeps the steps from being accepted [-]
    real(wp), parameter :: stands = 1.0e-10_wp
 
 contains
