@@ -89,7 +89,7 @@ module rk_symmetric
    real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
-   !> Solves of what the last one has left, and the share of the solution that the last may leave [-]
+   !> Solves of what the last one has left, and the share of the solution that they may leave [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
 
