@@ -94,8 +94,8 @@ def test_connective_tissue_is_parted_by_its_signal_over_that_of_muscle_around():
 def test_fewer_images_give_fewer_materials(leg):
     found = leg_tissues(leg.anatomy).labels.data
     assert not (found == 3).any()
-    # The skin, as grey as muscle, is parted from it by its place and counts as fat; sheets are muscle
-    # to the anatomy.
+    # The skin, as grey as muscle, is parted from it by its place and counts as fat; the anatomy
+    # takes sheets for muscle.
     for number, least in ((4, 0.95), (2, 0.9), (1, 0.85)):
         assert dice(found == number, leg.tissue.data == number) > least
 
