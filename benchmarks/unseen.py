@@ -32,7 +32,7 @@ from myork.console import ProgressCallback
 from myork.files import write_text
 from myork.types import F64
 
-NUMBERS = range(80)
+NUMBERS = range(140)
 ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]
 _COST, _LIMIT = 15.0, 900.0

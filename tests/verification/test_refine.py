@@ -50,7 +50,8 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
 
 def test_part_of_a_side_is_held_to_its_border() -> None:
     """A pad pressed into a sheet: finite elements have a force of 9.197, 9.101 and 9.040 on finer
-    and finer meshes that end at its border. Held at source points it was 3 to 9 % low.
+    and finer meshes that end at its border. Held at source points it was 3 to 9 % low. On points
+    in whose lattice the border lies it is 3 % high, and half as many points say so by half of that.
     """
     deck = scene(
         "auto", box(size=[2, 1]), material=[neo(10, 1000)],
@@ -131,8 +132,7 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     assert found["asked"] == 0.02 and found["met"] and 0 < found["reached"] <= 0.02
     assert found["points"] == summary["deck"]["geometry"]["source"]
     assert summary["steps"][-1]["probes"]["tip"] == pytest.approx(BEAM_TIP, rel=0.02)
-    # both lattices agree to less than the least bar, a thousandth of the value
-    assert found["sources"] == {"tip": "least share"}
+    assert found["sources"] == {"tip": "other points"}
     # the search's own solution is the answer: its iterations are those of the run
     lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert len(lines) == summary["steps"][-1]["iterations"] > 0
