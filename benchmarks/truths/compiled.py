@@ -9,6 +9,7 @@ from myork import _core, errors
 from myork.core.calls import called
 from myork.core.checks import shaped
 from myork.core.deck import table_defaults
+from myork.core.material import Material
 from myork.core.scene import Scene
 from myork.types import F64
 
@@ -93,14 +94,10 @@ def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
     - `stretch`: normalised stretches lambda*, shape `(n,)` [-]
     - `**parameters`: `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent
     """
-    muscle = {**table_defaults("material", "model", "muscle"), **parameters}
-    curve, gamma1, gamma2 = (muscle[key] for key in ("curve", "gamma1", "gamma2"))
-    if curve not in ("published", "smooth"):
-        raise errors.InputError(f"curve = '{curve}' must be 'published' or 'smooth'")
-    if not gamma2 > 0.0:
-        raise errors.InputError(f"gamma2 = {gamma2} must be greater than 0")
+    muscle = Material("muscle", 1.0, "muscle", **parameters)
+    smooth = int(muscle.curve == "smooth")
     return FiberCurves(
-        *_core.fiber_curves(int(curve == "smooth"), gamma1, gamma2, np.atleast_1d(stretch))
+        *_core.fiber_curves(smooth, muscle.gamma1, muscle.gamma2, np.atleast_1d(stretch))
     )
 
 

@@ -6,7 +6,7 @@ module rk_error
    implicit none
    private
 
-   public :: error_type, fatal_error
+   public :: error_type, fatal_error, pack_error
    public :: err_input, err_file, err_convergence, err_linalg, err_memory, err_stopped
 
    !> Impossible value, bad deck, bad shape: the user's input must change (exit code 2)
@@ -43,5 +43,21 @@ subroutine fatal_error(error, code, message)
    error%code = code
    error%message = message
 end subroutine fatal_error
+
+!> Status and message of an error, for the Python boundary; 0 and blanks without one
+subroutine pack_error(error, stat, message)
+   type(error_type), allocatable, intent(in) :: error
+   !> Code of the error, 0 for success
+   integer, intent(out) :: stat
+   !> Text of the error, blank for success
+   character(len=*), intent(out) :: message
+
+   stat = 0
+   message = ''
+   if (allocated(error)) then
+      stat = error%code
+      message = error%message
+   end if
+end subroutine pack_error
 
 end module rk_error

@@ -58,23 +58,6 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
    return deck;
 }
 
-Deck Deck::defaults(const std::string &table, const std::string &key, const std::string &value) {
-   Deck deck("the schema");
-   Section section;
-   section.spec = find_table(table);
-   if (!section.spec) {
-      deck.complain({}, table, "no such table");
-      deck.close();
-      return deck;
-   }
-   section.index = section.spec->many ? 1 : 0;
-   if (!key.empty())
-      section.values[key].text = value;
-   fill_defaults(deck, section);
-   deck.sections.push_back(section);
-   return deck;
-}
-
 std::string Deck::resolve(const std::string &key) {
    // a deck that could not be read says so itself
    if (sections.empty() && status != Status::good)

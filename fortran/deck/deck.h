@@ -130,9 +130,6 @@ class Deck {
  public:
    Deck(std::string name, std::string text, std::vector<std::string> overrides);
    static Deck read(const std::string &path, std::vector<std::string> overrides);
-   // One table with nothing but a text at `key` ("": nothing at all) and what follows from it by
-   // default
-   static Deck defaults(const std::string &table, const std::string &key, const std::string &value);
    // The key that an override would set, with the name of its entry: material.fat.K for material.K;
    // "" where there is none, which is then all that the message says
    std::string resolve(const std::string &key);
@@ -191,8 +188,6 @@ void apply_overrides(Deck &deck);
 std::string full_key(Deck &deck, const std::string &address);
 // deck_check.cpp: types, ranges, missing keys, defaults
 void check_schema(Deck &deck);
-// deck_check.cpp: defaults of a table without a look at what is missing or wrong in it
-void fill_defaults(const Deck &deck, Section &section);
 // deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
 void choose_form(Deck &deck);
 // deck_form.cpp: the title of a deck without one, from the name of its file

@@ -193,10 +193,6 @@ DeckView *rk_deck_open(const char *path, const char *text, const char *overrides
    return open(std::move(deck));
 }
 
-DeckView *rk_deck_defaults(const char *table, const char *key, const char *value) {
-   return open(rk::Deck::defaults(table, key, value));
-}
-
 // The full name of a key as an override would take it; "" where the status and message say why not
 const char *rk_deck_resolve(DeckView *handle, const char *key) {
    thread_local std::string found;

@@ -195,13 +195,6 @@ static void fill_default(const Deck &deck, Section &section, const KeySpec &key)
    section.values[key.name] = value;
 }
 
-void fill_defaults(const Deck &deck, Section &section) {
-   for (const KeySpec &key : section.spec->keys) {
-      if (!failing(deck, section, key.only_if, false))
-         fill_default(deck, section, key);
-   }
-}
-
 // Keys that are missing or out of place, given the values of others; returns those complained about
 static std::set<std::string> check_presence(Deck &deck, Section &section) {
    std::set<std::string> wrong;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <memory>
 
 #include <nifti2_io.h>
@@ -34,27 +35,6 @@ void place(const nifti_image &image, LabelMap &map) {
    }
 }
 
-// What no label map has, by the header alone; or ""
-std::string header_fault(const nifti_image &image) {
-   const std::int64_t size[] = {image.nx, image.ny, image.nz};
-   for (const std::int64_t n : size) {
-      if (n < 1 || n > most_voxels)
-         return "is not a readable NIfTI file: it has " + std::to_string(n) + " voxels along an axis";
-   }
-   if (image.nvox > most_voxels)
-      return "is not a readable NIfTI file: more than 1e9 voxels";
-   if (image.nvox != image.nx * image.ny * image.nz)
-      return "is not a label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
-             " values per voxel; extract one of them";
-   if (!nifti_is_inttype(image.datatype) && image.datatype != DT_FLOAT32 &&
-       image.datatype != DT_FLOAT64)
-      return std::string("holds values of type ") + nifti_datatype_string(image.datatype) +
-             "; save the label map with an integer data type";
-   if ((image.scl_slope != 0.0 && image.scl_slope != 1.0) || image.scl_inter != 0.0)
-      return "scales its values (scl_slope, scl_inter); save the label map without scaling";
-   return "";
-}
-
 // Values as labels; what is wrong with one, or ""
 template <typename T> std::string take(const nifti_image &image, LabelMap &map) {
    const T *value = static_cast<const T *>(image.data);
@@ -71,29 +51,31 @@ template <typename T> std::string take(const nifti_image &image, LabelMap &map) 
    return "";
 }
 
-std::string labels(const nifti_image &image, LabelMap &map) {
-   switch (image.datatype) {
-   case DT_UINT8:
-      return take<std::uint8_t>(image, map);
-   case DT_INT8:
-      return take<std::int8_t>(image, map);
-   case DT_INT16:
-      return take<std::int16_t>(image, map);
-   case DT_UINT16:
-      return take<std::uint16_t>(image, map);
-   case DT_INT32:
-      return take<std::int32_t>(image, map);
-   case DT_UINT32:
-      return take<std::uint32_t>(image, map);
-   case DT_INT64:
-      return take<std::int64_t>(image, map);
-   case DT_FLOAT32:
-      return take<float>(image, map);
-   case DT_FLOAT64:
-      return take<double>(image, map);
-   default:
-      return take<std::uint64_t>(image, map);
+// Readers of the types that a label map may have
+const std::map<int, std::string (*)(const nifti_image &, LabelMap &)> readers = {
+   {DT_UINT8, take<std::uint8_t>},   {DT_INT8, take<std::int8_t>},     {DT_INT16, take<std::int16_t>},
+   {DT_UINT16, take<std::uint16_t>}, {DT_INT32, take<std::int32_t>},   {DT_UINT32, take<std::uint32_t>},
+   {DT_INT64, take<std::int64_t>},   {DT_UINT64, take<std::uint64_t>}, {DT_FLOAT32, take<float>},
+   {DT_FLOAT64, take<double>}};
+
+// What no label map has, by the header alone; or ""
+std::string header_fault(const nifti_image &image) {
+   const std::int64_t size[] = {image.nx, image.ny, image.nz};
+   for (const std::int64_t n : size) {
+      if (n < 1 || n > most_voxels)
+         return "is not a readable NIfTI file: it has " + std::to_string(n) + " voxels along an axis";
    }
+   if (image.nvox > most_voxels)
+      return "is not a readable NIfTI file: more than 1e9 voxels";
+   if (image.nvox != image.nx * image.ny * image.nz)
+      return "is not a label map: it has " + std::to_string(image.nvox / (image.nx * image.ny * image.nz)) +
+             " values per voxel; extract one of them";
+   if (readers.count(image.datatype) == 0)
+      return std::string("holds values of type ") + nifti_datatype_string(image.datatype) +
+             "; save the label map with an integer data type";
+   if ((image.scl_slope != 0.0 && image.scl_slope != 1.0) || image.scl_inter != 0.0)
+      return "scales its values (scl_slope, scl_inter); save the label map without scaling";
+   return "";
 }
 
 } // namespace
@@ -110,7 +92,7 @@ std::string read_nifti(const std::string &path, LabelMap &map) {
    if (nifti_image_load(file.get()) != 0 || !file->data)
       return "ends before the values that its header promises";
    place(*file, map);
-   return labels(*file, map);
+   return readers.at(file->datatype)(*file, map);
 }
 
 } // namespace rk

@@ -13,7 +13,7 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, joined, open_deck, resolve_key, table_defaults, word_length
+   public :: deck_type, joined, open_deck, resolve_key, word_length
 
    !> Longest key, and longest word of an array of texts
    integer, parameter :: word_length = 32
@@ -54,7 +54,7 @@ module rk_deck
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
-      procedure :: has, given, count => count_entries, keys => keys_of_table
+      procedure :: has, given, count => count_entries
       procedure :: where => where_written, told, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
@@ -89,12 +89,6 @@ module rk_deck
          character(kind=c_char), intent(in) :: path(*), text(*), overrides(*), command(*)
          type(c_ptr) :: handle
       end function rk_deck_open
-
-      function rk_deck_defaults(table, key, value) result(handle) bind(c)
-         import :: c_char, c_ptr
-         character(kind=c_char), intent(in) :: table(*), key(*), value(*)
-         type(c_ptr) :: handle
-      end function rk_deck_defaults
 
       function rk_deck_resolve(handle, key) result(full) bind(c)
          import :: c_char, c_ptr
@@ -167,22 +161,6 @@ subroutine resolve_key(path, text, overrides, key, full, error)
    if (full == '') call fatal_error(error, int(view%status), to_fortran(view%message))
    call rk_deck_close(handle)
 end subroutine resolve_key
-
-!> Values that the schema gives to keys of a table, as an entry of a deck with nothing but a key of
-!> this value would have them
-subroutine table_defaults(deck, table, key, value, error)
-   !> Deck with this table alone
-   type(deck_type), intent(out) :: deck
-   character(len=*), intent(in) :: table
-   !> Key with a text on which defaults depend; blank for none
-   character(len=*), intent(in) :: key
-   character(len=*), intent(in) :: value
-   !> Error handling: no such table
-   type(error_type), allocatable, intent(out) :: error
-
-   call take(deck, rk_deck_defaults(trim(table)//c_null_char, trim(key)//c_null_char, &
-      & trim(value)//c_null_char), error)
-end subroutine table_defaults
 
 !> The same deck with further overrides, which go before those it has
 subroutine vary(self, overrides, other, error)
@@ -299,26 +277,6 @@ pure function count_entries(self, key) result(number)
    number = 1
    if (self%entry(found)%kind == is_list) number = nint(self%entry(found)%numbers(1))
 end function count_entries
-
-!> Keys of a table that have a value, without the table's name
-subroutine keys_of_table(self, table, keys)
-   class(deck_type), intent(in) :: self
-   !> Table, for an array of tables with the entry's number
-   character(len=*), intent(in) :: table
-   character(len=word_length), allocatable, intent(out) :: keys(:)
-   integer :: i
-
-   keys = [character(len=word_length) ::]
-   i = self%find(table)
-   if (i == 0) return
-   ! they follow their table
-   do i = i + 1, size(self%entry)
-      associate (key => self%entry(i)%key)
-         if (index(key, table//'.') /= 1) exit
-         keys = [character(len=word_length) :: keys, key(len(table) + 2:)]
-      end associate
-   end do
-end subroutine keys_of_table
 
 !> Where a key was written; for one that nobody wrote, its table or the file
 pure recursive function where_written(self, key) result(place)

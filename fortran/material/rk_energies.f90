@@ -27,13 +27,13 @@
 !>             Blemker, Pinsky, Delp, J. Biomech. 38 (2005), doi:10.1016/j.jbiomech.2004.04.009
 module rk_energies
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
+   use rk_deck, only : deck_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_expression, only : new_tape, tape_type
    use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
    use rk_jets, only : jets_type, new_jets
    use rk_material, only : kind_i1, kind_i2, kind_i4, material_item, material_type, &
       & energy_derivatives, invariant_state
-   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
@@ -41,10 +41,8 @@ module rk_energies
 
    public :: muscle_type, new_material, polynomial_type
 
-   !> Names of the materials
-   character(len=*), parameter :: names(9) = ['polynomial   ', 'muscle       ', &
-      & 'neo-hookean  ', 'mooney-rivlin', 'yeoh         ', 'energy       ', 'gent         ', &
-      & 'fung         ', 'holzapfel    ']
+   !> Keys whose numbers an expression may have as constants
+   character(len=*), parameter :: constants(8) = ['mu', 'C1', 'C2', 'C3', 'Jm', 'b ', 'k1', 'k2']
 
    !> Isotropic material, by all coefficients or by those of a named law
    type, extends(material_type) :: polynomial_type
@@ -80,15 +78,17 @@ module rk_energies
 
 contains
 
-!> Create a material from its parameters; `model`, one of them, is its name in the list
-subroutine new_material(item, parameters, error)
+!> Create a material from a table of a deck, which was checked by the schema
+subroutine new_material(item, deck, at, error)
    type(material_item), intent(out) :: item
-   type(parameters_type), intent(inout) :: parameters
+   type(deck_type), intent(in) :: deck
+   !> The table, such as material.1
+   character(len=*), intent(in) :: at
+   !> Error handling: a modulus that is not positive, what is no energy
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: model
 
-   call parameters%get('model', model, names, error)
-   if (allocated(error)) return
+   call deck%get(at//'.model', model)
    select case (model)
    case ('muscle')
       allocate (muscle_type :: item%material)
@@ -97,46 +97,45 @@ subroutine new_material(item, parameters, error)
    case default
       allocate (polynomial_type :: item%material)
    end select
-   item%material%name = parameters%name
-   call item%material%set(parameters, error)
-   call parameters%check_all_asked(error)
+   call deck%get(at//'.name', item%material%name)
+   ! an infinite K keeps the volume
+   call deck%get(at//'.K', item%material%bulk)
+   call item%material%set(deck, at, error)
 end subroutine new_material
 
-!> Take and check coefficients and K; set what follows from them
-subroutine set_polynomial(self, parameters, error)
+!> Take the coefficients; set what follows from them
+subroutine set_polynomial(self, deck, at, error)
    class(polynomial_type), intent(inout) :: self
-   type(parameters_type), intent(inout) :: parameters
+   type(deck_type), intent(in) :: deck
+   character(len=*), intent(in) :: at
    type(error_type), allocatable, intent(out) :: error
    !> Half the shear modulus in parameters, for messages
    character(len=:), allocatable :: half, model
    integer :: i, j
 
-   call parameters%get('model', model, names, error)
+   call deck%get(at//'.model', model)
    select case (model)
    case ('neo-hookean')
       half = 'mu/2'
-      call parameters%get('mu', self%a(1, 0), error, above=0.0_wp)
+      call deck%get(at//'.mu', self%a(1, 0))
       self%a(1, 0) = 0.5_wp*self%a(1, 0)
    case ('mooney-rivlin')
       half = 'C1 + C2'
-      call parameters%get('C1', self%a(1, 0), error)
-      call parameters%get('C2', self%a(0, 1), error)
+      call deck%get(at//'.C1', self%a(1, 0))
+      call deck%get(at//'.C2', self%a(0, 1))
    case ('yeoh')
       half = 'C1'
       do i = 1, 3
-         call parameters%get('C'//to_text(i), self%a(i, 0), error)
+         call deck%get(at//'.C'//to_text(i), self%a(i, 0))
       end do
    case default
       half = 'A10 + A01'
       do i = 0, 3
          do j = merge(1, 0, i == 0), 3 - i
-            call parameters%get('A'//to_text(i)//to_text(j), self%a(i, j), error)
+            call deck%get(at//'.A'//to_text(i)//to_text(j), self%a(i, j))
          end do
       end do
    end select
-   ! an infinite K keeps the volume
-   call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
-   if (allocated(error)) return
    associate (a => self%a)
       self%shear = 2.0_wp*(a(1, 0) + a(0, 1))
       self%active(kind_i1) = any(abs(a(1:, :)) > 0.0_wp)
@@ -184,21 +183,21 @@ pure subroutine polynomial_energy(self, state, order, w)
    end associate
 end subroutine polynomial_energy
 
-!> Take and check the parameters of the matrix and of the fibers
-subroutine set_muscle(self, parameters, error)
+!> Take the parameters of the matrix and of the fibers
+subroutine set_muscle(self, deck, at, error)
    class(muscle_type), intent(inout) :: self
-   type(parameters_type), intent(inout) :: parameters
+   type(deck_type), intent(in) :: deck
+   character(len=*), intent(in) :: at
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: curve
    logical :: smooth
 
-   call self%polynomial_type%set(parameters, error)
-   call parameters%get('sigma_max', self%sigma_max, error, least=0.0_wp)
-   call parameters%get('lambda_o', self%lambda_o, error, above=0.0_wp)
-   call parameters%get('gamma1', self%gamma1, error, least=0.0_wp)
-   call parameters%get('gamma2', self%gamma2, error, above=0.0_wp)
-   call parameters%get('curve', curve, ['published', 'smooth   '], error)
-   if (allocated(error)) return
+   call self%polynomial_type%set(deck, at, error)
+   call deck%get(at//'.sigma_max', self%sigma_max)
+   call deck%get(at//'.lambda_o', self%lambda_o)
+   call deck%get(at//'.gamma1', self%gamma1)
+   call deck%get(at//'.gamma2', self%gamma2)
+   call deck%get(at//'.curve', curve)
    smooth = curve == 'smooth'
    self%active_force = active_curve(smooth)
    self%passive_force = passive_curve(smooth, self%gamma1, self%gamma2)
@@ -245,19 +244,19 @@ pure subroutine muscle_energy(self, state, order, w)
 end subroutine muscle_energy
 
 !> Take the expression and its constants, and look at it at rest
-subroutine set_written(self, parameters, error)
+subroutine set_written(self, deck, at, error)
    class(written_type), intent(inout) :: self
-   type(parameters_type), intent(inout) :: parameters
+   type(deck_type), intent(in) :: deck
+   character(len=*), intent(in) :: at
    type(error_type), allocatable, intent(out) :: error
    type(tape_type) :: tape
    type(energy_derivatives) :: w
    type(invariant_state) :: rest
-   character(len=:), allocatable :: model, text, constants, fault
-   real(wp), allocatable :: values(:)
-   integer :: i
+   character(len=:), allocatable :: model, text, names, fault
+   real(wp) :: values(size(constants))
+   integer :: i, n
 
-   call parameters%get('model', model, error=error)
-   call parameters%get('K', self%bulk, error, above=0.0_wp, infinite=.true.)
+   call deck%get(at//'.model', model)
    select case (model)
    case ('gent')
       text = '-mu*Jm/2*ln(1 - (I1 - 3)/Jm)'
@@ -266,11 +265,17 @@ subroutine set_written(self, parameters, error)
    case ('holzapfel')
       text = 'mu/2*(I1 - 3) + k1/(2*k2)*(exp(k2*max(I4 - 1, 0)^2) - 1)'
    case default
-      call parameters%get('energy', text, error=error)
+      call deck%get(at//'.energy', text)
    end select
-   if (allocated(error)) return
-   call parameters%other_numbers(constants, values)
-   call new_tape(tape, text, constants, values, fault)
+   names = ''
+   n = 0
+   do i = 1, size(constants)
+      if (.not. deck%has(at//'.'//trim(constants(i)))) cycle
+      n = n + 1
+      names = names//trim(constants(i))//' '
+      call deck%get(at//'.'//trim(constants(i)), values(n))
+   end do
+   call new_tape(tape, text, names, values(:n), fault)
    if (.not. allocated(fault)) then
       call new_jets(self%jets, tape)
       self%active = self%jets%uses(:3)
@@ -288,8 +293,8 @@ subroutine set_written(self, parameters, error)
          fault = "'"//text//"' has dW/dI1 + dW/dI2 = "//to_text(0.5_wp*self%shear)//' at rest, ' &
             & //'which must be positive: it is half the shear modulus'
       else if (.not. all([(i == tape%result .or. any(tape%left == i .or. tape%right == i), &
-         & i=5, 4 + size(values))])) then
-         fault = "'"//text//"' does not use all of its constants: "//trim(constants)
+         & i=5, 4 + n)])) then
+         fault = "'"//text//"' does not use all of its constants: "//trim(names)
       else if (self%jets%uses(4) .and. .not. self%fibered) then
          fault = "'"//text//"' has an activation but no fibers, I4, which it activates"
       end if

@@ -11,8 +11,8 @@
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
    use rk_curvature, only : fourth_form, second_form, third_form, third_tensor
+   use rk_deck, only : deck_type
    use rk_error, only : error_type
-   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
       & kind_i4, set_invariants
@@ -77,7 +77,7 @@ module rk_material
       !> Has its stress kinks, at which a residual in strong form jumps?
       logical :: kinked = .false.
    contains
-      !> Take and check the parameters
+      !> Take the parameters
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
@@ -92,13 +92,15 @@ module rk_material
    end type material_item
 
    abstract interface
-      !> Take and check the parameters: ask for each that the material knows, then set the moduli
-      !> and the active invariants
-      subroutine set_material(self, parameters, error)
-         import :: material_type, parameters_type, error_type
+      !> Take the parameters, then set the moduli and the active invariants
+      subroutine set_material(self, deck, at, error)
+         import :: deck_type, error_type, material_type
          class(material_type), intent(inout) :: self
-         !> Parameters by the names they have in decks
-         type(parameters_type), intent(inout) :: parameters
+         !> Deck, which was checked by the schema
+         type(deck_type), intent(in) :: deck
+         !> Table with the parameters, such as material.1
+         character(len=*), intent(in) :: at
+         !> Error handling: a modulus that is not positive, what is no energy
          type(error_type), allocatable, intent(out) :: error
       end subroutine set_material
 

@@ -12,8 +12,7 @@
 !> stiff: a bracket with four of them across its arms moved 7 % too little, 0.2 % with the corners.
 module rk_deck_blocks
    use rk_cloud, only : cloud_type
-   use rk_deck, only : deck_type, table_defaults
-   use rk_error, only : error_type
+   use rk_deck, only : deck_type
    use rk_precision, only : wp
    use rk_voxel_shape, only : least_thickness
    implicit none
@@ -51,16 +50,12 @@ function finer_directions(cloud, deck) result(finer)
    type(cloud_type), intent(in) :: cloud
    type(deck_type), intent(in) :: deck
    logical :: finer(3)
-   type(deck_type) :: defaults
-   type(error_type), allocatable :: error
    integer, allocatable :: usual(:)
    integer :: thickness(3), ratio(3)
 
    finer = .false.
    if (deck%has('geometry.blocks') .or. deck%given('build.source_stride')) return
-   call table_defaults(defaults, 'build', '', '', error)
-   if (allocated(error)) return
-   call defaults%get('build.source_stride', usual)
+   call deck%get('build.source_stride', usual)
    ratio = nint(minval(cloud%spacing, dim=2)/cloud%voxels%size)
    if (any(ratio /= usual)) return
    thickness = least_thickness(cloud)

@@ -1,12 +1,11 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
-   use rk_deck, only : deck_type, word_length
+   use rk_deck, only : deck_type
    use rk_deck_programme, only : read_activation
    use rk_deck_regions, only : has_regions, label_regions, read_parts
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_energies, only : new_material
-   use rk_parameters, only : parameters_type
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type, tissue_type
    use rk_text, only : to_text
@@ -14,10 +13,6 @@ module rk_deck_materials
    private
 
    public :: read_materials
-
-   !> Keys that place a material in the body and drive it; all others are parameters of its law
-   character(len=*), parameter :: placing(7) = [character(len=16) :: 'name', 'label', 'where', &
-      & 'fiber', 'fiber_angle', 'activation', 'amplitude']
 
 contains
 
@@ -70,7 +65,6 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    integer, allocatable, intent(inout) :: material_of(:)
    type(error_type), allocatable, intent(inout) :: error
    type(material_item) :: item
-   type(parameters_type) :: parameters
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
    logical :: by_label
@@ -81,8 +75,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       by_label = regions .or. deck%has(at//'.label')
       if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
          & tissue%label)
-      call read_parameters(deck, at, tissue%name, parameters)
-      call new_material(item, parameters, error)
+      call new_material(item, deck, at, error)
       if (allocated(error)) then
          error%message = deck%where(at//'.model')//': '//error%message
          return
@@ -154,33 +147,6 @@ subroutine set_parts(scene, material_of, deck, error)
       return
    end do
 end subroutine set_parts
-
-subroutine read_parameters(deck, at, name, parameters)
-   type(deck_type), intent(in) :: deck
-   !> Key of the material
-   character(len=*), intent(in) :: at
-   !> Name of the material
-   character(len=*), intent(in) :: name
-   type(parameters_type), intent(out) :: parameters
-   character(len=word_length), allocatable :: key(:)
-   character(len=:), allocatable :: word
-   real(wp) :: number
-   integer :: i
-
-   parameters%kind = 'material'
-   parameters%name = name
-   call deck%keys(at, key)
-   do i = 1, size(key)
-      if (any(placing == key(i))) cycle
-      if (deck%is_text(at//'.'//trim(key(i)))) then
-         call deck%get(at//'.'//trim(key(i)), word)
-         call parameters%add(trim(key(i)), word)
-      else
-         call deck%get(at//'.'//trim(key(i)), number)
-         call parameters%add(trim(key(i)), number)
-      end if
-   end do
-end subroutine read_parameters
 
 !> Give a material to what has its label
 pure subroutine fill_points(material_of, label, k, tissue, by_label)

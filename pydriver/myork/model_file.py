@@ -13,12 +13,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from myork.arrays import UNREADABLE, attribute, dataset, fitted, holds, index, real, whole
+from myork.arrays import UNREADABLE, dataset, fitted, holds, index, real, whole
 from myork.errors import FileError, InputError
 from myork.files import whole_file
 from myork.records import PointCloud, Voxels
 
-FORMAT = "myork-model 3"
+FORMAT = "myork-model 4"
 #: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
 #: shallow ends by three edges
 _MOVED = 10.0
@@ -56,13 +56,13 @@ def write_model(path: Path, cloud: PointCloud) -> None:
 def model_bytes(cloud: PointCloud) -> bytes:
     """What the file of a model holds."""
     labels = "\n".join(f"{label} {name}" for label, name in sorted(cloud.label_names.items()))
-    texts = {"set_names": "\n".join(cloud.set_names), "label_names": labels}
+    texts = {
+        "format": FORMAT, "length_unit": cloud.length_unit, "source_images": cloud.source_images,
+        "set_names": "\n".join(cloud.set_names), "label_names": labels,
+    }  # fmt: skip
     # HDF5 does not survive a full disk: it makes the file in memory
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
-        file.attrs["format"] = np.bytes_(FORMAT)
-        file.attrs["length_unit"] = np.bytes_(cloud.length_unit.encode())
-        file.attrs["source_images"] = np.bytes_(cloud.source_images.encode())
         for name, array in _arrays_of(cloud).items():
             file[name] = array
         for name, text in texts.items():
@@ -99,7 +99,7 @@ def _read(source: Path | io.BytesIO, name: str) -> PointCloud:
 
 
 def _cloud_of(file: h5py.File) -> PointCloud:
-    stamp = attribute(file, "format")
+    stamp = _text(file, "format")
     if stamp != FORMAT:
         raise InputError(f"its format is '{stamp[:40]}', not '{FORMAT}'")
     sets = _lines(file, "set_names")
@@ -114,8 +114,8 @@ def _cloud_of(file: h5py.File) -> PointCloud:
         **_with_voxels(arrays),
         set_names=tuple(sets),
         label_names=labels,
-        length_unit=attribute(file, "length_unit"),
-        source_images=attribute(file, "source_images"),
+        length_unit=_text(file, "length_unit"),
+        source_images=_text(file, "source_images"),
     )
 
 
@@ -181,10 +181,13 @@ def _label(line: str) -> tuple[int, str]:
     return int(number), name
 
 
-def _lines(file: h5py.File, name: str) -> list[str]:
-    """Lines of a text, which is stored as bytes: that needs no string type in HDF5."""
+def _text(file: h5py.File, name: str) -> str:
+    """A text, which is stored as bytes: that needs no string type in HDF5."""
     found = dataset(file, name)
     if found.dtype.kind not in "iu" or found.ndim != 1:
         raise InputError(f"'{name}' is not a text")
-    text = bytes(found[()].astype(np.uint8)).decode()
-    return [line for line in text.split("\n") if line]
+    return bytes(found[()].astype(np.uint8)).decode()
+
+
+def _lines(file: h5py.File, name: str) -> list[str]:
+    return [line for line in _text(file, name).split("\n") if line]

@@ -62,10 +62,6 @@ ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
 }  # fmt: skip
 #: What is done to an array as a whole
 MOVES = ("compressed", "exchanged", "group", "one more array")
-ATTRIBUTES: tuple[Any, ...] = (
-    None, 3.0, np.array([b"myork"] * 1000), np.array(["x" * 5000] * 3, h5py.string_dtype()),
-    np.bytes_(b"m" * 60_000), "Länge", h5py.Empty("S5"),
-)  # fmt: skip
 ELEMENTS = (
     "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns",
     "SamplesPerPixel", "NumberOfFrames", "BitsAllocated", "PixelData", "RescaleSlope",
@@ -181,21 +177,6 @@ def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
         reject()
 
 
-def _attribute(content: bytes, place: int, what: Any) -> bytes:
-    """Another attribute of a file of HDF5, or none."""
-    stream = io.BytesIO(content)
-    try:
-        with h5py.File(stream, "r+") as file:
-            names = sorted(file.attrs)
-            name = names[place % len(names)]
-            del file.attrs[name]
-            if what is not None:
-                file.attrs[name] = what
-    except Exception:  # other edits left no such file
-        reject()
-    return stream.getvalue()
-
-
 def _other(values: np.ndarray, what: str | tuple[int, float]) -> Any:
     values = np.atleast_1d(values)
     if isinstance(what, str):
@@ -219,7 +200,6 @@ _WAYS: dict[str, Way] = {
     "field": _field,
     "element": _element,
     "array": _array,
-    "attribute": _attribute,
     # what a table of known damage names
     "put": lambda content, _, what: content.replace(*what),
     "all": lambda content, _, what: what,
@@ -249,4 +229,3 @@ FIELDS = _edits("field", st.tuples(st.sampled_from(header_dtype.names), st.sampl
 ELEMENT = _edits("element", st.tuples(st.sampled_from(ELEMENTS), st.sampled_from(VALUES)))
 _NUMBER = st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS))
 ARRAY = _edits("array", st.sampled_from([*sorted(ARRAYS), *MOVES]) | _NUMBER)
-MODEL = st.one_of(ARRAY, _edits("attribute", st.sampled_from(ATTRIBUTES)))

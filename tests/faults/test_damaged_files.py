@@ -32,7 +32,7 @@ from myork.model_file import read_model, write_model
 from myork.results import Results
 from myork.stations.segment import segment
 from myork.stations.solve import find_executable
-from tests.faults.damage import ARRAY, BYTES, ELEMENT, FIELDS, MODEL, SETTINGS, TEXT, Edit, damaged
+from tests.faults.damage import ARRAY, BYTES, ELEMENT, FIELDS, SETTINGS, TEXT, Edit, damaged
 from tests.faults.isolated import Verdict, Worker
 from tests.imaging.test_formats import series
 from tests.refusals import refuses
@@ -161,7 +161,7 @@ read_surface = partial(voxelise, to_mm=1.0, spacing=(8.0, 8.0, 8.0), name="muscl
 #: Folder of each kind: what reads its files, and damage to them
 KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "deck": (read_deck, BYTES | TEXT), "model": (read_cloud, BYTES), "rom": (use_rom, BYTES),
-    "voxels": (solve_model, MODEL), "nifti": (read_grey, BYTES | FIELDS),
+    "voxels": (solve_model, ARRAY), "nifti": (read_grey, BYTES | FIELDS),
     "gzip": (read_grey, BYTES), "itk": (read_grey, BYTES | TEXT),
     "dicom": (read_image, BYTES | ELEMENT), "names": (read_names, BYTES | TEXT),
     "gradients": (read_table, BYTES | TEXT), "tracts": (read_lines, BYTES | ARRAY),

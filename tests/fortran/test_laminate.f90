@@ -1,13 +1,14 @@
 !> Two tissues in layers: tractions that agree, the mean gradient, and the stress and tangent as
 !> derivatives of the least energy; TAP for `meson test`.
 program test_laminate
+   use rk_deck, only : deck_type, open_deck
    use rk_energies, only : new_material
    use rk_error, only : error_type
    use rk_laminate, only : layers_type
    use rk_material, only : material_item, material_point
-   use rk_parameters, only : parameters_type
    use rk_precision, only : wp
    use rk_tensor, only : determinant, identity
+   use rk_text, only : to_text
    use tap, only : check, finish
    implicit none
 
@@ -39,13 +40,14 @@ subroutine make(item, mu, bulk)
    type(material_item), intent(out) :: item
    !> Shear and bulk modulus [stress]
    real(wp), intent(in) :: mu, bulk
-   type(parameters_type) :: parameters
+   character(len=*), parameter :: feed = new_line('a')
+   type(deck_type) :: deck
    type(error_type), allocatable :: error
 
-   call parameters%add('model', 'neo-hookean')
-   call parameters%add('mu', mu)
-   call parameters%add('K', bulk)
-   call new_material(item, parameters, error)
+   call open_deck(deck, 'test', 'units = {force = "N", length = "cm"}'//feed//'[[material]]'//feed &
+      & //'name = "it"'//feed//'model = "neo-hookean"'//feed//'mu = '//to_text(mu)//feed &
+      & //'K = '//to_text(bulk), [character(len=1) ::], '', error)
+   if (.not. allocated(error)) call new_material(item, deck, 'material.1', error)
    if (allocated(error)) error stop 'no material'
 end subroutine make
 

@@ -5,9 +5,8 @@
 !> caller asks again with more.
 subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, length, stat, message)
    use rk_deck, only : deck_type, open_deck
-   use rk_error, only : error_type
+   use rk_error, only : error_type, pack_error
    use rk_json, only : json_type
-   use rk_pack, only : pack_error
    use rk_units, only : put_probe_units, put_units
    implicit none
    integer, intent(in) :: n, capacity
@@ -42,8 +41,7 @@ end subroutine deck_json
 !> The key that an override would set, with the name of its entry; `deck_text` as above
 subroutine deck_key(path, deck_text, n, overrides, key, full, stat, message)
    use rk_deck, only : resolve_key
-   use rk_error, only : error_type, fatal_error, err_input
-   use rk_pack, only : pack_error
+   use rk_error, only : error_type, fatal_error, err_input, pack_error
    implicit none
    integer, intent(in) :: n
    character(len=*), intent(in) :: path, deck_text, overrides(n), key
@@ -59,29 +57,3 @@ subroutine deck_key(path, deck_text, n, overrides, key, full, stat, message)
       & //'is too long: shorten it')
    call pack_error(error, stat, message)
 end subroutine deck_key
-
-!> Defaults of a table as JSON; those that depend on a text at a key need it (blank: none).
-!> `length` and `capacity` as above
-subroutine deck_defaults(table, key, value, capacity, text, length, stat, message)
-   use rk_deck, only : deck_type, table_defaults
-   use rk_error, only : error_type
-   use rk_json, only : json_type
-   use rk_pack, only : pack_error
-   implicit none
-   integer, intent(in) :: capacity
-   character(len=*), intent(in) :: table, key, value
-   character(len=capacity), intent(out) :: text
-   integer, intent(out) :: length, stat
-   character(len=2048), intent(out) :: message
-   type(deck_type) :: deck
-   type(error_type), allocatable :: error
-   type(json_type) :: json
-
-   call table_defaults(deck, table, key, value, error)
-   call json%begin_object()
-   if (.not. allocated(error)) call deck%write_json(json)
-   call json%end_object()
-   length = len(json%text())
-   text = json%text()
-   call pack_error(error, stat, message)
-end subroutine deck_defaults

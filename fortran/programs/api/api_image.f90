@@ -5,9 +5,8 @@
 subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj, nk, nchannel, &
    & nlevel, nregion, nblock, channels, weight, start, phi, energy, means, iterations, ended, &
    & stat, message)
-   use rk_error, only : error_type
+   use rk_error, only : error_type, pack_error
    use rk_levelset, only : evolve => evolve_level_sets, level_set_options
-   use rk_pack, only : pack_error
    implicit none
    !f2py threadsafe
    integer, intent(in) :: limit, depth, ni, nj, nk, nchannel, nlevel, nregion, nblock

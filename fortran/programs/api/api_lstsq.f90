@@ -1,10 +1,9 @@
 !> Least squares of a dense matrix: solution; then backward error, distance to the best fit over
 !> the residual, reciprocal condition, refinement iterations; method used and why
 subroutine least_squares(m, n, a, b, method, x, numbers, used, why, stat, message)
-   use rk_error, only : error_type
+   use rk_error, only : error_type, pack_error
    use rk_lstsq, only : lstsq_report, solve_lstsq
    use rk_matrix, only : matrix_rows
-   use rk_pack, only : pack_error
    implicit none
    !f2py threadsafe
    integer, intent(in) :: m, n

@@ -1,22 +1,24 @@
-! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as its name
-! and its parameters by the keys of a deck: n keys, their texts (blank for numbers), their numbers.
+! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as the text
+! of a deck, whose first one it is.
 
 !> Energy, stress, tangent and contracted third derivative at points, each of which owns its part of
 !> the result
-subroutine material_at_points(name, n, keys, texts, numbers, volumetric, nd, np, f, h, fiber, &
-   & activation, w, p, c4, t, stat, message)
-   use rk_error, only : error_type
+subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activation, w, p, c4, t, &
+   & stat, message)
+   use rk_deck, only : deck_type, open_deck
+   use rk_energies, only : new_material
+   use rk_error, only : error_type, pack_error
    use rk_material, only : material_item, material_point
-   use rk_pack, only : pack_error, unpack_material
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: n, volumetric, nd, np
-   character(len=*), intent(in) :: name, keys(n), texts(n)
-   double precision, intent(in) :: numbers(n), activation
+   integer, intent(in) :: volumetric, nd, np
+   character(len=*), intent(in) :: deck_text
+   double precision, intent(in) :: activation
    double precision, intent(in) :: f(3, 3, np), h(3, 3, 3, np), fiber(3, np)
    double precision, intent(out) :: w(np), p(3, 3, np), c4(3, 3, 3, 3, np), t(3, 3, 3, np)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
+   type(deck_type) :: deck
    type(error_type), allocatable :: error
    type(material_item) :: item
    type(material_point) :: at
@@ -26,7 +28,8 @@ subroutine material_at_points(name, n, keys, texts, numbers, volumetric, nd, np,
    p = 0.0d0
    c4 = 0.0d0
    t = 0.0d0
-   call unpack_material(item, name, keys, texts, numbers, error)
+   call open_deck(deck, 'tables', deck_text, [character(len=1) ::], '', error)
+   if (.not. allocated(error)) call new_material(item, deck, 'material.1', error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    !$omp parallel do default(none) schedule(static) private(ip, at) &

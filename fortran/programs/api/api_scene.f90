@@ -11,8 +11,7 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    & entry, entry_of, grid, fraction_label, set_names, length_unit, listener, handle, stat, message)
    use, intrinsic :: iso_c_binding, only : c_f_procpointer, c_null_funptr
    use rk_cloud, only : cloud_type, take_arrays
-   use rk_error, only : error_type
-   use rk_pack, only : pack_error
+   use rk_error, only : error_type, pack_error
    use rk_handles, only : listener_interface
    use rk_session, only : open_session
    implicit none
@@ -64,8 +63,7 @@ end subroutine scene_open
 !> Change loads, material parameters, steps, solver or probes of an open scene. Not threadsafe, as
 !> scene_open
 subroutine scene_update(handle, nover, overrides, stat, message)
-   use rk_error, only : error_type
-   use rk_pack, only : pack_error
+   use rk_error, only : error_type, pack_error
    use rk_session, only : update_session
    implicit none
    integer, intent(in) :: handle, nover
@@ -96,8 +94,7 @@ end subroutine scene_close
 !> thread, so it is set here. The iteration begins at `start`, unknowns that may all be zero
 subroutine scene_solve(handle, n, linear, reduced, threads, estimate, start, stat, message)
    use omp_lib, only : omp_set_num_threads
-   use rk_error, only : error_type
-   use rk_pack, only : pack_error
+   use rk_error, only : error_type, pack_error
    use rk_session, only : solve_session
    implicit none
    !f2py threadsafe
@@ -147,9 +144,8 @@ end subroutine scene_stop
 !> Ask about an open scene: a question of rk_questions, the word and the numbers that it needs,
 !> behind them one that does not count; the number of arrays of the answer
 subroutine scene_ask(handle, question, word, n, given, count, stat, message)
-   use rk_error, only : error_type
+   use rk_error, only : error_type, pack_error
    use rk_handles, only : slot_type
-   use rk_pack, only : pack_error
    use rk_questions, only : ask
    implicit none
    !f2py threadsafe

@@ -5,8 +5,7 @@
 !> each place, and as many rows as there is room for; where there are more, the caller asks again
 subroutine shape_values(order, kernel, window, nd, ns, np, nq, room, source, support, place, &
    & counts, stencils, neighbours, values, stat, message)
-   use rk_error, only : error_type
-   use rk_pack, only : pack_error
+   use rk_error, only : error_type, pack_error
    use rk_shape, only : approximation_type, new_approximation, new_shape, shape_type
    implicit none
    !f2py threadsafe

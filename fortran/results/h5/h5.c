@@ -18,7 +18,6 @@
 const char *rkf_output(const char *path, int keep, int *file);
 
 enum { MAX_RANK = 4 };
-enum { MAX_TEXT = 4095 };   /* of an attribute [byte] */
 
 /* A dataset is compressed in pieces of about this size [byte] */
 static const hsize_t CHUNK_SMALL = 4096, CHUNK_LARGE = 1048576;
@@ -299,52 +298,5 @@ const char *rkh5_put_attribute(int64_t file, const char *object, const char *nam
    if (owner >= 0) H5Oclose(owner);
    H5Tclose(type);
    H5Sclose(space);
-   return finish(failed);
-}
-
-/* The only element of a text attribute */
-static int read_text(hid_t attribute, hid_t type, char *text)
-{
-   int variable = H5Tis_variable_str(type) > 0;
-   size_t room = H5Tget_size(type);
-   if (!variable && room > MAX_TEXT) {
-      complain("it is longer than any text that these files hold");
-      return -1;
-   }
-   char *words = NULL, fixed[MAX_TEXT + 1] = "";
-   hid_t memory = H5Tcopy(H5T_C_S1);
-   H5Tset_size(memory, variable ? H5T_VARIABLE : room + 1);
-   H5Tset_cset(memory, H5Tget_cset(type));
-   int failed = H5Aread(attribute, memory, variable ? (void *)&words : fixed) < 0;
-   if (!failed) {
-      snprintf(text, MAX_TEXT + 1, "%s", variable ? (words ? words : "") : fixed);
-   }
-   if (variable && words) H5free_memory(words);
-   H5Tclose(memory);
-   return failed ? -1 : 0;
-}
-
-/* Text of fixed or variable length, cut where it is too long; it holds until the next call */
-const char *rkh5_get_text(int64_t file, const char *object, const char *name, const char **text)
-{
-   static _Thread_local char found[MAX_TEXT + 1];
-   listen();
-   *text = found;
-   hid_t attribute = H5Aopen_by_name(file, object, name, H5P_DEFAULT, H5P_DEFAULT);
-   hid_t type = attribute < 0 ? -1 : H5Aget_type(attribute);
-   hid_t space = attribute < 0 ? -1 : H5Aget_space(attribute);
-   int failed = type < 0 || space < 0;
-   if (!failed && H5Tget_class(type) != H5T_STRING) {
-      complain("it is not text");
-      failed = 1;
-   }
-   if (!failed && H5Sget_simple_extent_npoints(space) != 1) {
-      complain("it is not a single string");
-      failed = 1;
-   }
-   if (!failed) failed = read_text(attribute, type, found) < 0;
-   if (space >= 0) H5Sclose(space);
-   if (type >= 0) H5Tclose(type);
-   if (attribute >= 0) H5Aclose(attribute);
    return finish(failed);
 }

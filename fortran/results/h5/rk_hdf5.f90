@@ -37,7 +37,6 @@ module rk_hdf5
       !> Read a whole dataset
       generic :: read => read_reals, read_integers, read_text
       procedure, private :: read_reals, read_integers, read_text
-      procedure :: get_attribute
    end type h5_type
 
    !> h5.c: a pointer that a function returns is null, or the reason of its failure as a C string;
@@ -100,13 +99,6 @@ module rk_hdf5
          type(*), intent(in) :: values(..)
       end function rkh5_put_attribute
 
-      !> Text attribute, which holds until the next call
-      type(c_ptr) function rkh5_get_text(file, object, name, text) bind(c)
-         import :: c_char, c_int64_t, c_ptr
-         integer(c_int64_t), value :: file
-         character(kind=c_char), intent(in) :: object(*), name(*)
-         type(c_ptr), intent(out) :: text
-      end function rkh5_get_text
    end interface
 
 contains
@@ -311,24 +303,6 @@ subroutine put_attribute(self, object, name, values, error)
    if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
       object//c_null_char, name//c_null_char, values), error)
 end subroutine put_attribute
-
-subroutine get_attribute(self, object, name, text, error)
-   class(h5_type), intent(in) :: self
-   character(len=*), intent(in) :: object
-   character(len=*), intent(in) :: name
-   character(len=:), allocatable, intent(out) :: text
-   type(error_type), allocatable, intent(inout) :: error
-   type(c_ptr) :: found, why
-
-   if (allocated(error)) return
-   why = rkh5_get_text(self%handle, object//c_null_char, name//c_null_char, found)
-   if (c_associated(why)) then
-      call fatal_error(error, err_input, self%path//": text attribute '"//name//"' of '"// &
-         object//"': "//to_fortran(why))
-   else
-      text = to_fortran(found)
-   end if
-end subroutine get_attribute
 
 !> Where a write has failed, the file will not take its real name
 subroutine check_write(self, name, why, error)

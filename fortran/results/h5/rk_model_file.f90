@@ -16,7 +16,7 @@ module rk_model_file
    public :: read_model_cloud
 
    !> Mark of the files this module reads
-   character(len=*), parameter :: format = "myork-model 3"
+   character(len=*), parameter :: format = "myork-model 4"
 
 contains
 
@@ -60,11 +60,11 @@ subroutine read_model(cloud, path, error)
 
    call file%open_read(path, error)
    if (allocated(error)) return
-   call file%get_attribute("/", "format", mark, error)
+   call file%read("format", mark, error)
    if (allocated(error)) mark = ""
    if (mark /= format) then
       call fatal_error(error, err_input, path//": not a model written by 'myork build' of this "// &
-         "version (attribute 'format' must be '"//format//"'); run 'myork build' again")
+         "version ('format' must be '"//format//"'); run 'myork build' again")
    else
       call read_parts(cloud, file, path, error)
    end if
@@ -83,7 +83,7 @@ subroutine read_parts(cloud, file, path, error)
    character(len=:), allocatable :: text
 
    cloud%nd = 3
-   call file%get_attribute("/", "length_unit", cloud%length_unit, error)
+   call file%read("length_unit", cloud%length_unit, error)
    call file%read("source", cloud%source, error)
    call file%read("spacing", cloud%spacing, error)
    call file%read("points", cloud%points, error)

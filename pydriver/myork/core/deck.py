@@ -58,20 +58,9 @@ def text_of_tables(tables: Mapping[str, Any]) -> str:
 
 
 @cache
-def table_defaults(table: str, key: str = "", value: str = "") -> Mapping[str, Any]:
-    """Values that the schema gives to keys of a table which a deck leaves out.
-
-    - `table`: name of the table
-    - `key`, `value`: a key of the table with its value, on which other keys depend:
-      `"model", "muscle"`
-    - returns values by key, the given one included
-    """
-    answer, length, stat, message = _core.deck_defaults(
-        table.encode(), key.encode() or b" ", value.encode() or b" ", _CAPACITY
-    )
-    errors.check(stat, message)
-    found = json.loads(answer[:length])[table]
-    return MappingProxyType(found[0] if isinstance(found, list) else found)
+def table_defaults(table: str) -> Mapping[str, Any]:
+    """Values that the schema gives to keys of a table which a deck leaves out."""
+    return MappingProxyType(load_deck({})[table])
 
 
 def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: str = "") -> str:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from myork import _core, errors
 from myork.core.calls import called
-from myork.core.deck import as_texts, table_defaults
+from myork.core.deck import load_deck, text_of_tables
 from myork.types import F64
 
 #: Keys of a `[[material]]` table that place the material in a body
@@ -25,6 +25,7 @@ class Material:
     - `K`: bulk modulus, positive; infinite only with `volumetric=False` below [stress]
     - `model`: `polynomial`, `muscle` or another model of decks
     - `**parameters`: those of the model, such as `A10` or `sigma_max`
+    - raises InputError: a parameter that the schema does not allow
 
     >>> rubber = Material("rubber", K=1e3, A10=37.3)
     >>> rubber.A10, rubber.A20
@@ -36,7 +37,9 @@ class Material:
     ) -> None:
         self.name = name
         self._given: dict[str, float | str] = {"K": K, "model": model, **parameters}
-        self.parameters = {**table_defaults("material", "model", model), **self._given}
+        self._tables = {"material": [{"name": name, **self._given}]}
+        self.parameters = load_deck(self._tables)["material"][0]
+        del self.parameters["name"]
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> "Material":
@@ -121,11 +124,7 @@ def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
         raise errors.InputError(
             f"material '{material.name}': K = inf gives no volumetric stress: volumetric=False"
         )
-    values = material.parameters.values()
-    texts = [value if isinstance(value, str) else "" for value in values]
-    numbers = [0.0 if isinstance(value, str) else value for value in values]
-    keys = as_texts(list(material.parameters))
-    return (material.name, keys, as_texts(texts), numbers, int(volumetric))
+    return (text_of_tables(material._tables).encode(), int(volumetric))
 
 
 def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64, F64]:
