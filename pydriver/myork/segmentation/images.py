@@ -55,7 +55,6 @@ class Images:
     anatomy: Image  #: MR image; with fat it is water
     fat: Image | None = None  #: Fat of a Dixon sequence
     decay: Image | None = None  #: R2* of its water and fat [1/s]
-    relaxation: Image | None = None  #: T2, which is also one of the others [ms]
     others: tuple[Image, ...] = ()  #: Further channels
     #: Diffusion tensors, and as they were measured where that is another grid
     tensor: Image | None = None
