@@ -68,7 +68,7 @@ class Images:
     body: Mask | None = None  #: What the user calls body
     region: Labels | None = None  #: What the user limits the segmentation to
     source: str = "phantom"  #: Where the anatomy comes from
-    doubt: str = ""  #: Why water and fat may be exchanged, or T2 wrong
+    doubt: str = ""  #: Why water and fat may be exchanged
 
     @property
     def channels(self) -> list[Image]:
