@@ -81,7 +81,6 @@ TABLES = {
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
-    "relaxation": ("t2_maps",),
     "shading_fields": ("shading_fields", "shading_doubts"),
     "tissues": ("tissues",),
     "trained": ("trained",),

@@ -380,8 +380,8 @@ _SET = _set("override a key of the deck, such as load.steps=20 or material.fat.K
 _DECK = (
     _option(
         "deck", "DECK",
-        "deck file (TOML); run, segment, tensors and build take a folder of images as well, a BIDS "
-        "tree or DICOM, which makes the deck", Path,
+        "deck file (TOML); run, segment and build take a folder of images as well, a BIDS tree or "
+        "DICOM, which makes the deck", Path,
     ),
     _SET,
 )
@@ -422,13 +422,6 @@ _COMMANDS = {
         "  myork segment inputs/mg_muscle.toml\n"
         "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
         "  myork segment inputs/images/thighs.toml --data ~/images",
-        _IMAGES,
-    ),
-    "tensors": _Command(
-        _station("stations.tensors:write_tensors", "tensors and fibers in {out}"),
-        "diffusion images to tensors, their numbers and fibers, without a segmentation",
-        "  myork tensors leg.toml\n"
-        "  myork tensors leg.toml --set image.dwi=dwi.nii.gz --set image.region=muscles.nii.gz",
         _IMAGES,
     ),
     "resample": _Command(

@@ -32,9 +32,6 @@ _FILE = "results.vtkhdf"
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 # Components of scalars, vectors, symmetric and other tensors
 _WIDTHS = (1, 3, 6, 9)
-# Fields that are stresses, and those that are the same in all steps
-_STRESSES = ("cauchy", "principal_stress", "pressure")
-_CONSTANT = ("label", "fiber")
 # In the largest plane of a lattice, for each point
 _MOST_CELLS = 100
 REDUCED_FILE = "reduced_fields.npz"
@@ -276,51 +273,10 @@ class Results:
         table.attrs["units"] = units
         return table
 
-    def to_xarray(self, *names: str) -> Any:
-        """Fields of all steps as labelled arrays.
-
-        - `*names`: some of `fields`; default all of them, with all steps in memory
-        - returns `xarray.Dataset`: a variable a field over `step` (0 is at rest) and `point`,
-          vectors with `i`, tensors with `i` and `j` from x to z; principal stresses with `rank`.
-          Label and fiber have no step. Coordinates are `load`, `activation` and the points at rest,
-          `x`, `y`, `z`; each variable has its `attrs["units"]`.
-        - raises InstallationError: Xarray is missing
-
-        >>> with Results("out/muscle_block") as results:  # doctest: +SKIP
-        ...     fields = results.to_xarray("u", "cauchy")
-        >>> fields.cauchy.sel(i="z", j="z").mean("point").plot(x="load")  # doctest: +SKIP
-        """
-        xarray = optional("xarray", "xarray")
-        length = {"units": self.units["length"]}
-        coordinates: dict[str, Any] = {
-            axis: ("point", x, length) for axis, x in zip("xyz", self.points.T, strict=True)
-        }
-        coordinates |= {"load": ("step", self.loads), "activation": ("step", self.activations)}
-        coordinates |= {"step": np.arange(self.nstep)}
-        variables = {}
-        for name in names or self.fields:
-            once = name in _CONSTANT
-            steps = [self.field(name, step) for step in range(1 if once else self.nstep)]
-            inner = ("rank",) if name == "principal_stress" else ("i", "j")
-            axes = ("point", *inner[: steps[0].ndim - 1])
-            coordinates |= {axis: list(_parts(name)) for axis in axes[1:]}
-            variables[name] = (
-                axes if once else ("step", *axes),
-                steps[0] if once else np.stack(steps),
-                {"units": self._unit(name)},
-            )
-        return xarray.Dataset(variables, coordinates, {"title": self.path.parent.name})
-
     @property
     def units(self) -> dict[str, str]:
         """Units `force` and `length` of the summary; empty texts where there is none."""
         return {"force": "", "length": "", **read_summary(self.path.parent).get("units", {})}
-
-    def _unit(self, name: str) -> str:
-        """Unit of a field, empty for numbers without one."""
-        if name == "u":
-            return self.units["length"]
-        return "{force}/{length}^2".format(**self.units) if name in _STRESSES else ""
 
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
@@ -382,11 +338,6 @@ class Results:
             if values.dtype.kind not in "iuf":
                 raise TypeError("it does not hold numbers")
         return values
-
-
-def _parts(name: str) -> str:
-    """Names of the components of a field in each direction."""
-    return "123" if name == "principal_stress" else "xyz"
 
 
 def restart_of(words: str | Path) -> RestartState:

@@ -98,7 +98,6 @@ EARLIER = {
     },
     "tissue": {"labels": {}, "found": [True, False, [[1, -2], {"a": {"b": [{}]}}]]},
     "model": {"warnings": ["die Muskeln berühren sich \U0001f9b5", ""], "volume": {"muscle": 1e22}},
-    "tensors": {"voxels": 7, "fa": 0.3},
     "resampled": [{"file": "mask.nii", "how": "nearest", "shift": 0.5, "station": "segment"}],
 }
 

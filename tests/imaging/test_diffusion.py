@@ -1,14 +1,11 @@
 """Tensors of diffusion images: against DIPY, against truth, in any frame; command and maps."""
 
-import nibabel
 import numpy as np
 import pytest
 from dipy.core.gradients import gradient_table
 from dipy.reconst.dti import TensorModel
 
 from benchmarks.truths.scanners import even_directions, reordered, write_gradients
-from myork.cli import main
-from myork.core.deck import text_of_tables
 from myork.errors import InputError
 from myork.imaging import diffusion
 from myork.imaging.diffusion import fit_tensors, parse_axes, read_tensors, tensor_components
@@ -17,9 +14,7 @@ from myork.imaging.io import write_image
 from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field
 from myork.records import Image
-from myork.stations.tensors import write_tensors
-from myork.summary import read_summary
-from tests.images import angle, phantom_dwi, save
+from tests.images import angle, phantom_dwi
 from tests.refusals import refuses
 
 
@@ -126,48 +121,6 @@ def test_turning_in_the_voxel_frame_is_that_of_the_axes():
 def test_bad_axes(text):
     assert read_tensors({"tensor_frame": "world", "gradient_axes": "x y z"}, ".") is None
     refuses("image.gradient_axes = .* x, y and z are needed", parse_axes, text)
-
-
-@pytest.mark.slow
-def test_command_needs_no_anatomy(phantom, series, tmp_path):
-    images, table = series
-    (tmp_path / "leg.toml").write_text(text_of_tables({"image": {"dwi": "dwi.nii.gz"}}))
-    save(tmp_path, images.affine, dwi=images, muscles=phantom.truth)
-    write_gradients(tmp_path, "dwi", table, images.affine)
-    out = tmp_path / "out"
-    words = ["tensors", str(tmp_path / "leg.toml"), "--out", str(out), "-q"]
-    assert main([*words, "--set", f"image.region={tmp_path / 'muscles.nii.gz'}"]) == 0
-    record, inside = read_summary(out)["tensors"], phantom.truth.data > 0
-    assert record["voxels"] == inside.sum()
-    assert record["md"] == pytest.approx((2.1e-3 + 1.5e-3 + 1.3e-3) / 3, rel=0.05)
-    fibers, values, mean = (
-        nibabel.load(out / f"{name}.nii.gz").get_fdata()
-        for name in ("tensor_fibers", "eigenvalues", "md")
-    )
-    assert angle(fibers, phantom.fiber.data)[inside].mean() < 2.5
-    assert (np.diff(values[inside]) <= 0).all()
-    np.testing.assert_allclose(values[inside].mean(axis=1), mean[inside], rtol=1e-5)
-    # Without a mask the whole limb has fibers, air has none.
-    assert main(words) == 0
-    assert read_summary(out)["tensors"]["voxels"] > inside.sum()
-    assert not nibabel.load(out / "tensor_fibers.nii.gz").get_fdata()[:10, :10].any()
-    assert not phantom.still.data[:10, :10].any()
-
-
-def test_medians_are_those_of_voxels_with_a_tensor(tmp_path):
-    data = np.tile([1e-3, 3e-3, 2e-3, 0, 0, 0], (6, 4, 2, 1))
-    data[:4] = np.nan
-    everywhere = np.ones((6, 4, 2), np.int32)
-    save(tmp_path, np.eye(4), tensor=data, all=everywhere, none=0 * everywhere)
-    image = {"tensor": tmp_path / "tensor.nii.gz", "region": tmp_path / "all.nii.gz"}
-    deck = {"image": {**image, "fiber_smoothing": 0.0}}
-    told: list[str] = []
-    record = write_tensors(deck, tmp_path / "out", progress=told.append)["tensors"]
-    assert record["fa"] == pytest.approx(np.sqrt(1.5 * 2 / 14), rel=1e-5)
-    assert (record["voxels"], record["filled"], record["far"]) == (48, 32, 32)
-    assert any("up to 4 mm away" in line for line in told)
-    deck["image"]["region"] = tmp_path / "none.nii.gz"
-    refuses("the region is empty, no label is above zero", write_tensors, deck, tmp_path / "out")
 
 
 def test_maps_of_known_tensors():

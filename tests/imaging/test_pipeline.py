@@ -17,7 +17,6 @@ from myork.model_file import read_model
 from myork.records import Image
 from myork.stations.build import build
 from myork.stations.segment import segment
-from myork.stations.tensors import write_tensors
 from myork.summary import read_summary, update_summary
 from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
 from tests.refusals import refuses
@@ -123,8 +122,7 @@ def test_results_are_those_of_the_slices_wherever_a_file_has_them(tmp_path, axis
         np.testing.assert_allclose(two.affine, one.affine, atol=1e-5)
 
 
-@pytest.mark.parametrize("station", [build, write_tensors])
-def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_path, station):
+def test_exchanged_gradient_axes_are_said_where_tensors_become_fibers(tmp_path):
     x, y, _ = centred(20, 16, 12)
     inside = (x / 8) ** 2 + (y / 6) ** 2 < 1
     tensor = inside[..., np.newaxis] * [1.2e-3, 1.2e-3, 2e-3, 0.0, 0.0, 0.0]
@@ -135,7 +133,7 @@ def test_exchanged_gradient_axes_are_said_wherever_tensors_become_fibers(tmp_pat
         deck = {"scene": {"dimension": 3}, "units": UNITS, "image": image}
         deck["build"] = {"labels": "bar.nii.gz", "source_stride": [4, 4, 2]}
         (tmp_path / "deck.toml").write_text(text_of_tables(deck))
-        station(tmp_path / "deck.toml", tmp_path / "out", progress=lines.append)
+        build(tmp_path / "deck.toml", tmp_path / "out", progress=lines.append)
         warned = [line for line in lines if "axes of the diffusion gradients are swapped" in line]
         assert bool(warned) == said and all(line.startswith("warning") for line in warned)
 

@@ -23,7 +23,7 @@ from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
 from myork.report.sketch import NO_VALUE, limits_of
 from myork.report.sources import Deformation, read_folder
-from myork.report.tables import orientation_table, probe_table
+from myork.report.tables import probe_table
 from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.summary import printed
 from tests.images import affine_of
@@ -417,14 +417,3 @@ def test_a_single_slice_is_one_picture() -> None:
     fibers = Image(coronal[..., None] * [0, 0, 1.0], np.eye(4))
     drawn = slice_figure(Labels(coronal, np.eye(4)), None, fibers)
     assert len(drawn.axes[3].collections[-1].V) > 0
-
-
-def test_gradient_axes_of_the_files_stand_first() -> None:
-    evidence = [
-        {"axes": "x y z", "crossing": 0.2, "agreement": 0.1},
-        {"axes": "y x z", "crossing": 0.1, "agreement": -0.5},
-        {"axes": "x -y z", "crossing": 0.15, "agreement": 0.9},
-    ]
-    text = orientation_table(evidence, shown=1)
-    assert text.index("x y z") < text.index("x -y z")
-    assert "y x z" not in text.replace("x y z", "")

@@ -129,7 +129,7 @@ def test_points_of_a_step_for_pyvista(sample: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "call"), [
-    ("pyvista", Results.to_pyvista), ("pandas", Results.history), ("xarray", Results.to_xarray),
+    ("pyvista", Results.to_pyvista), ("pandas", Results.history),
 ])  # fmt: skip
 def test_what_is_missing_names_its_cure(sample, monkeypatch, name, call) -> None:
     # None in the table of modules is an import that fails
@@ -139,29 +139,6 @@ def test_what_is_missing_names_its_cure(sample, monkeypatch, name, call) -> None
         refuses(
             rf"needs {name}: pip install 'myork\[{extra}", call, results, kind=InstallationError
         )
-
-
-def test_fields_as_labelled_arrays(sample: Path) -> None:
-    with Results(sample) as results:
-        found = results.to_xarray()
-        assert set(found) == set(results.fields)
-        assert list(results.to_xarray("J")) == ["J"]
-        right = cauchy(LOADS[2])
-        assert_allclose(found["load"], LOADS, rtol=1e-15)
-        assert found.cauchy.dims == ("step", "point", "i", "j")
-        assert found.label.dims == ("point",) and found.fiber.dims == ("point", "i")
-        for i, row in zip("xyz", right, strict=True):
-            for j, value in zip("xyz", row, strict=True):
-                near = {"atol": 1e-9 * np.abs(right).max()}
-                assert_allclose(found.cauchy.sel(step=2, i=i, j=j), value, **near)
-        # F differs from its transpose: u_x grows with y
-        assert_allclose(found.F.sel(step=2, i="x", j="y"), LOADS[2], rtol=1e-9)
-        assert_allclose(found.u.sel(step=2, i="x"), LOADS[2] * found.y, atol=1e-10)
-        first = found.principal_stress.sel(step=2, rank="1")
-        assert_allclose(first, np.linalg.eigvalsh(right)[-1], rtol=1e-8)
-        assert_array_equal(found.u.sel(step=3), results.field("u", 3))
-        assert found.u.attrs["units"] == found.x.attrs["units"] == "cm"
-        assert found.J.attrs["units"] == "" and found.pressure.attrs["units"] == "N/cm^2"
 
 
 def test_summary_beside_the_results(sample: Path, tmp_path: Path) -> None:
@@ -193,7 +170,6 @@ def test_summary_beside_the_results(sample: Path, tmp_path: Path) -> None:
 def test_refuses_what_is_not_there(sample: Path, tmp_path: Path) -> None:
     with Results(sample) as results:
         refuses("no field 'stress'; there are F, J, cauchy", results.field, "stress")
-        refuses("no field 'stress'", results.to_xarray, "stress")
         refuses("no step 4; the last one is 3", results.field, "u", 4)
         refuses("no step 9", results.to_pyvista, 9)
     (tmp_path / "cut.h5").write_bytes(sample.read_bytes()[:-1000])

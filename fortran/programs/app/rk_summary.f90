@@ -28,7 +28,7 @@ module rk_summary
    !> Entries of the stations before a solve, which hold whatever is solved; all others describe a
    !> solution, `rom` as well, and end with it
    character(len=*), parameter :: kept(*) = [character(len=14) :: 'segmentation', 'tissue', &
-      & 'model', 'tensors', 'resampled', 'damaged_slices']
+      & 'model', 'resampled', 'damaged_slices']
 
 contains
 

@@ -66,30 +66,6 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     return figure
 
 
-def map_figure(values: Image, name: str) -> Figure:
-    """Three axial slices of a map above zero, one of a single slice, with the scale of its values.
-
-    - `values`: shape `(ni, nj, nk)`, zero where nothing is known
-    - `name`: what it shows, with its unit
-    """
-    shown = canonical(values)
-    known = shown.data > 0
-    chosen = np.unique(_axial(known))
-    top = float(np.percentile(shown.data[known], 99.0)) if known.any() else 1.0
-    figure = Figure(figsize=(3.2 * len(chosen) + 1.0, 3.4), layout="constrained")
-    panels = figure.subplots(1, len(chosen), squeeze=False)[0]
-    width, depth = np.array(known.shape[:2]) * shown.spacing[:2]
-    for axes, k in zip(panels, chosen.tolist(), strict=True):
-        picture = axes.imshow(
-            np.where(known[..., k], shown.data[..., k], np.nan).T,
-            origin="lower", extent=(0.0, width, 0.0, depth), cmap="viridis", vmin=0.0, vmax=top,
-        )  # fmt: skip
-        axes.set(title=f"slice {k}", xlabel="right → [mm]")
-    panels[0].set_ylabel("anterior → [mm]")
-    figure.colorbar(picture, ax=panels[-1], label=name)
-    return figure
-
-
 def _axial(known: Mask) -> list[int]:
     """Three axial slices among those that hold something, or among all."""
     filled = np.flatnonzero(known.any(axis=(0, 1)) | (not known.any()))
@@ -100,7 +76,7 @@ def draw_labels(folder: Path) -> list[Path]:
     """Draw the label maps that `segment` left in a folder upon the image, as PNG beside them.
 
     - `folder`: output folder of `segment`
-    - returns `segmentation.png`, `tissue.png` where there are tissues, and `t2.png` where T2 is
+    - returns `segmentation.png`, and `tissue.png` where there are tissues
     """
     image, pictures = read_image(folder / "anatomy.nii.gz"), []
     for name in ("segmentation", "tissue"):
@@ -110,11 +86,6 @@ def draw_labels(folder: Path) -> list[Path]:
             pictures.append(picture)
         else:
             picture.unlink(missing_ok=True)
-    values, picture = folder / "t2.nii.gz", folder / "t2.png"
-    if values.is_file():
-        write_figure(picture, map_figure(read_image(values), "T2 [ms]"))
-        return [*pictures, picture]
-    picture.unlink(missing_ok=True)
     return pictures
 
 

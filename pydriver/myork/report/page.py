@@ -140,8 +140,6 @@ def _images(folder: RunFolder) -> Iterator[Markup]:
         )
     if segmentation:
         yield tables.label_table(segmentation, units)
-    if segmentation.get("orientation"):
-        yield tables.orientation_table(segmentation["orientation"])
     if folder.tissue is not None:
         image = folder.image if _same_grid(folder.image, folder.tissue) else None
         yield figure(

@@ -171,29 +171,6 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
     return _listed(models, columns, "Reduced models against the full solution")
 
 
-def orientation_table(evidence: Sequence[Mapping[str, Any]], shown: int = 4) -> Markup:
-    """Evidence for the order of the gradient axes: a table where another one agrees better."""
-    given, *others = evidence
-    others.sort(key=lambda o: (-round(o.get("agreement") or 0.0, 1), o.get("crossing") or 0.0))
-    mine = given.get("agreement")
-    if mine is not None and round(mine, 1) >= round(others[0].get("agreement") or 0.0, 1):
-        return Markup(
-            "<p>Gradient axes {}, as in the files: agreement with the anatomy {}, fibers cross "
-            "walls by {}; none of {} other orders agrees better.</p>"
-        ).format(given["axes"], number(mine, 2), number(given.get("crossing"), 2), len(others))
-    rows = [
-        (entry["axes"], number(entry.get("crossing"), 2), number(entry.get("agreement"), 2))
-        for entry in (given, *others[:shown])
-    ]
-    head = ("gradient axes", "fibers cross walls [-]", "agreement with anatomy [-]")
-    caption = (
-        "Order of the gradient axes: of the files, and the best others. Fibers cross walls: mean "
-        "square cosine with their normals, small where they run along; flips and the two axes "
-        "across a muscle hardly change it"
-    )
-    return table(head, rows, caption)
-
-
 def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Markup:
     """Size and, where the truth is known, scores of each label."""
     labels, scores = segmentation.get("labels", {}), segmentation.get("scores", {})
@@ -205,7 +182,6 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
         "Dice [-]": _of("dice", 3),
         "PCC [-]": _of("pcc", 3),
         "fraction of fat [-]": _of("fat_fraction", 3),
-        "T2 [ms]": _of("t2", 3),
         f"volume of parts [{unit}]": _of("volume_of_parts"),
     }
     caption = "Labels of the segmentation (a dash: no truth to score against)"

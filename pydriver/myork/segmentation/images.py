@@ -55,7 +55,6 @@ class Images:
     anatomy: Image  #: MR image; with fat it is water
     fat: Image | None = None  #: Fat of a Dixon sequence
     decay: Image | None = None  #: R2* of its water and fat [1/s]
-    relaxation: Image | None = None  #: T2, which is also one of the others [ms]
     others: tuple[Image, ...] = ()  #: Further channels
     #: Diffusion tensors, and as they were measured where that is another grid
     tensor: Image | None = None
@@ -69,7 +68,7 @@ class Images:
     body: Mask | None = None  #: What the user calls body
     region: Labels | None = None  #: What the user limits the segmentation to
     source: str = "phantom"  #: Where the anatomy comes from
-    doubt: str = ""  #: Why water and fat may be exchanged, or T2 wrong
+    doubt: str = ""  #: Why water and fat may be exchanged
 
     @property
     def channels(self) -> list[Image]:

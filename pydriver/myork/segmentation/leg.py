@@ -22,7 +22,7 @@ from myork.imaging.geometry import check_same_grid, depth_in_slices
 from myork.imaging.phantom import TISSUES
 from myork.records import Image, Labels
 from myork.segmentation.channels import local_means, scaled_values
-from myork.segmentation.fuzzy import fuzzy_c_means
+from myork.segmentation.fuzzy import bright_cluster
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, large_pieces
 from myork.segmentation.scores import dice
@@ -113,12 +113,11 @@ def leg_tissues(
     memberships: dict[str, F64] = {}
 
     def clustered(name: str, image: Image, contrast: float = 0.0) -> Mask:
-        found = fuzzy_c_means(image.data, soft, 2)
-        if found.centre[-1, 0] < contrast * found.centre[-2, 0]:
+        found, (dark, bright) = bright_cluster(image.data, soft)
+        if bright < contrast * dark:
             return np.zeros(soft.shape, dtype=bool)
-        memberships[name] = np.zeros(soft.shape)
-        memberships[name][soft] = found.membership[:, -1]
-        return found.place(soft, -1)
+        memberships[name] = found
+        return np.asarray(found > 0.5)
 
     sheets = np.zeros(body.shape, dtype=bool)
     if connective is not None:

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
 from myork.segmentation.starts import (
-    circle_regions,
     kmeans,
     level_sets_for,
     level_sets_of,
@@ -33,7 +32,7 @@ class LevelSets:
     """What to segment with; decks have the defaults of what has none here."""
 
     regions: int  #: Number of regions, 2 to 64
-    #: `otsu` (threshold of the first channel, two regions), `kmeans`, `circles`, or `labels`
+    #: `otsu` (threshold of the first channel, two regions), `kmeans` or `labels`
     start: str
     mu: float | Sequence[float]  #: Weight of the length of each contour, or one for all [-]
     #: Weight of the misfit of each region, or of each channel in each region, all channels of the
@@ -118,8 +117,6 @@ def segment_regions(
         volume=choice.volume,
     )
     found = np.where(region, regions_of(result["phi"], choice.regions), -1).astype(np.int32)
-    if choice.start == "circles":
-        found = _in_order_of_values(found, inside[..., 0], choice)
     done = result["iterations"]
     return Regions(
         region=found,
@@ -176,9 +173,7 @@ def _first_level_sets(
     labels: I32 | None,
 ) -> F64:
     """Level sets to start from."""
-    if choice.start == "circles":
-        first = circle_regions(region.shape, choice.regions)
-    elif choice.start == "otsu":
+    if choice.start == "otsu":
         if choice.regions > 2:
             raise InputError(
                 f"image.start = 'otsu' makes two regions, image.regions is {choice.regions}; "
@@ -193,15 +188,3 @@ def _first_level_sets(
     else:
         first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     return level_sets_of(first, choice.regions, choice.volume)
-
-
-def _in_order_of_values(found: I32, values: F64, choice: LevelSets) -> I32:
-    """Number regions by their mean values, block by block: circles give them no meaning."""
-    ordered = found.copy()
-    depth = found.shape[2] if choice.volume else 1
-    for first in range(0, found.shape[2], depth):
-        cut = np.s_[:, :, first : first + depth]
-        means = {p: values[cut][found[cut] == p].mean() for p in np.unique(found[cut]) if p >= 0}
-        for number, p in enumerate(sorted(means, key=means.__getitem__)):
-            ordered[cut][found[cut] == p] = number
-    return ordered

@@ -15,8 +15,6 @@ from myork.types import F64, I32, Mask
 _BLUR = 1.0  # standard deviation [voxels]
 _HEIGHT = 3.0  # far from contours; several times the width of the step function [-]
 
-_PITCH = 16.0  # distance of the circles of the first grid [pixel]
-
 _SAMPLE = 20_000  # values that place the centres of k-means
 _RESTARTS, _ROUNDS = 8, 50
 
@@ -111,27 +109,6 @@ def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
         sign = 2.0 * ((region >> level) & 1) - 1.0
         phi[..., level] = _HEIGHT * ndimage.gaussian_filter(sign, blur, truncate=3.0)
     return phi
-
-
-def circle_regions(shape: tuple[int, ...], regions: int) -> I32:
-    """Regions from square grids of circles, one grid a level set.
-
-    The grids are shifted against each other, so that all regions occur, and their pitches
-    differ: equal ones would fit a symmetric image everywhere alike.
-
-    - `shape`: of the result, `(ni, nj, nk)`
-    - `regions`: number of regions
-    """
-    count = level_sets_for(regions)
-    combination = np.zeros(shape, np.int32)
-    for level in range(count):
-        step = _PITCH * (1.0 + 0.25 * level)
-        i, j = (
-            np.abs((np.arange(n) + step * level / count) % step - 0.5 * step) for n in shape[:2]
-        )
-        inside = np.hypot(i[:, None], j[None, :]) < 0.35 * step
-        combination += inside[..., None].astype(np.int32) << level
-    return _known(combination, regions)
 
 
 def regions_of(phi: F64, regions: int) -> I32:

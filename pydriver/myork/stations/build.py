@@ -166,7 +166,7 @@ def _strangers(
 
 
 def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
-    """Fibers that were measured, and maps that `segment` or `tensors` left in the folder."""
+    """Fibers that were measured, and maps that `segment` left in the folder."""
     found: dict[str, Image] = {}
     for name in ("fat_fraction", "anatomy", "fat", "fa", "md"):
         path = out / f"{name}.nii.gz"

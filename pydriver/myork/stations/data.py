@@ -32,7 +32,6 @@ PATHS = (
     "image.seeds",
     "dixon.magnitude",
     "dixon.phase",
-    "t2.magnitude",
     "build.labels",
     "build.fibers",
     "build.fractions",

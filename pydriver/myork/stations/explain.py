@@ -120,16 +120,15 @@ def _stations(values: Mapping[str, Any]) -> list[str]:
 def _images(values: Mapping[str, Any]) -> list[str]:
     """The images and how they are segmented."""
     image, phantom = values["image"], values["phantom"]
-    echoes = [*values["dixon"].get("magnitude", []), *values["t2"].get("magnitude", [])]
+    echoes = values["dixon"].get("magnitude", [])
     named = image.get("anatomy") or next(iter(echoes), None)
     if named:
         path = Path(values["folder"]) / named
         anatomy = read_image(path)
         size, spacing = anatomy.data.shape[:3], [round(float(s), 4) for s in anatomy.spacing]
         lines = [f"  image         {path.name}: {_by(size)} voxels of {_by(spacing)} mm"]
-        for key, what in (("dixon", "water and fat"), ("t2", "T2")):
-            if count := len(values[key].get("magnitude", [])):
-                lines.append(f"  channels      {what} of {count} echoes")
+        if echoes:
+            lines.append(f"  channels      water and fat of {len(echoes)} echoes")
         beside = [*([image["fat"]] if "fat" in image else []), *image["channels"]]
         if beside:
             lines.append(f"  channels      {', '.join(beside)}")

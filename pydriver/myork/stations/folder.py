@@ -11,7 +11,7 @@ from myork.imaging.dicom import dicom_files, listed_images
 from myork.imaging.headers import bids_name
 
 #: Suffixes of BIDS that are an anatomy, the best one first
-_ANATOMY = ("T1w", "PDw", "T2w", "PDT2", "T2starw", "FLASH", "MEGRE", "MESE")
+_ANATOMY = ("T1w", "PDw", "T2w", "PDT2", "T2starw", "FLASH", "MEGRE")
 _ENDS = ("bottom", "top")
 
 
@@ -22,7 +22,6 @@ class _Found(NamedTuple):
     dwi: list[str]
     magnitude: list[str]
     phase: list[str]
-    spins: Sequence[str] = ()  #: Spin echoes
     water: Sequence[str] = ()
     fat: Sequence[str] = ()
     labels: Sequence[str] = ()
@@ -39,7 +38,7 @@ def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
     files = sorted(path for path in folder.rglob("*") if path.name.endswith((".nii", ".nii.gz")))
     found = _of_bids(folder, files) if files else _of_dicom(folder)
     tables, lines = _tables(found)
-    if not tables["image"] and not {"dixon", "t2"} & tables.keys() and not found.labels:
+    if not tables["image"] and "dixon" not in tables and not found.labels:
         raise InputError(
             f"{folder}: holds no image whose name or header says what it is; names end as those "
             f"of BIDS do, in _{', _'.join(_ANATOMY)}, _dwi or _dseg; or write a deck (myork new "
@@ -75,31 +74,31 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
             and (suffix == "dseg" or "derivatives" not in path.relative_to(folder).parts)
         ]
 
-    magnitude, phase = _echoes(files, "MEGRE", ("mag", "phase"))
+    magnitude, phase = _echoes(files)
     return _Found(
         anatomy=[path for suffix in _ANATOMY for path in named(suffix)],
         dwi=named("dwi"),
         magnitude=magnitude,
         phase=phase,
-        spins=_echoes(files, "MESE", ("mag",))[0],
         labels=named("dseg"),
     )
 
 
-def _echoes(files: list[Path], suffix: str, parts: Sequence[str]) -> list[list[str]]:
-    """The first run of which several echoes have all these parts, by their numbers: its images."""
+def _echoes(files: list[Path]) -> tuple[list[str], list[str]]:
+    """Magnitudes and phases of the first run of several gradient echoes that has both, in order."""
     runs: dict[tuple[Path, str], dict[str, dict[int, str]]] = {}
     for path in files:
         entities, kind = bids_name(path)
-        if kind == suffix and "derivatives" not in path.parts:
+        if kind == "MEGRE" and "derivatives" not in path.parts:
             part, echo = entities.pop("part", "mag"), int(entities.pop("echo", "1"))
             run = runs.setdefault((path.parent, str(sorted(entities.items()))), {})
             run.setdefault(part, {})[echo] = str(path)
     for run in runs.values():
-        found = [run.get(part, {}) for part in parts]
-        if len(found[0]) > 1 and all(one.keys() == found[0].keys() for one in found):
-            return [[one[number] for number in sorted(one)] for one in found]
-    return [[] for _ in parts]
+        magnitude, phase = run.get("mag", {}), run.get("phase", {})
+        if len(magnitude) > 1 and magnitude.keys() == phase.keys():
+            order = sorted(magnitude)
+            return [magnitude[number] for number in order], [phase[number] for number in order]
+    return [], []
 
 
 def _of_dicom(folder: Path) -> _Found:
@@ -149,9 +148,6 @@ def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
     elif found.anatomy:
         image["anatomy"] = found.anatomy[0]
         lines.append(f"anatomy: {_one_of(found.anatomy)}")
-    if found.spins and not found.labels:
-        tables["t2"] = {"magnitude": found.spins}
-        lines.append(f"T2 of {len(found.spins)} echoes: {found.spins[0]} and so on")
     if found.dwi and (image or found.labels):
         image["dwi"] = found.dwi[0]
         lines.append(f"diffusion: {_one_of(found.dwi)}")

@@ -3,11 +3,10 @@
 Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
 `bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
 `segmentation.nii.gz` with `segmentation.json` (names), `fat.nii.gz` and `fat_fraction.nii.gz`
-(with fat only), `r2star.nii.gz` ([1/s], of three echoes and more), `t2.nii.gz` ([ms], with `[t2]`
-only), `fractions.nii.gz` (parts of labels in each voxel, with `image.partial` only),
-`fibers.nii.gz` (unit vectors in the world frame), `fa.nii.gz`, `md.nii.gz` and
-`eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the phantom also its images and
-its truth (`write_phantom`).
+(with fat only), `r2star.nii.gz` ([1/s], of three echoes and more), `fractions.nii.gz` (parts of
+labels in each voxel, with `image.partial` only), `fibers.nii.gz` (unit vectors in the world frame),
+`fa.nii.gz`, `md.nii.gz` and `eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the
+phantom also its images and its truth (`write_phantom`).
 
 With `tissue.find` materials of a whole leg are `tissue.nii.gz`, the fibers of its muscle
 `tissue_fibers.nii.gz`, memberships in the fuzzy clusters `membership_fat.nii.gz` and, where there
@@ -31,7 +30,6 @@ from myork.imaging.geometry import length_factor
 from myork.imaging.headers import Header, described_by, read_header
 from myork.imaging.io import read_image, read_labels, write_labels
 from myork.imaging.phantom import make_phantom, write_phantom
-from myork.imaging.relaxation import t2_map
 from myork.model.architecture import fat_of_label
 from myork.model.fibers import fibers_of_labels
 from myork.records import Image, Labels
@@ -57,7 +55,7 @@ _UNMIXED = (0, 4)
 def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dict[str, Any]:
     """Segment the image of a deck, or the phantom where the deck names no image.
 
-    The tables `image`, `dixon`, `t2`, `bias`, `muscle`, `phantom`, `tissue` and `units` are read.
+    The tables `image`, `dixon`, `bias`, `muscle`, `phantom`, `tissue` and `units` are read.
     """
     table, muscles = deck["image"], _muscles(deck)
     _check_rules(table, muscles)
@@ -73,7 +71,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         fractions, filled = parts_of_labels(labels, -1 - kinds, found.values, _BEYOND)
     record = _record(deck, found, filled)
     maps = {"fat": found.images.fat, "fat_fraction": found.fraction, "r2star": images.decay,
-            "t2": images.relaxation, "fractions": fractions}  # fmt: skip
+            "fractions": fractions}  # fmt: skip
     if names := [name for name, one in maps.items() if one is not None]:
         record["maps"] = {name: f"{name}.nii.gz" for name in names}
     if images.source == "phantom":
@@ -114,9 +112,6 @@ def _record(
             entries[name]["fat_fraction"] = fat
             if by_phase and not deck.get("muscle"):
                 warnings += _fat_doubt(name, fat, table["phase"])
-        if images.relaxation is not None and images.relaxation.data[own].any():
-            times = images.relaxation.data[own]
-            entries[name]["t2"] = float(np.median(times[times > 0]))
     record = {
         "labels": entries,
         "scores": {} if images.truth is None else _scores(table, labels, images.truth),
@@ -232,8 +227,8 @@ def find_tissues(
     """Label the materials of a leg and write them and the muscle's fibers.
 
     - `out`: folder of the results, in which the phantom's images lie where it is used
-    - `segmented`: images without shading; the fraction of fat, or T2, which is longer in fat,
-      stands in for `tissue.fat` where the deck names none
+    - `segmented`: images without shading; the fraction of fat stands in for `tissue.fat` where
+      the deck names none
     - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
     """
     files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
@@ -246,7 +241,7 @@ def find_tissues(
             for name in ("fat", "connective")
         )
     else:
-        fat = files.image("fat", images.anatomy) or segmented.fraction or images.relaxation
+        fat = files.image("fat", images.anatomy) or segmented.fraction
         connective = files.image("connective", images.anatomy)
     anatomy, body, tensor = images.whole, images.body, images.tensor
     if body is None and images.region is not None:
@@ -296,7 +291,6 @@ def read_images(
     found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
     if anatomy is not None:
         found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
-    found = _with_t2(found, DeckFiles(deck, "t2", grid), files, progress)
     if found is None:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
         stray += ["channels"] if table["channels"] else []
@@ -323,7 +317,7 @@ def read_images(
             tensor=tensor,
             measured=None if tensor is measured else measured,
             truth=truth,
-            others=(*found.others, *files.images("channels", like)),
+            others=tuple(files.images("channels", like)),
         )
     drawn_in = files.image("reference_anatomy")
     found = replace(
@@ -414,38 +408,3 @@ def _headers(files: DeckFiles) -> list[Header]:
     for path in paths:
         files.grid.tell_strangers(path, described_by(path, "json"))
     return [read_header(path) for path in paths]
-
-
-def _spin_echo_times(files: DeckFiles) -> list[float]:
-    """Echo times of `[t2]`, or of the headers [ms]."""
-    times = files.table.get("echo_times") or [one.echo_time for one in _headers(files)]
-    if None in times:
-        raise InputError(
-            f"t2.magnitude: the header of {files.table['magnitude'][times.index(None)]} holds no "
-            "echo time; give t2.echo_times"
-        )
-    return list(times)
-
-
-def _with_t2(
-    found: Images | None, files: DeckFiles, beside: DeckFiles, progress: ProgressCallback
-) -> Images | None:
-    """The images with T2 of `[t2]` as a further channel, on the grid of the anatomy.
-
-    Without an anatomy it is the mean of the echoes: fat and muscle are alike in the first one.
-    """
-    if "magnitude" not in files.table:
-        return found
-    times, names = _spin_echo_times(files), files.table["magnitude"]
-    echoes = files.images("magnitude", None if found is None else found.anatomy)
-    like = echoes[0]
-    mean = Image(np.mean([m.data for m in echoes], axis=0), like.affine, f"echoes of {names[0]}")
-    mask = beside.labels("body", like)
-    body = body_mask(mean, rim=0.0) if mask is None else mask.data > 0
-    progress(f"T2 of {len(echoes)} echoes, {', '.join(f'{time:.4g}' for time in times)} ms")
-    decay = t2_map(echoes, times, body)
-    if found is None:
-        found = Images(mean, fat=beside.image("fat", mean), source=names[0])
-    relaxation = Image(decay.time, like.affine, "T2")
-    doubt = "; ".join(text for text in (found.doubt, decay.doubt) if text)
-    return replace(found, relaxation=relaxation, others=(relaxation,), doubt=doubt)
