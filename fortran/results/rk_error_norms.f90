@@ -22,6 +22,9 @@ module rk_error_norms
       !> H1 norm of the error and of the known solution
       real(wp) :: h1 = 0.0_wp
       real(wp) :: h1_solution = 0.0_wp
+      !> The largest ones of a motion, which may pass through rest at its end
+      real(wp) :: largest_l2 = 0.0_wp
+      real(wp) :: largest_l2_solution = 0.0_wp
       !> Wall time of the integration [s]
       real(wp) :: seconds = 0.0_wp
    end type norms_type

@@ -84,8 +84,8 @@ module rk_bars
       real(wp), allocatable :: value(:, :)
       !> Bars at full load, not a number where there is none, shape (3, probes)
       real(wp), allocatable :: bar(:, :)
-      !> Loads of a programme, whose bars are not in proportion to these; of a ramp the full one,
-      !> shape (n) [-]
+      !> Loads of a programme, whose bars are not in proportion to these, or times of a motion; of
+      !> a ramp the full one, shape (n)
       real(wp), allocatable :: load(:)
       !> Values and bars there, shape (3, probes, n)
       real(wp), allocatable :: values(:, :, :), bars(:, :, :)
@@ -110,6 +110,9 @@ module rk_bars
       real(wp), allocatable :: peak(:)
       !> The loads are taken off at the end, which says nothing about the answer
       logical :: taken_off = .false.
+      !> A motion: what passes through zero is measured by its amplitude, and bars are the largest
+      !> so far, as two solutions out of phase agree now and then
+      logical :: moves = .false.
       !> Change by that of the displacements at its place, and by that of the stresses: one of a
       !> component of them, of an expression what it makes of them, shape (2, probes)
       real(wp), allocatable :: of_field(:, :)
@@ -172,6 +175,11 @@ subroutine new_bars(self, problem, load, x, error)
    ! the end is judged by what it is, whatever the way there
    self%size = max(self%size, share_of_peak*self%peak)
    self%kind = max(self%kind, share_of_peak*peak)
+   self%moves = allocated(problem%scene%motion)
+   if (self%moves) then
+      self%size = self%peak
+      self%kind = peak
+   end if
    self%value = self%values(:, :, size(load))
 end subroutine new_bars
 
@@ -418,38 +426,40 @@ pure real(wp) function taper_of(scene) result(most)
 end function taper_of
 
 !> Bars from the known solution of a linear problem; forces by its stress at the boundary points
-subroutine bars_by_solution(self, problem, time, error)
+subroutine bars_by_solution(self, problem, error)
    type(bars_type), intent(inout) :: self
    !> Linear problem
    class(discretisation_type), intent(in) :: problem
-   !> Time, of no meaning where nothing moves
-   real(wp), intent(in) :: time
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
    type(point_state) :: local
    real(wp) :: pair(2)
-   real(wp) :: exact(3), u(problem%fields, problem%shape%nq)
-   integer :: e, i, nd
+   real(wp) :: exact(3, size(self%load)), u(problem%fields, problem%shape%nq)
+   integer :: e, i, k, nd
 
    nd = problem%scene%cloud%nd
+   exact = 0.0_wp
    associate (cloud => problem%scene%cloud)
       do i = 1, size(self%change)
          associate (probe => problem%scene%probe(i))
-            exact = 0.0_wp
-            if (probe%set > 0) then
+            do k = 1, size(self%load)
+               if (probe%set == 0) then
+                  call exact_state(probe%point(:nd))
+                  exact(:, k) = local_value(problem, probe, 1, local)
+                  cycle
+               end if
+               exact(:, k) = 0.0_wp
                do e = 1, size(cloud%boundary_point)
                   if (.not. cloud%in_set(e, probe%set)) cycle
                   call exact_state(cloud%points(:, cloud%boundary_point(e)))
-                  exact(:nd) = exact(:nd) + matmul(local%p(:nd, :nd), cloud%normal(:, e)) &
+                  exact(:nd, k) = exact(:nd, k) + matmul(local%p(:nd, :nd), cloud%normal(:, e)) &
                      & *cloud%area(e)
                end do
-               if (probe%quantity /= 'force') exact(1) = exact(index('xyz', probe%quantity(7:7)))
-            else
-               call exact_state(probe%point(:nd))
-               exact = local_value(problem, probe, 1, local)
-            end if
-            call set_bar(self, i, quantity_size(probe%quantity), reshape(exact, [3, 1]), &
-               & [0.0_wp], 0.0_wp, 'known solution')
+               if (probe%quantity /= 'force') &
+                  & exact(1, k) = exact(index('xyz', probe%quantity(7:7)), k)
+            end do
+            call set_bar(self, i, quantity_size(probe%quantity), exact, &
+               & spread(0.0_wp, 1, size(self%load)), 0.0_wp, 'known solution')
          end associate
       end do
    end associate
@@ -461,7 +471,7 @@ contains
       !> Place, shape (nd) [length]
       real(wp), intent(in) :: place(:)
 
-      call solution_at(problem%scene%equation, place, time, u, error)
+      call solution_at(problem%scene%equation, place, self%load(k), u, error)
       call coefficient_at(problem%scene%equation, place, pair, error)
       call small_strain(problem%scene%equation, pair, place, u, local)
    end subroutine exact_state
@@ -492,6 +502,7 @@ subroutine set_bar(self, i, n, other, least_change, left, from)
    if (.not. all(ieee_is_finite(self%values(:n, i, :) - other(:n, :)))) return
    difference = max(abs(self%values(:n, i, :) - other(:n, :)), spread(least_change, 1, n))
    do k = 1, size(self%load)
+      if (self%moves) difference(:, k) = maxval(difference(:, :k), dim=2)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
          & + left*self%whole(i, k), self%apart(i, k), least(self, i, self%whole(i, k)))
    end do
@@ -559,7 +570,10 @@ pure function at(self, i, load, value) result(bar)
    real(wp), intent(in) :: value(:)
    real(wp) :: bar(size(value))
 
-   if (size(self%load) > 1) then
+   if (self%moves) then
+      bar = self%bars(:size(value), i, min(1 + count(self%load < load), size(self%load)))
+      return
+   else if (size(self%load) > 1) then
       bar = self%bars(:size(value), i, minloc(abs(self%load - load), dim=1))
       return
    end if

@@ -285,6 +285,11 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    self%coarse = any(other < source .and. other - 1 <= few_cells)
    words = [character(len=override_length) :: words, 'scene.method='//self%method]
    call lattice_words(deck, other, words)
+   ! waves cross half as wide cells in half the time
+   if (allocated(scene%motion) .and. any(other > source)) words = [character( &
+      & len=override_length) :: words, &
+      & 'dynamics.time_step='//to_text(0.5_wp*scene%motion%time_step, 17), &
+      & 'dynamics.every='//to_text(2*scene%motion%every)]
    ! with more points both ways come too near each other, and a search from points that were given
    ! would pay for what its answer lacks; in space the penalty lets singular rims give way, and bars
    ! of glued bodies would double; few points in a narrow set of one's own hold too little

@@ -30,6 +30,9 @@ module rk_run
 
    !> Displacements below this share of the body are roundings [-]
    real(wp), parameter :: unmoved = 1.0e-13_wp
+   !> States of a motion that are judged. They lie closer together towards the end, where errors are
+   !> largest, and not at multiples of any period
+   integer, parameter :: looks = 16
 
    !> What a run found out beside its states
    type :: outcome_type
@@ -54,8 +57,8 @@ module rk_run
       real(wp) :: min_j = huge(1.0_wp)
       !> The last state
       type(field_state) :: last
-      !> States that are judged: that of full load, or all planned ones of a programme, whose end
-      !> may be at rest: loads, shape (n) [-]
+      !> States that are judged: that of full load, or all planned ones of a programme and some of
+      !> a motion, whose ends may be at rest: loads, of a motion times, shape (n)
       real(wp), allocatable :: load(:)
       !> Their unknowns, shape (unknowns, n)
       real(wp), allocatable :: x(:, :)
@@ -138,14 +141,33 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       if (.not. allocated(error)) call find_stability(problem, outcome)
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error) .and. problem%scene%equation%is_known()) then
-      allocate (outcome%norms)
-      call error_norms(problem, outcome%last%x, outcome%last%load, outcome%norms, error)
+      call find_norms(problem, outcome, error)
       outcome%norms%seconds = tick(clock)
    end if
    if (.not. allocated(error)) return
    outcome%ended = error%message
    call outcome%warn(error%message, recorder)
 end subroutine solve_scene
+
+!> Errors against the known solution in all states that are judged; the norms are those of the last
+subroutine find_norms(problem, outcome, error)
+   class(discretisation_type), intent(in) :: problem
+   type(outcome_type), intent(inout) :: outcome
+   !> Error handling: a solution that is not finite
+   type(error_type), allocatable, intent(out) :: error
+   real(wp) :: largest(2)
+   integer :: k
+
+   allocate (outcome%norms)
+   largest = 0.0_wp
+   do k = 1, size(outcome%load)
+      call error_norms(problem, outcome%x(:, k), outcome%load(k), outcome%norms, error)
+      if (allocated(error)) return
+      largest = max(largest, [outcome%norms%l2, outcome%norms%l2_solution])
+   end do
+   outcome%norms%largest_l2 = largest(1)
+   outcome%norms%largest_l2_solution = largest(2)
+end subroutine find_norms
 
 !> Solve any problem of a scene, full or reduced, with the settings of its deck
 subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
@@ -355,7 +377,7 @@ subroutine step(self, st, x)
 
    call system_clock(clock)
    call self%problem%state(x, st%load, self%outcome%last)
-   if (st%step > 0) call keep(self%outcome, st%load, x, self%problem%scene%programme%count() > 1)
+   if (st%step > 0) call keep(self%outcome, self%problem%scene, st%load, x)
    seen = st
    if (self%problem%linear) then
       call self%receiver%step(seen, x)
@@ -382,23 +404,43 @@ subroutine step(self, st, x)
    call self%outcome%warn(self%outcome%lost, self%receiver)
 end subroutine step
 
-!> Keep a state that is judged, beside those before it or instead of them
-subroutine keep(outcome, load, x, all)
+!> Keep a state that is judged: of a ramp instead of the last one, of a programme beside it, of a
+!> motion beside those whose time has come
+subroutine keep(outcome, scene, load, x)
    type(outcome_type), intent(inout) :: outcome
-   !> Load [-]
+   type(scene_type), intent(in) :: scene
+   !> Load, of a motion the time
    real(wp), intent(in) :: load
    !> Unknowns, shape (n)
    real(wp), intent(in) :: x(:)
-   !> Beside the others
-   logical, intent(in) :: all
+   integer :: n
+   logical :: instead
 
-   if (all .and. allocated(outcome%load)) then
+   n = 0
+   if (allocated(outcome%load)) n = size(outcome%load)
+   instead = n > 0 .and. scene%programme%count() <= 1
+   if (instead .and. allocated(scene%motion)) instead = looked(outcome%load(n)) &
+      & == looked(sum(outcome%load(max(n - 1, 1):n - 1)))
+   if (instead) then
+      outcome%load(n) = load
+      outcome%x(:, n) = x
+   else if (n > 0) then
       outcome%load = [outcome%load, load]
-      outcome%x = reshape([outcome%x, x], [size(x), size(outcome%load)])
+      outcome%x = reshape([outcome%x, x], [size(x), n + 1])
    else
       outcome%load = [load]
       outcome%x = reshape(x, [size(x), 1])
    end if
+
+contains
+
+   !> States that are due up to a time
+   integer function looked(time)
+      real(wp), intent(in) :: time
+
+      looked = int(looks*(time/scene%motion%end_time)**2)
+   end function looked
+
 end subroutine keep
 
 !> Something happened between two steps, or deserves attention

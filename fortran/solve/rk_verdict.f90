@@ -179,7 +179,7 @@ subroutine judge_by_others(self, answer, with_companion, outcome)
    call judge_values(self, answer%problem, outcome)
    associate (problem => answer%problem)
       if (allocated(outcome%norms)) then
-         call bars_by_solution(self%bars, problem, outcome%last%load, error)
+         call bars_by_solution(self%bars, problem, error)
          call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
             & spread(of_error(2), 1, size(from)), spread(' from the known solution', 1, &
             & size(from)), outcome)
@@ -274,8 +274,10 @@ subroutine judge_norms(self, outcome)
    type(outcome_type), intent(in) :: outcome
 
    if (.not. allocated(outcome%norms)) return
-   call self%compare(outcome%norms%l2/max(outcome%norms%l2_solution, tiny(1.0_wp)), of_error, &
-      & 'the norm of the error is # of that of the known solution')
+   associate (norms => outcome%norms)
+      call self%compare(norms%largest_l2/max(norms%largest_l2_solution, tiny(1.0_wp)), of_error, &
+         & 'the norm of the error is # of that of the known solution')
+   end associate
 end subroutine judge_norms
 
 !> Work of the stress against that of the forces, where the form does not keep it by construction

@@ -6,7 +6,6 @@ is refused; 2 bad input; 3 a missing or broken part of the installation.
 
 import argparse
 import importlib
-import json
 import os
 import re
 import resource
@@ -22,7 +21,7 @@ import myork
 from myork.bench import BENCHES
 from myork.console import Console, Unheard, silent
 from myork.errors import ConvergenceError, InputError, MyorkError, cure_of
-from myork.files import write_json, write_text
+from myork.files import json_text, write_json, write_text
 from myork.summary import asked
 
 _EXIT_STATUS = """\
@@ -249,7 +248,7 @@ def _rom_train(options: argparse.Namespace, console: Console) -> str:
 
 def _rom_solve(options: argparse.Namespace, console: Console) -> None:
     state = _model(options, threads=1).solve(**_load("rom.parameters:numbers_of")(options.set))
-    print(json.dumps(state.as_dict()) if options.json else state.describe())
+    print(json_text(state.as_dict()) if options.json else state.describe())
     if not state.converged:
         raise ConvergenceError("the reduced model found no state for these parameters")
 

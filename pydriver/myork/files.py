@@ -95,9 +95,14 @@ def write_text(path: Path, text: str) -> None:
         unfinished.write_text(text, encoding="utf-8")
 
 
+def json_text(value: Any, indent: int | None = None) -> str:
+    """Mappings, lists, texts and numbers as JSON; what is not finite becomes null."""
+    return json.dumps(_finite(value), indent=indent, ensure_ascii=False)
+
+
 def write_json(path: Path, value: Any) -> None:
-    """Write mappings, lists, texts and numbers as JSON; what is not finite becomes null."""
-    write_text(path, json.dumps(_finite(value), indent=1, ensure_ascii=False) + "\n")
+    """Write a file of `json_text`."""
+    write_text(path, json_text(value, indent=1) + "\n")
 
 
 def write_csv(path: Path, head: Iterable[Any], rows: Iterable[Iterable[Any]]) -> None:

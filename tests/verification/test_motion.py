@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from myork import run_deck
 from myork.errors import InputError, MyorkError
 from tests.scenes import box, gripped, probes, scene, solved
 
@@ -116,6 +117,54 @@ def test_membrane_in_the_plane() -> None:
         boundary=[{"set": side, "u": 0} for side in ("x0", "x1", "y0", "y1")],
     )  # fmt: skip
     assert error_of(tables) < 0.03
+
+
+def vibrating(unit: float, end: float, **linear: Any) -> dict[str, Any]:
+    """A string that swings with period 2, its time in a unit."""
+    return scene(
+        "rkpm-gauss", box(21), linear={"problem": "elasticity", "E": 1} | linear,
+        boundary=[{"set": "x0", "u_x": 0}, {"set": "x1", "u_x": 0}],
+        dynamics={"density": unit**2, "time_step": 0.01 * unit, "end_time": end * unit,
+                  "every": 5, "velocity": f"pi/{unit}*sin(pi*x)"},
+        probe=probes("middle u_x 0.5"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("known", [{}, {"exact": "sin(pi*x)*sin(pi*t)"}])
+def test_a_motion_that_ends_at_rest_is_judged_by_its_amplitude(
+    known: dict[str, str], tmp_path: Path
+) -> None:
+    """The string passes through its straight line at time 2; bars are the largest errors so far."""
+    found = run_deck(vibrating(1.0, 2.0, **known), tmp_path, threads=1, verbosity=-1)
+    assert found["verdict"]["state"] == "accepted"
+    bars = np.array([step["probe_errors"]["middle"] for step in found["steps"]])
+    values = np.array([step["probes"]["middle"] for step in found["steps"]])
+    time = np.array([step["load"] for step in found["steps"]])
+    assert 0 < bars[-1] < 0.01
+    # a second solution has the same time step, whose error is about (pi dt)^2/24 pi t
+    assert (np.abs(values - np.sin(np.pi * time)) < bars + 4e-4).all()
+
+
+def test_bars_of_a_motion_do_not_depend_on_the_unit_of_time(tmp_path: Path) -> None:
+    steps = [
+        run_deck(vibrating(unit, 1.3), tmp_path, threads=1, verbosity=-1)["steps"]
+        for unit in (1.0, 100.0)
+    ]
+    for one, other in zip(*steps, strict=True):
+        for key in ("probes", "probe_errors"):
+            assert one[key]["middle"] == pytest.approx(other[key]["middle"], rel=1e-6)
+
+
+def test_more_points_take_shorter_time_steps(tmp_path: Path) -> None:
+    """Four cells across a plane beam: it is compared with eight, which need half the step."""
+    tables = scene(
+        "rkpm-gauss", box(9, 3, size=[2, 0.5]), boundary=[{"set": "x0", "u_x": 0, "u_y": 0}],
+        linear={"problem": "elasticity", "E": 1, "nu": 0},
+        dynamics={"density": 1, "time_step": 0.1, "end_time": 2, "velocity": ["0", "x^2"]},
+        probe=probes("tip u_y 2 0.25"),
+    )  # fmt: skip
+    found = run_deck(tables, tmp_path, threads=1, verbosity=-1)
+    assert 0 < found["steps"][-1]["probe_errors"]["tip"] < 0.1
 
 
 @pytest.mark.parametrize(

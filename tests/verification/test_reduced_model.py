@@ -272,6 +272,10 @@ def test_answers_of_a_model(rom: ReducedModel) -> None:
     far = rom.solve(activation=1.0, u_z=-1.9)
     assert not far.inside and not far.converged
     assert np.isnan(far.force) and np.isnan(far.indicator)
+    assert all(np.isnan(value).all() for value in far.probes.values())
+    for impossible in ({"activation": 1.01, "u_z": 0.0}, {"activation": -0.01, "u_z": 0.0}):
+        with pytest.raises(InputError, match="activations lie between 0 and 1"):
+            rom.solve(**impossible)
 
 
 def test_threads_change_nothing(trained: Path) -> None:
@@ -456,6 +460,10 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert set(found) >= {"probes", "indicator", "converged", "iterations", "parameters"}
     assert main(["rom", "solve", str(trained), *values]) == 0
     assert f"reaction {found['force']:.6g} N\n" in capsys.readouterr().out
+    none = ["--set", "activation=1", "--set", "u_z=-1.9", "--json"]
+    assert main(["rom", "solve", str(trained), *none]) == 1
+    # a number that is not one is not JSON
+    assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["force"] is None
     grid = ["--vary", "activation=0:1:5", "--vary", "u_z=-0.2:0.3:4", "--out", str(tmp_path)]
     assert main(["rom", "map", str(trained), *grid, "-q"]) == 0
     lines = (tmp_path / "map.csv").read_text().splitlines()

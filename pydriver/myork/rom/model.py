@@ -16,7 +16,7 @@ from myork.model_file import model_of_bytes
 from myork.rom.full import FullModel
 from myork.rom.marks import DOUBTFUL, LOST, NAMES, NEAR_LOST, Marks
 from myork.rom.online import MOST_STEPS, Answer, Conditions, Regression, Solver, conditions_of
-from myork.rom.parameters import Parameter, short_names, widths_of
+from myork.rom.parameters import Parameter, check_possible, short_names, widths_of
 from myork.rom.places import Places
 from myork.rom.probes import is_stress
 from myork.rom.projection import Laws
@@ -120,7 +120,7 @@ class ReducedState:
         return "\n".join([f"at {given}", *found, self._quality()])
 
     def _quality(self) -> str:
-        error = f"estimated relative error {self.indicator:.1e}"
+        error = f"estimated relative error of the displacement {self.indicator:.1e}"
         held = "within the tolerance of the training" if self.certified else "not certified"
         return "; ".join([f"{error}, {held}", *self.doubts])
 
@@ -313,6 +313,7 @@ class ReducedModel:
         - `values`: values in the order of `parameters`, shape `(n, p)`
         - `corrections`: Newton's iterations after the regression; 0 for the regression alone
         - `indicator`: estimate the errors; it doubles the cost
+        - raises InputError: values that no deck may have, such as activations above 1
         """
         values = np.atleast_2d(np.asarray(values, float))
         if values.ndim != 2 or values.shape[1] != len(self.parameters):
@@ -322,6 +323,8 @@ class ReducedModel:
         with np.errstate(over="ignore"):
             if not np.isfinite(values / self._scale).all():
                 raise InputError("values must be finite numbers, also in ranges of the training")
+        for p, column in zip(self.parameters, values.T, strict=True):
+            check_possible(p.key, column)
         most = MOST_STEPS if corrections == "converged" else corrections
         if not isinstance(most, int) or not 0 <= most <= MOST_STEPS:
             raise InputError(f'corrections must be 0, 1, 2 or "converged", not {corrections!r}')
@@ -341,9 +344,10 @@ class ReducedModel:
         error = np.full(len(values), np.nan)
         if indicator:
             error = self._indicate(conditions, answer)
-            # where none was found there is no state whose error could be given
-            error[~answer.converged & (most == MOST_STEPS)] = np.nan
         probes = self._probes(conditions, answer)
+        # where no state was found there is nothing to measure
+        for found in (error, *probes.values()):
+            found[~answer.converged & (most == MOST_STEPS)] = np.nan
         names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]
         force = probes[names[0]] if names else np.full(len(values), np.nan)
         margin = 1e-9 * self._scale

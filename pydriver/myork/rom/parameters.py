@@ -154,6 +154,24 @@ def widths_of(parameters: Sequence[Parameter]) -> F64:
     return np.array([p.high - p.low for p in parameters])
 
 
+def check_possible(name: str, values: F64) -> None:
+    """Refuse values of a key that no deck may have, which an equation would take all the same.
+
+    - `name`: key, or its last word
+    - raises InputError: a value out of the limits
+    """
+    key = name.rpartition(".")[2]
+    low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+    if key == "activation" and (low < 0.0 or high > 1.0):
+        other = low if low < 0.0 else high
+        raise InputError(f"{name}: activations lie between 0 and 1, not {other:g}")
+    if key == "fiber_angle" and max(-low, high) > 180.0:
+        other = low if -low > 180.0 else high
+        raise InputError(f"{name}: angles lie between -180 and 180 degrees, not {other:g}")
+    if key in ("sigma_max", "K", "mu") and low <= 0.0:
+        raise InputError(f"{name}: {key} must be above 0, not {low:g}")
+
+
 def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:
     """The value that a deck has for a parameter."""
     table, *entry, key = parameter.key.split(".")
@@ -185,8 +203,8 @@ def ends_of(deck: Mapping[str, Any]) -> dict[str, set[float]]:
 
 def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Parameter:
     table, *entry, key = ["", "", *name.split(".")][-3:]
-    if key == "activation" and (low < 0 or high > 1):
-        raise InputError(f"{name}: activations lie between 0 and 1, not {low} and {high}")
+    if key == "activation":
+        check_possible(name, np.array([low, high]))
     if name in ("activation", "load.activation"):
         common = tuple(
             i
@@ -227,7 +245,6 @@ def _of_material(
     material = materials[own[0]]
     if isinstance(material.get(key), str):
         raise InputError(f"{name}: it is an expression, a reduced model varies numbers")
-    if key in ("sigma_max", "K", "mu") and low <= 0:
-        raise InputError(f"{name}: {key} must be above 0, not {low}")
+    check_possible(name, np.array([low, high]))
     kind = key if key in ("activation", "sigma_max", "fiber_angle") else "modulus"
     return Parameter(f"material.{material['name']}.{key}", low, high, kind, tuple(own))
