@@ -43,7 +43,7 @@ module rk_place_shape
    real(wp), parameter :: on_plane = 1.0e-9_wp
    !> What is added to the moment of a ridge over the kernel's largest value: beams and bars of two
    !> materials are as near with a third and three times of it
-   real(wp), parameter :: fading = 6.0e-3_wp
+   real(wp), parameter :: fading = 6.0e-4_wp
 
 contains
 

@@ -1,5 +1,6 @@
 !> What a solver reports while it runs: a consumer interface without a file format.
 module rk_recorder
+   use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report
    use rk_precision, only : wp
    implicit none
@@ -99,6 +100,8 @@ module rk_recorder
       type(iteration_type), allocatable :: iteration(:)
       !> Halvings with which the first load step begins, where none was done
       integer :: halvings = 0
+      !> Why the earlier run ended behind its steps; not allocated where it goes on
+      type(error_type), allocatable :: ended
    end type start_type
 
    !> Receiver of what happens

@@ -88,6 +88,8 @@ module rk_scene
       type(approximation_type) :: approximation
       !> A material in space is a layer thinner than the points resolve
       logical :: thin_layers = .false.
+      !> Coefficients of a linear problem jump across other surfaces than planes
+      logical :: jumps = .false.
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
       !> Shape functions as the deck names them, and interfaces between materials

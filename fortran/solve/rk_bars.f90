@@ -122,11 +122,11 @@ module rk_bars
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
       !> What makes most of each bar at full load: "other points", "other form", "whole
-      !> field", "voxels", "J of the pressure", "own derivatives", "known solution", "least share";
-      !> blank where there is none, shape (probes)
+      !> field", "voxels", "J of the pressure", "own derivatives", "known solution", "least share",
+      !> "earlier points" of a search; blank where there is none, shape (probes)
       character(len=17), allocatable :: source(:)
    contains
-      procedure :: at, unresolved
+      procedure :: at, unresolved, widen
    end type bars_type
 
 contains
@@ -358,8 +358,8 @@ subroutine bars_by_other(self, problem, other, kind, difference, which)
          if (kind == more_points) factor = factor_fine
          if (any(kind == [few_fewer, more_points]) .and. self%at_surface(i)) &
             & factor = factor_stairs*factor
-         if (problem%mixture%has_layers() .or. allocated(problem%scene%approximation%kink) .or. &
-            & holds_part(problem%scene)) factor = factor_layers*factor
+         if (problem%mixture%has_layers() .or. problem%scene%jumps .or. holds_part(problem%scene) &
+            & .or. allocated(problem%scene%approximation%kink)) factor = factor_layers*factor
          if (kind == another_form) then
             factor = factor_forms
             self%size(i) = max(self%size(i), other%size(i))
@@ -547,6 +547,25 @@ subroutine bars_by_earlier(self, earlier, growth)
       end associate
    end do
 end subroutine bars_by_earlier
+
+!> Widen bars to those of a search for the same points, which knew the answers on fewer
+subroutine widen(self, known, which)
+   class(bars_type), intent(inout) :: self
+   !> Bars of the search
+   type(bars_type), intent(in) :: known
+   !> Probes that get them, shape (probes)
+   logical, intent(in) :: which(:)
+   integer :: i, last
+
+   last = size(self%load)
+   if (last /= size(known%load)) return
+   do i = 1, size(which)
+      if (.not. which(i) .or. ieee_is_nan(self%bar(1, i)) .or. ieee_is_nan(known%bar(1, i))) cycle
+      self%bars(:, i, :) = max(self%bars(:, i, :), known%bars(:, i, :))
+      if (any(self%bars(:, i, last) > self%bar(:, i))) self%source(i) = 'earlier points'
+      self%bar(:, i) = self%bars(:, i, last)
+   end do
+end subroutine widen
 
 !> Least bar of a probe
 pure real(wp) function least(self, i, whole)

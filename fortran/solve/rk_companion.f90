@@ -43,9 +43,9 @@ module rk_companion
    integer, parameter :: few_cells = 3
    !> Cells across a body that are left at least where three of four are
    integer, parameter :: least_near = 2
-   !> Cells across a plane body whose half are too few to tell anything: twice as many, which cost
-   !> little there, are looked at instead
-   integer, parameter :: least_cells = 6
+   !> Points across a plane body half of whose cells are too few to tell anything: twice as many,
+   !> which cost little there, are looked at instead
+   integer, parameter :: least_cells = 2*few_cells + 2
    !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
    !> are left, on voxels that are not merged
    integer, parameter :: least_blocks = 4

@@ -17,6 +17,7 @@ module rk_deck_regions
    private
 
    public :: has_regions, label_regions, read_parts
+   public :: fine_bisections, least_gap, most_planes, same_place
 
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
    integer, parameter :: samples = 6

@@ -12,6 +12,7 @@ module rk_deck_scene
    use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
+   use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
    use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
    use rk_linear, only : set_essential_weight
@@ -55,6 +56,8 @@ subroutine new_scene(scene, deck, model, error)
       call read_sets(scene, deck, error)
       if (allocated(error)) return
       call read_linear(scene, deck, error)
+      if (.not. allocated(error) .and. scene%method == 'rkpm-gauss' .and. .not. &
+         & (scene%cloud%jittered .or. allocated(scene%motion))) call find_jumps(scene, error)
       call read_probes(scene, deck, error)
       return
    end if

@@ -17,7 +17,7 @@ module rk_refine
    use rk_deck, only : deck_type, joined, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
-   use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
+   use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
@@ -28,7 +28,7 @@ module rk_refine
    implicit none
    private
 
-   public :: refinement_type, refine, refined_before
+   public :: refinement_type, limited_type, refine, refined_before
 
    !> Order of the bars in the spacing that is counted on
    real(wp), parameter :: order = 2.0_wp
@@ -47,6 +47,8 @@ module rk_refine
    type :: refinement_type
       !> Wanted bar over the size of a probe; 0 where nothing was wanted [-]
       real(wp) :: wanted = 0.0_wp
+      !> The points are those of a search
+      logical :: searched = .false.
       !> It is met by the points that were found
       logical :: met = .false.
       !> How it ended, in words
@@ -57,13 +59,19 @@ module rk_refine
       character(len=:), allocatable :: levels
       !> CPU time of the search [s]
       real(wp) :: seconds = 0.0_wp
+      !> CPU time that it may take, with the checks of its answer [s]
+      real(wp) :: cost = huge(1.0_wp)
       !> Widest bar over the size of its probe that the answer has; negative where none is known [-]
       real(wp) :: reached = -1.0_wp
-      !> Solution on the points that were found
+      !> Solution on the points that were found, or of the first ones as far as it came
       type(start_type), allocatable :: start
+      !> Its second solution, or why there is none, and its bars, which know the points before
+      type(companion_type), allocatable :: companion
+      type(bars_type), allocatable :: bars
    contains
       !> What the answer has of what was wanted
       procedure :: look_back
+      procedure :: limited, forget
       procedure, private :: target
    end type refinement_type
 
@@ -74,7 +82,7 @@ module rk_refine
       !> CPU time at which solutions are given up [s]
       real(wp) :: deadline = huge(1.0_wp)
    contains
-      procedure :: late, stopped
+      procedure :: late, stopped, note => pass_on
    end type limited_type
 
 contains
@@ -92,13 +100,13 @@ subroutine refine(self, deck, model, receiver, error)
    type(error_type), allocatable, intent(out) :: error
    type(scene_type), target :: scene
    class(discretisation_type), allocatable, target :: problem
-   type(limited_type), target :: limited
+   type(limited_type), target :: within
    type(start_type) :: run
    type(solved_type) :: answer
+   type(companion_type) :: companion
    type(bars_type) :: bars
-   type(bars_type), allocatable :: earlier
    type(deck_type) :: coarser, finer
-   real(wp) :: cost, start, before, growth, now, worst
+   real(wp) :: start, before, growth, now, worst
    real(wp), allocatable :: left(:), share(:, :)
    integer, allocatable :: before_cells(:), cells(:), next(:), limit(:)
    logical, allocatable :: counts(:)
@@ -107,14 +115,14 @@ subroutine refine(self, deck, model, receiver, error)
    character(len=:), allocatable :: line
    character(len=override_length), allocatable :: words(:)
 
-   if (.not. deck%has('refine')) return
+   self%searched = deck%has('refine')
+   if (.not. self%searched) return
    call deck%get('refine.accuracy', self%wanted)
-   call deck%get('refine.cost', cost)
+   call deck%get('refine.cost', self%cost)
    self%levels = ''
    self%points = ''
    call cpu_time(start)
-   limited%receiver => receiver
-   limited%deadline = start + cost
+   within = self%limited(receiver)
    before = start
    halvings = 0
    growth = 1.0_wp
@@ -128,23 +136,25 @@ subroutine refine(self, deck, model, receiver, error)
       call cells_of(scene, cells, limit)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
          & self%points = joined(words_of(deck, scene%cloud, cells))
-      if (level == 1) call scout(halvings, scene, deck, model, cells, limited)
+      if (level == 1) call scout(halvings, scene, deck, model, cells, within)
       call new_problem(problem, scene, error)
       if (.not. allocated(error)) then
-         call solve(problem, scene, deck, model, limited, halvings, run, answer, bars, error)
+         call solve(problem, scene, deck, model, within, halvings, run, answer, companion, bars, &
+            & error)
       else if (.not. allocated(self%start)) then
          return
       end if
       if (.not. allocated(error)) then
          ! where the load had to be halved, finer points need that as well
          halvings = maxval(run%step%halvings)
-         if (allocated(earlier)) call bars_by_earlier(bars, earlier, growth)
+         if (allocated(self%bars)) call bars_by_earlier(bars, self%bars, growth)
          worst = maxval(relative(bars), mask=counts)
          ! what voxels leave open no blocks will close
          left = relative(bars) - bars%open
          if (any(counts .and. left > self%wanted)) call shares(answer, cells, bars, share)
          self%start = run
-         earlier = bars
+         self%companion = companion
+         self%bars = bars
       end if
       if (allocated(problem)) then
          call free_discretisation(problem)
@@ -165,24 +175,12 @@ subroutine refine(self, deck, model, receiver, error)
             deck = coarser
             return
          end if
-         if (limited%late()) then
-            if (allocated(run%x)) then
-               ! the answer stands, its second solution came too late
-               self%start = run
-               self%reason = self%target()//'not met: refine.cost = '//to_text(cost, 3)//' CPU ' &
-                  & //'s is used up by the first points, '//list(cells)//' cells'
-               deallocate (error)
-               return
-            end if
-            error%message = 'the first points of the search, '//list(cells)//' cells, have no ' &
-               & //'answer within refine.cost = '//to_text(cost, 3)//' CPU s: '//error%message &
-               & //'; allow more cost, give fewer points (geometry.source) or less load'
-            error%code = err_convergence
-            return
-         end if
          ! points that nobody chose: singular rims are met with less force
          call deck%get('geometry.graded', graded)
-         if (size(graded) == 0 .or. deck%given('geometry.graded')) return
+         if (within%late() .or. size(graded) == 0 .or. deck%given('geometry.graded')) then
+            call end_at_first()
+            return
+         end if
          deallocate (error)
          words = words_of(deck, scene%cloud, cells)
          words(size(words)) = 'geometry.graded=[]'
@@ -220,13 +218,13 @@ subroutine refine(self, deck, model, receiver, error)
             & //'label map of finer voxels'
          return
       end if
-      if (self%seconds + expected(next) > cost) then
+      if (self%seconds + expected(next) > self%cost) then
          self%reason = self%target()//'not met: the next points, '//list(next)//' cells, would ' &
             & //'take about '//to_text(self%seconds + expected(next), 2)//' CPU s, more than ' &
             & //'refine.cost'
          if (allocated(scene%cloud%block)) return
          ! as many as the cost allows, where they are worth another solution
-         do while (self%seconds + expected(next) > cost)
+         do while (self%seconds + expected(next) > self%cost)
             next = max(cells, 2*int(0.45_wp*next))
             if (product(real(next, wp)) < least_growth*product(real(cells, wp))) return
          end do
@@ -245,6 +243,37 @@ subroutine refine(self, deck, model, receiver, error)
    self%reason = self%target()//'not met after '//to_text(most_levels)//' lattices'
 
 contains
+
+   !> End with the first points, whose answer has no second solution, or which have no answer: then
+   !> the run has the states that converged, and ends as they did
+   subroutine end_at_first()
+      if (allocated(answer%x)) then
+         self%start = run
+         self%companion = companion
+         self%reason = self%target()//'not met: '
+         if (within%late()) then
+            self%reason = self%reason//'refine.cost = '//to_text(self%cost, 3)//' CPU s is used ' &
+               & //'up by the first points, '//list(cells)//' cells'
+            self%companion%why_not = self%companion%why_not//': refine.cost is used up'
+         else
+            self%reason = self%reason//'the first points, '//list(cells)//' cells, have no ' &
+               & //'second solution'
+         end if
+         deallocate (error)
+         return
+      end if
+      if (.not. any(error%code == [err_convergence, err_linalg, err_stopped])) return
+      if (within%late()) then
+         error%message = 'the first points of the search, '//list(cells)//' cells, have no ' &
+            & //'answer within refine.cost = '//to_text(self%cost, 3)//' CPU s: '//error%message &
+            & //'; allow more cost, give fewer points (geometry.source) or less load'
+         error%code = err_convergence
+      end if
+      self%reason = self%target()//'not met: the first points, '//list(cells)//' cells, have no ' &
+         & //'answer'
+      call move_alloc(error, run%ended)
+      self%start = run
+   end subroutine end_at_first
 
    !> CPU time that a lattice is expected to take [s]
    real(wp) function expected(cells_then)
@@ -278,6 +307,7 @@ subroutine refined_before(self, deck, scene, bars, error)
    !> Error handling: no such probe
    type(error_type), allocatable, intent(out) :: error
 
+   self%searched = .true.
    call deck%get('refine.accuracy', self%wanted)
    self%levels = ''
    call self%look_back(deck, scene, bars, error)
@@ -430,7 +460,8 @@ subroutine scout(halvings, scene, deck, model, cells, receiver)
 end subroutine scout
 
 !> Solve a scene and its companion
-subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, bars, error)
+subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, companion, bars, &
+   & error)
    class(discretisation_type), target, intent(inout) :: problem
    !> Its scene
    type(scene_type), intent(inout) :: scene
@@ -442,16 +473,17 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, b
    class(recorder_type), target, intent(inout) :: receiver
    !> Halvings with which the load begins
    integer, intent(in) :: halvings
-   !> All load steps; without unknowns where they did not converge
+   !> All load steps, as far as they converged
    type(start_type), intent(out) :: run
-   !> What is compared: of a programme, which may end at rest, all of them, of a ramp the last one
+   !> What is compared: of a programme, which may end at rest, all of them, of a ramp the last one;
+   !> without unknowns where they did not converge
    type(solved_type), intent(out) :: answer
+   type(companion_type), intent(out) :: companion
    type(bars_type), intent(out) :: bars
    !> Error handling: a solution failed
    type(error_type), allocatable, intent(out) :: error
    type(kept_run) :: recorder
    type(start_type) :: begin
-   type(companion_type) :: companion
    type(timer_type) :: timer
    integer :: first
 
@@ -460,8 +492,8 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, b
    begin%x = 0.0_wp
    begin%halvings = halvings
    call solve_problem(problem, scene, '', recorder, timer, error, begin)
-   if (allocated(error)) return
    run = recorder%run
+   if (allocated(error)) return
    first = merge(1, size(run%step), scene%programme%count() > 1)
    answer = solved_type(problem, deck, model, receiver)
    ! as arguments of the line above gfortran 12 loses them
@@ -583,6 +615,29 @@ elemental integer function divisor_from(least, number) result(divisor)
    divisor = number
 end function divisor_from
 
+!> Receiver for what is still solved at the cost of a search
+function limited(self, receiver) result(within)
+   class(refinement_type), intent(in) :: self
+   !> Receiver of the caller
+   class(recorder_type), target, intent(in) :: receiver
+   type(limited_type) :: within
+   real(wp) :: now
+
+   call cpu_time(now)
+   within%receiver => receiver
+   within%deadline = now + self%cost - self%seconds
+end function limited
+
+!> Leave the answer away, as of a scene that has changed
+subroutine forget(self)
+   class(refinement_type), intent(inout) :: self
+
+   if (allocated(self%start)) deallocate (self%start)
+   if (allocated(self%companion)) deallocate (self%companion)
+   if (allocated(self%bars)) deallocate (self%bars)
+   self%cost = huge(1.0_wp)
+end subroutine forget
+
 !> Whether the cost is used up
 logical function late(self)
    class(limited_type), intent(in) :: self
@@ -599,5 +654,14 @@ logical function stopped(self)
    stopped = self%late()
    if (.not. stopped) stopped = self%receiver%stopped()
 end function stopped
+
+!> Hand on what happened
+subroutine pass_on(self, line, warning)
+   class(limited_type), intent(inout) :: self
+   character(len=*), intent(in) :: line
+   logical, intent(in) :: warning
+
+   call self%receiver%note(line, warning)
+end subroutine pass_on
 
 end module rk_refine

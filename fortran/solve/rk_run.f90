@@ -101,7 +101,8 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    type(outcome_type), target, intent(out) :: outcome
    !> Error handling: the run ended early, the recorder saw the last converged state
    type(error_type), allocatable, intent(out) :: error
-   !> Where it begins instead of at rest; steps of an earlier run are recorded once more
+   !> Where it begins instead of at rest; steps of an earlier run are recorded once more, and
+   !> nothing is solved where that run ended early
    type(start_type), intent(in), optional :: start
    type(watcher_type) :: watcher
    integer(i8) :: clock
@@ -130,7 +131,11 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
          end do
       end if
    end if
-   call solve_problem(problem, problem%scene, linear, watcher, outcome%timer, error, start)
+   if (present(start)) then
+      if (allocated(start%ended)) error = start%ended
+   end if
+   if (.not. allocated(error)) call solve_problem(problem, problem%scene, linear, watcher, &
+      & outcome%timer, error, start)
    call system_clock(clock)
    if (.not. problem%linear) then
       if (.not. allocated(error)) call check_response(problem, outcome%last, error)

@@ -17,6 +17,7 @@ module rk_verdict
    use rk_precision, only : wp
    use rk_probes, only : kind_of_probe, pressed_volume
    use rk_recorder, only : recorder_type
+   use rk_refine, only : limited_type, refinement_type
    use rk_run, only : outcome_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : determinant
@@ -95,7 +96,7 @@ contains
 
 !> Judge the answer of a run, one check after the other as far as those before leave something to
 !> check. The reasons join the warnings of the run; what helps is named once, at their end.
-subroutine judge(self, problem, deck, model, with_companion, searched, receiver, outcome)
+subroutine judge(self, problem, deck, model, with_companion, search, receiver, outcome)
    type(verdict_type), intent(out) :: self
    class(discretisation_type), target, intent(in) :: problem
    type(deck_type), target, intent(in) :: deck
@@ -103,12 +104,13 @@ subroutine judge(self, problem, deck, model, with_companion, searched, receiver,
    type(cloud_type), target, intent(in) :: model
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
-   !> The points are those of a search, which says itself what it lacked
-   logical, intent(in) :: searched
+   !> Search for the points, which says itself what it lacked
+   type(refinement_type), intent(in) :: search
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
    !> What the run found out
    type(outcome_type), intent(inout) :: outcome
+   type(limited_type), target :: within
    type(solved_type) :: answer
    type(error_type), allocatable :: error
    real(wp) :: off
@@ -152,21 +154,25 @@ subroutine judge(self, problem, deck, model, with_companion, searched, receiver,
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)
    call new_bars(self%bars, problem, outcome%load, outcome%x, error)
    if (.not. allocated(error)) then
-      answer = solved_type(problem, deck, model, receiver)
+      within = search%limited(receiver)
+      answer = solved_type(problem, deck, model)
+      answer%receiver => within
       answer%load = outcome%load
       answer%x = outcome%x
-      call judge_by_others(self, answer, with_companion, outcome)
+      call judge_by_others(self, answer, with_companion, search, outcome)
    end if
-   if (self%curable .and. .not. searched) self%reasons = self%reasons//'what helps: ' &
+   if (self%curable .and. .not. search%searched) self%reasons = self%reasons//'what helps: ' &
       & //cure_of(problem, self%bars)//new_line('a')
 end subroutine judge
 
 !> Compare an answer with the known solution, or with a second one
-subroutine judge_by_others(self, answer, with_companion, outcome)
+subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(verdict_type), intent(inout) :: self
    type(solved_type), intent(in) :: answer
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
+   !> Search for the points, which may have the second solution
+   type(refinement_type), intent(in) :: search
    type(outcome_type), intent(inout) :: outcome
    type(error_type), allocatable :: error
    type(companion_type) :: nearer
@@ -187,6 +193,8 @@ subroutine judge_by_others(self, answer, with_companion, outcome)
       end if
       if (.not. with_companion) then
          self%companion%why_not = 'the second solution was switched off'
+      else if (allocated(search%companion)) then
+         self%companion = search%companion
       else
          call solve_companion(self%companion, answer, near=.false.)
       end if
@@ -222,6 +230,7 @@ subroutine judge_by_others(self, answer, with_companion, outcome)
                self%companion = nearer
             end if
          end if
+         if (allocated(search%bars)) call self%bars%widen(search%bars, .not. wide)
          bound = of_bar
          if (allocated(problem%scene%cloud%block)) bound = of_block_bar
          if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &

@@ -71,6 +71,47 @@ def test_the_first_points_of_a_search_end_with_the_cost() -> None:
         Scene.from_tables(cantilever(accuracy=0.01, cost=1e-6)).close()
 
 
+def test_a_search_that_its_cost_ends_writes_how_far_it_came(tmp_path: Path) -> None:
+    with pytest.raises(ConvergenceError, match=r"have no answer within refine\.cost.*\(written to"):
+        run_deck(cantilever(accuracy=0.01, cost=1e-6), tmp_path)
+    assert (tmp_path / "results.vtkhdf").exists()
+    summary = read_summary(tmp_path)
+    assert not summary["converged"] and not summary["refine"]["met"]
+    assert summary["refine"]["points"] == [9, 3]
+
+
+def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> None:
+    """Also where the points before widened them: its second solution is that of the search."""
+    found = run_deck(cantilever(accuracy=0.003, probe="tip"), tmp_path)["refine"]
+    assert len(found["levels"]) > 1
+    known = re.search(r"known to (\S+) %", found["levels"][-1])
+    assert known and float(known[1]) == pytest.approx(100 * found["reached"], rel=0.05)
+
+
+@pytest.mark.parametrize("wall", [0.37, 0.55])
+def test_layers_that_conduct_differently_have_kinks(wall) -> None:
+    """-(k u')' = 0 with a flux of one: straight in each layer. Without kinks 17 % were accepted."""
+    deck = scene(
+        "auto", box(13, 13, size=[1, 1]),
+        linear={"problem": "poisson", "conductivity": f"1 + 99*(x > {wall})"},
+        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "flux": 1}],
+        probe=[{"name": "end", "quantity": "u", "point": [1, 0.3]}],
+    ) | {"scene": {"dimension": 2}}  # fmt: skip
+    assert solved(deck).last()["end"] == pytest.approx(wall + (1 - wall) / 100, rel=1e-3)
+
+
+def test_a_round_inclusion_has_no_planes_and_wider_bars() -> None:
+    deck = scene(
+        "auto", box(11, 11, size=[1, 1]),
+        linear={"problem": "poisson", "conductivity": "1 + 9*((x-0.5)^2 + (y-0.5)^2 < 0.06)"},
+        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "u": 1}, {"set": "y0", "u": "x"}],
+        probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.7]}],
+    ) | {"scene": {"dimension": 2}}  # fmt: skip
+    coarse = solved(deck, error=True)
+    deck["geometry"] = box(61, 61, size=[1, 1])
+    assert abs(coarse.last()["middle"] - solved(deck).last()["middle"]) < coarse.bar("middle")
+
+
 def long_beam(**geometry: Any) -> dict[str, Any]:
     """A beam of ten heights under a dead load that bends its end upright: in one step that fails,
     in four it does not.

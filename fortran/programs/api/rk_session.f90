@@ -44,6 +44,8 @@ subroutine open_session(path, text, overrides, model, listener, handle, error)
    slot%states%listener => listener
    call refine(slot%refinement, deck, model, slot%states, error)
    nullify (slot%states%listener)
+   if (.not. allocated(error) .and. allocated(slot%refinement%start)) &
+      & call move_alloc(slot%refinement%start%ended, error)
    if (.not. allocated(error)) call new_scene(slot%scene, deck, model, error)
    if (.not. allocated(error)) then
       call new_problem(slot%full, slot%scene, error)
@@ -107,7 +109,7 @@ subroutine update_session(handle, overrides, error)
    end associate
    slot%deck = deck
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   if (allocated(slot%refinement%start)) deallocate (slot%refinement%start)
+   call slot%refinement%forget()
 
 contains
 
@@ -186,8 +188,8 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
          & start)
    else
       call solve_scene(slot%full, linear, slot%states, slot%outcome, error, start)
-      call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, &
-         & allocated(slot%refinement%reason), slot%states, slot%outcome)
+      call judge(slot%verdict, slot%full, slot%deck, slot%model, estimate, slot%refinement, &
+         & slot%states, slot%outcome)
       if (allocated(slot%refinement%reason)) slot%verdict%reasons = slot%verdict%reasons &
          & //slot%refinement%reason//new_line('a')
    end if

@@ -32,7 +32,7 @@ program main
    type(scene_type), target :: scene
    type(error_type), allocatable :: error
    class(discretisation_type), allocatable, target :: problem
-   type(output_type) :: output
+   type(output_type), target :: output
    type(refinement_type) :: refinement
    type(start_type), allocatable :: start
    type(json_entry), allocatable :: earlier(:)
@@ -138,8 +138,8 @@ contains
       logical :: finished
 
       call solve_scene(problem, '', output, outcome, failure, start)
-      call judge(verdict, problem, deck, model, config%estimate, &
-         & allocated(refinement%reason) .or. resumed, output, outcome)
+      refinement%searched = deck%has('refine')
+      call judge(verdict, problem, deck, model, config%estimate, refinement, output, outcome)
       call output%tell_verdict(deck, verdict)
       if (resumed) then
          call refined_before(refinement, deck, scene, verdict%bars, error)
