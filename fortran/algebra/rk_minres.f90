@@ -37,7 +37,7 @@ module rk_minres
 
 contains
 
-subroutine minres(system, b, tolerance, limit, x, iterations, reached)
+subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos)
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
    real(wp), contiguous, intent(in) :: b(:)
@@ -49,6 +49,9 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
    integer, intent(out) :: iterations
    !> Residual reached [-]
    real(wp), intent(out) :: reached
+   !> Tridiagonal matrix of the iteration, whose eigenvalues are like those of P^-1 A: its diagonal
+   !> and what stands beside it, shape (2, limit)
+   real(wp), intent(inout), optional :: lanczos(:, :)
    real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3
    integer :: i
@@ -99,6 +102,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached)
       gamma = product_of(z, v)
       if (.not. abs(gamma) <= huge(1.0_wp)) exit
       gamma = sqrt(max(gamma, 0.0_wp))
+      if (present(lanczos)) lanczos(:, iterations) = [delta, gamma]
       a1 = hypot(a0, gamma)
       ! an invariant subspace without the solution: the matrix is singular
       if (.not. a1 > 0.0_wp) exit

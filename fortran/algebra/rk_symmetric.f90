@@ -8,7 +8,7 @@ module rk_symmetric
    use rk_csr, only : csr_type, sort
    use rk_cuthill, only : cuthill_mckee, order_along
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
-   use rk_lapack, only : solve_band
+   use rk_lapack, only : largest_eigenpair, solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
@@ -17,7 +17,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: symmetric_matrix, new_symmetric, preconditioned_type, solve_near
+   public :: kept_columns, symmetric_matrix, new_symmetric, preconditioned_type, solve_near
 
    !> Factor of half as many digits, of the matrix between the roots of its diagonal
    type :: near_factor
@@ -32,6 +32,15 @@ module rk_symmetric
       !> far from a positive definite one for any factor
       logical :: ready = .false., coarse = .false., far = .false.
    end type near_factor
+
+   !> Entries of a matrix most of whose columns of blocks are zero
+   type :: kept_columns
+      !> Columns of blocks that are not, shape (k)
+      integer, allocatable :: column(:)
+      !> Column k has entries offset(k)+1 : offset(k+1) of these, shape (k + 1)
+      integer(i8), allocatable :: offset(:)
+      real(wp), allocatable :: value(:)
+   end type kept_columns
 
    !> Upper triangle in compressed columns. Unknowns come in blocks of the same size, and so do the
    !> entries: a pair of blocks is there as a whole or not at all.
@@ -61,6 +70,8 @@ module rk_symmetric
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
       procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
+      !> Entries most of whose columns are zero: keep the others, write all, and their product
+      procedure :: keep_columns, spread_columns, kept_product
       final :: free
    end type symmetric_matrix
 
@@ -89,6 +100,9 @@ module rk_symmetric
    real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
+   !> Steps of Lanczos' iteration that bound eigenvalues, and the probability of an error [-]
+   integer, parameter :: bounding = 12
+   real(wp), parameter :: unlikely = 1.0e-6_wp
    !> Solves of what the last one has left, and the share of the solution that they may leave [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
@@ -261,38 +275,109 @@ subroutine product_with(self, value, x, y)
    real(wp), contiguous, intent(in) :: value(:)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
-   integer(i8) :: at, k, l, last
-   integer :: b, c, i, j
+   integer :: j
 
    y = 0.0_wp
-   b = self%block
-   do j = 1, self%n/b
-      k = self%above%offset(j) + 1
-      last = self%above%offset(j + 1)
-      at = 0
-      ! blocks k to l stand side by side; reading their rows would take as long as their entries
-      do while (k < last)
-         l = k
-         do while (l + 1 < last)
-            if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
-            l = l + 1
-         end do
-         i = b*(self%above%index(k) - 1)
-         do c = b*(j - 1) + 1, b*j
-            call add_column(b*int(l - k + 1), value(self%start(c) + at + 1:), x(i + 1:), x(c), &
-               & y(i + 1:), y(c))
-         end do
-         at = at + b*(l - k + 1)
-         k = l + 1
-      end do
-      do c = b*(j - 1) + 1, b*j
-         i = b*(j - 1)
-         call add_column(c - i - 1, value(self%start(c) + at + 1:), x(i + 1:), x(c), y(i + 1:), &
-            & y(c))
-         y(c) = y(c) + value(self%start(c + 1))*x(c)
-      end do
+   do j = 1, self%n/self%block
+      call add_block_column(self, j, value(self%start(self%block*(j - 1) + 1) + 1:), x, y)
    end do
 end subroutine product_with
+
+!> Add the product of a column of blocks, and of its row, with a vector
+subroutine add_block_column(self, j, value, x, y)
+   class(symmetric_matrix), intent(in) :: self
+   !> Column of blocks
+   integer, intent(in) :: j
+   !> Its entries, and any others behind them
+   real(wp), contiguous, intent(in) :: value(:)
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, intent(inout) :: y(:)
+   integer(i8) :: at, k, l, last, before
+   integer :: b, c, i
+
+   b = self%block
+   k = self%above%offset(j) + 1
+   last = self%above%offset(j + 1)
+   before = self%start(b*(j - 1) + 1)
+   at = 0
+   ! blocks k to l stand side by side; reading their rows would take as long as their entries
+   do while (k < last)
+      l = k
+      do while (l + 1 < last)
+         if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
+         l = l + 1
+      end do
+      i = b*(self%above%index(k) - 1)
+      do c = b*(j - 1) + 1, b*j
+         call add_column(b*int(l - k + 1), value(self%start(c) - before + at + 1:), x(i + 1:), &
+            & x(c), y(i + 1:), y(c))
+      end do
+      at = at + b*(l - k + 1)
+      k = l + 1
+   end do
+   do c = b*(j - 1) + 1, b*j
+      i = b*(j - 1)
+      call add_column(c - i - 1, value(self%start(c) - before + at + 1:), x(i + 1:), x(c), &
+         & y(i + 1:), y(c))
+      y(c) = y(c) + value(self%start(c + 1) - before)*x(c)
+   end do
+end subroutine add_block_column
+
+!> Keep those columns of blocks that are not zero
+subroutine keep_columns(self, value, kept)
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries in the places of the matrix, shape (entries)
+   real(wp), intent(in) :: value(:)
+   type(kept_columns), intent(out) :: kept
+   integer :: b, j, k
+
+   b = self%block
+   kept%column = pack([(j, j=1, self%n/b)], [(any(abs(value(self%start(b*(j - 1) + 1) &
+      & + 1:self%start(b*j + 1))) > 0.0_wp), j=1, self%n/b)])
+   allocate (kept%offset(size(kept%column) + 1))
+   kept%offset(1) = 0
+   do k = 1, size(kept%column)
+      j = kept%column(k)
+      kept%offset(k + 1) = kept%offset(k) + self%start(b*j + 1) - self%start(b*(j - 1) + 1)
+   end do
+   allocate (kept%value(kept%offset(size(kept%offset))))
+   do k = 1, size(kept%column)
+      j = kept%column(k)
+      kept%value(kept%offset(k) + 1:kept%offset(k + 1)) &
+         & = value(self%start(b*(j - 1) + 1) + 1:self%start(b*j + 1))
+   end do
+end subroutine keep_columns
+
+!> All entries, of which but some columns are not zero
+subroutine spread_columns(self, kept, value)
+   class(symmetric_matrix), intent(in) :: self
+   type(kept_columns), intent(in) :: kept
+   !> Entries in the places of the matrix, shape (entries)
+   real(wp), intent(inout) :: value(:)
+   integer :: b, j, k
+
+   b = self%block
+   value = 0.0_wp
+   do k = 1, size(kept%column)
+      j = kept%column(k)
+      value(self%start(b*(j - 1) + 1) + 1:self%start(b*j + 1)) &
+         & = kept%value(kept%offset(k) + 1:kept%offset(k + 1))
+   end do
+end subroutine spread_columns
+
+!> Product of entries of which but some columns are not zero with a vector
+subroutine kept_product(self, kept, x, y)
+   class(symmetric_matrix), intent(in) :: self
+   type(kept_columns), intent(in) :: kept
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, intent(inout) :: y(:)
+   integer :: k
+
+   y = 0.0_wp
+   do k = 1, size(kept%column)
+      call add_block_column(self, kept%column(k), kept%value(kept%offset(k) + 1:), x, y)
+   end do
+end subroutine kept_product
 
 !> Some entries of a column above the diagonal, and of its row
 pure subroutine add_column(n, a, x, x_own, y, y_own)
@@ -585,10 +670,23 @@ logical function definite(self)
    class(symmetric_matrix), target, intent(in) :: self
    type(error_type), allocatable :: error
    type(square_report) :: report
-   real(wp) :: b(self%n), x(self%n)
+   type(preconditioned_type) :: system
+   real(wp) :: b(self%n), x(self%n), lanczos(2, bounding)
+   integer :: k, done
 
+   ! any force that has a part of all motions; the factor lets the softest ones prevail
+   b = [(modulo(k*0.618033988749895_wp, 1.0_wp) - 0.5_wp, k=1, self%n)]
    associate (near => self%near)
       if (allocated(near%matrix%start) .and. near%operations >= large .and. .not. near%coarse) then
+         system%size = self%n
+         system%places => self
+         system%given => self%value
+         if (near%ready .and. .not. near%share > 0.0_wp) then
+            lanczos = 0.0_wp
+            call minres(system, b, 0.0_wp, bounding, x, done, report%backward_error, lanczos)
+            definite = surely_positive(lanczos(:, :done), self%n)
+            if (definite) return
+         end if
          call factorise(self, self%value, 0.0_wp)
          definite = near%ready
          if (definite) return
@@ -596,13 +694,36 @@ logical function definite(self)
          if (.not. near%ready) return
       end if
    end associate
-   b = 1.0_wp
    x = 0.0_wp
    call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, &
       & report%rcond, self%kept, error)
    definite = .not. allocated(error)
    if (.not. definite) definite = error%code == err_input
 end function definite
+
+!> Whether all eigenvalues are positive, from some steps of Lanczos' iteration: the least of the
+!> tridiagonal matrix is above that of the whole by at most a share of the spread of all, but for a
+!> small probability over the vectors with which it begins.
+!>
+!> Reference: Kuczynski, Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992), doi:10.1137/0613066
+logical function surely_positive(lanczos, n)
+   !> Diagonal and what stands beside it, shape (2, steps)
+   real(wp), intent(in) :: lanczos(:, :)
+   !> Unknowns
+   integer, intent(in) :: n
+   real(wp) :: vector(size(lanczos, 2)), least, largest, share
+   integer :: k
+
+   k = size(lanczos, 2)
+   surely_positive = .false.
+   if (k == 0) return
+   share = (log(1.648_wp*sqrt(real(n, wp))/unlikely)/(2*k - 1))**2
+   if (.not. share < 1.0_wp) return
+   call largest_eigenpair(lanczos(1, :), lanczos(2, :k - 1), largest, vector)
+   call largest_eigenpair(-lanczos(1, :), lanczos(2, :k - 1), least, vector)
+   least = -least
+   surely_positive = least > share/(1.0_wp - share)*(largest - least)
+end function surely_positive
 
 !> Order of elimination and envelope of the factor of half as many digits: along the axis, or by the
 !> levels of the graph, that take the fewest operations

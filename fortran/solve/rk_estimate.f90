@@ -39,6 +39,8 @@ module rk_estimate
 
    !> Iterations of a solve by minimal residuals, as a block of 80,000 points needs them
    real(wp), parameter :: most_iterations = 600.0_wp
+   !> Memory of the program before a problem, and of a point beside its neighbours [byte]
+   real(wp), parameter :: of_libraries = 3.0e7_wp, of_point = 1700.0_wp
    !> Operations of UMFPACK's factors over those of a band's Cholesky factor: within a factor of 2
    !> on boxes of 434 to 6338 unknowns in the plane and in space
    real(wp), parameter :: lu_over_cholesky = 10.0_wp
@@ -153,7 +155,7 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    real(wp), intent(in) :: layers(:)
    character(len=:), allocatable :: kind, essential
    logical :: single
-   real(wp) :: coupled, band, width, factor, bulk, displacements
+   real(wp) :: coupled, most, band, width, factor, bulk, displacements
    integer :: d, gauss, limit
 
    self%places = self%ns
@@ -179,22 +181,28 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    if (factor > 1.0_wp) self%unknowns = self%unknowns &
       & + 2*self%nd*product(ceiling(0.5_wp*(layers(:self%nd) - 1.0_wp)))
    self%equations = self%unknowns
-   ! source points of a group of 2 x 2 (x 2) cells, and those coupled with one of them
+   ! source points of a group of 2 x 2 (x 2) cells, and those coupled with one of them, at most and
+   ! in the mean: every second one shares one group with those on a side, and few lie beyond sides
    self%members = 1.0_wp
    coupled = 1.0_wp
+   most = 1.0_wp
    do d = 1, self%nd
       width = 2.0_wp*support(min(d, size(support)))
       self%members = self%members*min(width + 1.0_wp, layers(d))
-      coupled = coupled*min(2.0_wp*width + 1.0_wp, layers(d))
+      most = most*min(2.0_wp*width + 1.0_wp, layers(d))
+      coupled = coupled*merge(2.0_wp*width - width**2/layers(d), layers(d), layers(d) > width)
    end do
    ! unknowns of the layers that couple through a section, the band of the factor at worst
-   band = self%unknowns*min(1.0_wp, 0.5_wp*(coupled**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
-   ! shape functions and gradients at the points; entries, twice for the constant part; the factor,
-   ! of half the digits where a solid is held by the penalty, beside rows of the entries where not
+   band = self%unknowns*min(1.0_wp, 0.5_wp*(most**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
+   ! neighbours and gradients at the points, materials and states; entries, of nodal cells twice for
+   ! their stabilisation; the factor, of half the digits where a solid is held by the penalty,
+   ! beside rows of the entries where not
    call deck%get('galerkin.essential', essential)
    single = fields == 3 .and. factor <= 1.0_wp .and. essential == 'penalty'
    self%entries = 0.5_wp*fields**2*self%ns*coupled
-   self%bytes = self%places*self%members*8.0_wp*(2.0_wp*self%nd + 2.0_wp) + 16.0_wp*self%entries &
+   self%bytes = of_libraries + self%places*(self%neighbours*8.0_wp*(self%nd + 1.0_wp) + of_point) &
+      & + 4.0_wp*self%nc*self%neighbours &
+      & + merge(8.0_wp, 16.0_wp, method == 'rkpm-gauss')*self%entries &
       & + merge(4.0_wp*self%unknowns*band, 8.0_wp*(self%unknowns*band + self%entries), single)
    self%flops = merge(0.5_wp, factor, single)*self%unknowns*band**2
    if (displacements <= limit .or. (method == 'rkpm-gauss' .and. kind == 'annulus')) return

@@ -25,7 +25,7 @@ module rk_forecast
    !> Operations of a matrix product that a count costs, fitted to the CPU times of eleven decks:
    !> shape functions, assembly, factor of a tangent, least squares, entries of a tangent, fields of
    !> a state, error norms, an iteration or time step, start
-   real(wp), parameter :: price(9) = [700.0_wp, 1000.0_wp, 0.85_wp, 1.4_wp, 1050.0_wp, 2.4e5_wp, &
+   real(wp), parameter :: price(9) = [700.0_wp, 1000.0_wp, 0.85_wp, 1.4_wp, 1900.0_wp, 2.4e5_wp, &
       & 1400.0_wp, 1.0e8_wp, 1.0e9_wp]
 
 contains

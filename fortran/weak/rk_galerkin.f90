@@ -41,7 +41,7 @@ module rk_galerkin
    use rk_stabilisation, only : share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
-   use rk_symmetric, only : symmetric_matrix
+   use rk_symmetric, only : kept_columns, symmetric_matrix
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
@@ -74,7 +74,7 @@ module rk_galerkin
       type(surface_type) :: surface, pins
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
-      real(wp), allocatable :: constant(:)
+      type(kept_columns) :: constant
       !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
       real(wp), allocatable :: force(:, :)
       !> What is held at source points; not allocated where the penalty holds
@@ -197,20 +197,22 @@ subroutine set_constants(self, shear, error)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
 
-   if (allocated(self%constant)) deallocate (self%constant, self%force)
-   allocate (self%constant(size(self%matrix%value, kind=i8)), source=0.0_wp)
-   call self%surface%add_penalty(self%matrix%symmetric_matrix, self%constant)
+   if (allocated(self%force)) deallocate (self%force)
+   ! the tangent has room for its sum, most columns of which are zero
+   self%matrix%value = 0.0_wp
+   call self%surface%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
    allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
    call self%surface%add_forces(self%force)
    call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
-      & self%matrix%symmetric_matrix, self%constant, self%force)
-   call self%matrix%complete(self%constant, self%cells, self%inside, shear)
+      & self%matrix%symmetric_matrix, self%matrix%value, self%force)
+   call self%matrix%complete(self%cells, self%inside, shear)
    if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
    ! minimal residuals need a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
-      & allocate (self%matrix%skew, source=0.0_wp*self%constant)
+      & allocate (self%matrix%skew, source=0.0_wp*self%matrix%value)
+   if (self%linear) call self%pins%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
+   call self%matrix%keep_columns(self%matrix%value, self%constant)
    if (.not. self%linear) return
-   call self%pins%add_penalty(self%matrix%symmetric_matrix, self%constant)
    call self%pins%add_forces(self%force)
    call add_load(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
       & self%force(:, ramp))
@@ -363,7 +365,7 @@ subroutine assemble(self, x, stage, r, seen)
    r = 0.0_wp
    call self%matrix%constant_product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
-   if (tangent) self%matrix%value = self%constant
+   if (tangent) call self%matrix%spread_columns(self%constant, self%matrix%value)
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    if (tangent .and. allocated(self%held)) call self%held%resist(self%matrix)
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)

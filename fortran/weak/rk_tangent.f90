@@ -37,7 +37,7 @@ module rk_tangent
    use rk_shape, only : shape_type
    use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_stabilisation, only : stabilise
-   use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_symmetric, only : kept_columns, new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
    implicit none
@@ -204,14 +204,15 @@ end subroutine keep_group
 !> Keep what pressures that follow the surface have added to the constant part
 subroutine keep_followers(self, constant)
    class(tangent_type), intent(inout) :: self
-   !> Entries of the constant part, shape (entries) [force/length]
-   real(wp), intent(in) :: constant(:)
+   !> Constant part [force/length]
+   type(kept_columns), intent(in) :: constant
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), whole(:)
 
    if (self%formed) return
    whole = self%value
-   self%value = whole - constant
+   call self%spread_columns(constant, self%value)
+   self%value = whole - self%value
    call self%compressed(start, column, value)
    call new_sparse_rows(self%followers, start, column, value)
    call move_alloc(whole, self%value)
@@ -219,10 +220,9 @@ end subroutine keep_followers
 
 !> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
 !> their own where the tangent is not formed
-subroutine complete(self, constant, cells, inside, modulus)
+subroutine complete(self, cells, inside, modulus)
+   !> Tangent, whose entries are those of the supports
    class(tangent_type), intent(inout) :: self
-   !> Entries of the constant part, shape (entries) [force/length]
-   real(wp), intent(inout) :: constant(:)
    !> Nodal cells
    type(cells_type), intent(in) :: cells
    !> Shape functions at their points
@@ -234,10 +234,10 @@ subroutine complete(self, constant, cells, inside, modulus)
    real(wp), allocatable :: value(:)
 
    if (self%formed) then
-      if (cells%smoothed) call stabilise(self%symmetric_matrix, constant, cells, inside, modulus)
+      if (cells%smoothed) call stabilise(self%symmetric_matrix, self%value, cells, inside, &
+         & modulus)
       return
    end if
-   self%value = constant
    call self%compressed(start, column, value)
    call new_sparse_rows(self%supports, start, column, value)
    if (allocated(self%followers%value)) deallocate (self%followers%value)
@@ -252,8 +252,23 @@ end subroutine complete
 !> Product of the part that never changes with a vector
 subroutine constant_product(self, constant, x, y)
    class(tangent_type), intent(in) :: self
-   !> Entries of the constant part where the tangent is formed, shape (entries) [force/length]
-   real(wp), contiguous, intent(in) :: constant(:)
+   !> Constant part where the tangent is formed [force/length]
+   type(kept_columns), intent(in) :: constant
+   !> Displacements, shape (n) [length]
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Forces, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   if (self%formed) then
+      call self%kept_product(constant, x, y)
+   else
+      call supports_product(self, x, y)
+   end if
+end subroutine constant_product
+
+!> Product of supports and stabilisation where the tangent is not formed
+subroutine supports_product(self, x, y)
+   class(tangent_type), intent(in) :: self
    !> Displacements, shape (n) [length]
    real(wp), contiguous, target, intent(in) :: x(:)
    !> Forces, shape (n) [force]
@@ -261,10 +276,6 @@ subroutine constant_product(self, constant, x, y)
    real(wp), pointer, contiguous :: to(:, :), from(:, :)
    integer :: nd, ns
 
-   if (self%formed) then
-      call self%product(constant, x, y)
-      return
-   end if
    from(1:1, 1:size(x)) => x
    to(1:1, 1:size(y)) => y
    call self%supports%product(from, to, .false.)
@@ -274,7 +285,7 @@ subroutine constant_product(self, constant, x, y)
    from(1:nd, 1:ns) => x(:nd*ns)
    to(1:nd, 1:ns) => y(:nd*ns)
    call self%stabilising%product(from, to, .true.)
-end subroutine constant_product
+end subroutine supports_product
 
 !> Product of what is not that of the groups, or of the matrix where it is formed
 subroutine linear_product(self, x, y)
@@ -285,7 +296,11 @@ subroutine linear_product(self, x, y)
    real(wp), contiguous, target, intent(inout) :: y(:)
    real(wp), pointer, contiguous :: to(:, :), from(:, :)
 
-   call self%constant_product(self%value, x, y)
+   if (self%formed) then
+      call self%product(self%value, x, y)
+      return
+   end if
+   call supports_product(self, x, y)
    if (.not. allocated(self%followers%value)) return
    from(1:1, 1:size(x)) => x
    to(1:1, 1:size(y)) => y

@@ -26,8 +26,8 @@ module rk_weak_motion
       type(galerkin_problem), pointer :: problem => null()
       !> Mass of each integration point, shape (np)
       real(wp), allocatable :: inertia(:)
-      !> Entries of the mass matrix in the places of the stiffness
-      real(wp), allocatable :: mass(:)
+      !> Entries of mass and penalty in the places of the stiffness
+      real(wp), allocatable :: mass(:), penalty(:)
       !> Entries of the stiffness without the penalty
       real(wp), allocatable :: stiffness(:)
       !> Factor of mass and penalty, the same in all time steps
@@ -70,10 +70,12 @@ subroutine new_weak_motion(self, problem, error)
    allocate (points%value(1, problem%fields, size(self%inertia)), source=0.0_wp)
    allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
    call points%add_penalty(problem%matrix%symmetric_matrix, self%mass)
-   self%stiffness = problem%matrix%value - problem%constant
+   allocate (self%penalty, mold=self%mass)
+   call problem%matrix%spread_columns(problem%constant, self%penalty)
+   self%stiffness = problem%matrix%value - self%penalty
    self%varies = loads_vary(problem%scene)
    call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%rows(), self%mass &
-      & + self%motion%time_step**2*problem%constant, error)
+      & + self%motion%time_step**2*self%penalty, error)
 end subroutine new_weak_motion
 
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty
@@ -115,7 +117,7 @@ subroutine limit(self, step, error)
    real(wp) :: value
 
    call largest_eigenvalue(self%problem%matrix%symmetric_matrix, self%stiffness &
-      & - self%problem%constant, self%mass, value, error)
+      & - self%penalty, self%mass, value, error)
    step = huge(1.0_wp)
    if (.not. allocated(error) .and. value > 0.0_wp) step = 2.0_wp/sqrt(value)
 end subroutine limit
@@ -150,7 +152,7 @@ subroutine product(self, what, x, y)
    associate (matrix => self%problem%matrix)
       select case (what)
       case ('left')
-         call matrix%product(self%mass + self%motion%time_step**2*self%problem%constant, x, y)
+         call matrix%product(self%mass + self%motion%time_step**2*self%penalty, x, y)
       case ('mass')
          call matrix%product(self%mass, x, y)
       case ('stiffness')
