@@ -277,13 +277,14 @@ class _Body:
                 step = (lines[k + 2] - lines[k]) / 6.0
                 weight[k : k + 3] += np.array([1.0, 4.0, 1.0]) * step
             area *= weight[number]
-        if self.warp and self.dim == 3:
+        if self.warp:
             place, small = self.place[mask], 1e-6 * np.ptp(self.place)
             edges = []
             for axis in across:
                 move = small * np.eye(self.dim)[axis]
                 edges.append((self.warp(place + move) - self.warp(place - move)) / (2.0 * small))
-            area *= np.linalg.norm(np.cross(*edges), axis=1)
+            normal = np.cross(*edges) if self.dim == 3 else edges[0]
+            area *= np.linalg.norm(normal, axis=1)
         return area
 
     def advance(self, start: float, end: float) -> int:

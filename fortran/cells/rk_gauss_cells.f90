@@ -4,9 +4,11 @@
 !> their number is odd, one or three are left over. In space they are groups of their own in the
 !> middle, without a pressure that varies along their width: in groups of three cells volume goes
 !> from cell to cell almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J
-!> from 0.08 to 4.0). In the plane such groups do no harm, but of five cells there is one in the
-!> middle, and 3 x 3 are groups of their own as in space: one for all of them resists hardly any
-!> change of volume (a square held at a side and pressed on top: 38 % off, 1 % with nine).
+!> from 0.08 to 4.0). In the plane one such group in the middle does no harm, but where groups in
+!> pairs would leave several, and of five cells, there is one cell in the middle. Functions of order
+!> 1 would lock with a pressure that varies across it. 3 x 3 are groups of their own as in space:
+!> one for all of them resists hardly any change of volume (a square held at a side and pressed on
+!> top: 38 % off, 1 % with nine).
 !>
 !> Faces that the border of a named set cuts, or on which a traction jumps, have finer points that
 !> lie on one side of it each.
@@ -83,7 +85,7 @@ subroutine gauss_cells(self, scene, error)
    integer :: groups(3), cell(3), next(3), from(3), to(3), at(3), points(3)
    integer, allocatable :: number(:), bound(:, :)
    logical, allocatable :: cut(:, :)
-   logical :: whole
+   logical :: linear, whole
    integer :: nd, np, i, j, d, k, end, faces, ms, mf, own, count, degree
 
    cloud => scene%cloud
@@ -115,10 +117,11 @@ subroutine gauss_cells(self, scene, error)
    points(:nd) = count
    associate (cells => lattice%cells)
       whole = nd == 3 .or. all(cells(:nd) == 3)
+      linear = scene%approximation%order == 1
       allocate (bound(0:maxval(cells), 3))
       do d = 1, 3
-         call arrange(lattice, d, whole, groups(d), bound(:, d), scene%approximation%kink_axis, &
-            & scene%approximation%kink)
+         call arrange(lattice, d, whole, linear, groups(d), bound(:, d), &
+            & scene%approximation%kink_axis, scene%approximation%kink)
       end do
       np = product(cells)*own
       mf = sum([(product(cells) - product(cells)/cells(d), d=1, nd)])*count**(nd - 1)
@@ -190,7 +193,7 @@ contains
    pure logical function is_thin(d)
       integer, intent(in) :: d
 
-      is_thin = whole .and. to(d) == from(d)
+      is_thin = (whole .or. linear) .and. to(d) == from(d)
       if (allocated(scene%approximation%kink)) is_thin = lattice%number(to(d) + 1, d) &
          & - lattice%number(from(d), d) < thinnest
       is_thin = is_thin .and. lattice%cells(d) > 1
@@ -520,12 +523,13 @@ end subroutine cut_lattice
 
 !> Groups of cells in one direction: equal ones between planes, symmetrical ones where there is no
 !> plane: a mirrored body is the same one
-subroutine arrange(self, d, whole, groups, bound, axis, plane)
+subroutine arrange(self, d, whole, linear, groups, bound, axis, plane)
    type(lattice_type), intent(in) :: self
    !> Direction
    integer, intent(in) :: d
-   !> Cells that are left over make groups of their own
-   logical, intent(in) :: whole
+   !> Cells that are left over make groups of their own: all of them, or one in the middle where
+   !> functions of order 1 would have more than one group of three
+   logical, intent(in) :: whole, linear
    !> Groups
    integer, intent(out) :: groups
    !> First cell of each group, and the number of cells behind them, from 0
@@ -583,7 +587,8 @@ contains
       associate (cells => self%cells(d))
          ones = 0
          groups = max(1, cells/group_size)
-         if (mod(cells, 2) == 1 .and. (whole .or. cells == 5)) then
+         if (mod(cells, 2) == 1 .and. (whole .or. cells == 5 &
+            & .or. (linear .and. mod(cells, 4) == 1))) then
             ones = merge(mod(cells, 4), 1, whole)
             groups = ones + (cells - ones)/group_size
          else if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0) then
