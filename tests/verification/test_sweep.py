@@ -56,6 +56,7 @@ def test_plans() -> None:
     plan = make_plan(["a.b=0:1:3", "c=x,2"])
     assert plan.keys == ("a.b", "c")
     assert plan.points == [(0.0, "x"), (0.0, 2), (0.5, "x"), (0.5, 2), (1.0, "x"), (1.0, 2)]
+    assert make_plan(["a=[0,0,1],[0,1,1]"]).points == [("[0,0,1]",), ("[0,1,1]",)]
     sampled = make_plan(["a=lhs(-1,1)", "b=1:2:2", "c=lhs(10,20)"], samples=16, seed=3)
     assert sampled.keys == ("b", "a", "c") and len(sampled.points) == 32
     a = np.sort([point[1] for point in sampled.points[:16]])

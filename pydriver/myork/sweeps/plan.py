@@ -82,7 +82,8 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         elif ":" in text:
             grids[key] = grid_in(item)[1].tolist()
         else:
-            grids[key] = [_value(word) for word in text.split(",")]
+            # a vector keeps its commas
+            grids[key] = [_value(word) for word in re.split(r",(?![^\[]*\])", text)]
             if "" in grids[key]:
                 raise InputError(f"--vary {item}: a value is missing between two commas")
     if len(kinds) > 1:
