@@ -106,6 +106,8 @@ def _cloud_of(file: h5py.File) -> PointCloud:
     labels = dict(_label(line) for line in _lines(file, "label_names"))
     names = [*_ARRAYS, *(name for name in _OTHERS if holds(file, name.split("/")[0]))]
     found = {name: dataset(file, name) for name in names}
+    if "fraction" in found and not labels:
+        raise InputError("'label_names' is empty: the tissues of 'fraction' have no names")
     arrays = _fitted(found, {"sets": len(sets), "labels": len(labels)})
     columns = arrays.pop("fraction_label", np.zeros(0, np.int32))
     if "fraction" in arrays and columns.tolist() != sorted(labels):

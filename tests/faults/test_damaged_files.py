@@ -124,8 +124,9 @@ def use_rom(path: Path) -> None:
     assert rom.solve(**{p.key: 0.5 * (p.low + p.high) for p in rom.parameters}).converged
 
 
-#: What the executable does not read or limits, and labels beyond 32 bits, which no material has
-ALONE = ("source_images", "label_names", "'label'", "length_unit")
+#: What the executable does not read or limits, labels beyond 32 bits, which no material has, and
+#: names that are no UTF-8, which it takes as they are and no condition finds
+ALONE = ("source_images", "label_names", "'label'", "length_unit", "'utf-8' codec")
 FORMS = ("rkpm-scni", "rkpm-gauss", "rkcm", "rkcm-mixed")
 
 
