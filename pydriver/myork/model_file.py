@@ -109,6 +109,8 @@ def _cloud_of(file: h5py.File) -> PointCloud:
     if "fraction" in found and not labels:
         raise InputError("'label_names' is empty: the tissues of 'fraction' have no names")
     arrays = _fitted(found, {"sets": len(sets), "labels": len(labels)})
+    if not np.all(arrays["spacing"] > 0):
+        raise InputError("'spacing' must be positive everywhere")
     columns = arrays.pop("fraction_label", np.zeros(0, np.int32))
     if "fraction" in arrays and columns.tolist() != sorted(labels):
         raise InputError("'fraction_label' must hold the labels of 'label_names', ascending")
