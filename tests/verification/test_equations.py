@@ -192,62 +192,6 @@ def check_6_72_gradient_error() -> None:
 # ---- right as printed ----------------------------------------------------------------------------
 
 
-def test_descent_of_eight_regions() -> None:
-    """(3.21)-(3.23), (B.1)-(B.3): what is printed is the slope of (3.18), (4.3)."""
-    h, lam = sp.symbols("h1:4"), sp.symbols("q1:9")
-    # bits of the regions of (3.19): inside of the first, second, third level set
-    inside = "111", "101", "011", "110", "001", "010", "100", "000"
-    pairs = [zip(h, word, strict=True) for word in inside]
-    member = [sp.prod(s if bit == "1" else 1 - s for s, bit in pair) for pair in pairs]
-    energy = sum(q * m for q, m in zip(lam, member, strict=True))
-    printed = {  # regions of the negative and of the positive terms, in the order of their factors
-        0: ((1, 2, 4, 7), (3, 5, 6, 8)),
-        1: ((1, 3, 4, 6), (2, 5, 7, 8)),
-        2: ((1, 3, 2, 5), (4, 6, 7, 8)),
-    }
-    for level, (minus, plus) in printed.items():
-        one, two = (s for k, s in enumerate(h) if k != level)
-        factors = one * two, (1 - one) * two, one * (1 - two), (1 - one) * (1 - two)
-        force = sum(
-            (lam[q - 1] - lam[p - 1]) * factor
-            for p, q, factor in zip(minus, plus, factors, strict=True)
-        )
-        assert sp.expand(force + energy.diff(h[level])) == 0
-
-
-def test_distance_term_of_the_descent() -> None:
-    """(3.42): gamma (laplacian - curvature) is the descent of P of (3.39), in the plane."""
-    x, y = sp.symbols("x y")
-    phi = sp.Function("phi")(x, y)
-    fx, fy = sp.symbols("fx fy", positive=True)
-    density = (sp.sqrt(fx**2 + fy**2) - 1) ** 2 / 2
-    real = {fx: phi.diff(x), fy: phi.diff(y)}
-    descent = density.diff(fx).subs(real).diff(x) + density.diff(fy).subs(real).diff(y)
-    norm = sp.sqrt(phi.diff(x) ** 2 + phi.diff(y) ** 2)
-    curvature = (phi.diff(x) / norm).diff(x) + (phi.diff(y) / norm).diff(y)
-    printed = phi.diff(x, 2) + phi.diff(y, 2) - curvature
-    probe = sp.exp(x / 3) * (y + 2) + x * y**2
-    at = {x: sp.Rational(1, 3), y: sp.Rational(1, 5)}
-    miss = (descent - printed).subs(phi, probe).doit().subs(at)
-    assert abs(float(miss)) < 1e-12
-
-
-def test_quintic_kernel() -> None:
-    """(5.6): four times continuously differentiable, zero at the end of its support."""
-    z = sp.symbols("z")
-    rows = (
-        ("11/20", 0, "-9/2", 0, "81/4", "-81/4"),
-        ("17/40", "15/8", "-63/4", "135/4", "-243/8", "81/8"),
-        ("81/40", "-81/8", "81/4", "-81/4", "81/8", "-81/40"),
-        (0, 0, 0, 0, 0, 0),
-    )
-    pieces = [sum(sp.Rational(c) * z**k for k, c in enumerate(row)) for row in rows]
-    for n, (one, other) in enumerate(itertools.pairwise(pieces), start=1):
-        for k in range(5):
-            assert (one - other).diff(z, k).subs(z, sp.Rational(n, 3)) == 0
-        assert (one - other).diff(z, 5) != 0
-
-
 S, W1, W2 = sp.symbols("s W1 W2", positive=True)
 
 
@@ -277,99 +221,6 @@ def test_homogeneous_states(stretches: Any, printed: Any, ours: Any) -> None:
     )
 
 
-def test_invariants_of_appendix_c() -> None:
-    """(C.3), (C.8), (C.9), (C.13)-(C.17) along three directions, exactly."""
-    f0 = sp.Matrix([[11, 2, -1], [1, 9, 3], [-2, 1, 10]]) / 10
-    steps = [
-        sp.Matrix([[1, 0, 2], [0, 1, -1], [3, 1, 0]]),
-        sp.Matrix([[0, 1, 1], [2, 0, 1], [1, -1, 2]]),
-        sp.Matrix([[2, 1, 0], [-1, 1, 1], [0, 2, 1]]),
-    ]
-    t = sp.symbols("t1:4")
-    f = f0 + sum((s * step for s, step in zip(t, steps, strict=True)), sp.zeros(3))
-    c = f.T * f
-    j, i1 = f.det(), c.trace()
-    rest = dict.fromkeys(t, 0)
-    third, i2 = sp.Rational(1, 3), (i1**2 - (c * c).trace()) / 2
-    wanted = {1: i1 * j ** (-2 * third), 2: i2 * j ** (-4 * third)}
-    first, *others = (np.array(matrix.tolist(), float) for matrix in (f0, *steps))
-    found = _printed_appendix(first, others)
-    for k, invariant in wanted.items():
-        for order in (1, 2, 3):
-            exactly = float(invariant.diff(*t[:order]).subs(rest))
-            assert found[k][order - 1] == pytest.approx(exactly, rel=1e-11), (k, order)
-
-
-def _printed_appendix(f: Any, steps: list[Any]) -> dict[int, list[float]]:
-    """First to third derivatives of the reduced invariants as printed, along directions."""
-    g, inv, ein = f.T @ f, np.linalg.inv(f), np.einsum
-    j, i1, fg = np.linalg.det(f), np.trace(g), f @ g
-    i2 = 0.5 * (i1**2 - np.trace(g @ g))
-    matrices = {"f": f, "inv": inv, "eye": np.eye(3), "fg": fg, "g": g, "left": f @ f.T}
-
-    def o(text: str) -> Any:
-        """Product of matrices by their indices, of the six indices iAjBkC or the first four."""
-        pairs = [pair.split(".") for pair in text.split(",")]
-        names = ",".join(name for _, name in pairs)
-        size = "iAjBkC" if set(names) & set("kC") else "iAjB"
-        return ein(f"{names}->{size}", *(matrices[key] for key, _ in pairs))
-
-    first = {
-        1: 2 * j ** (-2 / 3) * (f - i1 / 3 * inv.T),
-        2: 2 * j ** (-4 / 3) * (i1 * f - fg - 2 / 3 * i2 * inv.T),
-    }
-    b1 = (
-        -4 / 3 * o("inv.Bj,f.iA") + 2 * o("eye.ij,eye.AB") + 4 / 9 * i1 * o("inv.Ai,inv.Bj")
-        - 4 / 3 * o("f.jB,inv.Ai") + 2 / 3 * i1 * o("inv.Aj,inv.Bi")
-    )  # fmt: skip
-    b2 = (
-        -8 / 3 * i1 * o("inv.Bj,f.iA") + 8 / 3 * o("inv.Bj,fg.iA")
-        + 16 / 9 * i2 * o("inv.Bj,inv.Ai") + 4 * o("f.iA,f.jB") + 2 * i1 * o("eye.ij,eye.AB")
-        - 2 * o("eye.ij,g.BA") - 2 * o("f.iB,f.jA") - 2 * o("left.ij,eye.AB")
-        - 8 / 3 * i1 * o("f.jB,inv.Ai") + 8 / 3 * o("fg.jB,inv.Ai")
-        + 4 / 3 * i2 * o("inv.Aj,inv.Bi")
-    )  # fmt: skip
-    third1 = -2 / 3 * ein("Ck,iAjB->iAjBkC", inv, b1) + (
-        -4 / 3 * (-o("inv.Bk,inv.Cj,f.iA") + o("inv.Bj,eye.ik,eye.AC"))
-        + 4 / 9 * (2 * o("inv.Ai,inv.Bj,f.kC") - i1 * o("inv.Ak,inv.Bj,inv.Ci")
-            - i1 * o("inv.Ai,inv.Bk,inv.Cj"))
-        - 4 / 3 * (o("eye.jk,eye.BC,inv.Ai") - o("f.jB,inv.Ak,inv.Ci"))
-        + 2 / 3 * (2 * o("f.kC,inv.Aj,inv.Bi") - i1 * o("inv.Ak,inv.Bi,inv.Cj")
-            - i1 * o("inv.Aj,inv.Bk,inv.Ci"))
-    )  # fmt: skip
-    slope2 = (
-        # (i) to (iii)
-        -8 / 3 * (-i1 * o("inv.Bk,inv.Cj,f.iA") + 2 * o("f.kC,inv.Bj,f.iA")
-            + i1 * o("inv.Bj,eye.ik,eye.AC"))
-        + 8 / 3 * (-o("inv.Bk,inv.Cj,fg.iA") + o("inv.Bj,eye.ik,g.CA") + o("inv.Bj,f.iC,f.kA")
-            + o("inv.Bj,left.ik,eye.AC"))
-        + 16 / 9 * (-i2 * o("inv.Bk,inv.Cj,inv.Ai") + 2 * i1 * o("inv.Bj,f.kC,inv.Ai")
-            - 2 * o("inv.Bj,fg.kC,inv.Ai") - i2 * o("inv.Bj,inv.Ak,inv.Ci"))
-        # (iv) to (viii)
-        + 4 * (o("eye.ik,eye.AC,f.jB") + o("f.iA,eye.jk,eye.BC")) + 4 * o("f.kC,eye.ij,eye.AB")
-        - 2 * (o("eye.ij,eye.BC,f.kA") + o("eye.ij,f.kB,eye.AC"))
-        - 2 * (o("eye.ik,eye.BC,f.jA") + o("f.iB,eye.jk,eye.AC"))
-        - 2 * (o("f.jC,eye.ik,eye.AB") + o("f.iC,eye.jk,eye.AB"))
-        # (ix) to (xi)
-        - 8 / 3 * (2 * o("f.kC,f.jB,inv.Ai") + i1 * o("eye.jk,eye.BC,inv.Ai")
-            - i1 * o("f.jB,inv.Ak,inv.Ci"))
-        + 8 / 3 * (o("eye.jk,g.CB,inv.Ai") + o("f.jC,f.kB,inv.Ai") + o("left.jk,eye.BC,inv.Ai")
-            - o("fg.jB,inv.Ak,inv.Ci"))
-        + 4 / 3 * (2 * i1 * o("f.kC,inv.Aj,inv.Bi") - 2 * o("fg.kC,inv.Aj,inv.Bi")
-            - i2 * o("inv.Ak,inv.Cj,inv.Bi") - i2 * o("inv.Aj,inv.Bk,inv.Ci"))
-    )  # fmt: skip
-    second = {1: j ** (-2 / 3) * b1, 2: j ** (-4 / 3) * b2}
-    third = {
-        1: j ** (-2 / 3) * third1,
-        2: j ** (-4 / 3) * (-4 / 3 * ein("Ck,iAjB->iAjBkC", inv, b2) + slope2),
-    }
-    orders = ("iA,iA", first), ("iAjB,iA,jB", second), ("iAjBkC,iA,jB,kC", third)
-    return {
-        k: [float(ein(name, of[k], *steps[:n])) for n, (name, of) in enumerate(orders, 1)]
-        for k in (1, 2)
-    }
-
-
 # ---- the page ------------------------------------------------------------------------------------
 
 ERRATA = {name: check for name, check in globals().items() if name.startswith("check_")}
@@ -383,8 +234,7 @@ def test_erratum(name: str) -> None:
 def test_page_names_every_check() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert set(re.findall(r"`(check_\w+)`", text)) == set(ERRATA)
-    rights = {name for name in globals() if name.startswith("test_") and f"`{name}`" in text}
-    assert len(rights) == 5
+    assert "`test_homogeneous_states`" in text
 
 
 CUBIC = {(1, 0): 37.3, (2, 0): -3.1, (3, 0): 0.5}
