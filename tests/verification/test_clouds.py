@@ -15,7 +15,7 @@ from myork import Scene
 from myork.bench import exact
 from myork.bench.materials import MUSCLE, RUBBER
 from myork.core import material as core_material
-from myork.errors import InputError
+from myork.errors import InputError, MyorkError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from tests import scenes
@@ -124,6 +124,47 @@ def test_homogeneous_tension_on_any_cloud(body: PointCloud, order: int, method: 
     right = exact.uniaxial(exact.Polynomial.from_deck(RUBBER), 1.0 + strain)
     assert abs(stress[:, 0] / right - 1.0).max() < 1e-7
     assert abs(stress[:, 1:]).max() < 1e-7 * right
+
+
+SOLID = box(CUBE, (5, 5, 5), (9, 9, 9), (1.0, 0.0, 0.0))
+
+
+def changed(name: str, value: float) -> PointCloud:
+    """The cube with another number in the middle of an array."""
+    values = getattr(SOLID, name).copy()
+    values[len(values) // 2] = value
+    return replace(SOLID, **{name: values})
+
+
+@pytest.mark.parametrize(
+    ("body", "method", "said"),
+    [
+        *((box((1.0, 1.0, 0.2), (5, 5, n), (9, 9, 2 * n - 1)), method, "point")
+          for n in (1, 2) for method in ("rkcm", "rkcm-mixed")),
+        (replace(graded(SOLID, 3.0), spacing=SOLID.spacing), "rkcm", "support"),
+        *((SOLID, method, "a model of voxels") for method in ("rkpm-gauss", "rkpm-scni")),
+        *((changed(name, np.nan), "rkcm", f"'{name}' must hold finite numbers")
+          for name in ("points", "source", "fiber")),
+        (changed("fiber", 3.0), "rkcm", "geometry: fiber at co"),
+    ],
+)  # fmt: skip
+def test_clouds_that_carry_no_approximation(body: PointCloud, method: str, said: str) -> None:
+    """Layers that are too few, supports all alike on graded points, no lattice, no numbers."""
+    assert said in scenes.refused(stretched(method=method, curve="smooth"), body)
+
+
+def test_an_island_that_nothing_holds() -> None:
+    data = np.ones((4, 4, 10))
+    data[:, :, 5] = 0
+    tables = scenes.scene("rkpm-scni", {}, material=[RUBBER], boundary=[scenes.held("bottom")])
+    assert "island" in scenes.refused(tables, scenes.voxels(data))
+
+
+def test_more_than_any_memory_holds_is_refused() -> None:
+    tables = scenes.scene("rkcm", scenes.box(400, 400, 400), material=[RUBBER],
+                          boundary=[scenes.held("x0")])  # fmt: skip
+    with pytest.raises(MyorkError, match=r"the model needs about .* GB"):
+        Scene.from_tables(tables)
 
 
 def test_spacing_of_scattered_points() -> None:
