@@ -15,16 +15,12 @@ from benchmarks.problems import BY_NAME, DECKS
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.truths.measures import oscillation
 from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
 from myork.bench import BENCHES, run_benches
-from myork.bench.dissertation import Run
 from myork.bench.materials import MUSCLE
 from myork.bench.page import write_page
-from myork.bench.reproduce import RUNS
-from myork.bench.runs import lattice, read_deck, solve_case
-from myork.bench.tables import Columns, plot, table
+from myork.bench.runs import read_deck, solve_case
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError
@@ -65,22 +61,6 @@ def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
     assert html.count("<img alt=") == 1 and "myork bench toy --quick" in html
 
 
-def test_tables_and_curves_show_what_cases_have() -> None:
-    """What a case lacks is an empty cell or no point, and a curve without points is left out."""
-    cases = [
-        {"curve": "a", "h": 0.5, "solver": {"used": "lu"}, "J": {"0.25": 1.1}, "error": 0.0},
-        {"curve": "a", "h": 0.1, "solver": None},
-        {"curve": "b", "h": 0.1},
-    ]
-    columns: Columns = (("solver", "solver.used"), ("J", ("J", "0.25")),
-                        ("1/h", lambda case: round(1 / case["h"])))  # fmt: skip
-    rows = [["lu", 1.1, 2], [None, None, 10], [None, None, 10]]
-    shown = {"caption": "c", "head": ["solver", "J", "1/h"], "rows": rows}
-    assert table("c", columns, cases) == shown
-    (curve,) = plot("t", ("h [cm]", "error [-]"), cases, "h", "error")["series"]
-    assert (curve["name"], curve["x"], curve["y"]) == ("a", [0.5], [0.0])
-
-
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no benchmark 'linaer'; there are linear"):
         run_benches(["linaer"], tmp_path)
@@ -116,64 +96,6 @@ def test_rom(tmp_path: Path) -> None:
         if name.endswith("e1"):
             alone = rows[number, f"{name} of the modes alone"]["ours"]
             assert row["ours"] > 0.99 * alone - 1e-12
-
-
-#: A small load path of each deck, its bounds of e1, and whether it is collocation
-SMALL_PATHS = {
-    "shear_3d": ((*lattice((9, 3, 3)), "load.steps=20"), (1, 5, 10), (0.05, 1e-3, 1e-4)),
-    "tube": ((*lattice((9, 51)), "load.steps=12"), (2, 5, 10), (0.05, 1e-3, 1e-4)),
-    "muscle_block": ((*lattice((4, 4, 7)), "load.activation=0.2"), (10,), (1e-8,)),
-}
-
-
-@pytest.mark.parametrize("deck", SMALL_PATHS)
-def test_a_path_reduced_either_way(deck: str) -> None:
-    """Rows in full and in the span of the modes, by Cholesky and by QR, are one model."""
-    words, modes, bounds = SMALL_PATHS[deck]
-    kind = "path" if deck != "muscle_block" else "states"
-    found = RUNS[kind](Run(kind, deck, words, modes), silent)
-    for r, bound in zip(modes, bounds, strict=True):
-        assert found[str(r)]["e1"] < bound and found[f"unit {r}"]["e1"] < 2 * bound
-        if kind == "path":
-            wanted = pytest.approx(found[str(r)]["e1"], rel=1e-2, abs=1e-6)
-            assert found[f"span {r}"]["e1"] == wanted
-    assert 0 < found["full"]["auto_min"] <= found["full"]["cpu_min"]
-
-
-def test_oscillation() -> None:
-    """Nothing on a straight line; values that alternate by 1 around 10 differ by 4 twice over."""
-    assert oscillation(np.linspace(1.0, 2.0, 9)) < 1e-14
-    assert oscillation(10.0 + (-1.0) ** np.arange(8)) == pytest.approx(0.4)
-
-
-#: Largest errors of the shear stress in the middle of the sheet of table 5.2, a little above what
-#: was measured: 0.0123 with the published weights, 0.0025 with MyoRK's, 0.0016, 0.0030 to 0.0045
-STRONG = ("approximation.order=2", "approximation.support=3", "approximation.kernel=quintic")
-LINEAR = ("approximation.order=1", "approximation.support=2", "approximation.kernel=cubic")
-BALANCED = ("solver.weight_essential=balanced", "solver.weight_traction=balanced")
-SHEET = (
-    (0.015, "rkcm", (*STRONG, "solver.linear=dgels", "solver.newton=gauss-newton")),
-    (0.015, "rkcm", STRONG),
-    (0.004, "rkcm", (*STRONG, *BALANCED)),
-    (0.003, "rkcm-mixed", STRONG),
-    (0.004, "rkpm-gauss", (*STRONG, "galerkin.gauss=5")),
-    (0.004, "rkpm-gauss", (*LINEAR, "galerkin.gauss=5")),
-    (0.004, "rkpm-gauss", (*LINEAR, "galerkin.gauss=2")),
-    (0.006, "rkpm-scni", LINEAR),
-)
-
-
-def test_all_forms_have_one_sheet() -> None:
-    deck, loads = read_deck("shear_2d"), (0.5, 1.0)
-    one, two, three = (
-        solve_deck(deck, n, loads=loads, tolerance=1e-9)["probes"]["shear_stress"][-1]
-        for n in ((16, 4), (32, 8), (64, 16))
-    )
-    wanted = three + (three - two) ** 2 / (two - one - three + two)  # Aitken's limit
-    for most, form, words in SHEET:
-        choice = (*lattice((17, 5)), f"scene.method={form}", *words, "load.steps=2")
-        found = solve_case("shear_2d", choice)["probes"]["shear_stress"]
-        assert abs(found / wanted - 1) < most, (form, words)
 
 
 def test_cost_is_read_off_behind_the_last_miss() -> None:
@@ -294,18 +216,39 @@ def test_there_are_twenty_and_they_name_nothing() -> None:
         assert not any("curve" in material for material in tables["material"])
 
 
-def test_few_cells_in_the_plane_are_compared_with_more() -> None:
-    """Half of four cells made this answer, 1.6 % off, doubtful with a bar of 12 %."""
-    problem = BY_NAME["soft sheet"]
-    tables = sized_tables(problem.tables, problem.sizes[0])
-    rival = solve_deck(read_deck(tables), (32, 16))["probes"]
-    case = solve_case(tables, error=True)
-    assert case["verdict"]["state"] == "accepted"
-    assert case["companion"]["source_points"] == 17 * 9
-    for name, (value,) in rival.items():
-        # the mesh changes by 2e-4 from half as many elements
-        bar = case["probe_errors"][name] + 2e-4 * abs(value)
-        assert abs(case["probes"][name] - value) <= bar < WRONG * abs(value), name
+#: Problems of few cells: words, points of the second solution, values of finer ones and the widest
+#: bar. Half of their cells gave bars of 12 and 11 %, and moved the side of the fat by 40 %.
+FEW: dict[str, tuple[tuple[str, ...], Any, dict[str, float], float]] = {
+    # finite elements, which change by 2e-4 from half as many elements
+    "soft sheet": ((), 17 * 9, {}, WRONG),
+    # 9x9x25 points
+    "free muscle": ((), 4 * 4 * 10, {"end": -0.27302, "belly": 0.02571}, 0.2),
+    "three tissues of voxels": (
+        ("geometry.blocks=[8,4,16]",), None,
+        {"interface": 0.0407, "side": -0.0368, "force z": 6.411}, 0.2,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_few_cells_are_compared_with_more(name: str) -> None:
+    """Bars contain the error, and are not as wide as those beside half of the cells."""
+    words, points, values, widest = FEW[name]
+    problem = BY_NAME[name]
+    if name == "three tissues of voxels":
+        tables, cloud = problem.tables, body_cloud(problem, problem.sizes[0])
+    else:
+        tables, cloud = sized_tables(problem.tables, problem.sizes[0]), None
+    case = solve_case(tables, words, cloud=cloud, error=True)
+    if points is not None:
+        assert case["companion"]["source_points"] == points
+        assert case["verdict"]["state"] == "accepted"
+    if not values:
+        rival = solve_deck(read_deck(tables), (32, 16))["probes"]
+        values = {key: value for key, (value,) in rival.items()}
+    for key, value in values.items():
+        error, bar = abs(case["probes"][key] - value), case["probe_errors"][key]
+        assert error <= bar + 2e-4 * abs(value) and bar < widest * abs(value), key
 
 
 def test_a_body_that_nothing_pulls_at_is_in_balance() -> None:
@@ -329,17 +272,6 @@ def test_errors_of_an_answer() -> None:
     assert zero.errors({"f": 10.0, "g": 1e-4}, {})["error"]["g"] == pytest.approx(0.01)
 
 
-def test_two_cells_across_are_looked_at_again() -> None:
-    """Half of four cells made the free muscle, 1.4 % off, doubtful with a bar of 11 %."""
-    problem = BY_NAME["free muscle"]
-    case = solve_case(sized_tables(problem.tables, problem.sizes[0]), error=True)
-    assert case["companion"]["source_points"] == 4 * 4 * 10
-    assert case["verdict"] == {"state": "accepted", "reasons": []}
-    # 9x9x25 points
-    for name, value in (("end", -0.27302), ("belly", 0.02571)):
-        assert abs(case["probes"][name] - value) < case["probe_errors"][name] < 0.2 * abs(value)
-
-
 def test_corners_inside_out_near_a_probe_are_named() -> None:
     """J is negative in the glued corners of the pad, where no stress exists."""
     problem = BY_NAME["pad between plates"]
@@ -349,12 +281,3 @@ def test_corners_inside_out_near_a_probe_are_named() -> None:
     assert case["min_J"] < 0 and case["verdict"]["state"] == "doubtful"
     (reason,) = (text for text in case["verdict"]["reasons"] if "near probe corner" in text)
     assert "the material is inverted (in 0.29 % of the volume, near probe corner)" in reason
-
-
-def test_thin_tissues_are_compared_with_three_quarters_of_their_blocks() -> None:
-    """Half of the two blocks across the fat moved its side by 40 %."""
-    body = BY_NAME["three tissues of voxels"]
-    words = ["geometry.blocks=[8,4,16]"]
-    case = solve_case(body.tables, words, cloud=body_cloud(body, body.sizes[0]), error=True)
-    for name, value in (("interface", 0.0407), ("side", -0.0368), ("force z", 6.411)):
-        assert abs(case["probes"][name] - value) < case["probe_errors"][name] < 0.2 * abs(value)
