@@ -19,6 +19,7 @@ from myork.core import deck as core_deck
 from myork.core.deck import deck_key, load_deck
 from myork.errors import FileError, InputError
 from myork.stations.new import schema_file
+from myork.tables import deck_text
 from tests.refusals import refuses
 from tests.scenes import tomllib
 
@@ -108,31 +109,28 @@ def complaints(path: Path, *overrides: str) -> list[str]:
     return refuses(".", load_deck, path, overrides).splitlines()
 
 
-def missing_values(written: dict[str, Any], read: dict[str, Any]) -> list[str]:
-    """Keys of a table whose value was not read as written."""
-    return [
-        key
-        for key, value in written.items()
-        # one value stands for an array of them, one number for all directions
-        if read.get(key) not in (value, [value])
-        and not (key == "support" and set(read[key]) == {value})
-    ]
-
-
 @pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
-def test_deck_in_inputs(path: Path) -> None:
+def test_deck_in_inputs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a file, as its tables and as the text of these: what tomllib reads of it."""
+    monkeypatch.chdir(path.parent)
     written = tomllib.loads(path.read_text(encoding="utf-8"))
     deck = load_deck(path, command="solve" if "geometry" in written else "")
     for table, content in written.items():
-        if table == "title":
-            continue
         ours, theirs = (x if isinstance(x, list) else [x] for x in (content, deck[table]))
-        assert not any(missing_values(*pair) for pair in zip(ours, theirs, strict=True)), table
+        for one, other in zip(ours, theirs, strict=True):
+            for key, value in one.items() if isinstance(one, dict) else ():
+                # one value stands for an array of them, one number for all directions
+                assert other[key] in (value, [value]) or {*other[key]} == {value}, (table, key)
     assert deck["title"] == written["title"]
     # files that a scene is made of are part of it
     alone = "labels" not in written.get("geometry", {})
     assert (deck["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()) == alone
     assert deck["folder"] == str(path.parent)
+    assert tomllib.loads(deck_text(written)) == written
+    own = load_deck(written, command="solve" if "geometry" in written else "")
+    for key in ("path", "folder", "sha256"):
+        del own[key], deck[key]
+    assert own == deck
 
 
 def test_defaults_and_absent_keys(write: Write) -> None:
@@ -287,13 +285,10 @@ WRONG = [
     ('title = "block"', 'title = "b"\nK = 1', "K: unknown key; 'K' belongs to [[material]]"),
     # types
     ("steps = 4", "steps = 4.0", "load.steps: must be an integer, not 4.0"),
-    ("steps = 4", "steps = 1979-05-27", "load.steps: must be an integer, not a date or time"),
-    ("steps = 4", "steps = [4]", "load.steps: must be an integer, not an array of 1"),
     ("steps = 4", "steps = {a = 1}", "load.steps: must be an integer, not a table"),
     ('name = "fat"', 'name = " "', "material.2.name: must not be empty"),
     # ranges
     ("K = 5000", "K = nan", "material.muscle.K: must be a positive number or inf, not nan"),
-    ("K = 5000", "K = -inf", "material.muscle.K: must be a positive number or inf, not -inf"),
     ("label = 2", "label = 3000000000", "material.fat.label: must be below 2147483648 in size"),
     # choices
     ('weight_essential = "c4"', 'weight_essential = "c5"', "solver.weight_essential: must be "),
@@ -380,15 +375,6 @@ def test_keys_that_do_not_fit(write: Write, changes: dict[str, str], message: st
     assert any(message in line for line in complaints(write(text)))
 
 
-def test_two_dimensions(write: Write) -> None:
-    """A plane deck: what belongs to space is refused, lengths follow the dimension."""
-    lines = complaints(write(BLOCK), "scene.dimension=2")
-    keys = ("geometry.size", "geometry.source", "geometry.collocation", "boundary.z1.traction",
-            "probe.mid.point")  # fmt: skip
-    found = dict(line.split(": ", 2)[1:] for line in lines)
-    assert found == dict.fromkeys(keys, "must have 2 items (scene.dimension = 2), not 3")
-
-
 def test_all_complaints_by_line(write: Write) -> None:
     text = BLOCK.replace("steps = 4", "steps = 0").replace("dimension = 3", "dimension = 5")
     text = text.replace("K = 5000", "K = -1").replace("[solver]", "[solvers]") + "zzz = 1\n"
@@ -458,15 +444,9 @@ def test_arrays_have_limits(write: Write) -> None:
 
 @pytest.mark.parametrize(("text", "message"), [
     (b"", "case.toml:1: the deck is empty"),
-    (b"\n  \n", "case.toml:1: the deck is empty"),
     (b'title = "a"\ntitle = "b"\n', "case.toml:2:9: not TOML: "),
-    (b"[load]\n[load]\n", "case.toml:2:1: not TOML: "),
-    (b'title = "a\n', "case.toml:1:11: not TOML: "),
     (b"\n\nsteps == 3\n", "case.toml:3:8: not TOML: "),
-    (b"[[\nname = 1\n", "case.toml:1:3: not TOML: "),
-    (b"[\n", "case.toml:1:2: not TOML: "),
     (b"[load.\n", "case.toml:1:7: not TOML: "),
-    (b"a = 99999999999999999999999\n", "case.toml:1:28: not TOML: "),
     (b'title = "a"\n# caf\xe9 \n', "case.toml:2:"),
     (b"PK\x03\x04\x00\x00", "case.toml:1:3: not TOML: "),
     (b"[[load]]\nsteps = 3\n", "case.toml:1: load: comes once, write [load] instead of [[l"),
@@ -490,17 +470,6 @@ def test_files_that_cannot_be_read(write: Write, tmp_path: Path) -> None:
         (tmp_path, "is a folder; name the deck inside it"),
     ):
         refuses(said, load_deck, path, kind=FileError)
-
-
-@pytest.mark.parametrize("name", ["muscle_fibers", "tube"])
-def test_reference_loads_are_met_by_steps(inputs: Path, name: str) -> None:
-    deck = load_deck(inputs / f"{name}.toml")
-    for reference in deck["reference"]:
-        full = deck["load"]["activation"]
-        loads = reference.get("load") or [part / full for part in reference["activation"]]
-        steps = [load * deck["load"]["steps"] for load in loads]
-        # a few roundings of numbers up to 24
-        assert steps == pytest.approx([round(step) for step in steps], abs=1e-13)
 
 
 SCHEMA = ROOT / "fortran" / "deck" / "schema.toml"

@@ -44,14 +44,6 @@ def test_expressions_that_are_a_number(text: str) -> None:
         assert probe_of(tables, *overrides) == pytest.approx(plain, rel=1e-12)
 
 
-def test_eccentric_traction_bends() -> None:
-    """A traction that is odd about the axis has no resultant, and turns the end."""
-    tables = plate([HELD, {"set": "x1", "traction": ["0.1*(0.5 - y)", 0]}])
-    tables["probe"] = probes("pull force_x x1", "low u_x 1 0", "high u_x 1 1")
-    last = solved(tables).last()
-    assert abs(last["pull"]) < 1e-12 and last["low"] > 1e-3 > -1e-3 > last["high"]
-
-
 @pytest.mark.parametrize(("text", "what"), [
     ("0.1*q", "unknown name 'q' at position 5; names are x, y, r, theta, pi; functions are"),
     ("z", "unknown name 'z' at position 1"),
@@ -108,23 +100,6 @@ def test_a_table_is_the_expression_that_it_samples() -> None:
         found = temperature(linear=own, table=[STEP | {"curve": curve}])
         wanted = temperature(linear={**plain, "source": f"2 + (x > 0.5 ? 4*{rise} : 0) + 2"})
         assert found == pytest.approx(wanted, rel=1e-12)
-
-
-def test_a_traction_and_a_displacement_by_table_in_a_nonlinear_scene() -> None:
-    tables = scene(
-        "auto", box(5, 5, places=(5, 5)),
-        material=[{"name": "m", "model": "neo-hookean", "mu": 1, "K": 2}],
-        table=[
-            {"name": "push", "x": [0, 1], "value": [0, 2]},
-            {"name": "lift", "x": [-1, 3], "value": [-0.02, 0.06]},
-        ],
-    )  # fmt: skip
-    found, wanted = (
-        solved(tables | {"boundary": [
-            {"set": "x0", "u_x": 0, "u_y": lift}, {"set": "x1", "traction": [push, 0]},
-        ]}).states.x for lift, push in (("lift(y)", "0.1*push(y)"), ("0.02*y", "0.2*y"))
-    )  # fmt: skip
-    assert wanted == pytest.approx(found, rel=1e-9, abs=1e-12)
 
 
 def test_a_pulse_by_table_of_the_time() -> None:

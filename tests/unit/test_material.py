@@ -373,30 +373,19 @@ def test_smooth_curves_stay_near_the_published_ones():
 #: Parameters that cannot be, and what is said of them
 IMPOSSIBLE = [
     *(("muscle", {**MUSCLE.parameters, **changes}, words) for changes, *words in (
-        ({"K": 0.0}, "muscle.K: must be greater than 0"),
         ({"K": math.inf}, "K = inf", "volumetric=False"),
-        ({"A03": math.inf}, "A03: must be a finite number"),
         ({"A01": -6.43}, "A10 + A01 = 0", "positive"),
-        ({"sigma_max": -1.0}, "sigma_max: must be at least 0, not -1"),
-        ({"gamma1": -0.1}, "gamma1: must be at least 0"),
-        ({"curve": "rough"}, "curve: must be one of published, smooth, not the text 'rough'"),
         ({"model": "musle"}, "model: must be", "did you mean 'muscle'"),
     )),
     # parameters that a model does not have, or has to have
     *(("full", {**FULL.parameters, **changes}, words) for changes, *words in (
         ({"A40": 1.0}, "A40: unknown key; did you mean"),
-        ({"model": "muscle", "stiffness": "high"}, "stiffness: unknown key"),
-        ({"A10": "high"}, "A10: must be a number, not the text 'high'"),
     )),
     *(("soft", {"K": 50.0, "model": "neo-hookean", **changes}, words) for changes, *words in (
-        ({"mu": 0.0}, "mu: must be greater than 0"),
         ({}, "mu: missing, a number is needed for model = neo-hookean"),
         ({"mu": 1, "A10": 2}, "A10: only for model"),
         ({"model": "mooney-rivlin", "C1": 1, "C2": -1}, "C1 + C2 = 0", "positive"),
-        ({"model": "yeoh", "C1": 1, "C2": 0}, "C3: missing"),
         ({"model": "yeoh", "C1": -1, "C2": 0, "C3": 1}, "C1 = -1", "positive"),
-        ({"model": "gent", "mu": 1}, "Jm: missing"),
-        ({"model": "energy"}, "energy: missing"),
         *(({"model": "energy", "mu": 3, "energy": text}, f"energy = '{text}'", *words)
           for text, *words in (
             ("mu*(I1-3", "a parenthesis is not closed"),
@@ -417,7 +406,7 @@ IMPOSSIBLE = [
 
 @pytest.mark.parametrize(("name", "parameters", "words"), IMPOSSIBLE)
 def test_impossible_parameters_are_refused_by_name(name, parameters, words):
-    """What the schema does not allow, and what the law itself finds."""
+    """What the law itself finds, and some of what the schema does not allow (test_deck)."""
     said = "".join(f"(?=.*{re.escape(word)})" for word in (name, *words))
     refuses(f"(?s){said}", lambda: cm.stress(cm.Material(name, **parameters), np.eye(3)[None]))
 

@@ -23,7 +23,6 @@ from myork.tables import deck_text
 from tests.refusals import refuses
 from tests.scenes import annulus, box, deck_file, held, refused, scene, solved, tomllib
 
-DECKS = sorted((Path(__file__).parents[2] / "inputs").glob("*.toml"))
 CUBE = scene(
     "rkcm", box(4, 4, 4, places=[6] * 3), load={"steps": 2},
     material=[{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
@@ -58,18 +57,6 @@ def test_a_dict_is_the_deck_that_it_spells(tmp_path: Path) -> None:
         assert one.solve(error=False).x.tobytes() == two.solve(error=False).x.tobytes()
         assert two.steps == 1
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
-def test_text_of_tables_is_read_as_the_tables(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """tomllib is the witness; the reader finds the same values as in the file."""
-    monkeypatch.chdir(path.parent)
-    tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    assert tomllib.loads(deck_text(tables)) == tables
-    ours, theirs = load_deck(tables), load_deck(path)
-    for key in ("path", "folder", "sha256"):
-        del ours[key], theirs[key]
-    assert ours == theirs
 
 
 def test_values_of_all_kinds() -> None:

@@ -13,7 +13,6 @@ from myork import _core
 from myork.console import silent
 from myork.core.threads import core_threads
 from myork.errors import MyorkError
-from myork.stations.station import _placed
 from tests.images import save
 from tests.refusals import refuses
 from tests.scenes import deck_file, scene
@@ -83,24 +82,6 @@ def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
     lines = (tmp_path / "body.toml").read_text().splitlines()
     line = next(k for k, own in enumerate(lines, 1) if own.startswith(f"{[*table][0]} ="))
     assert f"body.toml:{line}: build." in said
-
-
-@pytest.mark.parametrize(("message", "line"), [
-    ("build.labels: there is no such file", 7),
-    ("/data/build.fibers.nii.gz: damaged; build.labels names it", 7),
-    ("build.fibers.nii: there is no such file", None),
-    ("build.fibers: there is no such file", None),
-    ("scene.dimension must be 3", 2),
-])  # fmt: skip
-def test_a_file_called_like_a_key_is_not_that_key(tmp_path, message, line):
-    """`build.fibers` is the name of the file of labels here."""
-    deck = tmp_path / "body.toml"
-    deck.write_text(
-        '[scene]\ndimension = 3\n\n[build]\n\n\nlabels = "build.fibers"\nfibers = "f.nii"\n'
-    )
-    values = {"path": str(deck), "build": {}, "scene": {}}
-    place = "" if line is None else f"{deck}:{line}: "
-    assert _placed(message, values) == f"{place}{message}"
 
 
 def test_labels_and_materials_that_do_not_meet(build: Callable[..., Any]) -> None:

@@ -24,7 +24,6 @@ from myork.bench.runs import read_deck, solve_case
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError
-from tests.scenes import solved
 
 pytestmark = pytest.mark.nightly
 
@@ -249,15 +248,6 @@ def test_few_cells_are_compared_with_more(name: str) -> None:
     for key, value in values.items():
         error, bar = abs(case["probes"][key] - value), case["probe_errors"][key]
         assert error <= bar + 2e-4 * abs(value) and bar < widest * abs(value), key
-
-
-def test_a_body_that_nothing_pulls_at_is_in_balance() -> None:
-    """A muscle with a free end: its forces are rounding, of which all was left."""
-    problem = BY_NAME["free muscle"]
-    tables = sized_tables(problem.tables, problem.sizes[0])
-    states, *_ = found = solved(tables)
-    assert states.verdict == "accepted" and states.force_imbalance < 1e-6
-    assert next(iter(found.last().values())) < -0.2
 
 
 def test_errors_of_an_answer() -> None:

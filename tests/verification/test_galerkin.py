@@ -3,7 +3,6 @@ hold exactly at source points, and iterations on tangents that are not formed.
 """
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,13 +76,6 @@ def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
     assert found.states.max_j[-1] == pytest.approx(j.max(), rel=1e-12)
     corner = np.argmin(np.linalg.norm(opened.points() - 1.0, axis=1))
     assert found.last()["J"] == pytest.approx(j[corner], rel=1e-12)
-
-
-def test_gauss_points_need_a_lattice_or_voxels(open_scene):
-    cloud = replace(scenes.voxels(np.ones((3, 3, 3)), 1.0, "mm"), voxels=None)
-    tables = scenes.scene("rkpm-gauss", {}, material=[RUBBER], boundary=[held("bottom")])
-    with pytest.raises(InputError, match="lattice of a box or an annulus.*rkcm-mixed"):
-        open_scene(tables, cloud=cloud)
 
 
 # ---- infinite K ----------------------------------------------------------------------------------

@@ -106,7 +106,7 @@ def test_a_free_contraction_is_accepted() -> None:
     )  # fmt: skip
     found = solved(tables, error=True)
     assert found.states.verdict == "accepted", found.states.reasons
-    assert abs(found.last()["pull"]) < 1e-6
+    assert abs(found.last()["pull"]) < 1e-6 and found.states.force_imbalance < 1e-6
 
 
 def test_tractions_of_order_three_are_lifted_with_their_degree() -> None:

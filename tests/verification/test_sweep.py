@@ -233,16 +233,6 @@ def stop_after_one(line: str) -> None:
         raise KeyboardInterrupt
 
 
-def test_an_extension_that_was_cut_short_goes_on(deck: Path, tmp_path: Path, here: None) -> None:
-    out = tmp_path / "out"
-    sweep(deck, [f"{MU}=5"], out)
-    with pytest.raises(KeyboardInterrupt):
-        sweep(deck, [f"{MU}=6,7"], out, extend=True, progress=stop_after_one)
-    assert len(rows_of(out)) == 2
-    sweep(deck, [f"{MU}=6,7"], out, extend=True)
-    assert [row["call"] for row in rows_of(out)] == ["1", "2", "2"]
-
-
 def test_more_samples_of_sobol_continue_the_first() -> None:
     vary = [f"{MU}=sobol(5,20)", "material.rubber.K=sobol(500,900)"]
     few, many = (make_plan(vary, n) for n in (4, 16))
