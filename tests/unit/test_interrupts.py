@@ -13,7 +13,7 @@ import pytest
 
 from myork.core.calls import call_in_thread
 from myork.core.scene import Scene
-from myork.errors import InputError, StoppedError
+from myork.errors import StoppedError
 from tests import scenes
 from tests.refusals import refuses
 
@@ -86,28 +86,12 @@ def test_progress_that_raises_ends_the_solve():
 
 
 @pytest.mark.slow
-def test_a_scene_solves_in_one_thread_at_a_time(whole):
-    refused, answers = [], []
-
-    def solve(scene):
-        try:
-            answers.append(scene.solve().x)
-        except InputError as error:
-            refused.append(str(error))
-
-    with long_scene() as scene, ThreadPoolExecutor(4) as pool:
-        list(pool.map(solve, [scene] * 4))
-    assert len(answers) + len(refused) == 4 and answers
-    assert all(np.array_equal(x, whole[0].x) for x in answers)
-    assert all("is being solved" in text for text in refused)
-
-
-@pytest.mark.slow
 def test_a_busy_scene_refuses_questions_and_answers_after(whole):
     asked = []
 
     def ask(line):
         refuses("is being solved", scene.fields, np.zeros(scene.dofs), 0.0)
+        refuses("is being solved", scene.solve)
         refuses("progress of its own solve", scene.close)
         asked.append(line)
 

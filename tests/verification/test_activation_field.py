@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.truths.finite_elements import solve_deck
 from myork import Scene, build, load_deck, run_deck
 from myork.core.deck import table_defaults
 from myork.errors import InputError
@@ -136,21 +135,6 @@ def steps(deck: Path, out: Path, *overrides: str) -> dict[str, np.ndarray]:
     rows = [step | step["probes"] for step in summary["steps"]]
     names = ("load", "min_J", *summary["steps"][0]["probes"])
     return {name: np.array([row[name] for row in rows]) for name in names}
-
-
-def test_finite_elements_follow_motions_and_amplitudes(inputs: Path) -> None:
-    deck = load_deck(inputs / "twist.toml")
-    deck["amplitude"] = [{"name": "back", "time": [0, 0.5, 1], "value": [0, 0.25, 0]}]
-    deck["amplitude"][0]["curve"] = "smooth"
-    deck["boundary"][1]["amplitude"] = "back"
-    found = solve_deck(deck, [1, 1, 4], loads=[0.25, 0.5, 0.75, 1.0])
-    torque = found["probes"]["torque"]
-    # 22.5, 45 and 22.5 degrees, then at rest again
-    assert torque[0] == pytest.approx(torque[2], rel=1e-6)
-    assert torque[1] == pytest.approx(2 * torque[0], rel=0.02)
-    assert abs(torque[3]) < 1e-9
-    # a quarter of that of the whole turn, by 6 x 6 x 16 quadratic elements of felupe
-    assert torque[1] == pytest.approx(0.15613 / 4, rel=0.15)
 
 
 @pytest.mark.slow

@@ -78,14 +78,11 @@ def test_a_little_of_a_tissue_does_not_count(points) -> None:
 def test_what_somebody_chose_stays(points) -> None:
     cloud = built(np.ones((6, 16, 16)))
     assert points(cloud, build={"source_stride": [2, 2, 2]}) == corners(3, 8, 8)
-    assert points(cloud, build={"ids": [1]}) == corners(6, 8, 8)
     assert points(cloud, words=("geometry.blocks=[2,4,5]",)) == corners(2, 4, 5)
     assert "single voxels" not in points.said
     # an override is a choice also where the deck has no [build]
     chosen = "build.source_stride=[2,2,2]"
     assert points(cloud, words=(chosen,)) == corners(3, 8, 8)
-    assert points(cloud, words=(chosen, "build.ids=[1]")) == corners(3, 8, 8)
-    assert points(cloud, words=("build.ids=[1]",)) == corners(6, 8, 8)
     assert points(cloud, build={"ids": [1]}, words=(chosen,)) == corners(3, 8, 8)
     assert points(built(np.ones((6, 16, 16)), stride=4)) == corners(2, 4, 4)
     assert points(built(np.ones((6, 16, 16)), stride=1)) == corners(6, 16, 16)

@@ -14,13 +14,10 @@ from myork.bench import phantoms
 from myork.bench import reproduce as module
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Run
 from myork.bench.reproduce import FAR, RUNS, find_tables, list_tables, reproduce
-from myork.bench.runs import read_deck, solve_case
 from myork.cli import main
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError, InputError
 from myork.files import INPUTS
-from myork.imaging.phantom import make_phantom
-from myork.records import Image
 from myork.rom.study import gradient_error
 
 ROOT = Path(__file__).parents[2]
@@ -95,27 +92,6 @@ def test_straighter_fibers_pull_more() -> None:
     pulls = [RUNS["fibers"](run, silent)["probes"]["top"] for run in runs]
     assert pulls == sorted(pulls, reverse=True)
     assert pulls[0] / pulls[-1] == pytest.approx(1.69, rel=0.1)
-
-
-@pytest.mark.slow
-def test_coarse_sections_of_a_calf_pull_as_fine_ones() -> None:
-    """Blocks of 15 and 10 mm are 4.9 and 1.7 % above those of 5 mm, 233.9 N."""
-    deck = read_deck("leg_section")
-    kept = ("spacing", "septum", "growth", "aponeurosis", "imat", "imct")
-    size = [*deck["phantom"]["size"][:2], 5]
-    calf = make_phantom(size, **{key: deck["phantom"][key] for key in kept})
-    muscle = (calf.tissue.data == 1)[..., np.newaxis]
-    fiber = Image(calf.fiber.data * muscle, calf.fiber.affine)
-    parts = ("title", "units", "scene", "approximation", "material", "boundary", "load", "probe")
-    tables = {name: deck[name] for name in parts} | {"geometry": {"kind": "model"}}
-    keys = {key: deck["build"][key] for key in ("ids", "bone", "normals", "merge", "islands")}
-    forces = []
-    for block, near in ((12, 0.05), (8, 0.02)):
-        cloud = phantoms.strided_cloud(calf.tissue, fiber, (block, block, 1), **keys)
-        case = solve_case(tables, ("load.activation=0.2", "load.steps=2"), cloud=cloud)
-        forces.append(case["probes"]["reaction_top"])
-        assert forces[-1] == pytest.approx(233.9, rel=near)
-    assert forces[0] / forces[1] - 1 < 0.033
 
 
 def test_numbers_and_names() -> None:

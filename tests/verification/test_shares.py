@@ -60,24 +60,6 @@ def test_uniaxial_tension_is_exact_however_full_the_voxels_are(end, method) -> N
         assert found["F"] == pytest.approx(whole * share.mean(), rel=1e-7)
 
 
-def test_force_of_a_cylinder_off_the_lattice() -> None:
-    """Without contraction across, the force is that of the section of the label map."""
-    rubber = rubbers(3.0, bulk=2 / 3)  # E = 2 mu
-    tables = gripped("rkpm-scni", {}, rubber, "bottom top", "F force_z top", u_z=2e-5)
-    errors = []
-    for h in (0.25, 0.125):
-        x = (np.arange(int(2.5 / h)) + 0.5) * h - 1.25
-        a, b = np.meshgrid(x - 0.3 * h, x - 0.17 * h, indexing="ij")
-        disc = a**2 + b**2 < 1
-        data = np.repeat(disc[:, :, np.newaxis], int(2 / h), axis=2)
-        cloud = voxels(data, 10 * h, **TWO)
-        assert cloud.volume.sum() == pytest.approx(data.sum() * h**3, rel=1e-12)
-        force = solved(tables, cloud=cloud).last()["F"] / 1e-5
-        assert force == pytest.approx(6.0 * disc.sum() * h**2, rel=1e-3)
-        errors.append(abs(force / (6.0 * np.pi) - 1.0))
-    assert errors[0] < 0.02 and errors[1] < 0.8 * errors[0]
-
-
 @GALERKIN
 def test_tissues_beside_each_other_within_voxels(method) -> None:
     """Nearly incompressible tissues stretched together carry by their parts of the section."""

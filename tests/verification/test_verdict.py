@@ -50,16 +50,12 @@ def solved(deck: Any, *overrides: str) -> tuple[States, Answer]:
 
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-@pytest.mark.parametrize(
-    ("points", "share", "work"),
-    [((17, 5), 0.2, -0.8), pytest.param((33, 9), 0.3, -0.7, marks=pytest.mark.slow)],
-)
-def test_collocation_that_bends_is_refused(method, points, share, work):
+def test_collocation_that_bends_is_refused(method):
     """Least squares lose the bending, and stresses as much of the work; no bar off equilibrium."""
-    states, found = solved(cantilever(method, *points))
-    assert states.verdict == "refused" and states.work_mismatch < work
+    states, found = solved(cantilever(method))
+    assert states.verdict == "refused" and states.work_mismatch < -0.8
     assert any("less work than the forces" in text for text in states.warnings)
-    assert found.last()["tip"] < share * TIP and np.isnan(found.bar("tip"))
+    assert found.last()["tip"] < 0.2 * TIP and np.isnan(found.bar("tip"))
 
 
 def ring(radii: tuple[float, float], source: list[int], material: list[Any], **inner: float) -> Any:
