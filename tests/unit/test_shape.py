@@ -169,16 +169,6 @@ def test_shared_stencils_do_not_change_values():
     assert difference[1] == pytest.approx(10 * difference[0], rel=0.1)
 
 
-def test_neighbours_are_the_same_wherever_the_cloud_lies():
-    """Points on the rim of a support stay out whatever their rounding."""
-    source, spacing = grid(2, 11)
-    here, far = (
-        shape_functions(points, 3 * spacing, points, order=2).neighbour
-        for points in (source, source + 1000 / 3)
-    )
-    assert_array_equal(here, far)
-
-
 #: A square of points 0.1 apart
 SQUARE = grid(2, 11)[0]
 REFUSALS = {

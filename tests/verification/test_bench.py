@@ -19,23 +19,12 @@ from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
 from myork.bench import BENCHES, run_benches
 from myork.bench.materials import MUSCLE
-from myork.bench.page import write_page
 from myork.bench.runs import read_deck, solve_case
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError
 
 pytestmark = pytest.mark.nightly
-
-SPEED = {"title": "speed", "x": "time [s]", "y": "error [-]", "series": [
-    {"name": "ours", "x": [1.0, 2.0], "y": [1e-2, 1e-3]},
-    {"name": "theirs", "x": [1.0], "y": [1e-4], "rival": True},
-]}  # fmt: skip
-TOY = {"caption": "c", "head": ["a", "b"], "rows": [["x<y", None], ["z", 1.5]]}
-RECORD = {
-    "version": "1", "date": "today", "processor": "<chip>", "cores": 2, "load_average": 0.5,
-    "quick": True, "benches": {"toy": {"title": "Toy & more", "plots": [SPEED], "tables": [TOY]}},
-}  # fmt: skip
 
 
 def quick(name: str, folder: Path) -> dict[str, Any]:
@@ -51,13 +40,6 @@ def quick(name: str, folder: Path) -> dict[str, Any]:
         assert {"problem", "method", "unknowns", "cpu_s", "error"} <= set(case)
         assert all(isinstance(error, float) for error in case["error"].values())
     return bench
-
-
-def test_page_is_whole_and_escaped(tmp_path: Path) -> None:
-    write_page(tmp_path / "bench.html", RECORD)
-    html = (tmp_path / "bench.html").read_text(encoding="utf-8")
-    assert "Toy &amp; more" in html and "x&lt;y" in html and "&lt;chip&gt;" in html
-    assert html.count("<img alt=") == 1 and "myork bench toy --quick" in html
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:

@@ -102,23 +102,6 @@ def test_parts_add_to_the_whole() -> None:
     assert abs(found[2, 1]) > 2.0 * abs(found[1, 1])
 
 
-@pytest.mark.slow
-def test_a_load_on_a_patch_in_space_is_that_of_an_expression() -> None:
-    """A patch whose border is met by lattice lines, and one that cuts through cells."""
-    for where, area in (("x > 0.4 and y < 0.7", 0.42), ("x > 0.5 and y < 0.5", 0.25)):
-        tables = scene(
-            "auto", box(5, 5, 9, size=[1, 1, 2], places=(5, 5, 9)), material=[CORK],
-            set=[{"name": "patch", "where": f"{where} and nz > 0.9"}],
-            boundary=[held("z0"), {"set": "patch", "traction": [0, 0, PULL]}],
-            probe=probes("f force_z patch"),
-        )  # fmt: skip
-        found = solved(tables)
-        # the area by finer points
-        assert found.last()["f"] == pytest.approx(PULL * area, rel=0.02)
-    tables["boundary"][1] = {"set": "z1", "traction": [0, 0, f"{PULL}*({where})"]}
-    assert solved(tables).states.x == pytest.approx(found.states.x, rel=1e-9, abs=1e-15)
-
-
 def test_linear_problems_have_named_sets() -> None:
     """Heat that enters through a part of a side, against the same by an expression."""
     tables = scene(

@@ -107,17 +107,6 @@ def test_newton_converges_quadratically(inputs: Path, tmp_path: Path) -> None:
     assert 0.7 < order["gauss-newton"] < 1.3
 
 
-@pytest.mark.slow
-def test_newton_passes_where_gauss_newton_crawls(inputs: Path, tmp_path: Path) -> None:
-    """The last steps to an activation of 0.3 at order 3, where J falls to 0.5 beside the edges."""
-    overrides = [
-        "scene.method=rkcm-mixed", "approximation.order=3", "approximation.support=4",
-        "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=smooth",
-        "load.steps=6", "solver.newton=full",
-    ]  # fmt: skip
-    assert len(last_steps(inputs / "muscle_fibers.toml", tmp_path, 1e-6, *overrides)) <= 8
-
-
 #: A block so coarse that its displacement form is stationary, but no minimum, where it is
 #: symmetric: the sum of squares falls to a quarter when the middle turns about the fibers
 SADDLE = ("geometry.source=[4,4,5]", "geometry.collocation=[7,7,9]", "load.activation=0.05",

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 
 from myork import Scene
 from myork.stations.solve import run_deck
-from tests import scenes
 from tests.scenes import MUSCLE, box, gripped, held, neo, probes, refused, scene, solved
 
 ABOUT = [0.3, 0.2, 0.1]
@@ -61,27 +60,6 @@ def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, 
     assert 0.3 < -found["own"][0] / (2 * force[0]) < 1.1
     assert_allclose(found["middle"], [0.3, 0.1, 0.2], atol=2e-4)
     assert found["side"][0] == pytest.approx(0.06, abs=0.02)
-
-
-@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm"])
-def test_a_homogeneous_state_knows_its_sections_and_moments(method):
-    """Uniaxial tension between symmetry planes: force sigma a b, moment arms half the edges."""
-    tables = scene(
-        method, box(4, 4, 4, size=[1, 2, 3]), material=[neo(2, 10)],
-        boundary=[*scenes.PLANES, {"set": "z1", "u_z": 0.6}],
-        probe=probes(
-            "end force_z z1", "own torque_x z1", "side u_x x1", "point u_x 1 1 2", "y u_y 1 2 2",
-            {"name": "inside", "quantity": "section_force_z", "point": [0.5, 1, 1.2],
-             "normal": [0, 0, 1]},
-            {"name": "about_x", "quantity": "torque_x", "set": "z1", "about": [0, 0, 0]},
-        ),
-    )  # fmt: skip
-    found = solved(tables).last()
-    assert found["inside"] == pytest.approx(found["end"], rel=1e-3)
-    # the force acts in the middle of the deformed end, half of the narrowed edge from the plane
-    assert found["about_x"] == pytest.approx(found["end"] * (1 + found["y"] / 2), rel=2e-3)
-    assert found["own"] == pytest.approx(found["end"] * found["y"] / 2, rel=0.02)
-    assert found["side"] == pytest.approx(found["point"], rel=2e-3)
 
 
 BLOCK = block("rkpm-gauss", [3, 3, 3], 50.0)

@@ -125,7 +125,6 @@ TORN = (
 )
 FREE = "J at points is free where integration cells or patches keep the volume"
 UNJUDGED = "loads set point by point leave no second solution"
-UNSTABLE = "the polynomial loses ellipticity at this stretch; the homogeneous answer is right"
 
 
 def by(form: str) -> str:
@@ -202,21 +201,6 @@ def asked_volumes():
         yield case.ends(WARNED, CORNERS, "what the pressure allows")
 
 
-def softening():
-    """Rubber whose stretched state is no longer the only one: homogeneous, and so still known."""
-    soft = {"A20": -14.0, "A30": 0.0, "K": 1e8}
-    law = exact.Polynomial.from_deck({**RUBBER, **soft})
-    stress = exact.uniaxial(law, 1.6)
-    words = tuple(f"material.rubber.{key}={value:g}" for key, value in soft.items())
-    small = (*lattice((4, 3, 3)), "load.steps=4", "boundary.x1.u_x=2.4")
-    for form in FORMS:
-        case = Case(
-            f"tension of softening rubber, {form}", "uniaxial_tension", (*small, *words, by(form)),
-            right={"stress": stress}, volume=swells(law.bulk, stress), **HOMOGENEOUS,
-        )  # fmt: skip
-        yield case.ends(DOUBTED, UNSTABLE, "loses ellipticity")
-
-
 def muscle_loads():
     """Activation in one step; active stress far above the passive stiffness."""
     small = (*lattice((4, 4, 7)), "load.steps=1")
@@ -240,22 +224,6 @@ def muscle_loads():
         elif form in METHODS:
             case = case.ends(DOUBTED, off, "displacements")
         yield case
-
-
-def fiber_curves():
-    """Stretches through all joints of the fiber curves, half activated."""
-    forms, curves = ("rkcm", "rkpm-gauss"), ("published", "smooth")
-    for form, curve, stretch in product(forms, curves, (0.35, 1.7)):
-        tables = stretched(method=form, move=stretch - 1.0, activation=0.5, steps=13, curve=curve)
-        deck = on_lattice(tables, (4, 4, 4))
-        law = deck["material"][0]
-        law["fiber"] = [1, 0, 0]
-        stress = along_fibers(law, stretch, 0.5)
-        case = Case(
-            f"fibers to {stretch}, {curve} curve, {form}", deck, right={"stress": stress},
-            volume=swells(law["K"], stress), **HOMOGENEOUS,
-        )  # fmt: skip
-        yield case.ends(DOUBTED, UNSTABLE, "loses ellipticity") if stretch > 1 else case
 
 
 # ---- lattices ------------------------------------------------------------------------------------
@@ -309,8 +277,7 @@ def curved():
         )  # fmt: skip
 
 
-KINDS = (bulk_moduli, large_strains, asked_volumes, softening, muscle_loads, fiber_curves,
-         lattices, curved)  # fmt: skip
+KINDS = (bulk_moduli, large_strains, asked_volumes, muscle_loads, lattices, curved)  # fmt: skip
 CASES = [case for kind in KINDS for case in kind()]
 
 
