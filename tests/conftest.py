@@ -84,20 +84,14 @@ def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from myork import ReducedModel
     from myork.core.deck import text_of_tables
     from myork.model_file import write_model
-    from tests.scenes import held, scene, voxels
+    from tests.scenes import gripped, voxels
 
     muscle = {"name": "muscle", "label": 1, "model": "muscle", "A10": 6.43, "K": 500}
-    middle = [1.5, 1.5, 1.5]
-    tables = scene(
-        "rkpm-scni", {"kind": "model", "file": "model.h5"}, title="Muscle of voxels",
-        approximation={"order": 1, "support": 1.6},
-        material=[{**muscle, "sigma_max": 30}], boundary=[held("bottom"), held("top", u_z=0.1)],
+    tables = gripped(
+        "rkpm-scni", {"kind": "model", "file": "model.h5"}, {**muscle, "sigma_max": 30},
+        "bottom top", "pull force bottom", "middle u 1.5 1.5 1.5", "stress cauchy_zz 1.5 1.5 1.5",
+        title="Muscle of voxels", approximation={"order": 1, "support": 1.6}, u_z=0.1,
         load={"steps": 1, "activation": 0.5},
-        probe=[
-            {"name": "pull", "quantity": "force", "set": "bottom"},
-            {"name": "middle", "quantity": "u", "point": middle},
-            {"name": "stress", "quantity": "cauchy_zz", "point": middle},
-        ],
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("rom")
     cloud = voxels(np.pad(np.ones((4, 4, 4)), 1), 5.0, source_stride=[2] * 3)

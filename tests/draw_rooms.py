@@ -48,21 +48,6 @@ def purpose(room: str) -> str:
     return found[1]
 
 
-def layers(used: dict[str, set[str]]) -> list[list[str]]:
-    """Rooms by the longest way down to a room that uses none, lowest first."""
-    depth: dict[str, int] = {}
-
-    def depth_of(room: str) -> int:
-        if room not in depth:
-            depth[room] = 1 + max((depth_of(other) for other in used[room]), default=-1)
-        return depth[room]
-
-    found: list[list[str]] = [[] for _ in range(1 + max(map(depth_of, used)))]
-    for room in sorted(used):
-        found[depth[room]].append(room)
-    return found
-
-
 def direct(used: dict[str, set[str]]) -> list[tuple[str, str]]:
     """Arrows that do not follow from others."""
 
@@ -83,10 +68,9 @@ def page() -> str:
     lines = [_HEAD, "```mermaid", "graph TD"]
     lines += [f"  {room} --- {other}" for room, other in direct(used)]
     lines += ["```", "", "| room | holds | uses |", "|---|---|---|"]
-    for layer in layers(used):
-        for room in layer:
-            names = ", ".join(f"`{name}`" for name in sorted(used[room]))
-            lines.append(f"| `{room}` | {purpose(room)} | {names} |")
+    for room in sorted(used):
+        names = ", ".join(f"`{name}`" for name in sorted(used[room]))
+        lines.append(f"| `{room}` | {purpose(room)} | {names} |")
     return "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,5 @@
 """Decks in few words, the answers of a solve by name, and what tests ask of all forms."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -14,15 +14,14 @@ from myork.errors import InstallationError
 from myork.model_file import write_model
 from myork.stations.export import cells_of, export
 from tests.refusals import refuses
-from tests.scenes import LINEAR, MUSCLE, box, deck_file, held, probes, scene, staircase
+from tests.scenes import LINEAR, MUSCLE, box, deck_file, gripped, held, scene, staircase
 
 #: A polynomial of the third order
 THIRD = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}
 UNITS = {"title": "cube", "units": {"force": "N", "length": "cm"}}
-CUBE = scene(
-    "rkpm-gauss", box(5, 5, 5), **UNITS, approximation=LINEAR, material=[THIRD],
-    boundary=[held("z0"), held("z1", u_z=-0.2)],
-    load={"steps": 2}, probe=probes("force force_z z1"),
+CUBE = gripped(
+    "rkpm-gauss", box(5, 5, 5), THIRD, "z0 z1", "force force_z z1", u_z=-0.2,
+    **UNITS, approximation=LINEAR, load={"steps": 2},
 )  # fmt: skip
 
 

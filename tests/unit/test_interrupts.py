@@ -18,10 +18,9 @@ from tests import scenes
 from tests.refusals import refuses
 
 #: Some tenths of a second in 40 steps: long enough to be interrupted at many places
-LONG = scenes.scene(
+LONG = scenes.gripped(
     "rkcm", scenes.box(25, 7, size=[4, 1]),
-    boundary=[scenes.held("y0", 2), scenes.held("y1", 2, u_x=1)],
-    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
+    {"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}, "y0 y1", u_x=1,
     load={"steps": 40},
 )  # fmt: skip
 

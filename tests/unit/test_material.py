@@ -6,8 +6,6 @@ truncation is of the order (2e-3)^8 = 3e-22 times ninth derivatives (below 1e6 f
 and the rounding 1e-16/2e-3 = 5e-14, both far below the tolerance of 1e-8 of the largest entry.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -21,7 +19,7 @@ from myork.core import material as cm
 from myork.core.deck import load_deck
 from myork.errors import MyorkError
 from tests.refusals import refuses
-from tests.scenes import PLANES, box, derivative, held, probes, scene, solved
+from tests.scenes import PLANES, box, derivative, gripped, probes, scene, solved
 
 
 def made(name, K, model="polynomial", **parameters):
@@ -437,12 +435,9 @@ def test_defaults_are_those_of_decks(model):
 
 def sheared_sheet(law, method="rkcm", newton="auto"):
     """Unknowns of a sheared and stretched sheet, nine collocation points in each direction."""
-    tables = scene(
-        method, box(5, 5), material=[{"name": "it", **law}], load={"steps": 1},
-        boundary=[held("y0", 2), held("y1", 2, u_x=0.2, u_y=0.1)],
-        solver={"newton": newton} if method == "rkcm" else {},
-    )  # fmt: skip
-    return solved(tables).states.x
+    solver = {"newton": newton} if method == "rkcm" else {}
+    moved = {"u_x": 0.2, "u_y": 0.1, "solver": solver, "load": {"steps": 1}}
+    return solved(gripped(method, box(5, 5), {"name": "it", **law}, "y0 y1", **moved)).states.x
 
 
 @pytest.mark.parametrize(("method", "newton"), [("rkpm-gauss", "auto"), ("rkcm", "full")])

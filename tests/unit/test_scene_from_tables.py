@@ -21,13 +21,12 @@ from myork.model_file import read_model, write_model
 from myork.records import PointCloud
 from myork.tables import deck_text
 from tests.refusals import refuses
-from tests.scenes import annulus, box, deck_file, held, refused, scene, solved, tomllib
+from tests.scenes import annulus, box, deck_file, held, loaded, refused, scene, solved, tomllib
 
-CUBE = scene(
-    "rkcm", box(4, 4, 4, places=[6] * 3), load={"steps": 2},
-    material=[{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
-    boundary=[held("z0"), {"set": "z1", "u_z": 0.1}],
-    probe=[{"name": "pull", "quantity": "force", "set": "z1"}],
+RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
+CUBE = loaded(
+    "rkcm", box(4, 4, 4, places=[6] * 3), RUBBER, "z0 z1", {"u_z": 0.1}, "pull force z1",
+    load={"steps": 2},
 )  # fmt: skip
 BOX = [("kind", "box"), ("size", [1] * 3), ("source", [3] * 3), ("collocation", [4] * 3)]
 #: The points of a body need no geometry

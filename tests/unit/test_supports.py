@@ -1,7 +1,5 @@
 """What holds a body, and runs whose numbers say nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -44,16 +42,6 @@ FREE = [
 @pytest.mark.parametrize(("dimension", "sets", "motions"), FREE)
 def test_motions_that_nothing_hinders(dimension, sets, motions, method):
     assert f"leave the body free to {motions}" in refused(tables(dimension, method, **sets))
-
-
-@pytest.mark.parametrize(("dimension", "sets"), [
-    (3, {"z0": "xyz"}), (3, {"x0": "x", "y0": "y", "z0": "z"}), (3, {"x0": "yz", "x1": "x"}),
-    (2, {"x0": "x", "y0": "y"}),
-])  # fmt: skip
-def test_bodies_that_are_held(dimension: int, sets: dict[str, str]) -> None:
-    """Clamped, by planes of symmetry, by sides of which each holds what the other leaves."""
-    for method in METHODS:
-        Scene.from_tables(tables(dimension, method, **sets)).close()
 
 
 def pinned(points: np.ndarray) -> PointCloud:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from myork import Scene, build, load_deck, run_deck
+from myork import build, load_deck, run_deck
 from myork.core.deck import table_defaults
 from myork.errors import InputError
 from myork.imaging.geometry import canonical
@@ -33,24 +33,6 @@ def test_a_constant_field_is_a_number(method: str) -> None:
     field = block(MUSCLE | {"activation": "flat(z)"}, method, table=table)
     number = block(MUSCLE | {"activation": 0.3}, method)
     assert np.array_equal(solved(field).states.x, solved(number).states.x)
-
-
-@pytest.mark.slow
-def test_halves_that_are_active_are_two_muscles() -> None:
-    """A step of the field on a lattice plane against two materials, which mix activations only."""
-    step = block(MUSCLE | {"activation": "0.4*(x < 0.5)"})
-    active = {"name": "active", "activation": 0.4, "where": "x < 0.5"}
-    parts = block([MUSCLE | {"activation": 0.0}, MUSCLE | active])
-    found = []
-    for tables in (step, parts):
-        with Scene.from_tables(tables) as opened:
-            answer, x = solved(opened, error=True), opened.points()[:, 0]
-        assert answer.states.verdict != "refused"
-        found.append(answer.last()["pull"])
-        stress = answer.fields.cauchy[:, 2]
-        assert stress[x < 0.3].mean() > 5 * abs(stress[x > 0.7].mean())
-    # the two muscles reach into each other by a source spacing, evenly
-    assert found[0] == pytest.approx(found[1], rel=0.03)
 
 
 def bar(share: float | None = None) -> PointCloud:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.truths.deck_parts import deck, held
 from myork.bench.materials import RUBBER
 from myork.core.deck import text_of_tables
 from myork.model_file import write_model
@@ -33,7 +32,7 @@ def tables(tissues: int = 1) -> dict:
         {**RUBBER, "name": f"rubber {label}", "K": 1e3, "label": label}
         for label in range(1, tissues + 1)
     ]
-    return deck("body", {"kind": "model"}, materials, (held("bottom"), held("top")), ())
+    return scenes.gripped("auto", {"kind": "model"}, materials, "bottom top")
 
 
 @pytest.fixture

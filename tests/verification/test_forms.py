@@ -44,11 +44,9 @@ QUADRATIC = {"order": 2, "support": 3.5, "kernel": "quintic"}
 SLOPE = np.array([[0.1, 0.2, -0.1], [0.05, -0.1, 0.15], [0.1, 0.08, 0.12]])
 SIDES = ["x0", "x1", "y0", "y1", "z0", "z1"]
 PATCHES = {
-    "plane": ("rkpm", box(6, 6), LINEAR),
     "plane, jittered": ("rkpm", box(7, 7, jitter=0.3), LINEAR),
     "plane, strongly jittered, quadratic": ("rkpm", box(7, 7, jitter=0.4), QUADRATIC),
     "annulus": ("rkpm", annulus(4, 7, places=(5, 9)), LINEAR),
-    "space": ("rkpm", box(4, 4, 4), LINEAR),
     "space, jittered": ("rkpm", box(5, 5, 5, jitter=0.3), LINEAR),
     "space, strongly jittered": ("rkpm", box(4, 4, 4, jitter=0.4), {**LINEAR, "support": 2.5}),
     "plane, Gauss points": ("rkpm-gauss", box(6, 6), QUADRATIC),

@@ -1,7 +1,5 @@
 """What jumps between points: loads, activations, materials; few cells; forces that balance to 0."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -68,11 +66,9 @@ def test_stress_has_the_activation_of_its_own_place(activation, quantity) -> Non
     # with the activation of the nearest point it jumped there by 12 % and more
     middles = [1.0 + (k + 0.5) / 8 for k in range(-3, 3)]
     sides = [(middle, middle + side * 1e-5) for middle in middles for side in (-1, 1)]
-    tables = scene(
-        "rkpm-gauss", box(9, 5, size=[2.0, 1.0]),
-        material=[{**_ACTIVE, "activation": activation}],
-        boundary=[held("x0", 2), held("x1", 2)],
-        probe=[probe(f"p{k}", quantity, (x, 0.47)) for k, (_, x) in enumerate(sides)],
+    tables = gripped(
+        "rkpm-gauss", box(9, 5, size=[2.0, 1.0]), {**_ACTIVE, "activation": activation}, "x0 x1",
+        *(probe(f"p{k}", quantity, (x, 0.47)) for k, (_, x) in enumerate(sides)),
     )  # fmt: skip
     if quantity == "expression":
         for table in tables["probe"]:

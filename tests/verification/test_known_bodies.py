@@ -4,8 +4,6 @@ Truths are finite elements of the true shape and the boundary value problem of t
 (`benchmarks/truths/tubes.py`), which is the same at every angle.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ the gradient A^T r. With the step used their truncation and rounding are below 1
 entry (measured 5e-13 to 8e-10), so 1e-7 fails on any wrong term and not on rounding.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

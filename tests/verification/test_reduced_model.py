@@ -304,7 +304,6 @@ def test_the_regression_alone_is_rough_and_one_correction_is_better(rom: Reduced
         ({"activation": 0.1}, "no value for boundary.z1.u_z"),
         ({"activation": 0.1, "u_z": 0.0, "K": 3.0}, "K: not a parameter of this reduced model"),
         ({"material.K": 3.0}, "material.muscle.K: not a parameter of this reduced model"),
-        ({"boundary.z7.u_z": 3.0}, r"no \[\[boundary\]\] is called 'z7'"),
     ],
 )
 def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) -> None:
@@ -317,15 +316,11 @@ def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) 
     [
         ({}, [], "needs parameters"),
         ({"material.muscle.lambda_o": (0.9, 1.1)}, [], "cannot vary it"),
-        ({"material.tendon.K": (1e3, 1e4)}, [], r"no \[\[material\]\] is called 'tendon'"),
         ({"material.mu": (1.0, 2.0)}, [], "name one material that has it"),
         ({"boundary.z1.u_q": (0, 1)}, [], "unknown key; did you mean 'u_x'"),
-        ({"load.steps": (1, 2)}, [], "cannot vary it"),
-        ({"boundary.x0.u_x": (0, 1)}, [], r"no \[\[boundary\]\] is called 'x0'"),
         ({"boundary.z0.radial": (0, 1)}, [], "prescribes no such value"),
         ({"load.activation": (0.0, 1.5)}, [], "between 0 and 1"),
         ({"load.activation": (1.0, 0.0)}, [], "a range needs LOW < HIGH, not 1.0 and 0.0"),
-        ({"activation": (0, 1), "load.activation": (0, 1)}, [], "named twice"),
         ({"material.K": (1e3, 1e4), "material.muscle.K": (1e3, 1e4)}, [], "named twice"),
         (RANGES, ["scene.method=rkcm-mixed"], "one of the Galerkin forms"),
         (RANGES, ["material.muscle.K=inf"], "finite bulk moduli"),

@@ -83,57 +83,48 @@ def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> No
     assert known and float(known[1]) == pytest.approx(100 * found["reached"], rel=0.05)
 
 
+def conducting(points: int, linear: dict[str, Any], *ends: Any, at: str) -> dict[str, Any]:
+    """A square that conducts, at 0 on its left side, with the probe of a value."""
+    return scene(
+        "auto", box(*[points] * 2 if points else (), size=[1, 1]), probe=probes(f"value u {at}"),
+        linear={"problem": "poisson", **linear}, boundary=[{"set": "x0", "u": 0}, *ends],
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("wall", [0.37, 0.55])
 def test_layers_that_conduct_differently_have_kinks(wall) -> None:
     """-(k u')' = 0 with a flux of one: straight in each layer. Without kinks 17 % were accepted."""
-    deck = scene(
-        "auto", box(13, 13, size=[1, 1]),
-        linear={"problem": "poisson", "conductivity": f"1 + 99*(x > {wall})"},
-        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "flux": 1}],
-        probe=[{"name": "end", "quantity": "u", "point": [1, 0.3]}],
-    ) | {"scene": {"dimension": 2}}  # fmt: skip
-    assert solved(deck).last()["end"] == pytest.approx(wall + (1 - wall) / 100, rel=1e-3)
+    law, end = {"conductivity": f"1 + 99*(x > {wall})"}, {"set": "x1", "flux": 1}
+    found = solved(conducting(13, law, end, at="1 0.3")).last()["value"]
+    assert found == pytest.approx(wall + (1 - wall) / 100, rel=1e-3)
 
 
 def test_a_skin_thinner_than_half_a_cell_has_no_kink_and_is_doubted() -> None:
     """-(k u')' = 1, k = 100 in the skin. With a kink the middle was 3.4 bars off, accepted."""
     skin = 0.001
-    deck = scene(
-        "auto", box(9, 9, size=[1, 1]),
-        linear={"problem": "poisson", "conductivity": f"x < {skin} ? 100 : 1", "source": "1"},
-        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "u": 1}],
-        probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.3]}],
-    ) | {"scene": {"dimension": 2}}  # fmt: skip
-    found = solved(deck, error=True)
+    law = {"conductivity": f"x < {skin} ? 100 : 1", "source": "1"}
+    found = solved(conducting(9, law, {"set": "x1", "u": 1}, at="0.5 0.3"), error=True)
     # k u' = c - x on both sides, u continuous
     flux = (1 + (skin**2 / 100 + 1 - skin**2) / 2) / (skin / 100 + 1 - skin)
     exact = flux * skin / 100 - skin**2 / 200 + flux * (0.5 - skin) - (0.25 - skin**2) / 2
     assert found.states.verdict == "doubtful"
-    assert abs(found.last()["middle"] - exact) < found.bar("middle")
+    assert abs(found.last()["value"] - exact) < found.bar("value")
 
 
 def test_a_round_inclusion_has_no_planes_and_wider_bars() -> None:
-    deck = scene(
-        "auto", box(11, 11, size=[1, 1]),
-        linear={"problem": "poisson", "conductivity": "1 + 9*((x-0.5)^2 + (y-0.5)^2 < 0.06)"},
-        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "u": 1}, {"set": "y0", "u": "x"}],
-        probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.7]}],
-    ) | {"scene": {"dimension": 2}}  # fmt: skip
-    coarse = solved(deck, error=True)
-    deck["geometry"] = box(61, 61, size=[1, 1])
-    assert abs(coarse.last()["middle"] - solved(deck).last()["middle"]) < coarse.bar("middle")
+    law = {"conductivity": "1 + 9*((x-0.5)^2 + (y-0.5)^2 < 0.06)"}
+    ends = {"set": "x1", "u": 1}, {"set": "y0", "u": "x"}
+    coarse = solved(conducting(11, law, *ends, at="0.5 0.7"), error=True)
+    fine = solved(conducting(61, law, *ends, at="0.5 0.7")).last()["value"]
+    assert abs(coarse.last()["value"] - fine) < coarse.bar("value")
 
 
 def long_beam(**geometry: Any) -> dict[str, Any]:
     """A beam of ten heights under a dead load that bends its end upright: in one step that fails,
     in four it does not.
     """
-    return scene(
-        "auto", {"kind": "box", "size": [10, 1], **geometry},
-        material=[{"name": "soft", "model": "neo-hookean", "mu": 10.0, "K": 1e3}],
-        boundary=[held("x0", 2), {"set": "x1", "traction": [0, 0.06]}],
-        probe=[{"name": "end", "quantity": "u_y", "point": [10, 0.5]}],
-    ) | {"scene": {"dimension": 2}}  # fmt: skip
+    body, end = {"kind": "box", "size": [10, 1], **geometry}, {"traction": [0, 0.06]}
+    return scenes.loaded("auto", body, neo(10.0, 1e3), "x0 x1", end, "end u_y 10 0.5")
 
 
 def test_no_load_step_is_tried_twice(tmp_path: Path) -> None:
@@ -157,17 +148,13 @@ def test_the_points_that_follow_begin_with_the_load_steps_that_worked(tmp_path: 
 
 def test_points_of_a_linear_problem_are_searched() -> None:
     """-u'' = sin(pi x) between ends at 0, the same at all heights."""
-    deck = scene(
-        "auto", {"kind": "box", "size": [1, 1]},
-        linear={"problem": "poisson", "source": "sin(pi*x)"},
-        boundary=[{"set": "x0", "u": 0}, {"set": "x1", "u": 0}],
-        probe=[{"name": "middle", "quantity": "u", "point": [0.5, 0.5]}],
-    ) | {"scene": {"dimension": 2}, "accuracy": 0.005}  # fmt: skip
+    deck = conducting(0, {"source": "sin(pi*x)"}, {"set": "x1", "u": 0}, at="0.5 0.5")
+    deck["accuracy"] = 0.005
     with Scene.from_tables(deck) as opened:
         assert opened.points_found
         found = solved(opened, error=True)
     assert found.states.reasons[-1] == "the target error of 0.5 % is met"
-    assert found.last()["middle"] == pytest.approx(np.pi**-2, rel=0.005)
+    assert found.last()["value"] == pytest.approx(np.pi**-2, rel=0.005)
     deck["linear"]["exact"] = "sin(pi*x)/pi^2"
     with pytest.raises(InputError, match="refine: is not for linear problems whose solution is"):
         Scene.from_tables(deck).close()

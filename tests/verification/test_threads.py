@@ -6,8 +6,6 @@ threads of its own. The bodies are large enough for OpenBLAS to divide their mat
 without the hold every case with a dense or sparse factor differs, between 1e-16 and 1e-10.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -6,8 +6,6 @@ its inner wall -15.588823 N/cm² at K = 1e3 from the boundary value problem of t
 shear's force 247.93 N. Homogeneous states are exact.
 """
 
-from __future__ import annotations
-
 import json
 from html import unescape
 from pathlib import Path
@@ -97,11 +95,8 @@ def test_three_cells_do_not_refuse_six() -> None:
 
 def test_a_bar_does_not_depend_on_other_probes() -> None:
     """A stress that four cells do not resolve has a bar from a third solution, for itself."""
-    plate = scene(
-        "rkpm-gauss", box(9, 5, 5, size=[2, 1, 0.5]), material=[RUBBER],
-        boundary=[held("x0"), {"set": "z1", "traction": [0, 0, -1.0]}],
-        probe=probes("tip u 2 0.5 0.25"),
-    )  # fmt: skip
+    body, end = box(9, 5, 5, size=[2, 1, 0.5]), {"traction": [0, 0, -1.0]}
+    plate = scenes.loaded("rkpm-gauss", body, RUBBER, "x0 z1", end, "tip u 2 0.5 0.25")
     bars = []
     for lines in (), ("stress cauchy_xx 0.25 0.5 0.4",):
         found = solved(plate | {"probe": plate["probe"] + probes(*lines)})[1]
@@ -115,11 +110,8 @@ def test_hardly_any_displacement_is_no_doubt() -> None:
     make of a free one: half as many cells have its force, and a third of that less or more.
     """
     muscle = {**MUSCLE, "K": 5000.0, "fiber": [1, 0, 0], "activation": "0.15*(y < 0.4)"}
-    tables = scene(
-        "rkpm-gauss", box(17, 9, size=[2, 1]), material=[muscle],
-        boundary=[held("x0", 2), held("x1", 2)],
-        probe=[{"name": "force", "quantity": "force_x", "set": "x1"}],
-    )  # fmt: skip
+    body = box(17, 9, size=[2, 1])
+    tables = gripped("rkpm-gauss", body, muscle, "x0 x1", "force force_x x1")
     states, found = solved(tables)
     assert states.verdict == "accepted" and not states.reasons
     finer = scenes.solved(tables | {"geometry": box(49, 25, size=[2, 1])}).last()

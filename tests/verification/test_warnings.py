@@ -1,7 +1,5 @@
 """Warnings and checks are the same in memory, by `run_deck` and by the executable; ellipticity."""
 
-from __future__ import annotations
-
 import json
 from contextlib import nullcontext
 from pathlib import Path
