@@ -377,8 +377,6 @@ def test_many_complaints_are_not_cut_off(write: Write) -> None:
 #: An entry that may stand in a deck any number of times, by its table
 ENTRY = {
     "boundary": 'set = "s{}"\nu_x = 0\n',
-    "set": 'name = "s{}"\nwhere = "x > 0"\n',
-    "amplitude": 'name = "a{}"\ntime = [0]\nvalue = [1]\n',
     "table": 'name = "t{}"\nx = [0]\nvalue = [1]\n',
     "probe": 'name = "p{}"\nquantity = "energy"\n',
     "reference": 'probe = "mid"\nload = [1]\nvalue = [2]\nsource = "{}"\n',

@@ -89,18 +89,15 @@ WALL = ("cauchy_xx", [0.0, 1.0])
     *(({"approximation": {"order": n}}, {"order": n, "support": n + 1.0}) for n in range(1, 5)),
     # stresses on the surface of plane bodies ask for order 2
     (probed("cauchy_xy", _ON), SECOND),
-    (probed("pressure", [2.0, 0.3]), SECOND),
     (probed("principal_max", [0.0, 0.3]), SECOND),
     (probed("cauchy_xy", _WITHIN), FIRST),
     (probed("u_x", _ON), FIRST),
-    (probed("J", _ON), FIRST),
     (probed("cauchy_xy", _ON, approximation={"order": 1}), FIRST),
     (probed("cauchy_xy", _ON, approximation={"support": 1.8}), FIRST | {"support": 1.8}),
     (probed("cauchy_xy", _ON, approximation={"kernel": "quintic"}), SECOND),
     (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkcm"}), SECOND),
     (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkpm-scni"}), FIRST),
     (probed("cauchy_rr", [0.6, 0.8], geometry=ANNULUS), SECOND),
-    (probed("cauchy_rr", [1.2, 1.6], geometry=ANNULUS), SECOND),
     (probed("cauchy_tt", [0.0, 1.5], geometry=ANNULUS), SECOND),
     # annuli take it whatever is asked, where they have points for it
     (probed("cauchy_rr", [0.9, 1.2], geometry=ANNULUS), SECOND),
