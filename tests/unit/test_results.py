@@ -267,7 +267,6 @@ def test_model_round_trip(model: Path) -> None:
     ("voxels/size", np.array([1.0, 0.0, 1.0]), "'voxels/size' must be positive and finite"),
     ("source", np.ones((0, 3)), "it has no source points"),
     ("label", np.array([1.5, 2.0, 2.0]), "'label': it does not hold integers"),
-    ("set_names", np.array([b"bottom", b"top"]), "'set_names': it does not hold integers"),
     # as a damaged header would have it: far more numbers than bytes; none is stored here
     *(("points", shape, "shape declares far more numbers than the file contains")
       for shape in ((10**6, 3), (2**57, 3))),

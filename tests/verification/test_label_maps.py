@@ -208,16 +208,6 @@ def test_files_that_are_no_label_maps(data: Any, what: str, tmp_path: Path) -> N
     assert f"geometry.labels: '{path}' {what}" in refused(mapped(str(path)))
 
 
-def test_another_map_in_the_file_is_another_deck(tmp_path: Path) -> None:
-    path = save(tmp_path / "half.nii", halves())
-    first = load_deck(mapped(path))["sha256"]
-    assert load_deck(mapped(path))["sha256"] == first
-    data = halves()
-    data[4] = 9
-    save(tmp_path / "half.nii", data)
-    assert load_deck(mapped(path))["sha256"] != first
-
-
 # ---- parts by expressions: two bodies that share a face ------------------------------------------
 
 #: Rubbers with no Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu

@@ -215,9 +215,7 @@ HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
     [
         ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
         ([SIDE, SIDE], {}, "taken already"),
-        ([SIDE | {"side": "z1"}], {}, "'z1' is not a side of this box; there are x0, x1, y0, y1"),
         ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
-        ([SIDE | {"where": "z > 1"}], {}, "unknown name 'z'"),
         ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
         ([SIDE | {"where": "ny < -0.7"}], {}, "`where` leaves 0; coordinates are those of the bod"),
         ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
