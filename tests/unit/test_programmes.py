@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from myork import Scene, build, load_deck, run_deck
 from myork.core.deck import table_defaults
@@ -113,37 +112,6 @@ def test_each_muscle_has_an_activation_of_its_own() -> None:
     load, probes, _ = solved(own)
     # active already while it is stretched
     assert load[0] == 0.2 and probes[0, 1] > together[1][0, 1] / 2
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_body_whose_ends_turn_together_turns_as_one(method: str) -> None:
-    axis, about, angle = np.array([1.0, 2, -0.5]), np.array([0.2, 0, 1.5]), 150.0
-    motion = {"rotation": angle, "axis": axis.tolist(), "about": about.tolist(), "u_x": 0.3}
-    place = np.array([0.3, 0.6, 0.4])
-    deck = block(
-        method, boundary=[{"set": name, **motion, "amplitude": "turn"} for name in ("z0", "z1")],
-        amplitude=[{"name": "turn", "time": [0, 0.5, 1], "value": [0, 1, 0.8]}],
-        load={"steps": 1 if method != "rkcm" else 8},
-        probe=scenes.probes("inside u 0.3 0.6 0.4", "stress cauchy_xy 0.3 0.6 0.4"),
-    )  # fmt: skip
-    states, probes, *_ = scenes.solved(deck)
-    for load, part in ((0.5, 1.0), (1.0, 0.8)):
-        step = states.load.tolist().index(load)
-        turn = Rotation.from_rotvec(part * angle * axis / np.linalg.norm(axis), degrees=True)
-        expected = about + turn.apply(place - about) - place + [0.3 * part, 0, 0]
-        np.testing.assert_allclose(probes["inside"][step], expected, atol=1e-6)
-        assert abs(probes["stress"][step, 0]) < 1e-5
-
-
-def test_a_plane_body_turns_about_z() -> None:
-    motion = {"rotation": -90, "about": [0.0, 0.0]}
-    deck = scene(
-        "auto", box(4, 4, places=(5, 5)), boundary=[{"set": y, **motion} for y in ("y0", "y1")],
-        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 100.0}],
-        probe=[{"name": "corner", "quantity": "u", "point": [1.0, 0.5]}],
-    )  # fmt: skip
-    corner = scenes.solved(deck).probes["corner"][-1, :2]
-    np.testing.assert_allclose(corner, [-0.5, -1.5], atol=1e-9)
 
 
 def with_amplitude(load: dict[str, Any] | None = None, **change: Any) -> dict[str, Any]:

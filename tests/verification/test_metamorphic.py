@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from myork import Scene
 from myork.errors import MyorkError
@@ -554,8 +555,9 @@ def _unloaded(case: Case) -> Case:
     return case.change(boundary=boundary, material=material, load=load)
 
 
-def _unstrained(case: Case) -> list[str]:
-    """What is said of a body without strain beside that it is accepted, without forces."""
+def _unstrained(case: Case, moved: Callable[[np.ndarray], np.ndarray] = np.zeros_like) -> list[str]:
+    """What is said of a body without strain beside that it is accepted, without forces, and moved
+    as a function of places says."""
     answer = solved(case)
     found = [] if answer.verdict == "accepted" else [f"{answer.verdict}: {answer.reasons}"]
     stiff = max(m["K"] for m in case.tables["material"])
@@ -563,6 +565,9 @@ def _unstrained(case: Case) -> list[str]:
         name = probe["quantity"]
         wanted = float(name in ("J", "fiber_stretch"))
         room = 1e-8 * (1.0 if name[0] in "uJ" or wanted else stiff * max(case.frame[1]) ** 3)
+        if name == "u" and "point" in probe:
+            off = value[: case.nd] - moved(np.array(probe["point"]))
+            found += [f"u is off by {off}"] * bool(np.any(abs(off) > 1e-6 * max(case.frame[1])))
         if name[0] != "u" and np.any(abs(value[: 3 if name == "force" else 1] - wanted) > room):
             found.append(f"{name} is {value}")
     return found
@@ -583,7 +588,12 @@ def rigid(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
     probe = [p for p in case.tables["probe"] if "point" in p]
     probe.append({"name": "f", "quantity": "force", "set": side})
     boundary = [{"set": side, **motion}]
-    return _unstrained(_unloaded(case).change(boundary=boundary, set=None, probe=probe))
+    axis = np.array(motion.get("axis", [0, 0, 1]))
+    turned = np.deg2rad(motion.get("rotation", 0.0)) * axis / np.linalg.norm(axis)
+    turn = Rotation.from_rotvec(turned).as_matrix()[: case.nd, : case.nd]
+    shift = np.array([motion[f"u_{a}"] for a in AXES[: case.nd]])
+    carried = _unloaded(case).change(boundary=boundary, set=None, probe=probe)
+    return _unstrained(carried, lambda x: turn @ (x - 0.3) + 0.3 - x + shift)
 
 
 RELATIONS = (mirror, rotation, shift, units, order, threads, split, zero, rest, rigid)
