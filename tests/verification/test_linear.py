@@ -1,4 +1,4 @@
-"""Linear problems by their properties: patch tests, orders, cantilevers, decks that are refused.
+"""Linear problems and motions by their properties: patch tests, orders, cantilevers, refusals.
 
 Collocation (rkcm) and the Galerkin form (rkpm-gauss) take the same decks.
 """

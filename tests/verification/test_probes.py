@@ -1,9 +1,7 @@
-"""Probes of sets and sections: torques, mean displacements and forces inside the body.
+"""Probes of sets and sections, expressions of fields, and their units.
 
-A block is held at one end, and its other end is moved sideways and lengthened. No force acts in
-between: every section carries the force of the ends, and the moments of both ends about one point
-balance where they have moved to. In Galerkin forms both hold as exactly as the equations are
-solved; collocation knows them as well as it balances forces.
+A block is held at one end, and its other end is moved: every section carries the force of the
+ends, and the moments of both ends about one point balance.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Two tissues in one body: parts of voxels that a surface or an interface cuts, smooth moduli."""
+"""Two tissues in one body, parts of voxels, and what jumps between points."""
 
 from dataclasses import replace
 from typing import Any
@@ -297,9 +297,8 @@ def squeezed(bulk, layers):
 @pytest.mark.parametrize("layers", [True, False], ids=["above", "beside"])
 def test_bulk_moduli_of_a_thousandfold_difference(layers):
     """The softer half keeps its change of volume: the force lies half way between those of
-    uniform cushions, as in felupe's quadratic elements (0.498 and 0.499 of the way, 4x4x4).
-    Means of K in groups and interfaces made the whole cushion as stiff as its stiffer half (0.98
-    and 1.00). A half with K = inf is no other than a stiff one.
+    uniform cushions, as in felupe's quadratic elements (0.498 and 0.499 of the way, 4x4x4). A half
+    with K = inf is no other than a stiff one.
     """
     soft, stiff = (squeezed((k, k), layers) for k in (1e2, 1e5))
     for bulk in ((1e2, 1e5), (1e2, np.inf)):

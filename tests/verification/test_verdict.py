@@ -1,4 +1,4 @@
-"""Verdicts and error bars: wrong answers are refused, right ones accepted, bars cover.
+"""Verdicts, error bars, warnings: wrong answers are refused, right ones accepted, bars cover.
 
 References, each from meshes that are refined until they no longer change: the cantilever's tip
 0.9145 (where the Galerkin form and felupe's Q2/P1 go, see tests/scenes.py); the tube's pressure on
