@@ -1,6 +1,5 @@
 """Expressions in coordinates and tables as functions in them: what they give, what is refused."""
 
-import math
 import os
 import re
 from pathlib import Path
@@ -81,12 +80,6 @@ BY_TABLE = {"problem": "poisson", "conductivity": "k(x)"}
 def temperature(**tables: Any) -> float:
     """At the right end of the rod."""
     return solved(heat(**tables)).last()["u"]
-
-
-def test_a_conductivity_by_table() -> None:
-    """Flux 1 everywhere: u(1) is the integral of 1/k, here 1/2 + ln(3)/4 of a linear rise."""
-    found = temperature(linear=BY_TABLE, table=[STEP])
-    assert found == pytest.approx(0.5 + math.log(3) / 4, rel=2e-3)
 
 
 def test_a_table_is_the_expression_that_it_samples() -> None:
