@@ -96,8 +96,12 @@ module rk_symmetric
    !> of those with one of its own [-]
    real(wp), parameter :: tried = 0.6_wp, exact = 1.0e-5_wp, own = 1.0e-8_wp
    !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
-   !> other: half of the digits show for sure that it is not where the first does not suffice
-   real(wp), parameter :: added(4) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
+   !> other
+   real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
+   !> Share with which half of the digits show for sure that a matrix is not [-]
+   real(wp), parameter :: surely = 1.0e-4_wp
+   !> Least size of a negative eigenvalue that is no rounding of half of the digits [-]
+   real(wp), parameter :: seen = 1.0e-2_wp
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
    !> Steps of Lanczos' iteration that bound eigenvalues, and the probability of an error [-]
@@ -624,16 +628,21 @@ contains
    subroutine refine(tolerance, limit)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
-      real(wp) :: left(system%size), step(system%size), image(system%size), last, size_of_step
+      real(wp) :: left(system%size), step(system%size), image(system%size), lanczos(2, limit)
+      real(wp) :: last, size_of_step
       integer :: pass, done
+      logical :: indefinite
 
       x = 0.0_wp
       left = b
       last = huge(1.0_wp)
       done = 0
+      indefinite = .false.
       do pass = 1, passes
-         call iterate(left, tolerance, limit, step)
+         call iterate(left, tolerance, limit, step, lanczos)
          done = done + report%iterations
+         if (system%size == self%n) indefinite = indefinite &
+            & .or. has_negative(lanczos(:, :report%iterations))
          close = found
          found = .false.
          if (.not. close) exit
@@ -641,8 +650,8 @@ contains
          size_of_step = norm2(step(:self%n))
          ! what the next one would be, as this one to the last; a matrix that is surely not positive
          ! definite is that of a step of Newton, which need not be better than the first
-         found = (self%near%share > added(1) .and. .not. self%once) .or. (pass > 1 &
-            & .and. size_of_step**2 <= same*norm2(x(:self%n))*last)
+         found = ((indefinite .or. self%near%share > added(1)) .and. .not. self%once) &
+            & .or. (pass > 1 .and. size_of_step**2 <= same*norm2(x(:self%n))*last)
          if (found .or. size_of_step > 0.5_wp*last) exit
          last = size_of_step
          call system%multiply(x, image)
@@ -651,19 +660,37 @@ contains
       report%iterations = done
    end subroutine refine
 
-   subroutine iterate(right, tolerance, limit, solution)
+   subroutine iterate(right, tolerance, limit, solution, lanczos)
       real(wp), contiguous, intent(in) :: right(:)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
       real(wp), contiguous, intent(inout) :: solution(:)
+      real(wp), intent(inout), optional :: lanczos(:, :)
 
       call minres(system, right, tolerance, limit, solution, report%iterations, &
-         & report%backward_error)
+         & report%backward_error, lanczos)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'
    end subroutine iterate
 
 end subroutine solve_near
+
+!> Whether a tridiagonal matrix has a negative eigenvalue: then the matrix that it approximates has
+!> one as well
+pure logical function has_negative(lanczos)
+   !> Diagonal and what stands beside it, shape (2, steps)
+   real(wp), intent(in) :: lanczos(:, :)
+   real(wp) :: pivot
+   integer :: k
+
+   has_negative = .false.
+   pivot = 1.0_wp
+   do k = 1, size(lanczos, 2)
+      pivot = lanczos(1, k) + seen - merge(lanczos(2, max(k - 1, 1))**2/pivot, 0.0_wp, k > 1)
+      has_negative = pivot <= 0.0_wp
+      if (has_negative) return
+   end do
+end function has_negative
 
 !> Whether the matrix is positive definite
 logical function definite(self)
@@ -690,7 +717,7 @@ logical function definite(self)
          call factorise(self, self%value, 0.0_wp)
          definite = near%ready
          if (definite) return
-         call factorise(self, self%value, added(1))
+         call factorise(self, self%value, surely)
          if (.not. near%ready) return
       end if
    end associate

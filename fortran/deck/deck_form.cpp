@@ -262,7 +262,9 @@ static void choose_points(Deck &deck) {
    const bool gauss = deck.word("scene", "method") == "rkpm-gauss";
    const bool nonlinear = gauss && !deck.single("linear");
    Section &body = *bodies.front();
-   if (chosen_here && nonlinear && body.text("kind") == "box" && !body.given("graded")) {
+   // an interface inside the body needs points there as well
+   if (chosen_here && nonlinear && body.text("kind") == "box" && !body.given("graded") &&
+       deck.entries("material").size() == 1) {
       const std::vector<std::string> sides =
           singular_sides(deck, body.find("source")->items.size());
       put(body, "graded", {sides, body.origin});

@@ -30,6 +30,8 @@ module rk_newton
    !> arrived missed it 4 times, and those that failed in the end had it after 9 iterations of 24.
    integer, parameter :: pace = 3, settled = 6
    real(wp), parameter :: share = 0.3_wp
+   !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand [-]
+   real(wp), parameter :: squeezed = 0.2_wp
 
    !> A stationary point that is no minimum
    type :: saddle_type
@@ -584,6 +586,9 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
          & //'J > 0'//reached)
    else if (self%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
+   else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
+      & .and. now%first_step >= 1.0_wp .and. self%state%min_j < squeezed) then
+      call fatal_error(error, err_convergence, 'the first iterate is far from the solution'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &
       & .and. merit > share*now%past(pace) .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'too slow after '//to_text(self%iterations) &

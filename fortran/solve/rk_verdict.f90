@@ -347,11 +347,13 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
    integer :: ip
 
    off = 0.0_wp
-   do ip = 1, size(problem%scene%cloud%points, 2)
+   do ip = 1, size(outcome%broken)
+      ! a few singular places, which are judged by themselves, would be most of it
+      if (outcome%broken(ip)) cycle
       call problem%at_point(outcome%peak, ip, local)
       off = off + (determinant(local%f) - pressed_volume(problem, ip, local))**2
    end do
-   off = sqrt(off/size(problem%scene%cloud%points, 2))
+   off = sqrt(off/max(count(.not. outcome%broken), 1))
    if (off <= of_point_volume) return
    call outcome%warn('J at points is '//to_text(100.0_wp*off, 2)//' % (root mean square) off ' &
       & //'what the pressure allows: stresses and forces use its mean over cells; take more ' &
