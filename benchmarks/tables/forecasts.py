@@ -24,7 +24,7 @@ HALVES: dict[str, list[tuple[str, ...]]] = {
     ],
     "other": [
         ("bar_1d",), ("wave_1d",), ("poisson_own",), ("equibiaxial",), ("shear_2d",), ("shear_3d",),
-        ("uniaxial_compression",), ("label_section",), ("pressure_follower",), ("tendon",),
+        ("uniaxial_compression",), ("pressure_follower",), ("tendon",),
         ("shortening",), ("stretch_then_activate",), ("cube_plates", "geometry.source=[13,13,13]"),
         ("cube_plates", "scene.method=rkpm-scni"), ("cantilever_load", "geometry.source=[129,33]"),
         ("muscle_fibers",),

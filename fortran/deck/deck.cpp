@@ -99,7 +99,6 @@ void Deck::load() {
       return;
    apply_overrides(*this);
    check_schema(*this);
-   read_tables(*this);
    check_rules(*this);
 }
 

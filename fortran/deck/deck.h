@@ -196,9 +196,6 @@ void choose_title(Deck &deck);
 bool of_whole_body(const std::string &quantity);
 // deck_linear.cpp: a linear problem stands alone, and what it holds must fit together
 void check_linear(Deck &deck);
-// deck_tables.cpp: tables are read from their files, which become part of what identifies a deck, as
-// the label map does
-void read_tables(Deck &deck);
 // deck_rules.cpp: what depends on more than the schema can say
 void check_rules(Deck &deck);
 

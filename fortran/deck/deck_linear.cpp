@@ -100,9 +100,6 @@ void check_linear(Deck &deck) {
    const std::string body = deck.word("geometry", "kind"), method = deck.word("scene", "method");
    if (!body.empty() && body != "box")
       deck.refuse(*deck.single("geometry"), "kind", "must be box for a linear problem, not " + body);
-   if (deck.value("geometry", "labels"))
-      deck.refuse(*deck.single("geometry"), "labels",
-                  "is not used by a linear problem, whose coefficients are expressions or tables");
    if (!method.empty() && method != "rkcm" && method != "rkpm-gauss")
       deck.refuse(*deck.single("scene"), "method",
                   "must be rkpm-gauss or rkcm for a linear problem, not " + method);

@@ -1,6 +1,7 @@
 // What depends on more than the schema can say and can be checked without points. What follows from
 // the values, and all that needs points, is Fortran's (solve/).
 #include "deck.h"
+#include "expression.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,24 +12,18 @@ namespace rk {
 static void check_materials(Deck &deck) {
    const std::vector<Section *> materials = deck.entries("material");
    const std::string method = deck.word("scene", "method");
-   const Section *geometry = deck.single("geometry");
-   const bool map = geometry && geometry->given("labels");
-   const bool regions = map || std::any_of(materials.begin(), materials.end(), [](Section *material) {
+   const bool regions = std::any_of(materials.begin(), materials.end(), [](Section *material) {
       return material->given("where");
    });
    for (Section *material : materials) {
       const Value *label = material->find("label");
       const bool where = material->given("where");
-      if (regions && label && (where || !map))
+      if (regions && label)
          deck.refuse(*material, "label",
-                     map ? "cannot be given beside `where`"
-                         : "cannot be given where materials are placed by `where`: in a box labels "
-                           "are those of a label map, geometry.labels");
-      if (regions && material != materials.front() && !where && !(map && label) &&
-          !material->refused.count("label"))
-         deck.refuse(*material, map ? "label" : "where",
-                     std::string("missing, ") + (map ? "and so is `where`: " : "") +
-                        "only the first material may leave it out and fill the rest");
+                     "cannot be given where materials are placed by `where`: only a model has labels");
+      if (regions && material != materials.front() && !where)
+         deck.refuse(*material, "where",
+                     "missing, only the first material may leave it out and fill the rest");
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.refuse(*material, "K",
@@ -170,9 +165,19 @@ static void check_compared(Deck &deck) {
    }
 }
 
+static void check_table_names(Deck &deck) {
+   for (Section *table : deck.entries("table")) {
+      const Value *name = table->find("name");
+      const std::string fault = name ? table_name_fault(name->text) : "";
+      if (!fault.empty())
+         deck.refuse(*table, "name", fault);
+   }
+}
+
 void check_rules(Deck &deck) {
    const int dimension = deck.dimension();
    const Section *geometry = deck.single("geometry");
+   check_table_names(deck);
    check_materials(deck);
    check_order(deck);
    check_boundary(deck);

@@ -1,8 +1,6 @@
 // Expressions by muParser, compiled once for each text and thread, and tapes of energies.
 #include "expression.h"
 
-#include "label_map.h"
-
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -57,8 +55,8 @@ namespace {
 
 // What stands between an expression and the tables that it may call: a name and a number a line
 constexpr char tables_follow = '\x1e';
-// Functions by which tables and label maps are called inside
-const char *const lookup_name = "rk_table", *const label_name = "rk_label";
+// Function by which tables are called inside
+const char *const lookup_name = "rk_table";
 
 // A function that is given by its values at rising places, the same before and after them
 struct Table {
@@ -122,7 +120,6 @@ struct Compiled {
             const std::vector<std::string> &tables = {}) {
       const std::string text = plain_text(code);
       parser.DefineFun(lookup_name, looked_up);
-      parser.DefineFun(label_name, label_at);
       for (const std::string &name : tables)
          parser.DefineFun(name, any_table);
       parser.ClearConst();
@@ -150,7 +147,7 @@ static std::string known(const mu::Parser &parser, const std::vector<std::string
    list += "pi; functions are ";
    bool first = true;
    for (const auto &[name, unused] : parser.GetFunDef()) {
-      if (name == lookup_name || name == label_name)
+      if (name == lookup_name)
          continue;
       list += (first ? "" : ", ") + name;
       first = false;
@@ -225,10 +222,8 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       return seen;
    try {
       Compiled compiled(text, names, tables);
-      for (const char *name : {lookup_name, label_name}) {
-         if (compiled.parser.GetExpr().find(name) != std::string::npos)
-            return std::string("is not an expression: ") + name + " is not a function";
-      }
+      if (compiled.parser.GetExpr().find(lookup_name) != std::string::npos)
+         return std::string("is not an expression: ") + lookup_name + " is not a function";
       compiled.parser.Eval();
       return compiled.parser.GetNumResults() > 1 ? several_values : "";
    } catch (const mu::Parser::exception_type &fault) {

@@ -1,13 +1,12 @@
-"""Turn schema.toml into tables of C++ and Fortran, a JSON Schema for editors and docs/decks.md.
+"""Turn schema.toml into tables of C++, records of Fortran and docs/decks.md.
 
 Usage::
 
     python make_schema.py --table schema.toml schema_table.cpp
     python make_schema.py --records schema.toml rk_deck_records.f90 deck_records.f90
-    python make_schema.py --editor schema.toml deck.schema.json
     python make_schema.py --reference
 
-The build does the first three.
+The build does the first two.
 
 Needs nothing but Python 3.10 and a TOML parser: ``tomllib`` (Python 3.11), ``tomli``, or the copy
 of tomli inside pip.
@@ -273,100 +272,6 @@ def records(tables: dict[str, dict[str, Any]], frame: str) -> str:
     return frame.replace("   include 'deck_records.inc'\n", text)
 
 
-# ---- editors -------------------------------------------------------------------------------------
-
-#: JSON's names of the types of a value, or of an item of an array
-JSON_TYPES = {"text": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
-
-
-def json_item(spec: dict[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a value, or of one item of an array."""
-    kind = spec["type"].removesuffix("s")
-    found: dict[str, Any] = {"type": [JSON_TYPES[kind]]}
-    if kind == "text":
-        found["minLength"] = 1
-    if spec.get("or_number"):
-        found["type"].append("number")
-    if "expression" in spec and kind == "number":
-        found["type"].append("string")
-    if spec.get("infinite"):
-        # JSON has no infinity, so that editors see null
-        found["type"].append("null")
-    # draft 4, the one that editors of TOML read, has flags beside its bounds
-    for bound, low, high in (("minimum", "min", "above"), ("maximum", "max", "below")):
-        for word, flags in ((low, {}), (high, {f"exclusive{bound.capitalize()}": True})):
-            if word in spec:
-                found.update({bound: spec[word], **flags})
-    if "choices" in spec and not spec.get("or_number"):
-        found["enum"] = spec["choices"]
-    return found
-
-
-def json_key(spec: dict[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a key."""
-    found = json_item(spec)
-    if spec["type"].endswith("s"):
-        length = spec.get("length")
-        least, most = (1, 3) if length == "dimension" else (length, length)
-        if not length:
-            least, most = int(spec.get("default") != []), 100_000
-        array = {"type": "array", "items": found, "minItems": least, "maxItems": most}
-        found = {"anyOf": [found, array]} if spec.get("scalar") else array
-    words = [spec["help"]]
-    if "unit" in spec:
-        words.append(f"Unit: {spec['unit']}.")
-    if default := needed(spec).replace("`", ""):
-        words.append(f"Default: {default}." if default != "needed" else "Needed.")
-    found["description"] = " ".join(word if word[-1] == "." else f"{word}." for word in words)
-    return found
-
-
-def json_table(table: dict[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a table, of an array one of its entries."""
-    keys = table["keys"]
-    found: dict[str, Any] = {"type": "object", "additionalProperties": False}
-    found["properties"] = {key: json_key(spec) for key, spec in keys.items()}
-    every = [key for key, spec in keys.items() if spec.get("required") and "only_if" not in spec]
-    if every:
-        found["required"] = every
-    rules: list[dict[str, Any]] = []
-    if "at_least" in table:
-        rules.append({"anyOf": [{"required": [key]} for key in table["at_least"]]})
-    for key, spec in keys.items():
-        rules += [{"not": {"required": [key, other]}} for other in spec.get("not_beside", [])]
-        # what another key of the table asks for or rules out; conditions elsewhere are the reader's
-        for other, values in spec.get("only_if", {}).items():
-            if other not in keys:
-                continue
-            if not values:
-                rules.append({"anyOf": [{"not": {"required": [key]}}, {"required": [other]}]})
-                continue
-            fits = {"properties": {other: {"enum": values}}}
-            if keys[other].get("required"):
-                rules.append({"anyOf": [{"not": {"required": [key]}}, fits]})
-            if spec.get("required") and len(spec["only_if"]) == 1:
-                unlike = {"not": {"required": [other], **fits}}
-                rules.append({"anyOf": [unlike, {"required": [key]}]})
-    if rules:
-        found["allOf"] = rules
-    return found
-
-
-def editor(tables: dict[str, dict[str, Any]]) -> str:
-    """JSON Schema of a deck: what an editor can complete and check while it is written."""
-    deck = json_table(tables[""])
-    for name, table in tables.items():
-        if not name:
-            continue
-        entry = json_table(table)
-        if table.get("many"):
-            entry = {"type": "array", "items": entry, "maxItems": most(table)}
-        deck["properties"][name] = {**entry, "description": table["about"]}
-    needs = [name for name, table in tables.items() if table.get("required")]
-    head = {"$schema": "http://json-schema.org/draft-04/schema#", "title": "MyoRK deck"}
-    return json.dumps({**head, **deck, "required": [*deck.get("required", []), *needs]}, indent=1)
-
-
 # ---- reference -----------------------------------------------------------------------------------
 
 INTRODUCTION = """# Decks
@@ -378,11 +283,6 @@ keys and impossible values are errors, all listed at once, each as `file:line: t
 Paths are relative to the deck. Numbers are in the units that `[units]` declares; a number may be
 written as an integer, never as `nan`, and as `inf` only where the key allows it. A table that is absent takes its defaults.
 Arrays have at most 100,000 items; of more than 100 errors the first 100 found are listed.
-
-Editors complete and check keys by a JSON Schema that is installed with the package. `myork new` writes
-its place into the first line, `#:schema file:///...`, which Even Better TOML (Visual Studio Code) and
-Taplo read; copy this line into other decks. It knows names, types, ranges and words, and keys that
-need or exclude each other within a table; what depends on several tables is checked when the deck is read.
 
 `--set table.key=value` replaces a value and is checked like the deck. It addresses a table, the
 first entry of an array of tables (`material.K`), or an entry by its name (`material.fat.K`,
@@ -525,8 +425,6 @@ def main(arguments: list[str]) -> None:
         Path(arguments[3]).write_text(
             records(read_schema(Path(arguments[1])), frame), encoding="utf-8"
         )
-    elif len(arguments) == 3 and arguments[0] == "--editor":
-        Path(arguments[2]).write_text(editor(read_schema(Path(arguments[1]))), encoding="utf-8")
     elif arguments == ["--reference"]:
         target = HERE.parents[1] / "docs" / "decks.md"
         target.parent.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-!> What fibers that fiber_gradient from point to point add to the strong form.
+!> What fibers whose direction varies from point to point add to the strong form.
 !>
 !> P depends on the place through F and through the fiber direction N, so that
 !>    P_iA,A = C4_iAkC u_k,CA + dP_iA/dN_k N_k,A.

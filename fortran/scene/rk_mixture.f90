@@ -10,14 +10,10 @@
 !> With a reach of 0 the fractions at a place are those of its voxel and jump from one to the next,
 !> which the integrals of a Galerkin form allow.
 !>
-!> Fibers are no moduli: a muscle's fraction x reaches into fat, where no fiber was measured. With
-!> the fiber of the muscle's nearest point all of x acts: the volume that contracts, the sum of x
-!> over the cells, is the muscle's, since x lacks inside a plane interface what it has outside.
-!> With each point's own fiber fat does not contract, and muscle beside it does by x < 1 only: the
-!> area of the interface times half the mean reach sum |d| w(d) of the weights w across it stays
-!> passive, a length in proportion to the interface's width. The fibers' fraction then jumps at the
-!> interface, which the integrals of a Galerkin form allow and the divergence of a strong form does
-!> not.
+!> Fibers: a muscle's fraction reaches into fat, where no fiber was measured. With the fiber of the
+!> muscle's nearest point all of the fraction acts, and the volume that contracts is the muscle's.
+!> With each point's own fiber a layer at the interface, in proportion to its width, stays passive
+!> (docs/galerkin.md), and the fraction of fibers jumps there, which only Galerkin forms allow.
 !>
 !> A linear problem has the coefficients of its operator in place of tissues: its stress is linear
 !> in the gradient, which stands in the place of F.

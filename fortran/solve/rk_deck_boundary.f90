@@ -3,15 +3,15 @@
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_programme, only : read_motion
    use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice, set_number
    use rk_named_sets, only : add_set, extent_of
    use rk_neighbours, only : nearest_points
-   use rk_precision, only : wp
+   use rk_precision, only : pi, wp
+   use rk_programme, only : programme_type, rotation_type
    use rk_region, only : criteria, region_type
-   use rk_scene, only : probe_type, scene_type
+   use rk_scene, only : condition_type, probe_type, scene_type
    use rk_text, only : to_text
    implicit none
    private
@@ -59,6 +59,26 @@ subroutine read_conditions(scene, deck, error)
       end associate
    end do
 end subroutine read_conditions
+
+!> Rotation of a boundary set about an axis, beside its translation
+subroutine read_motion(condition, programme, deck, at, nd)
+   !> Condition with its translation and amplitude
+   type(condition_type), intent(inout) :: condition
+   !> Programme, to which the rotation is added
+   type(programme_type), intent(inout) :: programme
+   type(deck_type), intent(in) :: deck
+   !> Key of the entry
+   character(len=*), intent(in) :: at
+   integer, intent(in) :: nd
+   real(wp) :: angle
+
+   call deck%get(at//'.rotation', angle)
+   if (nd < 3) condition%axis(3) = 1.0_wp
+   condition%axis = condition%axis/norm2(condition%axis)
+   condition%fixed(:nd) = .true.
+   programme%rotation = [programme%rotation, rotation_type(condition%amplitude, angle*pi/180.0_wp)]
+   condition%sine = programme%sine_of(size(programme%rotation))
+end subroutine read_motion
 
 !> Probes with exact and reference values
 subroutine read_probes(scene, deck, error)

@@ -1,7 +1,6 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
    use rk_deck, only : deck_type
-   use rk_deck_programme, only : read_activation
    use rk_deck_regions, only : has_regions, label_regions, read_parts
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
@@ -29,8 +28,8 @@ subroutine read_materials(scene, deck, error)
    n = deck%count('material')
    regions = has_regions(deck)
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
-   if (regions) call read_parts(scene%tissue, deck, error)
-   if (regions .and. .not. allocated(error)) call label_regions(scene, deck, error)
+   if (regions) call read_parts(scene%tissue, deck)
+   if (regions) call label_regions(scene, deck, error)
    if (allocated(error)) return
    scene%tissue_of = 0
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
@@ -59,7 +58,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    !> Number of the material
    integer, intent(in) :: k
    type(deck_type), intent(in) :: deck
-   !> Whether materials have parts of the body by expressions or a label map
+   !> Whether materials have parts of the body by expressions
    logical, intent(in) :: regions
    !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(inout) :: material_of(:)
@@ -86,7 +85,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
          & tissue, by_label)
       if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
          if (regions) then
-            call deck%complain(at//merge('.label', '.where', deck%has(at//'.label')), &
+            call deck%complain(at//'.where', &
                & 'no point lies there, or later materials fill it: more points across it ' &
                & //'(geometry.source) see a thin one', error)
          else
@@ -165,6 +164,45 @@ pure subroutine fill_points(material_of, label, k, tissue, by_label)
       material_of = k
    end if
 end subroutine fill_points
+
+!> Activation of a muscle: its own, or what holds for all
+subroutine read_activation(scene, deck, at, k, error)
+   !> Scene with its programme and load
+   type(scene_type), intent(inout) :: scene
+   type(deck_type), intent(in) :: deck
+   !> Key of the material
+   character(len=*), intent(in) :: at
+   !> Tissue
+   integer, intent(in) :: k
+   !> Error handling: none to grow, or one outside of 0 to 1
+   type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: key
+   real(wp) :: range(2)
+
+   associate (tissue => scene%tissue(k))
+      tissue%activation = scene%load%activation
+      call deck%get(at//'.activation', tissue%activation)
+      call deck%get(at//'.activation', tissue%level)
+      ! an expression says all of it
+      if (tissue%level%given()) tissue%activation = 1.0_wp
+      tissue%amplitude = scene%load%amplitude
+      call deck%get(at//'.amplitude', tissue%amplitude)
+      key = 'load.amplitude'
+      if (deck%has(at//'.amplitude')) key = at//'.amplitude'
+      if (tissue%amplitude == 0) return
+      if (.not. (deck%given('load.activation') .or. deck%given(at//'.activation'))) then
+         call deck%complain(key, 'there is no activation to scale by it: give ' &
+            & //'load.activation or material.'//tissue%name//'.activation', error)
+         return
+      end if
+      associate (value => scene%programme%amplitude(tissue%amplitude)%value)
+         range = tissue%activation*[minval(value), maxval(value)]
+      end associate
+      if (range(1) < 0.0_wp .or. range(2) > 1.0_wp) call deck%complain(key, 'leads to an ' &
+         & //'activation of '//to_text(merge(range(1), range(2), range(1) < 0.0_wp))//' of ' &
+         & //tissue%name//', which must be between 0 and 1', error)
+   end associate
+end subroutine read_activation
 
 !> Uniform fiber direction of a material, empty where the model's directions hold
 subroutine read_direction(deck, at, nd, direction)

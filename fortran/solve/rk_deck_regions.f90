@@ -1,14 +1,12 @@
-!> Materials in parts of a box or an annulus, given by expressions in coordinates or by a label map:
-!> labels of the points, and fractions of the materials where a border cuts through the volume of a
+!> Materials in parts of a box or an annulus, given by expressions in coordinates: labels of the
+!> points, and fractions of the materials where a border cuts through the volume of a
 !> point. In boxes with Gauss points borders may be planes across the axes and nothing else: these
 !> are found, and the fractions are not wanted there.
 module rk_deck_regions
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type
-   use rk_label_map, only : label_map_type, open_label_map
    use rk_lattice, only : place_of
    use rk_precision, only : pi, wp
    use rk_scene, only : last_part, scene_type, tissue_type
@@ -17,7 +15,7 @@ module rk_deck_regions
    private
 
    public :: has_regions, label_regions, read_parts
-   public :: fine_bisections, least_gap, most_planes, same_place
+   public :: fine_bisections, most_planes, same_place, too_close
 
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
    integer, parameter :: samples = 6
@@ -31,98 +29,32 @@ module rk_deck_regions
    !> Planes that differ by less, in spacings, are the same, as those beside points: borders of a
    !> map are known to a thousandth of a voxel, and thinner cells have no use [-]
    real(wp), parameter :: same_place = 2.0e-3_wp
-   !> Units of length, and millimetres in them [length/mm]
-   character(len=*), parameter :: unit(3) = ['mm', 'cm', 'm ']
-   real(wp), parameter :: factor(size(unit)) = [1.0_wp, 0.1_wp, 0.001_wp]
 
 contains
 
-!> Whether the deck gives parts of the body by expressions or a label map
+!> Whether the deck gives parts of the body by expressions
 logical function has_regions(deck)
    type(deck_type), intent(in) :: deck
    integer :: k
 
-   has_regions = deck%has('geometry.labels')
+   has_regions = .false.
    do k = 1, deck%count('material')
       has_regions = has_regions .or. deck%has('material.'//to_text(k)//'.where')
    end do
 end function has_regions
 
-!> Which part of the body each material may fill, and its label: that of the label map where all
-!> have one, its number otherwise
-subroutine read_parts(tissue, deck, error)
+!> Which part of the body each material may fill, and its label, which is its number
+subroutine read_parts(tissue, deck)
    !> Materials in the order of the deck
    type(tissue_type), intent(inout) :: tissue(:)
    type(deck_type), intent(in) :: deck
-   !> Error handling: what is wrong with the label map
-   type(error_type), allocatable, intent(inout) :: error
    integer :: k
 
    do k = 1, size(tissue)
       tissue(k)%label = k
       call deck%get('material.'//to_text(k)//'.where', tissue(k)%part)
    end do
-   if (deck%has('geometry.labels')) call read_labels(tissue, deck, error)
 end subroutine read_parts
-
-!> Parts of the materials that have a label, and their labels where all have one
-subroutine read_labels(tissue, deck, error)
-   !> Materials in the order of the deck
-   type(tissue_type), intent(inout) :: tissue(:)
-   !> Deck with a label map
-   type(deck_type), intent(in) :: deck
-   !> Error handling: what is wrong with the map, one line for each label that does not fit
-   type(error_type), allocatable, intent(inout) :: error
-   type(label_map_type) :: map
-   character(len=:), allocatable :: at, fault, file, list, path, word
-   real(wp), allocatable :: edge(:), origin(:)
-   integer :: label(size(tissue)), k, u
-   logical :: named(size(tissue))
-
-   call deck%get('geometry.labels', file)
-   call deck%get('geometry.size', edge)
-   call deck%get('geometry.labels_origin', origin)
-   if (size(origin) == 0) origin = spread(ieee_value(0.0_wp, ieee_quiet_nan), 1, 3)
-   call deck%get('units.length', word)
-   u = findloc(unit == word, .true., dim=1)
-   if (u == 0) then
-      call deck%complain('units.length', 'must be mm, cm or m, not '//word//': geometry.labels ' &
-         & //'lays a map in millimetres over the box', error)
-      return
-   end if
-   path = file
-   if (file(1:1) /= '/') path = deck%folder//'/'//file
-   call open_label_map(map, path, factor(u), origin, edge, fault)
-   if (len(fault) > 0) then
-      call deck%complain('geometry.labels', "'"//file//"' "//fault, error)
-      return
-   end if
-   list = to_text(map%label(1))
-   do k = 2, size(map%label)
-      list = list//', '//to_text(map%label(k))
-   end do
-   do k = 1, size(tissue)
-      at = 'material.'//to_text(k)//'.label'
-      named(k) = deck%has(at)
-      if (.not. named(k)) cycle
-      call deck%get(at, label(k))
-      tissue(k)%part%text = map%where_is(label(k))
-      tissue(k)%part%where = deck%told(at)
-      if (any(map%label == label(k))) cycle
-      call deck%complain(at, 'label '//to_text(label(k))//" of '"//file//"' is not in the box; " &
-         & //'in the box are '//list, error)
-   end do
-   if (all(named)) tissue%label = label
-   ! the first material fills what no other one holds
-   if (.not. tissue(1)%part%given()) return
-   do k = 1, size(map%label)
-      if (any(named .and. label == map%label(k))) cycle
-      if (any([(tissue(u)%part%given() .and. .not. named(u), u=1, size(tissue))])) return
-      call deck%complain('geometry.labels', "'"//file//"' has the label "//to_text(map%label(k)) &
-         & //' at '//to_text(map%place(:size(edge), k))//', which no [[material]] has: add one, ' &
-         & //'or leave label out of the first one, which then fills the rest', error)
-   end do
-end subroutine read_labels
 
 !> Label each point by its material, of which later ones replace earlier ones
 subroutine label_regions(scene, deck, error)
@@ -376,26 +308,12 @@ subroutine find_planes(cloud, tissue, axis, plane, close, error)
          if (allocated(error)) return
       end do
    end if
-   close = ip > size(cloud%points, 2) .and. too_close()
+   close = ip > size(cloud%points, 2) .and. too_close(axis, plane, maxval(cloud%spacing, dim=2))
    ! layers in the plane know the way across them; in space nothing better is at hand
    if (ip <= size(cloud%points, 2) .or. size(plane) == 0 .or. (close .and. cloud%nd == 2)) &
       & deallocate (axis, plane)
 
 contains
-
-   !> Whether two planes leave fewer spacings between them than two kinks need: what lies between
-   !> would be as stiff as what lies around it
-   logical function too_close()
-      integer :: i, k
-
-      too_close = .false.
-      do k = 2, size(plane)
-         do i = 1, k - 1
-            too_close = too_close .or. (axis(i) == axis(k) .and. abs(plane(i) - plane(k)) &
-               & < least_gap*maxval(cloud%spacing(axis(k), :)))
-         end do
-      end do
-   end function too_close
 
    !> Point beside another one along an axis, itself at the ends of the body
    pure integer function beside(ip, d, step)
@@ -503,5 +421,24 @@ contains
    end function agrees
 
 end subroutine find_planes
+
+!> Whether two planes leave fewer spacings between them than two kinks need: what lies between would
+!> be as stiff as what lies around it
+pure logical function too_close(axis, plane, spacing)
+   !> Axis across each plane, and its place, shape (n) [length]
+   integer, intent(in) :: axis(:)
+   real(wp), intent(in) :: plane(:)
+   !> Distance of source points along each axis, shape (nd) [length]
+   real(wp), intent(in) :: spacing(:)
+   integer :: i, k
+
+   too_close = .false.
+   do k = 2, size(plane)
+      do i = 1, k - 1
+         too_close = too_close .or. (axis(i) == axis(k) .and. abs(plane(i) - plane(k)) &
+            & < least_gap*spacing(axis(k)))
+      end do
+   end do
+end function too_close
 
 end module rk_deck_regions

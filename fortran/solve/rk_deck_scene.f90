@@ -8,7 +8,6 @@ module rk_deck_scene
    use rk_deck_blocks, only : put_corners
    use rk_deck_boundary, only : read_conditions, read_probes, read_sets
    use rk_deck_materials, only : read_materials
-   use rk_deck_programme, only : read_programme
    use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
@@ -18,6 +17,7 @@ module rk_deck_scene
    use rk_linear, only : set_essential_weight
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
+   use rk_programme, only : programme_type
    use rk_scene, only : displacement_weight, scene_type
    use rk_shape, only : new_approximation
    use rk_text, only : to_text
@@ -50,7 +50,10 @@ subroutine new_scene(scene, deck, model, error)
    call put_corners(scene%cloud, deck)
    call read_approximation(scene, deck, error)
    if (allocated(error)) return
-   call read_solver(scene, deck)
+   call scene%load%read(deck, 'load')
+   call scene%solver%read(deck, 'solver')
+   call scene%mixed%read(deck, 'mixed')
+   call scene%galerkin%read(deck, 'galerkin')
    if (is_linear) then
       call read_weights(scene, deck)
       call read_sets(scene, deck, error)
@@ -227,16 +230,18 @@ function approximation_text(deck) result(text)
    text = text//', support '//to_text(support)
 end function approximation_text
 
-!> Loads, iteration, weights
-subroutine read_solver(scene, deck)
-   type(scene_type), intent(inout) :: scene
+!> Amplitudes and output times
+subroutine read_programme(programme, deck)
+   type(programme_type), intent(out) :: programme
    type(deck_type), intent(in) :: deck
+   integer :: k
 
-   call scene%load%read(deck, 'load')
-   call scene%solver%read(deck, 'solver')
-   call scene%mixed%read(deck, 'mixed')
-   call scene%galerkin%read(deck, 'galerkin')
-end subroutine read_solver
+   allocate (programme%amplitude(deck%count('amplitude')), programme%rotation(0))
+   do k = 1, size(programme%amplitude)
+      call programme%amplitude(k)%read(deck, 'amplitude.'//to_text(k))
+   end do
+   if (deck%has('load.at')) call deck%get('load.at', programme%output)
+end subroutine read_programme
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over
 !> length, stress and length: balanced weights have the units that make the sum one of equals, so

@@ -2,7 +2,7 @@
 !> derivatives of the solution have kinks, which smooth functions miss by an error of order one.
 module rk_jumps
    use rk_coefficients, only : coefficient_at
-   use rk_deck_regions, only : fine_bisections, least_gap, most_planes, same_place
+   use rk_deck_regions, only : fine_bisections, most_planes, same_place, too_close
    use rk_error, only : error_type
    use rk_lattice, only : lattice_frame
    use rk_precision, only : wp
@@ -58,7 +58,7 @@ subroutine find_jumps(scene, error)
       end do
    end do
    if (size(plane) == 0) return
-   scene%thin_layers = too_close()
+   scene%thin_layers = too_close(axis, plane, step)
    call move_alloc(axis, scene%approximation%kink_axis)
    call move_alloc(plane, scene%approximation%kink)
 
@@ -153,19 +153,6 @@ contains
          if (.not. goes_on) return
       end do
    end function goes_on
-
-   !> Whether two planes leave fewer spacings between them than two kinks need
-   logical function too_close()
-      integer :: j, l
-
-      too_close = .false.
-      do j = 2, size(plane)
-         do l = 1, j - 1
-            too_close = too_close .or. (axis(l) == axis(j) .and. abs(plane(l) - plane(j)) &
-               & < least_gap*step(axis(j)))
-         end do
-      end do
-   end function too_close
 
 end subroutine find_jumps
 

@@ -1,17 +1,12 @@
 """Expressions in coordinates and tables as functions in them: what they give, what is refused."""
 
-import os
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from myork import Scene
-from myork.core.deck import load_deck
-from tests.refusals import refuses
-from tests.scenes import box, deck_file, execute, held, probes, refused, scene, solved
+from tests.scenes import box, held, probes, refused, scene, solved
 
 #: The left side at rest
 HELD = held("x0", 2)
@@ -118,49 +113,6 @@ def test_tables_of_two_scenes_with_one_name() -> None:
     # items that are neither numbers nor texts
     said = refused(plate([{"set": "x0", "traction": [1, True]}]))
     assert "item 2 must be a number or an expression, not true" in said
-
-
-def deck_with(folder: Path, lines: str, name: str = "k.csv") -> Path:
-    (folder / name).write_text(lines)
-    table = [{"name": "k", "file": "k.csv"}]
-    return deck_file(folder / "rod.toml", heat(linear=BY_TABLE, table=table))
-
-
-@pytest.mark.parametrize("lines", [
-    "x,k\n0,1\n0.5,1\n1,3\n", "# of a paper\n0 1\n0.5 1\n\n1 3\n",
-    "x; k; temp\r\n0; 1; 7\r\n0.5; 1; 8\r\n1; 3; 9\r\n",
-])  # fmt: skip
-def test_tables_in_files(lines: str, tmp_path: Path) -> None:
-    deck = deck_with(tmp_path, lines)
-    with Scene(deck) as opened:
-        assert solved(opened).last()["u"] == temperature(linear=BY_TABLE, table=[STEP])
-        # what was read stands in the deck
-        assert opened.deck["table"][0]["value"] == [1, 1, 3]
-    first = load_deck(deck)["sha256"]
-    (tmp_path / "k.csv").write_text(lines.replace("3", "4"))
-    assert load_deck(deck)["sha256"] != first
-
-
-@pytest.mark.parametrize(("lines", "what"), [
-    ("0,1\n0.5,x\n", "k.csv:2: 'x' is not a finite number"),
-    ("0,1\n0.5\n", "k.csv:2: has 1 column, 2 are needed"),
-    ("0,1\n1,1\n1,2\n", "k.csv:3: places must ascend: 1 follows 1"),
-    ("0;1,5\n", "k.csv:1: '1,5' is not a finite number"),
-    ("x,k\n", "k.csv: has no numbers"),
-])  # fmt: skip
-def test_files_that_are_no_tables(lines: str, what: str, tmp_path: Path) -> None:
-    deck = deck_with(tmp_path, lines)
-    line = deck.read_text().splitlines().index('file = "k.csv"') + 1
-    assert f"rod.toml:{line}" in refuses(re.escape(what), load_deck, deck)
-
-
-def test_no_file_and_a_pipe_are_no_tables(tmp_path: Path) -> None:
-    """A pipe was opened, which waits for whoever writes into it."""
-    deck = deck_with(tmp_path, "0,1\n", name="other.csv")
-    refuses(r"'k.csv' cannot be read: there is no such file", load_deck, deck)
-    os.mkfifo(tmp_path / "k.csv")
-    done = execute(deck, tmp_path, "--explain")[1]
-    assert done.returncode == 2 and "'k.csv' cannot be read: it is not a regular" in done.stderr
 
 
 @pytest.mark.parametrize(("table", "what"), [

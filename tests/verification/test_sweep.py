@@ -12,7 +12,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import nibabel
 import numpy as np
 import pytest
 from pyarrow import parquet
@@ -241,34 +240,25 @@ def test_more_samples_of_sobol_continue_the_first() -> None:
 
 
 def write_inputs(folder: Path) -> None:
-    """A strip that is pulled by a table, with a label map, and a block from a model file."""
+    """A strip, and a block from a model file."""
     folder.mkdir()
-    pulled = STRIP.replace("u_x = 0.2", 'u_x = "push(y)"')
-    pulled = pulled.replace("[[material]]", 'labels = "labels.nii"\n[[material]]\nlabel = 1')
-    table = '[[table]]\nname = "push"\nfile = "push.csv"\n'
-    (folder / "deck.toml").write_text(pulled + table)
-    (folder / "push.csv").write_text("0, 0.2\n1, 0.2\n")
-    map_ = nibabel.Nifti1Image(np.ones((4, 2, 1), np.uint8), np.diag([5.0, 5.0, 5.0, 1.0]))
-    nibabel.save(map_, folder / "labels.nii")
+    (folder / "deck.toml").write_text(STRIP)
     (folder / "block.toml").write_text(text_of_tables(BLOCK))
     write_model(folder / "model.h5", cloud())
 
 
 @pytest.mark.parametrize(
     ("deck", "file"),
-    [
-        *(("deck.toml", file) for file in ("deck.toml", "push.csv", "labels.nii")),
-        *(("block.toml", file) for file in ("block.toml", "model.h5")),
-    ],
+    [("deck.toml", "deck.toml"), ("block.toml", "block.toml"), ("block.toml", "model.h5")],
 )
 def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, deck, file):
     """A sweep goes on with what its files held, wherever they are, and with nothing else."""
-    made, out, more = tmp_path / "made", tmp_path / "out", {"push.csv": "#", "labels.nii": "\0"}
+    made, out = tmp_path / "made", tmp_path / "out"
     write_inputs(made)
     monkeypatch.setattr(run, "solve_point", lambda *call: SOLVED)
     vary = ["load.steps=1,2,3"]
     before = (made / file).read_bytes()
-    changed = before + more.get(file, "\n").encode()
+    changed = before + b"\n"
     with pytest.raises(KeyboardInterrupt):
         sweep(made / deck, vary, out, progress=stop_after_one)
     (made / file).write_bytes(changed)
@@ -282,17 +272,18 @@ def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, de
     assert len(rows_of(out)) == 3
 
 
-def test_files_that_are_varied_are_known_by_their_contents(tmp_path: Path, here: None) -> None:
+def test_files_that_are_varied_are_known_by_their_contents(tmp_path, monkeypatch, here):
     made, out = tmp_path / "made", tmp_path / "out"
     write_inputs(made)
-    (made / "pull.csv").write_text("0, 0.1\n1, 0.1\n")
-    vary = ["table.push.file=push.csv,pull.csv"]
-    sweep(made / "deck.toml", vary, out)
-    pulls = [float(row["pull"]) for row in rows_of(out)]
-    assert pulls[0] > 1.5 * pulls[1] > 0.0
-    (made / "pull.csv").write_text("0, 0.15\n1, 0.15\n")
-    with pytest.raises(InputError, match=r"before table\.push\.file = pull\.csv changed"):
-        sweep(made / "deck.toml", vary, out)
+    content = (made / "model.h5").read_bytes()
+    (made / "other.h5").write_bytes(content)
+    monkeypatch.setattr(run, "solve_point", lambda *call: SOLVED)
+    vary = ["geometry.file=model.h5,other.h5"]
+    sweep(made / "block.toml", vary, out)
+    assert len(rows_of(out)) == 2
+    (made / "other.h5").write_bytes(content + b"\n")
+    with pytest.raises(InputError, match=r"before geometry\.file = other\.h5 changed"):
+        sweep(made / "block.toml", vary, out)
 
 
 #: Of a point that is there already, of none that the sweep has, and of no number

@@ -1,6 +1,5 @@
 """Commented decks to start from."""
 
-from importlib.resources import files
 from pathlib import Path
 
 from myork.errors import InputError
@@ -23,14 +22,8 @@ _LIKE = {
 KINDS = ("box", "annulus", "muscle", "labels", "images", "leg", "reduced")
 
 
-def schema_file() -> Path:
-    """JSON Schema of decks, by which editors complete and check keys."""
-    # an editable installation has what the build made in another folder than the package
-    return Path(str(files("myork") / "deck.schema.json"))
-
-
 def new_deck(kind: str, path: Path | None = None) -> Path:
-    """Write a deck to start from; its first line names the JSON Schema for editors.
+    """Write a deck to start from.
 
     - `kind`: one of `KINDS`
     - `path`: file to write; default `KIND.toml` here
@@ -47,5 +40,5 @@ def new_deck(kind: str, path: Path | None = None) -> Path:
     text = source.read_text(encoding="utf-8")
     for old, new in changes.items():
         text = text.replace(old, new)
-    write_text(path, f"#:schema {schema_file().as_uri()}\n{text}")
+    write_text(path, text)
     return path

@@ -191,14 +191,8 @@ def refusal(head: Mapping[str, Any], other: Any, path: Path) -> str:
 
 def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
     """Files that a scene is read from, by the key that names them and its value."""
-    folder = Path(deck["folder"])
-    named = [("geometry.labels", deck["geometry"].get("labels"))]
-    named += [(f"table.{table['name']}.file", table.get("file")) for table in deck["table"]]
-    found = {f"{key} = {name}": folder / name for key, name in named if name is not None}
-    model = model_path(deck, folder, out)
-    if model is not None:
-        found[f"geometry.file = {deck['geometry']['file']}"] = model
-    return found
+    model = model_path(deck, Path(deck["folder"]), out)
+    return {} if model is None else {f"geometry.file = {deck['geometry']['file']}": model}
 
 
 def _check_columns(
