@@ -30,7 +30,8 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import neighbours
-from myork.segmentation.bias import of_mean_one
+from myork.records import Image
+from myork.segmentation.regions import otsu
 from myork.types import F64, I64, Mask
 
 # Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
@@ -53,6 +54,12 @@ _ALIKE = 0.95
 _CLOSE = 0.03
 _APART = 0.1  # standard deviation of the logarithm between fields by slopes and by peaks: a doubt
 _FLAT = 0.02  # standard deviation of a field's logarithm below which likeness means nothing
+_NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
+_SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
+_RISE = 1.1  # a field that raises the coefficient of joint variation by less is not doubted
+# That coefficient of one normal distribution cut in the middle: an image that has as much shows no
+# two tissues, and the coefficient says nothing of it.
+_ONE_TISSUE = float(np.sqrt(0.5 * np.pi - 1.0))
 
 
 class Candidate(NamedTuple):
@@ -116,8 +123,66 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
         found.append(Candidate(start, *peaks.field(slow[tuple(voxels.T)])))
         slopes.append(slow)
     found.sort(key=lambda one: one.entropy)
-    field = of_mean_one(found[0].field, mask)
+    field = _of_mean_one(found[0].field, mask)
     return Shading(field, tuple(found), _doubt(found, slopes, mask))
+
+
+def check_positive(image: Image, mask: Mask) -> None:
+    """Refuse an image of which a good part is negative: a factor explains no change of sign.
+
+    - `image`: MR image, shape `(ni, nj, nk)`
+    - `mask`: voxels of the body, same shape
+    """
+    share = float((image.data[mask] < 0).mean())
+    if share > _NEGATIVE:
+        raise InputError(
+            f"{image.name}: {share:.0%} of the values in the body are negative, which no bias "
+            "field makes; give the magnitude image, or set bias.method = 'none'"
+        )
+
+
+def joint_variation(values: F64, mask: Mask) -> float:
+    """Coefficient of joint variation: scatter of bright and of dark tissue over their difference.
+
+    Both are those of Otsu's threshold in the mask.
+
+    - `values`: image, shape `(ni, nj, nk)` [-]
+    - `mask`: voxels of the body, same shape
+    """
+    inside = values[mask]
+    if not np.ptp(inside) > 0:
+        return 0.0
+    bright = inside > otsu(inside)
+    high, low = inside[bright], inside[~bright]
+    return float((high.std() + low.std()) / (high.mean() - low.mean()))
+
+
+def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
+    """What to say where tissues scatter more without a field than with it, else empty.
+
+    An image without two tissues is not doubted by it.
+
+    - `values`, `mask`: as of `joint_variation`
+    - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
+    """
+    before, after = (joint_variation(one, mask) for one in (values, values / field))
+    if after <= _RISE * before or before >= _ONE_TISSUE:
+        return ""
+    return (
+        "the bias field raises the coefficient of joint variation of bright and dark tissue from "
+        f"{before:.3g} to {after:.3g}; look at bias.nii.gz, or set bias.method = 'none'"
+    )
+
+
+def _of_mean_one(field: F64, mask: Mask) -> F64:
+    """Field with the mean one inside a mask, going on beyond."""
+    found = field / field[mask].mean()
+    if mask.all():
+        return found
+    # No data speaks beyond the mask: the field stays as it is at its rim, seams smoothed.
+    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    spread = found[tuple(nearest)]
+    return np.where(mask, found, ndimage.gaussian_filter(spread, _SEAM, mode="nearest"))
 
 
 class _Waves:
