@@ -8,9 +8,6 @@ import numpy as np
 
 from myork.errors import FileError, InputError
 
-# No list of names and no table of gradients is longer [bytes].
-_LONGEST_TEXT = 1 << 24
-
 
 def check_kind(name: str, kind: np.dtype) -> None:
     """Refuse values that are not one plain number each."""
@@ -48,18 +45,10 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:
 def read_text(path: Path) -> str:
     """Text of a small file."""
     try:
-        with path.open("rb") as file:
-            content = file.read(_LONGEST_TEXT + 1)
+        return path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise FileError(f"{path}: there is no such file") from None
     except OSError as reason:
         raise FileError(f"{path}: cannot be read: {reason.strerror}") from None
-    if len(content) > _LONGEST_TEXT:
-        raise InputError(f"{path}: is longer than {_LONGEST_TEXT} bytes; give a small table")
-    try:
-        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as reason:
         raise InputError(f"{path}: is not text: {reason}") from None
-    if "\0" in text:
-        raise InputError(f"{path}: is not text, it holds a zero byte")
-    return text
