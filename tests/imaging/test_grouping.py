@@ -5,7 +5,6 @@ import pytest
 
 from myork.core.deck import load_deck
 from myork.imaging.diffusion import tensor_components
-from myork.imaging.phantom import make_phantom
 from myork.records import Image, Labels
 from myork.segmentation.channels import fiber_channels
 from myork.segmentation.grouping import Muscle, group_by_reference, group_by_rules, rule_seeds
@@ -103,12 +102,6 @@ def test_other_phantoms_by_the_same_settings(tmp_path, inputs, phantom):
     """What the deck's settings were not chosen on; three slices to be quick."""
     found = few_slices(inputs, tmp_path, 3, *phantom)
     assert np.mean([score["dice"] for score in found["scores"].values()]) > 0.9
-
-
-def test_muscles_of_the_phantom_touch():
-    truth = make_phantom(septum=0.0, growth=15.0).truth.data
-    touching = (truth[1:] > 0) & (truth[:-1] > 0) & (truth[1:] != truth[:-1])
-    assert touching.sum() > 500
 
 
 def test_dice_by_hand_and_pearson_against_numpy():

@@ -5,13 +5,12 @@ import pytest
 
 from myork.core.deck import table_defaults
 from myork.core.level_sets import evolve_level_sets
-from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
 from myork.segmentation.regions import otsu, piece_with_seed
 from myork.segmentation.scores import dice
-from myork.segmentation.starts import kmeans, level_sets_of, regions_of, threshold_regions
+from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from tests.images import affine_of, centred
 from tests.refusals import refuses
 
@@ -235,43 +234,3 @@ def test_seed_picks_one_of_two_pieces():
     image = Image(np.zeros(mask.shape), affine_of((-2.0, 2.0, 5.0)), "two")
     piece = piece_with_seed(mask, image, [-14.0, 8.0, 5.0])
     assert np.array_equal(piece[6:9], mask[6:9]) and not piece[:6].any()
-
-
-def energy(values, inside, mu, one_sided):
-    """Energy (3.11) of labels: length by central or one-sided differences, and the misfit."""
-    mask = inside.astype(float)
-    squared = sum(np.square(np.gradient(mask)))
-    if one_sided:
-        rises = [
-            np.concatenate([step, step[-1:]]) ** 2 + np.concatenate([step[:1], step]) ** 2
-            for step in (np.diff(mask, axis=0), np.diff(mask.T, axis=0))
-        ]
-        squared = 0.5 * (rises[0] + rises[1].T)
-    parts = [values[part] for part in (inside, ~inside)]
-    return mu * np.sqrt(squared).sum() + sum(((part - part.mean()) ** 2).sum() for part in parts)
-
-
-@pytest.mark.nightly
-def test_less_energy_than_scikit_image():
-    """Two regions of a noisy slice from Otsu's threshold, whatever scikit-image's iterations."""
-    from skimage.segmentation import chan_vese
-
-    phantom = make_phantom((128, 128, 3), (120 / 128, 120 / 128, 6.0), bias=0.0)
-    image = Image(phantom.anatomy.data[:, :, [1]], phantom.anatomy.affine)
-    clean = np.clip(scaled_values(image, np.ones(image.data.shape, bool)), 0.0, 1.0)
-    truth = (phantom.truth.data[:, :, [1]] == 0) & (clean > 0.6)
-    values = clean + np.random.default_rng(1).normal(0.0, 0.1, clean.shape)
-    everywhere, mu = np.ones(clean.shape, bool), 0.05
-    steering = choice(mu=mu, start="otsu", epsilon=0.1, iterations=300)
-    found = segment_regions(values[..., None], everywhere, steering, spacing=(1, 1, 1))
-    inside = found.region == 1
-    if (inside & truth).sum() < (~inside & truth).sum():
-        inside = ~inside
-    assert found.iterations[0] < 300 and dice(inside, truth) > 0.96
-    start = level_sets_of(threshold_regions(values, everywhere), 2, volume=False)[..., 0, 0]
-    values, inside = values[..., 0], inside[..., 0]
-    for limit in (10, 50, 100, 200, 500):
-        rival = chan_vese(values, mu=mu, tol=0.0, max_num_iter=limit, init_level_set=start)
-        for one_sided in (False, True):
-            own = energy(values, inside, mu, one_sided)
-            assert own < energy(values, rival, mu, one_sided), limit

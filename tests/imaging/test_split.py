@@ -13,7 +13,7 @@ from myork.imaging.io import read_labels, read_reference
 from myork.records import Image, Labels
 from myork.segmentation import walk
 from myork.segmentation.channels import smoothed_tensor
-from myork.segmentation.grouping import Muscle, group_by_reference, nearest_labels, rule_seeds
+from myork.segmentation.grouping import Muscle, rule_seeds
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
@@ -160,19 +160,6 @@ def shifted(label, shift, degrees):
     centre = (np.array(label.shape[:2]) - 1) / 2
     offset = centre - turn @ (centre + shift)
     return ndimage.affine_transform(label[..., 0], turn, offset=offset, order=0)[..., None]
-
-
-def test_pieces_and_nearest_labels_of_a_reference():
-    _, truth, body = two_muscles()
-    off = Labels(shifted(truth, (2, -1), 3).astype(np.int32), np.eye(4), {1: "a"})
-    label = nearest_labels(truth > 0, off.data, np.ones(3), 5.0)
-    for number in (1, 2):
-        before, after = (dice(one == number, truth == number) for one in (off.data, label))
-        assert after > max(before, 0.93)
-    # As pieces the muscles, which touch, are one.
-    pieces = group_by_reference(np.where(truth > 0, 0, -1), off)
-    assert len(np.unique(pieces.data)) == 2 and pieces.names[1] == "a"
-    assert not nearest_labels(body, 0 * off.data, np.ones(3), 5.0).any()
 
 
 def parted(folder, muscles=(), **keys):

@@ -1,7 +1,5 @@
 """Plain numbers and texts from files, and what the libraries that read them let pass."""
 
-import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,25 +19,6 @@ def check_kind(name: str, kind: np.dtype) -> None:
             f"{name}: the values are {'colours' if kind.names else 'no numbers'} ({kind}); save "
             "one grey value per voxel"
         )
-
-
-def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:
-    """Arrays of numbers from a NumPy archive."""
-    if not path.is_file():
-        raise FileError(f"{path}: there is no such file")
-    try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError("it is not a NumPy archive")
-        with np.load(path) as archive:
-            found = [np.asarray(archive[name]) for name in names]
-    except Exception as reason:  # zip, zlib and NumPy each have errors of their own
-        raise InputError(
-            f"{path}: needs the arrays {' and '.join(names)} of numbers: "
-            f"{' '.join(str(reason).split())}; write it again"
-        ) from None
-    for name, values in zip(names, found, strict=True):
-        check_kind(f"{path}: {name}", values.dtype)
-    return found
 
 
 def read_text(path: Path) -> str:

@@ -13,14 +13,11 @@ from scipy.spatial import cKDTree
 
 from myork.errors import FileError, InputError, optional
 from myork.imaging.diffusion import lead_vector, tensor_components
-from myork.imaging.plain import read_arrays
 from myork.records import Image, Labels
 from myork.types import F64
 
 # Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
 _NEAREST = 24
-# Beyond this a point belongs to no body [mm].
-_FARTHEST = 1e6
 
 
 def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> Labels:
@@ -103,11 +100,6 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
     lines = [line * to_mm for line in lines if len(line) > 1]
     if not lines or not all(np.isfinite(line).all() for line in lines):
         raise InputError(f"{path}: holds no line, or a point that is not finite")
-    if max(np.abs(line).max() for line in lines) > _FARTHEST:
-        raise InputError(
-            f"{path}: a point lies more than {_FARTHEST / 1e6:g} km away; check "
-            "build.surface_unit, or the file is damaged"
-        )
     if not any(np.ptp(line, axis=0).any() for line in lines):
         raise InputError(f"{path}: all points of each line coincide; write the lines again")
     return lines
@@ -115,7 +107,16 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
 
 def _archived_lines(path: Path) -> list[F64]:
     """Lines of a NumPy archive, of any number of points."""
-    points, offsets = read_arrays(path, ("points", "offsets"))
+    if not path.is_file():
+        raise FileError(f"{path}: there is no such file")
+    try:
+        with np.load(path) as archive:
+            points, offsets = (archive[key].astype(float) for key in ("points", "offsets"))
+    except Exception as reason:  # zip, zlib and NumPy each have errors of their own
+        raise InputError(
+            f"{path}: needs the arrays points and offsets of numbers: "
+            f"{' '.join(str(reason).split())}; write it again"
+        ) from None
     if points.ndim != 2 or points.shape[1] != 3 or offsets.ndim != 1:
         raise InputError(
             f"{path}: points must be (n, 3), offsets (m,), not {points.shape} and {offsets.shape}"
@@ -126,7 +127,7 @@ def _archived_lines(path: Path) -> list[F64]:
         raise InputError(f"{path}: offsets must be integers")
     if not len(starts) or (np.diff(starts) < 0).any() or starts[0] < 0 or starts[-1] > len(points):
         raise InputError(f"{path}: offsets must rise from 0 to the number of points")
-    return np.split(points.astype(float), starts[(starts > 0) & (starts < len(points))])
+    return np.split(points, starts[(starts > 0) & (starts < len(points))])
 
 
 def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") -> Image:

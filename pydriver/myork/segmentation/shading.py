@@ -1,18 +1,9 @@
 """Bias field without a number of tissues, from several starts, the best of which is kept.
 
-The logarithm of a shaded image is the true one plus a slow function, here a sum of cosines over
-the body. Two estimates of that function need no number of tissues:
-
-* *slopes*: inside a tissue the slope of the image is that of the field, at borders it is anything;
-  a redescending fit of the slopes leaves the borders out. It starts anywhere, and is blind to how
-  bright pieces that do not touch (two legs) are against each other: their histograms are laid upon
-  each other;
-* *peaks*: each voxel is drawn to the next peak of the histogram of the corrected image (mean
-  shift) while the window shrinks. Sharp, but it finds the nearest minimum.
-
-Slopes of several smoothnesses, and no field, are starts of the peaks; the start that ends with the
-least entropy of the corrected logarithms is taken. Where another one ends as well but elsewhere, or
-where slopes and peaks disagree, a warning says so.
+The logarithm of the field is a sum of cosines over the body. It is fitted to the slopes of the
+image, most of which lie inside tissues, by a redescending fit, and pieces of the body that do not
+touch are aligned by their histograms. From such starts, and from no field, voxels are drawn to the
+next peak of the histogram of the corrected image (mean shift); the least entropy is kept.
 
 References
 ----------
@@ -72,7 +63,7 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True)
 class Shading:
-    """Field and what speaks for it."""
+    """Field and how sure it is."""
 
     #: Factor on the true values, mean one inside the mask and going on beyond it, shape
     #: `(ni, nj, nk)` [-]
@@ -84,14 +75,9 @@ class Shading:
 def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     """Bias field of an image.
 
-    Parameters
-    ----------
-    values : NDArray
-        Image, shape `(ni, nj, nk)` [-]; slices along the last axis, one is enough.
-    mask : NDArray
-        Voxels of the body, same shape.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [mm].
+    - `values`: image, shape `(ni, nj, nk)` [-]; slices along the last axis, one is enough
+    - `mask`: voxels of the body, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -347,7 +333,7 @@ class _Peaks:
 
 
 def _doubt(found: list[Candidate], slopes: list[F64], mask: Mask) -> str:
-    """Whether two fields explain the image equally well, or its slopes speak for another one."""
+    """Whether two fields explain the image equally well, or its slopes give another one."""
     best = np.log(found[0].field[mask])
     for other in found[1:]:
         if other.entropy > found[0].entropy + _CLOSE:
