@@ -162,7 +162,7 @@ def test_the_list_of_images_is_that_of_the_page(tmp_path):
     assert f"```text\n{shown}\n```" in page.read_text(encoding="utf-8")
 
 
-def test_series_of_one_uid_are_told_by_their_numbers(tmp_path):
+def test_series_of_one_uid_differ_by_their_numbers(tmp_path):
     """As they are where names were taken out."""
     uid = series(tmp_path / "s", heights=(1.0, 5.0), SeriesNumber=2)
     series(tmp_path / "s", heights=(9.0, 13.0), uid=uid, first=5, SeriesNumber=3)

@@ -82,7 +82,7 @@ def sheared(path):
 
 @pytest.mark.parametrize(("read", "message"), [
     (unfinite, r"1 voxels are not finite, the first at voxel \(1, 2, 0\)"),
-    (singular, "affine is singular"),
+    (singular, "not perpendicular .largest cosine 1"),
     (sheared, "not perpendicular"),
     (lambda p: read_image(save(p, np.ones((2, 2, 2, 6)))), r"3-D .* has shape \(2, 2, 2, 6\)"),
     (lambda p: read_image(save(p, np.ones((2, 2, 2))), values=6), "a 4-D image with 6 volumes"),

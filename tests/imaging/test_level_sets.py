@@ -184,7 +184,7 @@ def test_regions_survive_level_sets():
     # labels of one's own as start
     image, inside = disc(noise=0.05)
     start = 7 * np.roll(inside, 5, axis=0).astype(np.int32)
-    _, result = phase_of(image, inside >= 0, labels=start, start="labels", mu=0.05)
+    _, result = phase_of(image, inside >= 0, labels=start, mu=0.05)
     assert dice(result.region == 1, inside) > 0.985
 
 
@@ -202,11 +202,10 @@ def test_kmeans_finds_heaps_in_order_and_repeats_itself():
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"start": "labels", "labels": THREE}, "the start has 3 regions, image.regions is 2"),
+    ({"labels": THREE}, "the start has 3 regions, image.regions is 2"),
     ({"lambdas": [1.0, 1.0, 1.0]}, "image.lambda has 3 weights; give one for all or 2"),
     ({"mu": [0.1, 0.2]}, "image.mu has 2 weights; give one for all or 1, one a level set"),
     ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
-    ({"start": "labels"}, "image.start = 'labels' needs a label map"),
 ])  # fmt: skip
 def test_impossible_choices(change, message):
     image, inside = disc()

@@ -177,7 +177,7 @@ def test_tensor_gives_fibers_and_a_run_without_takes_them_away(own):
 
 
 @pytest.mark.slow
-def test_diffusion_images_give_fibers_and_a_wrong_table_is_told(own):
+def test_diffusion_images_give_fibers_and_a_wrong_table_is_reported(own):
     run, folder = own
     phantom = make_phantom()
     dwi, table = phantom_dwi(phantom, directions=12)

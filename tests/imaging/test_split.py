@@ -65,7 +65,7 @@ def walked(image, truth, rules, radius=4.0, weight=20.0):
 
 def test_walks_find_what_only_a_dark_line_with_gaps_parts():
     image, truth = leg()
-    # Grey values cannot tell: in the muscle they differ more than between muscle and fat.
+    # Grey values do not separate them: in the muscle they differ more than between muscle and fat.
     fat, muscle = (image.data[truth == number] for number in (2, 1))
     assert abs(fat.mean() - muscle.mean()) < 0.3 * muscle.std()
     found = walked(image, truth, RULES)
@@ -249,7 +249,7 @@ SEED = bone(39, 34, 0)
     ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
     ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
 ])  # fmt: skip
-def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rules, keys, message):
+def test_impossible_decks_are_refused_at_once(tmp_path, monkeypatch, rules, keys, message):
     image, truth, _ = two_muscles()
     save(tmp_path, affine_of(1.0, (500.0, 0, 0)), leg=image, old=truth)
     save(tmp_path, np.eye(4), seeds=10 * (truth == 1))
@@ -309,7 +309,7 @@ def test_outlines_of_the_first_and_last_slice_tell_the_border_that_no_edge_shows
     assert dice(both == 3, label == 3) > 0.99
 
 
-def test_shapes_decide_nothing_against_edges_and_strokes_foretell_nothing():
+def test_shapes_decide_nothing_against_edges_and_strokes_predict_nothing():
     _, label, spacing = leaning_rods()
     known = np.full(label.shape, -1, np.int32)
     known[5:7, 15, 0] = known[30:32, 15, 8] = 1

@@ -111,7 +111,9 @@ def _archived_lines(path: Path) -> list[F64]:
         raise FileError(f"{path}: there is no such file")
     try:
         with np.load(path) as archive:
-            points, offsets = (archive[key].astype(float) for key in ("points", "offsets"))
+            points, offsets = (
+                archive[key].astype(float, casting="same_kind") for key in ("points", "offsets")
+            )
     except Exception as reason:  # zip, zlib and NumPy each have errors of their own
         raise InputError(
             f"{path}: needs the arrays points and offsets of numbers: "

@@ -82,7 +82,7 @@ class Images:
         return Image(data, self.anatomy.affine, name)
 
     def divided(self, field: F64) -> "Images":
-        """The same without the shading of anatomy and fat."""
+        """The same without the shading of anatomy and fat, (3.45)."""
         even = [one and replace(one, data=one.data / field) for one in (self.anatomy, self.fat)]
         assert even[0] is not None
         return replace(self, anatomy=even[0], fat=even[1])
@@ -172,13 +172,12 @@ def segment_images(
     fibers = _fiber_channels(images.tensor, region, table["fiber_channels"])
     values = np.concatenate([shown, fibers], axis=3)
     every = [1.0, *weights, *[_FIBER_WEIGHT] * fibers.shape[3]]
-    known, start = None, table["start"]
-    if start == "seeds":
+    known = None
+    if table["start"] == "seeds":
         everywhere = np.where(region, 0, -1).astype(np.int32)
         seeds = rule_seeds(everywhere, image, muscles, table["seed_radius"])[1]
         known = seeded_regions(values * np.sqrt(every), region, seeds, table["regions"])
-        start = "labels"
-    choice = LevelSets.of_table(table, start=start)
+    choice = LevelSets.of_table(table)
     progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
     result = segment_regions(
         values,
