@@ -7,9 +7,6 @@
 !> previous iterate, so that the result knows no direction of sweeping and no order of the level
 !> sets. A step that would raise the energy is repeated with half the time step.
 !>
-!> Weights of voxels make the same engine serve the estimate of the bias field, whose misfits
-!> (3.43) are weighted squares as well.
-!>
 !> References: 1. Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291;
 !> 2. Vese, Chan, Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076;
 !> 3. Chan, Sandberg, Vese, J. Vis. Commun. Image R. 11 (2000), doi:10.1006/jvci.1999.0442;
