@@ -46,7 +46,7 @@ _SEEDS = ("image.regions=3", "image.start=seeds", "image.fiber_channels=dyad")
 _FIBERS = "image.fiber_channels=aligned"
 _LENGTH = ("image.mu=0.1", "image.tolerance=0.001")
 _SURFACE = ("mg_tracts", *_LENGTH, "bias.method=none")
-_SLICE = ("calf_reference", *_LENGTH, "bias.method=level-sets")
+_SLICE = ("calf_reference", *_LENGTH)
 #: Deck with its overrides, and SNR of the tensors
 RUNS: dict[str, tuple[tuple[str, ...], float]] = {
     "surface": ((*_SURFACE, *_LEVEL_SETS, _FIBERS), 5.0),

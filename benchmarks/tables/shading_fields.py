@@ -15,9 +15,8 @@ from benchmarks.tables.tissues import PARTS, section
 from myork.imaging.io import read_image, read_labels
 from myork.imaging.phantom import make_phantom
 from myork.records import Image
-from myork.segmentation.bias import joint_variation, variation_doubt
 from myork.segmentation.regions import body_mask
-from myork.segmentation.shading import shading
+from myork.segmentation.shading import joint_variation, shading, variation_doubt
 from myork.types import F64, I32, Mask
 
 PHANTOMS: dict[str, list[dict[str, Any]]] = {

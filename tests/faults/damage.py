@@ -5,16 +5,13 @@ An edit is (what is done, where, with what). Places beyond the end count on from
 
 import io
 import re
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import h5py
 import numpy as np
-import pydicom
 from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
-from nibabel.nifti1 import header_dtype
 
 Edit = tuple[str, int, Any]
 Way = Callable[[bytes, int, Any], bytes]
@@ -62,12 +59,6 @@ ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
 }  # fmt: skip
 #: What is done to an array as a whole
 MOVES = ("compressed", "exchanged", "group", "one more array")
-ELEMENTS = (
-    "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns",
-    "SamplesPerPixel", "NumberOfFrames", "BitsAllocated", "PixelData", "RescaleSlope",
-    "SeriesInstanceUID",
-)  # fmt: skip
-VALUES = (None, "", 0, -1, 3, 13, 65535, 1e300, "nan", [0] * 6, [1, 2], "1.2.3", bytes(100))
 _TEXT_ENDS = re.compile(rb"[^\t-\r -~\x80-\xff]")
 
 
@@ -107,36 +98,6 @@ def _lines(content: bytes, place: int, what: tuple[int, int]) -> bytes:
     at = place % len(lines)
     moved, lines[at : at + number] = lines[at : at + number], []
     return b"".join([*lines[:to], *moved, *lines[to:]] if to < 2 * len(lines) else lines)
-
-
-def _field(content: bytes, place: int, what: tuple[str, float]) -> bytes:
-    """Another number in the header of a NIfTI file."""
-    if len(content) < header_dtype.itemsize:
-        return content
-    header = np.frombuffer(content, header_dtype, 1).copy()
-    field, value = header[what[0]].reshape(-1), np.float64(what[1])
-    if field.dtype.kind in "iu":
-        value = np.nan_to_num(value).clip(-(2**31), 2**31 - 1).astype(int)
-    with np.errstate(all="ignore"):
-        field[place % field.size] = value.astype(field.dtype)
-    return header.tobytes() + content[header_dtype.itemsize :]
-
-
-def _element(content: bytes, place: int, what: tuple[str, Any]) -> bytes:
-    """Another value of an element of a DICOM file, or none."""
-    changed = io.BytesIO()
-    try:
-        with pydicom.config.disable_value_validation(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            data = pydicom.dcmread(io.BytesIO(content))
-            if what[1] is None:
-                delattr(data, what[0])
-            else:
-                setattr(data, *what)
-            data.save_as(changed, enforce_file_format=True)
-    except Exception:  # pydicom writes no such thing
-        reject()
-    return changed.getvalue()
 
 
 def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
@@ -197,8 +158,6 @@ _WAYS: dict[str, Way] = {
     "word": _odd(rb"[\w.+-]+"),
     "value": _odd(rb"(?<=[=:])[^\n]+"),
     "lines": _lines,
-    "field": _field,
-    "element": _element,
     "array": _array,
     # what a table of known damage names
     "put": lambda content, _, what: content.replace(*what),
@@ -225,7 +184,5 @@ TEXT = st.one_of(
     _edits("word", _ODD), _edits("value", _ODD),
     _edits("lines", st.tuples(st.integers(1, 8), st.integers(0, 100))),
 )  # fmt: skip
-FIELDS = _edits("field", st.tuples(st.sampled_from(header_dtype.names), st.sampled_from(REALS)))
-ELEMENT = _edits("element", st.tuples(st.sampled_from(ELEMENTS), st.sampled_from(VALUES)))
 _NUMBER = st.tuples(st.integers(0, 1 << 16), st.sampled_from(REALS))
 ARRAY = _edits("array", st.sampled_from([*sorted(ARRAYS), *MOVES]) | _NUMBER)

@@ -55,15 +55,6 @@ def test_a_plate_of_parallel_fibers(turn, spacing):
     assert (found.fat_fraction, found.fa, found.md) == (None, None, None)
 
 
-def test_fibers_along_the_axis_have_a_pennation_of_zero():
-    inside = np.zeros((8, 8, 20), np.int32)
-    inside[2:6, 2:6, 3:17] = 1
-    along = Image(np.broadcast_to([0.0, 0.0, 1.0], (*inside.shape, 3)).copy(), np.eye(4))
-    (found,) = muscle_numbers(Labels(inside, np.eye(4)), Maps(along))
-    assert found.pennation == pytest.approx(0.0, abs=1e-5)
-    assert found.pcsa == pytest.approx(16.0, rel=0.05)
-
-
 def test_what_an_image_cuts_or_does_not_hold_is_left_out():
     labels, fibers = unipennate(ends=18.0)
     (found,) = muscle_numbers(labels, Maps(fibers))

@@ -59,7 +59,7 @@ def test_fibers_of_noisy_images_are_within_three_degrees(phantom, tensor):
     assert not smooth[~muscle].any()
 
 
-def test_bad_signals_give_no_tensor_and_spoil_no_other(series):
+def test_bad_signals_give_no_tensor_and_change_no_other(series):
     dwi, table = series
     data = dwi.data[34:38, 34:38, 4:5].copy()
     clean = fit_tensors(Image(data, dwi.affine), table).data

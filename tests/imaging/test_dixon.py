@@ -84,7 +84,7 @@ def test_amounts_without_noise_are_exact():
     np.testing.assert_allclose([found.water, found.fat], [water, fat], atol=0.02)
 
 
-def test_echoes_in_the_wrong_order_are_told():
+def test_echoes_in_the_wrong_order_are_reported():
     """Fat of muscle, 30 % of it, is dark in opposed phase, which no mixture is in phase."""
     (one, two), water, fat, _ = legs(None, 0.0)
     mixed, body = [one, two - (water > 0.9) * 0.6 * two], water + fat > 0
@@ -120,7 +120,7 @@ def test_slices_along_another_axis_are_no_other_image():
 @pytest.mark.parametrize(("turn", "offset"), [
     (2 * np.pi, 0.0), (360.0, 180.0), (4096.0, 2048.0), (8192.0, 0.0), (2000 * np.pi, 0.0),
 ])  # fmt: skip
-def test_a_turn_is_told_by_the_range_of_the_phases(turn, offset):
+def test_a_turn_follows_from_the_range_of_the_phases(turn, offset):
     angle = np.linspace(-np.pi, 0.999 * np.pi, 1000)
     stored = angle / (2 * np.pi) * turn + offset
     found = echo(np.ones(1000), np.floor(stored) if turn > 100 else stored)
@@ -128,7 +128,7 @@ def test_a_turn_is_told_by_the_range_of_the_phases(turn, offset):
     assert np.abs(found - turned).max() < 0.03
 
 
-def test_what_cannot_be_parted_is_told():
+def test_what_cannot_be_separated_is_refused():
     one = np.ones((4, 4, 2), complex)
     everywhere = np.ones((4, 4, 2), bool)
     refuses("one of the echoes has no signal", separate, one, 0 * one, everywhere, spacing=SPACING)

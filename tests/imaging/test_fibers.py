@@ -164,7 +164,7 @@ def test_noise_asks_for_a_wider_average_than_bends():
 
 @pytest.mark.parametrize("alike", [0.6, 0.9])
 def test_noise_of_neighbours_that_is_alike_does_not_choose_the_width(alike):
-    """Scanners interpolate: then each tensor is foretold best by the noise of its neighbours."""
+    """Scanners interpolate: then each tensor is predicted best by the noise of its neighbours."""
     direction = np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0)
     clean = stick(direction) + 1e-3 * np.array([1, 1, 1, 0, 0, 0])
     image = Image(clean + rough(2e-4, 4, alike), affine_of(SLICES))
@@ -269,7 +269,7 @@ def test_the_flow_runs_between_held_ends_or_along_the_muscle(ends, axis):
     assert angle(cloud.fiber, np.eye(3)[axis]).max() < 0.1
 
 
-def test_a_flow_that_is_not_found_is_told(monkeypatch):
+def test_a_flow_that_does_not_converge_is_reported(monkeypatch):
     monkeypatch.setattr("myork.model.flow._TOLERANCE", 0.0)
     inside = np.zeros((6, 6, 6), np.int32)
     inside[1:5, 1:5] = 1

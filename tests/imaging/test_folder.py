@@ -196,7 +196,7 @@ def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
     assert data_overrides(deck, tmp_path / "data", own) == [f"image.anatomy={wanted}"]
 
 
-def test_missing_and_double_files_are_told(deck, tmp_path):
+def test_missing_and_double_files_are_reported(deck, tmp_path):
     data = tmp_path / "data"
     refuses("there is no such folder", data_overrides, deck, data / "nowhere", kind=FileError)
     said, own = r"there is no other.nii.gz \(image.anatomy\) below", ["image.anatomy=other.nii.gz"]

@@ -5,13 +5,12 @@ import pytest
 
 from myork.core.deck import table_defaults
 from myork.core.level_sets import evolve_level_sets
-from myork.imaging.phantom import make_phantom
 from myork.records import Image
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
 from myork.segmentation.regions import otsu, piece_with_seed
 from myork.segmentation.scores import dice
-from myork.segmentation.starts import kmeans, level_sets_of, regions_of, threshold_regions
+from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from tests.images import affine_of, centred
 from tests.refusals import refuses
 
@@ -36,15 +35,6 @@ def evolve(channels, phi, **change):
 def shifted(a, axis, side):
     """Neighbours along an axis; at the edge of the image the value itself."""
     return np.take(a, np.clip(np.arange(n := a.shape[axis]) + side, 0, n - 1), axis)
-
-
-def distance_energy(phi, spacing, part):
-    """P of (3.39): half the squared distance of |grad phi| from one, summed where part is one."""
-    square = 1e-8
-    for d in range(3):
-        ahead, behind = (shifted(part, d, s) * (shifted(phi, d, s) - phi) for s in (1, -1))
-        square = square + (ahead**2 + behind**2) / (2 * spacing[d] ** 2)
-    return (part * (np.sqrt(square) - 1) ** 2).sum() / 2
 
 
 def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas):
@@ -100,43 +90,6 @@ def test_steps_equal_plain_numpy(shape, spacing):
     assert found["iterations"][0] == 9 and (np.diff(energies) < 0).all()
     np.testing.assert_allclose(found["phi"], phi[9], atol=1e-12)
     np.testing.assert_allclose(found["energy"][:, 0], energies, rtol=1e-12)
-
-
-@pytest.mark.parametrize("shape", [(9, 8, 1), (6, 5, 4)])
-def test_distance_term_is_the_slope_of_its_energy(shape):
-    """One small step of (3.42) without image and contours goes down P (3.39), and only there."""
-    spacing, random = (1.0, 1.7, 4.0), np.random.default_rng(3)
-    phi = random.random((*shape, 1))
-    part = (random.random(shape) > 0.2).astype(float)
-    keys = dict(spacing=spacing, weight=part, mu=0.0, gamma=0.3, volume=True)
-    found = evolve(np.zeros_like(phi), phi, iterations=1, dt=1e-7, **keys)
-    cell = np.prod([h for h, n in zip(spacing, shape, strict=True) if n > 1])
-    started = 0.3 * cell * distance_energy(phi[..., 0], spacing, part)
-    assert found["energy"][0, 0] == pytest.approx(started)
-    slope = np.empty(shape)
-    for place in np.ndindex(shape):
-        change = np.zeros(shape)
-        change[place] = 1e-6
-        up, down = (distance_energy(phi[..., 0] + x, spacing, part) for x in (change, -change))
-        slope[place] = (up - down) / 2e-6
-    np.testing.assert_allclose((found["phi"] - phi)[..., 0] / 1e-7, -0.3 * slope, atol=1e-5)
-
-
-def test_distance_term_keeps_level_sets_near_distance_functions():
-    image, inside = disc(noise=0.05)
-    outwards = np.hypot(*(np.mgrid[:64, :64] - 31.5)) - 18.0
-    start = -0.3 * outwards[..., None, None]
-    keys = dict(mu=0.05, dt=5.0, iterations=1000, tolerance=-1.0)
-    slopes = {}
-    for gamma in (0.0, 0.05):
-        found = evolve(image.data[..., None], start, gamma=gamma, **keys)
-        assert (np.diff(found["energy"][:, 0]) <= 0).all()
-        phi = found["phi"][:, :, 0, 0]
-        assert dice(phi > 0, inside[..., 0]) > 0.99
-        slopes[gamma] = np.hypot(*np.gradient(phi))[np.abs(outwards) < 3.0]
-    # the image steepens the level set at the contour, against which P holds it
-    assert slopes[0.05].min() > 0.8 and slopes[0.05].max() < 2.0
-    assert slopes[0.0].min() < 0.2 and slopes[0.0].max() > 5.0
 
 
 def test_slices_are_independent_and_a_volume_is_not():
@@ -231,7 +184,7 @@ def test_regions_survive_level_sets():
     # labels of one's own as start
     image, inside = disc(noise=0.05)
     start = 7 * np.roll(inside, 5, axis=0).astype(np.int32)
-    _, result = phase_of(image, inside >= 0, labels=start, start="labels", mu=0.05)
+    _, result = phase_of(image, inside >= 0, labels=start, mu=0.05)
     assert dice(result.region == 1, inside) > 0.985
 
 
@@ -249,11 +202,10 @@ def test_kmeans_finds_heaps_in_order_and_repeats_itself():
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"start": "labels", "labels": THREE}, "the start has 3 regions, image.regions is 2"),
+    ({"labels": THREE}, "the start has 3 regions, image.regions is 2"),
     ({"lambdas": [1.0, 1.0, 1.0]}, "image.lambda has 3 weights; give one for all or 2"),
     ({"mu": [0.1, 0.2]}, "image.mu has 2 weights; give one for all or 1, one a level set"),
     ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
-    ({"start": "labels"}, "image.start = 'labels' needs a label map"),
 ])  # fmt: skip
 def test_impossible_choices(change, message):
     image, inside = disc()
@@ -281,43 +233,3 @@ def test_seed_picks_one_of_two_pieces():
     image = Image(np.zeros(mask.shape), affine_of((-2.0, 2.0, 5.0)), "two")
     piece = piece_with_seed(mask, image, [-14.0, 8.0, 5.0])
     assert np.array_equal(piece[6:9], mask[6:9]) and not piece[:6].any()
-
-
-def energy(values, inside, mu, one_sided):
-    """Energy (3.11) of labels: length by central or one-sided differences, and the misfit."""
-    mask = inside.astype(float)
-    squared = sum(np.square(np.gradient(mask)))
-    if one_sided:
-        rises = [
-            np.concatenate([step, step[-1:]]) ** 2 + np.concatenate([step[:1], step]) ** 2
-            for step in (np.diff(mask, axis=0), np.diff(mask.T, axis=0))
-        ]
-        squared = 0.5 * (rises[0] + rises[1].T)
-    parts = [values[part] for part in (inside, ~inside)]
-    return mu * np.sqrt(squared).sum() + sum(((part - part.mean()) ** 2).sum() for part in parts)
-
-
-@pytest.mark.nightly
-def test_less_energy_than_scikit_image():
-    """Two regions of a noisy slice from Otsu's threshold, whatever scikit-image's iterations."""
-    from skimage.segmentation import chan_vese
-
-    phantom = make_phantom((128, 128, 3), (120 / 128, 120 / 128, 6.0), bias=0.0)
-    image = Image(phantom.anatomy.data[:, :, [1]], phantom.anatomy.affine)
-    clean = np.clip(scaled_values(image, np.ones(image.data.shape, bool)), 0.0, 1.0)
-    truth = (phantom.truth.data[:, :, [1]] == 0) & (clean > 0.6)
-    values = clean + np.random.default_rng(1).normal(0.0, 0.1, clean.shape)
-    everywhere, mu = np.ones(clean.shape, bool), 0.05
-    steering = choice(mu=mu, start="otsu", epsilon=0.1, iterations=300)
-    found = segment_regions(values[..., None], everywhere, steering, spacing=(1, 1, 1))
-    inside = found.region == 1
-    if (inside & truth).sum() < (~inside & truth).sum():
-        inside = ~inside
-    assert found.iterations[0] < 300 and dice(inside, truth) > 0.96
-    start = level_sets_of(threshold_regions(values, everywhere), 2, volume=False)[..., 0, 0]
-    values, inside = values[..., 0], inside[..., 0]
-    for limit in (10, 50, 100, 200, 500):
-        rival = chan_vese(values, mu=mu, tol=0.0, max_num_iter=limit, init_level_set=start)
-        for one_sided in (False, True):
-            own = energy(values, inside, mu, one_sided)
-            assert own < energy(values, rival, mu, one_sided), limit

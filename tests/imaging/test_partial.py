@@ -1,4 +1,4 @@
-"""Voxels of two labels: parts told by grey values, kept by models."""
+"""Voxels of two labels: parts from grey values, kept by models."""
 
 from pathlib import Path
 

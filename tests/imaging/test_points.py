@@ -170,16 +170,16 @@ def test_thin_sheet_is_reported_and_its_normals_are_units():
     assert len(points.thin_voxels(body)) == 0
 
 
-@pytest.mark.parametrize(("step", "told"), [
+@pytest.mark.parametrize(("step", "said"), [
     (1, ["b has 3"]), (2, ["a has 2.5", "b has 2"]),  # the whole has four in seven voxels
 ])  # fmt: skip
-def test_few_source_points_across_are_told(step, told):
+def test_few_source_points_across_are_reported(step, said):
     data = np.ones((12, 7, 9), np.int32)
     data[:, :3] = 2
     labels = Labels(data, np.eye(4), {1: "a", 2: "b"}, "sheets")
     warnings = build_cloud(labels, None, {**TABLE, "source_stride": [step] * 3}, "mm")[1]
     found = [text for text in warnings if "source points across its thickness" in text]
-    assert [text.split(" source")[0] for text in found] == told
+    assert [text.split(" source")[0] for text in found] == said
 
 
 def spindle(lowest):

@@ -6,7 +6,6 @@ from dataclasses import replace
 import nibabel
 import numpy as np
 import pytest
-from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from benchmarks.truths.scanners import reordered
@@ -17,7 +16,7 @@ from myork.imaging.geometry import corner_distance
 from myork.imaging.io import read_image, read_labels
 from myork.imaging.phantom import make_phantom
 from myork.imaging.resampling import on_grid
-from myork.model.fibers import fiber_field, fibers_of_labels
+from myork.model.fibers import fibers_of_labels
 from myork.model_file import read_model
 from myork.records import Image
 from myork.report import make_report
@@ -25,7 +24,7 @@ from myork.segmentation.scores import dice
 from myork.stations.build import build
 from myork.stations.resample import resample
 from myork.stations.segment import segment
-from tests.images import affine_of, angle, built, save, segmented
+from tests.images import affine_of, angle, built, save
 from tests.refusals import refuses
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
@@ -153,9 +152,6 @@ def test_noise_of_tensors_is_averaged_where_it_was_measured(calves):
     beyond = fine.truth.world(np.argwhere(inside))[:, 2] > 33.0
     assert found.far == beyond.sum() and found.distance == pytest.approx(24.0, abs=2.0)
     assert "voxels have no usable tensor around them" in found.doubts()[-1]
-    same = fibers_of_labels(coarse.tensor, coarse.truth, None).fibers.data
-    own = fiber_field(coarse.tensor, coarse.truth.data, None).fibers.data
-    np.testing.assert_array_equal(same, own)
 
 
 def test_a_muscle_thinner_than_the_voxels_of_the_tensors_takes_the_fibers_beside_it(calves):
@@ -166,18 +162,6 @@ def test_a_muscle_thinner_than_the_voxels_of_the_tensors_takes_the_fibers_beside
     assert 7 not in on_grid(labels, coarse.truth)[0].data
     found = fibers_of_labels(coarse.clean_tensor, labels, 2.5).fibers.data
     assert (np.abs(np.linalg.norm(found, axis=-1) - (thin > 0)) < 1e-9).all()
-
-
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_whole_numbers_of_any_type_are_labels(tmp_path, kind):
-    path, data = tmp_path / "mask.nii.gz", np.zeros((3, 3, 3), kind)
-    data[1, 1] = [1, 2, 17]
-    nibabel.save(nibabel.Nifti1Image(data, np.eye(4)), path)
-    assert read_labels(path).data[1, 1].tolist() == [1, 2, 17]
-    for wrong in (0.5, np.inf):
-        data[0, 1, 2] = wrong
-        nibabel.save(nibabel.Nifti1Image(data, np.eye(4)), path)
-        refuses(rf"1 voxels hold others, first {wrong} in voxel \(0, 1, 2", read_labels, path)
 
 
 DECK = {
@@ -257,30 +241,6 @@ def test_parts_and_activation_of_another_grid_are_interpolated(calves, tmp_path)
     assert model.label_volumes() == pytest.approx(volumes, rel=0.06)
     expected = (model.points @ [0.3, -0.2, 0.5] + 7.0 - low) / rise
     assert np.abs(model.activation - expected).max() < 0.06
-
-
-@pytest.mark.slow
-def test_seeds_and_channels_of_another_grid_are_taken(calves, tmp_path):
-    fine, coarse = calves
-    inner = np.zeros_like(coarse.truth.data)
-    fat = (coarse.tissue.data == 2) & (coarse.truth.data == 0)
-    for number in range(1, 7):
-        inner[ndimage.binary_erosion(coarse.truth.data == number, np.ones((3, 3, 1)))] = number
-    inner[ndimage.binary_erosion(fat, np.ones((2, 2, 1)))] = 7
-    inner[coarse.tissue.data == 4] = 8
-    names = {**fine.truth.names, 7: "fat", 8: "bone"}
-    (tmp_path / "seeds.json").write_text(json.dumps({name: n for n, name in names.items()}))
-    seeds = Image(inner.astype(float), coarse.truth.affine)
-    images = {"fat": reordered(coarse.fat), "seeds": reordered(seeds)}
-    save(tmp_path, np.eye(4), t1=fine.anatomy, truth=fine.truth, **images)
-    image = {
-        "anatomy": "t1.nii.gz", "channels": ["fat.nii.gz"], "seeds": "seeds.nii.gz",
-        "truth": "truth.nii.gz", "split": "walk", "regions": 3, "iterations": 30,
-    }  # fmt: skip
-    found = segmented(tmp_path, image=image)
-    assert [entry["how"] for entry in found["resampled"]] == ["linear", "nearest"]
-    scores = [score["dice"] for score in found["segmentation"]["scores"].values()]
-    assert len(scores) == 6 and min(scores) > 0.85
 
 
 def test_the_command_resamples_files(calves, tmp_path, capsys):

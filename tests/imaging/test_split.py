@@ -13,7 +13,7 @@ from myork.imaging.io import read_labels, read_reference
 from myork.records import Image, Labels
 from myork.segmentation import walk
 from myork.segmentation.channels import smoothed_tensor
-from myork.segmentation.grouping import Muscle, group_by_reference, nearest_labels, rule_seeds
+from myork.segmentation.grouping import Muscle, rule_seeds
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
@@ -65,7 +65,7 @@ def walked(image, truth, rules, radius=4.0, weight=20.0):
 
 def test_walks_find_what_only_a_dark_line_with_gaps_parts():
     image, truth = leg()
-    # Grey values cannot tell: in the muscle they differ more than between muscle and fat.
+    # Grey values do not separate them: in the muscle they differ more than between muscle and fat.
     fat, muscle = (image.data[truth == number] for number in (2, 1))
     assert abs(fat.mean() - muscle.mean()) < 0.3 * muscle.std()
     found = walked(image, truth, RULES)
@@ -162,19 +162,6 @@ def shifted(label, shift, degrees):
     return ndimage.affine_transform(label[..., 0], turn, offset=offset, order=0)[..., None]
 
 
-def test_pieces_and_nearest_labels_of_a_reference():
-    _, truth, body = two_muscles()
-    off = Labels(shifted(truth, (2, -1), 3).astype(np.int32), np.eye(4), {1: "a"})
-    label = nearest_labels(truth > 0, off.data, np.ones(3), 5.0)
-    for number in (1, 2):
-        before, after = (dice(one == number, truth == number) for one in (off.data, label))
-        assert after > max(before, 0.93)
-    # As pieces the muscles, which touch, are one.
-    pieces = group_by_reference(np.where(truth > 0, 0, -1), off)
-    assert len(np.unique(pieces.data)) == 2 and pieces.names[1] == "a"
-    assert not nearest_labels(body, 0 * off.data, np.ones(3), 5.0).any()
-
-
 def parted(folder, muscles=(), **keys):
     return segmented(folder, image={"anatomy": "leg.nii.gz", **keys}, muscle=muscles)[
         "segmentation"
@@ -262,7 +249,7 @@ SEED = bone(39, 34, 0)
     ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
     ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
 ])  # fmt: skip
-def test_what_cannot_be_is_told_before_the_level_sets(tmp_path, monkeypatch, rules, keys, message):
+def test_impossible_decks_are_refused_at_once(tmp_path, monkeypatch, rules, keys, message):
     image, truth, _ = two_muscles()
     save(tmp_path, affine_of(1.0, (500.0, 0, 0)), leg=image, old=truth)
     save(tmp_path, np.eye(4), seeds=10 * (truth == 1))
@@ -322,7 +309,7 @@ def test_outlines_of_the_first_and_last_slice_tell_the_border_that_no_edge_shows
     assert dice(both == 3, label == 3) > 0.99
 
 
-def test_shapes_decide_nothing_against_edges_and_strokes_foretell_nothing():
+def test_shapes_decide_nothing_against_edges_and_strokes_predict_nothing():
     _, label, spacing = leaning_rods()
     known = np.full(label.shape, -1, np.int32)
     known[5:7, 15, 0] = known[30:32, 15, 8] = 1

@@ -237,8 +237,8 @@ def test_thin_sheets_keep_their_volume_where_no_block_is_theirs():
     np.testing.assert_allclose(shares.sum(axis=0) * 16, [2800, 400])
     assert set(np.unique(shares[:, 1])) == {0.0, 0.25}
     assert changed_volumes(labels, {1: 2800.0, 3: 400.0}) == []
-    (told,) = changed_volumes(labels, {1: 2800.0})
-    assert "sheet has 0 cm^3" in told and "build.collocation_stride" in told
+    (warning,) = changed_volumes(labels, {1: 2800.0})
+    assert "sheet has 0 cm^3" in warning and "build.collocation_stride" in warning
     data[:] = np.where(np.random.default_rng(1).random(data.shape) < 0.3, 3, 1)
     sampled = coarsen(Labels(data, np.eye(4)), (2, 2, 1), "sample")
     assert np.mean(sampled.data == 3) == pytest.approx(0.3, abs=0.05)

@@ -1,10 +1,9 @@
-"""DICOM series by pydicom, an extra of the package: a folder of slices as one image.
+"""DICOM series, an extra of the package: a folder of slices as one image.
 
 A series is one image where no two of its files share a place; else it is parted into kinds
-(magnitude, phase) and echoes, of which one is chosen.
-
-Makers write b values and gradients in elements and frames of their own, and some put all slices of
-a volume into one picture: dcm2niix, in the same extra, knows them and writes FSL's files.
+(magnitude, phase) and echoes, of which one is chosen by the headers that pydicom reads. dcm2niix
+makes a NIfTI file of it: it knows the elements in which makers write b values and gradients, and
+pictures that hold all slices of a volume.
 """
 
 import re
@@ -19,8 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.errors import FileError, InputError, optional
-from myork.imaging.formats import FLIP
-from myork.types import F64
 
 # Names that promise a DICOM file
 _SUFFIXES = (".dcm", ".dicom", ".ima")
@@ -268,53 +265,76 @@ def _finite(data: Any, key: str) -> list[float]:
     return found if np.isfinite(found).all() else []
 
 
-class _Slice(NamedTuple):
-    """A file of a series."""
-
-    path: Path
-    place: F64  # of the first pixel, shape (3,) [mm]
-    axes: F64  # unit vectors along rows and columns, shape (2, 3) [-]
-    pixel: F64  # distance of rows and of columns, shape (2,) [mm]
-    shape: tuple[int, int]  # numbers of rows and columns
-    data: Any
-
-
-def load_dicom(folder: Path, choice: str = "") -> tuple[np.ndarray, np.ndarray]:
-    """A series of slices in a folder, sorted by position: values, shape `(ni, nj, nk)`, and affine.
-
-    Rescale slope and intercept are applied. Files that are no DICOM images are passed over. Where
-    the folder itself holds none, all folders below it are searched.
+def stack_files(folder: Path, choice: str = "") -> list[DicomFile]:
+    """Files of a series of single slices, in evenly spaced places; others are refused.
 
     - `choice`: which of several images, see `series_files`
     """
-    slices = [_slice(*file) for file in series_files(folder, choice)]
-    _check_series(folder, slices)
-    first = slices[0]
-    along_row, along_column = first.axes
-    normal = np.cross(along_row, along_column)
-    height = [float(np.dot(normal, slice_.place)) for slice_ in slices]
-    order = np.argsort(height)
-    gaps = np.diff(np.array(height)[order])
-    if len(gaps) and gaps.min() <= 0.01 * gaps.max():
-        same = [slices[order[int(np.argmin(gaps)) + step]].path.name for step in (0, 1)]
+    files = series_files(folder, choice)
+    places = [_place(file) for file in files]
+    without = [place for place in places if isinstance(place, Path)]
+    if without and len(files) > 1:
         raise InputError(
-            f"{folder}: {same[0]} and {same[1]} lie at the same position, so there are "
-            "several times, diffusion weightings or the like (those are for image.dwi), which "
-            "their headers do not distinguish; keep the files of one image in a folder"
+            f"{without[0]}: has no ImagePositionPatient; only plain series of slices are read"
         )
-    if len(gaps) and np.ptp(gaps) > 0.05 * gaps.mean():
+    twin = next((n for n, place in enumerate(places) if place in places[:n]), None)
+    if twin is not None:
         raise InputError(
-            f"{folder}: the spacing of the slices varies from {gaps.min():.3g} to {gaps.max():.3g} "
-            "mm; a slice is missing, or the series must be resampled"
+            f"{folder}: {files[places.index(places[twin])].path.name} and {files[twin].path.name} "
+            "lie at the same position, so there are several times, diffusion weightings or the "
+            "like (those are for image.dwi), which their headers do not distinguish; keep the "
+            "files of one image in a folder"
         )
-    stack = [_values(slices[index]) for index in order]
-    affine = np.eye(4)
-    rows, columns = first.pixel
-    affine[:3, 0], affine[:3, 1] = along_row * columns, along_column * rows
-    alone = _numbers(first.path, first.data, "SliceThickness", 1, 1.0)[0]
-    affine[:3, 2] = normal * (gaps.mean() if len(gaps) else alone)
-    affine[:3, 3] = slices[order[0]].place
-    return np.stack(stack, axis=-1), FLIP @ affine
+    turn = _finite(files[0].data, "ImageOrientationPatient")
+    if len(turn) == 6 and len(files) > 2:
+        normal = np.cross(turn[:3], turn[3:])
+        heights = [np.dot(normal, _finite(file.data, "ImagePositionPatient")) for file in files]
+        gaps = np.diff(np.sort(heights))
+        if np.ptp(gaps) > 0.05 * gaps.mean():
+            raise InputError(
+                f"{folder}: the spacing of the slices varies from {gaps.min():.3g} to "
+                f"{gaps.max():.3g} mm; a slice is missing, or the series must be resampled"
+            )
+    return files
+
+
+@contextmanager
+def converted(
+    folder: Path, files: Sequence[DicomFile], wanted: str, *options: str
+) -> Iterator[Path]:
+    """A NIfTI file of an image of a folder while the context lasts, made by dcm2niix.
+
+    - `files`: of the image
+    - `wanted`: suffix of what it must make once: `.nii`, or `.bvec` for a diffusion series
+    - `options`: of dcm2niix
+    """
+    converter = optional("dcm2niix", "dicom", folder).bin
+    with TemporaryDirectory(prefix="myork-") as place:
+        there, made = Path(place, "dicom"), Path(place, "nifti")
+        there.mkdir()
+        made.mkdir()
+        for number, file in enumerate(files):
+            (there / f"{number}.dcm").symlink_to(file.path.resolve())
+        # the folder is that of one image: what dcm2niix would part, as by echoes, stays together
+        command = [converter, "-b", "n", "-z", "n", *options, "-f", "image", "-o", made, there]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, errors="replace")
+        except OSError as reason:
+            raise FileError(f"{converter}: does not start: {reason.strerror}") from None
+        found = sorted(made.glob(f"*{wanted}"))
+        if len(found) != 1 or done.returncode != 0:
+            said = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+            said = [line for line in said if line.startswith("Convert ")] or said[-3:]
+            what = "images" if wanted == ".nii" else "tables of gradients"
+            raise InputError(
+                f"{folder}: dcm2niix made {len(found)} {what} of its {len(files)} files, "
+                "one is needed; keep the files of one series, of one size and orientation, in a "
+                f"folder; it said: {'; '.join(said).replace(str(made), '')}"
+            )
+        try:
+            yield found[0].with_suffix(".nii")
+        except (FileError, InputError) as reason:
+            raise type(reason)(str(reason).replace(f"{made}/image", str(folder))) from None
 
 
 def dicom_files(folder: Path) -> list[DicomFile]:
@@ -359,101 +379,3 @@ def _read(dicom: Any, path: Path) -> DicomFile | None:
         what = "is an image without pixels" if len(data) else "has no data behind its header"
         raise FileError(f"{path}: {what}; the file was cut off, copy it again")
     return DicomFile(path, data)
-
-
-def _slice(path: Path, data: Any) -> _Slice:
-    """A slice of one grey value a pixel."""
-    for key in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing"):
-        if key not in data:
-            raise InputError(f"{path}: has no {key}; only plain series of slices are read")
-    place = _numbers(path, data, "ImagePositionPatient", 3)
-    axes = _numbers(path, data, "ImageOrientationPatient", 6).reshape(2, 3)
-    pixel = _numbers(path, data, "PixelSpacing", 2)
-    rows, columns, samples, frames = (
-        int(_numbers(path, data, key, 1, default)[0])
-        for key, default in (("Rows", None), ("Columns", None), ("SamplesPerPixel", 1),
-                             ("NumberOfFrames", 1))
-    )  # fmt: skip
-    if samples != 1 or frames != 1:
-        what = f"{samples} values (colours)" if samples != 1 else f"{frames} frames"
-        raise InputError(f"{path}: has {what} per pixel; one grey value per pixel is needed")
-    if min(rows, columns) < 1:
-        raise InputError(f"{path}: has {rows} rows and {columns} columns; the header is damaged")
-    return _Slice(path, place, axes, pixel, (rows, columns), data)
-
-
-def _numbers(path: Path, data: Any, key: str, count: int, default: float | None = None) -> F64:
-    """Finite numbers of an element, shape `(count,)`."""
-    try:
-        value = data.get(key, default) if default is not None else data[key].value
-        found = np.atleast_1d(np.array(default if value is None else value, float))
-    except Exception as reason:  # pydicom converts when asked
-        raise InputError(f"{path}: {key} cannot be read: {reason}") from None
-    if found.shape != (count,) or not np.isfinite(found).all():
-        raise InputError(
-            f"{path}: {key} is {found.tolist()}, {count} finite numbers are needed; the header is "
-            "damaged"
-        )
-    return found
-
-
-def _check_series(folder: Path, slices: list[_Slice]) -> None:
-    """Refuse files that do not make one stack."""
-    for word, key, digits in (("sizes", "shape", 0), ("orientations", "axes", 3),
-                              ("pixel sizes", "pixel", 4)):  # fmt: skip
-        found = [np.round(getattr(one, key), digits).ravel().tolist() for one in slices]
-        other = [one.path for one, own in zip(slices, found, strict=True) if own != found[0]]
-        if other:
-            raise InputError(
-                f"{folder}: the files differ in {word}: {slices[0].path.name} has {found[0]}, "
-                f"{len(other)} of {len(slices)} files have another, the first is {other[0].name}; "
-                "keep one series in a folder"
-            )
-
-
-def _values(slice_: _Slice) -> np.ndarray:
-    """Pixels of a slice, columns first, with slope and intercept applied."""
-    slope, intercept = (
-        float(_numbers(slice_.path, slice_.data, key, 1, default)[0])
-        for key, default in (("RescaleSlope", 1.0), ("RescaleIntercept", 0.0))
-    )
-    try:
-        pixels = np.asarray(slice_.data.pixel_array)
-    except Exception as reason:  # pydicom's decoders raise what they like
-        raise FileError(f"{slice_.path}: the pixels cannot be decoded: {reason}") from None
-    if pixels.shape != slice_.shape:
-        raise FileError(
-            f"{slice_.path}: holds {pixels.shape} pixels, its header says {slice_.shape}"
-        )
-    return pixels.T if (slope, intercept) == (1.0, 0.0) else pixels.T * slope + intercept
-
-
-@contextmanager
-def diffusion_series(folder: Path, choice: str = "") -> Iterator[Path]:
-    """A NIfTI file of a diffusion series, its .bval and .bvec beside it, while the context lasts.
-
-    - `folder`: folder of DICOM images
-    - `choice`: which of several series, see `series_files`
-    """
-    files = series_files(folder, choice)
-    converter = optional("dcm2niix", "dicom", folder).bin
-    with TemporaryDirectory(prefix="myork-") as place:
-        there, made = Path(place, "dicom"), Path(place, "nifti")
-        there.mkdir()
-        made.mkdir()
-        for number, file in enumerate(files):
-            (there / f"{number}.dcm").symlink_to(file.path.resolve())
-        # the folder is that of one image: what dcm2niix would part, as by echoes, stays together
-        command = [converter, "-b", "n", "-z", "n", "-f", "image", "-o", str(made), str(there)]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, errors="replace")
-        except OSError as reason:
-            raise FileError(f"{converter}: does not start: {reason.strerror}") from None
-        tables = sorted(made.glob("*.bvec"))
-        if len(tables) != 1:
-            said = [line for line in done.stdout.splitlines() if line.strip()][-3:]
-            raise InputError(
-                f"{folder}: dcm2niix found gradients of {len(tables)} series in its "
-                f"{len(files)} files, one is needed; it said: {'; '.join(said)}"
-            )
-        yield tables[0].with_suffix(".nii")

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.errors import InputError
-from myork.imaging.dicom import diffusion_series, split_choice
+from myork.imaging.dicom import converted, series_files, split_choice
 from myork.imaging.geometry import frame
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.headers import described_by
@@ -201,7 +201,7 @@ def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
     """
     folder, choice = split_choice(path)
     if folder.is_dir():
-        with diffusion_series(folder, choice) as file:
+        with converted(folder, series_files(folder, choice), ".bvec") as file:
             dwi, gradients = read_diffusion(file)
         return replace(dwi, name=str(path)), gradients
     dwi = read_image(path, values=None)

@@ -1,17 +1,13 @@
 """Water and fat from magnitude and phase of two or more echoes (Dixon).
 
-An echo is (W + c F) exp(i phase), where c is what chemical shift makes of the fat: 1 in phase and
--1 in opposed phase, or that of the peaks of fat at any two echo times. The magnitudes of both
-echoes leave two fractions of fat, each with its own phase between the echoes, which is smooth over
-the body. Which of the two it is, is decided for all voxels together: pairs of voxels
-up to some millimetres apart vote for being alike or not, voxels join their strongest partners, then
-groups join groups by the sum of their votes, so that marrow behind dark cortex is decided by all
-the pairs across it. What is left is one choice for each connected body: fat lies under the skin.
+An echo is (W + c F) exp(i phase), c being the peaks of fat at the echo time, or 1 in phase and -1
+in opposed phase. The magnitudes of two echoes leave two fractions of fat, each with a phase of its
+own, which is smooth over the body. Pairs of voxels up to some millimetres apart vote for being
+alike or not, and voxels, then groups, join by their votes, also across dark cortex. One choice is
+left for each body: fat lies under the skin.
 
-Of more echoes the pair that parts best is taken so, which leaves the frequency of each voxel up to
-whole turns between both. All echoes choose the turns and the decay exp(-R2* t), by the misfit
-around each voxel, and water and fat are those of all of them; where they fit one way around better,
-this decides in place of the skin.
+Of more echoes three pairs are separated so, up to whole turns between their echoes. The misfit of
+all echoes chooses turns, decay exp(-R2* t) and, where it is clear, which way around.
 
 References: Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two
 candidates at any echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29
@@ -69,7 +65,7 @@ class WaterFat(NamedTuple):
     #: shape [radian]
     phase: F64
     decay: F64 | None  #: R2* of both, of three echoes and more, same shape [1/s]
-    doubt: str  #: Why water and fat may be exchanged or wrong; empty where nothing speaks for it
+    doubt: str  #: Why water and fat may be exchanged or wrong; empty without a doubt
 
 
 def echo(magnitude: F64, phase: F64) -> C128:

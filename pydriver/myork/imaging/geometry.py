@@ -45,15 +45,11 @@ def check_affine(affine: F64, name: str) -> None:
             "scanner's geometry"
         )
     cosines = (columns / size).T @ (columns / size) - np.eye(3)
-    if abs(np.linalg.det(columns / size)) < SLACK:
-        raise InputError(
-            f"{name}: the affine is singular (two voxel axes are parallel); "
-            "set sform or qform of the file from the scanner's geometry"
-        )
     if np.abs(cosines).max() > 10 * SLACK:
         raise InputError(
             f"{name}: the voxel axes are not perpendicular (largest cosine "
-            f"{np.abs(cosines).max():.3g}); resample the image to a grid without shear"
+            f"{np.abs(cosines).max():.3g}); resample the image to a grid without shear, "
+            "or set sform or qform from the scanner's geometry"
         )
 
 

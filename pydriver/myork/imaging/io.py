@@ -13,12 +13,11 @@ from typing import Any
 import nibabel
 import numpy as np
 from nibabel.imageglobals import LoggingOutputSuppressor
-from nibabel.openers import ImageOpener
 
 from myork.console import ProgressCallback, silent
 from myork.errors import FileError, InputError
 from myork.files import whole_file, write_text
-from myork.imaging.dicom import load_dicom, split_choice
+from myork.imaging.dicom import converted, split_choice, stack_files
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine, reordered
 from myork.imaging.headers import bids_name
@@ -160,7 +159,10 @@ def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np
     """Values (as stored, or scaled as the header says) and affine in mm."""
     folder, choice = split_choice(path)
     if folder.is_dir():
-        data, affine = load_dicom(folder, choice)
+        # voxels in the order of the files, values scaled as they say; slices of any echo
+        options = ("-y", "n", "-p", "n", "-m", "y")
+        with converted(folder, stack_files(folder, choice), ".nii", *options) as file:
+            data, affine = load_nifti(file, raw, note)
     elif not path.is_file():
         what = "is not a regular file" if path.exists() else "there is no such file"
         raise FileError(f"{path}: {what}")
@@ -297,46 +299,32 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
     are written under the header of an image, spread over all values of its type.
     """
     try:
-        with LoggingOutputSuppressor():  # what it mends in a header is refused below
+        with LoggingOutputSuppressor():  # what it mends in headers
             file: Any = nibabel.load(path)
-            with ImageOpener(str(path)) as stream:
-                written = type(file.header)(stream.read(file.header.sizeof_hdr), check=False)
     except Exception as reason:  # for each kind of damage nibabel raises another
         raise FileError(f"{path}: is not a readable NIfTI file: {_said(reason)}") from None
     if not isinstance(file, nibabel.Nifti1Image):
         raise InputError(f"{path}: is {type(file).__name__}; convert it to NIfTI (.nii, .nii.gz)")
-    _check_written(path, written, file.header)
-    if not (written["sform_code"] or written["qform_code"]):
+    if not (file.header["sform_code"] or file.header["qform_code"]):
         note(
             f"{path}: sform and qform of its header have code 0, so that left and right are not "
             "known and only guessed; set them from the scanner's geometry"
         )
-    proxy: Any = file.dataobj
-    affine = np.array(file.affine, dtype=float)
+    check_kind(str(path), file.get_data_dtype())
     try:
         unit = file.header.get_xyzt_units()[0]
-    except KeyError:
-        raise InputError(
-            f"{path}: the unit of length {int(file.header['xyzt_units']) & 7} of its header is "
-            "not one that NIfTI defines; set xyzt_units to 2 (mm)"
-        ) from None
-    affine[:3] *= _TO_MM.get(unit, 1.0)
-    check_affine(affine, str(path))
-    kind = file.get_data_dtype()
-    check_kind(str(path), kind)
-    count, plane = (int(np.prod(file.shape[:n], dtype=object)) for n in (None, 2))
-    promised = int(proxy.offset) + kind.itemsize * count
-    try:
-        more = _length(path, promised) - promised
+        if path.suffix == ".gz":  # nibabel stops before the checksum
+            with gzip.open(path) as stream:
+                while stream.read(1 << 20):
+                    pass
         with np.errstate(all="ignore"):
-            values = np.asarray(_whole_numbers(proxy) if raw else file.get_fdata(dtype=np.float64))
+            values = np.asarray(
+                _whole_numbers(file.dataobj) if raw else file.get_fdata(dtype=np.float64)
+            )
     except Exception as reason:
         raise FileError(f"{path}: cannot be read: {_said(reason)}") from None
-    if more >= max(kind.itemsize * plane, 1):
-        raise FileError(
-            f"{path}: has {more} bytes more than its header promises (shape {file.shape}, {kind}); "
-            "the header is damaged or not the file's own: write it again"
-        )
+    affine = np.array(file.affine, dtype=float)
+    affine[:3] *= _TO_MM.get(unit, 1.0)
     return values, affine
 
 
@@ -358,33 +346,6 @@ def save_nifti(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
     file.set_sform(affine, code=1)
     file.set_qform(affine, code=1)
     nibabel.save(file, path)
-
-
-def _check_written(path: Path, written: Any, mended: Any) -> None:
-    """Refuse a header in which nibabel changes what matters."""
-    names = ("bitpix", "qform_code", "sform_code")
-    wrong = [name for name in names if written[name] != mended[name]]
-    if written["sform_code"] == 0 and 0 in written["pixdim"][1:4]:
-        wrong.append("pixdim")
-    if np.isinf(written["scl_slope"]):
-        wrong.append("scl_slope")
-    if wrong:
-        raise FileError(
-            f"{path}: the header says {', '.join(f'{name} = {written[name]}' for name in wrong)}; "
-            "it is damaged: write the file again"
-        )
-
-
-def _length(path: Path, promised: int) -> int:
-    """Bytes of a file, of an unpacked one up to about twice those that its header promises."""
-    suffix = path.suffix.lower()
-    if suffix != ".gz":
-        return promised if suffix in (".bz2", ".zst") else path.stat().st_size
-    total = 0
-    with gzip.open(path) as stream:  # the check sum stands behind what nibabel reads
-        while total <= 2 * promised and (block := stream.read(1 << 20)):
-            total += len(block)
-    return total
 
 
 def _said(reason: Exception) -> str:

@@ -1,11 +1,9 @@
 """A calf with a known answer: images, diffusion tensors and true labels, from formulas.
 
-The stack is a left calf cut across: x points to the medial side, y forwards, z upwards. Muscles
-are ellipses whose axes change along z; the medial gastrocnemius is a spindle that never yields
-to a neighbour, so that its cross-section is known in closed form. Fat fills the rest inside the
-skin; two bones have a dark cortex and bright marrow. On request muscles hold streaks of fat and
-sheets of connective tissue in exact parts of their volume, and the medial gastrocnemius has an
-aponeurosis around it.
+The stack is a left calf cut across: x points to the medial side, y forwards, z upwards. Muscles are
+ellipses that change along z; the medial gastrocnemius yields to no neighbour, so that its section
+is known in closed form. Fat fills the rest inside the skin, around two bones. On request muscles
+hold fat and connective tissue in exact parts of their volume.
 """
 
 from collections.abc import Sequence

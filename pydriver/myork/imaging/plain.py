@@ -1,15 +1,10 @@
 """Plain numbers and texts from files, and what the libraries that read them let pass."""
 
-import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from myork.errors import FileError, InputError
-
-# No list of names and no table of gradients is longer [bytes].
-_LONGEST_TEXT = 1 << 24
 
 
 def check_kind(name: str, kind: np.dtype) -> None:
@@ -26,40 +21,13 @@ def check_kind(name: str, kind: np.dtype) -> None:
         )
 
 
-def read_arrays(path: Path, names: Sequence[str]) -> list[np.ndarray]:
-    """Arrays of numbers from a NumPy archive."""
-    if not path.is_file():
-        raise FileError(f"{path}: there is no such file")
-    try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError("it is not a NumPy archive")
-        with np.load(path) as archive:
-            found = [np.asarray(archive[name]) for name in names]
-    except Exception as reason:  # zip, zlib and NumPy each have errors of their own
-        raise InputError(
-            f"{path}: needs the arrays {' and '.join(names)} of numbers: "
-            f"{' '.join(str(reason).split())}; write it again"
-        ) from None
-    for name, values in zip(names, found, strict=True):
-        check_kind(f"{path}: {name}", values.dtype)
-    return found
-
-
 def read_text(path: Path) -> str:
     """Text of a small file."""
     try:
-        with path.open("rb") as file:
-            content = file.read(_LONGEST_TEXT + 1)
+        return path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise FileError(f"{path}: there is no such file") from None
     except OSError as reason:
         raise FileError(f"{path}: cannot be read: {reason.strerror}") from None
-    if len(content) > _LONGEST_TEXT:
-        raise InputError(f"{path}: is longer than {_LONGEST_TEXT} bytes; give a small table")
-    try:
-        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as reason:
         raise InputError(f"{path}: is not text: {reason}") from None
-    if "\0" in text:
-        raise InputError(f"{path}: is not text, it holds a zero byte")
-    return text

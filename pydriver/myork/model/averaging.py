@@ -1,20 +1,13 @@
 """Average of diffusion tensors inside a muscle: their logarithms, their trust, the width.
 
-Tensors are averaged by their logarithms under a Gaussian, within one label and nowhere else, so
-that fibers keep their direction up to its border. Fat and connective tissue among the fibers, and
-at the rim of a mask that is too large, diffuse less; their tensors point anywhere. They are known
-by the trace of their logarithm, which lies far from that of most of the muscle.
+Logarithms are averaged under a Gaussian within one label, so that fibers keep their direction up to
+its border. Tensors whose trace lies far from that of the muscle (fat, connective tissue) hardly
+count.
 
-The width balances noise and bends: each tensor is predicted by the others around it, and the width
-with the least error is taken. Noise asks for a wide one, bent fibers for a narrow one, and neither
-needs to be known; the error of the tensor itself is the same for all widths. Neighbours whose noise
-is alike, as in images that were interpolated or smoothed, predict a tensor by its noise: they are
-left out with it, in each direction as many as the variogram shows. Where even the narrowest
-predicts best, nothing is known of the width, and a usual one stands in.
-
-A label may hold muscles that lean against each other, as gastrocnemius and soleus, which one
-average would blur into each other. Families of fibers are parted in the same way, by what predicts
-tensors best: in a single muscle, straight or bent, parting it makes predictions worse.
+The width is the one by which tensors around a voxel predict its own best. Neighbours whose noise is
+alike, as in interpolated images, would predict it by that: they are left out, in each direction as
+many as the variogram shows. Where the narrowest width predicts best, a usual one is taken. Families
+of fibers within a label, as of muscles that lean against each other, are found by the same error.
 
 References: Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965;
 Stone, J. R. Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation);

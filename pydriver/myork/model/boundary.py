@@ -1,11 +1,8 @@
 """Boundary points of a voxel body: its ends, what looks at bone and the rest of its surface.
 
-A body is what its voxels fill: a slice is as thick as its spacing, and the ends are the outer
-faces of the first and the last one. Centres of surface voxels lie up to half a voxel inside, and
-are moved onto it: conditions of a free surface set there model a body thinner by a voxel. The body
-is blurred; across a plane surface the blurred body falls like the normal distribution, so that its
-value tells the distance to the surface, and the mean over the stairs of the voxels is the plane
-they stand for.
+Centres of surface voxels lie up to half a voxel inside, and conditions there model a body thinner
+by a voxel; they are moved onto the surface. Across a plane surface the blurred body falls like the
+normal distribution, so that its value gives the distance.
 """
 
 from collections.abc import Sequence

@@ -6,21 +6,18 @@ Coordinates are taken as world coordinates (right, anterior, superior).
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from myork.errors import InputError
+from myork.errors import FileError, InputError, optional
 from myork.imaging.diffusion import lead_vector, tensor_components
-from myork.imaging.plain import read_arrays
-from myork.model.mesh_file import read_mesh
 from myork.records import Image, Labels
 from myork.types import F64
 
 # Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
 _NEAREST = 24
-# Beyond this a point belongs to no body [mm].
-_FARTHEST = 1e6
 
 
 def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> Labels:
@@ -30,16 +27,16 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
     - `to_mm`: millimetres in the unit of the file
     - `spacing`: voxel size along x, y and z [mm]
     """
-    mesh = read_mesh(path)
-    if not len(mesh.triangles):
+    skin = _read_mesh(path)[1]
+    if not skin.n_cells:
         raise InputError(f"{path}: holds no surface")
-    if mesh.open_edges:
+    if skin.n_open_edges:
         raise InputError(
-            f"{path}: the surface is not closed ({mesh.open_edges} open edges); close its holes "
+            f"{path}: the surface is not closed ({skin.n_open_edges} open edges); close its holes "
             "first"
         )
     size = np.asarray(spacing, float)
-    corners = mesh.points.astype(float) * to_mm
+    corners = skin.points.astype(float) * to_mm
     low, high = corners.min(axis=0), corners.max(axis=0)
     wanted = np.ceil((high - low) / size) + 2
     if np.prod(wanted) > 5e7:
@@ -55,8 +52,7 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
     pyvista = importlib.import_module("pyvista")
     inside = modeling.vtkSelectEnclosedPoints()
     inside.SetInputData(pyvista.PolyData(points))
-    triangles = np.column_stack([np.full(len(mesh.triangles), 3), mesh.triangles])
-    inside.SetSurfaceData(pyvista.PolyData(mesh.points, triangles.ravel()))
+    inside.SetSurfaceData(skin)
     inside.Update()
     data = np.asarray(pyvista.wrap(inside.GetOutput())["SelectedPoints"]).astype(np.int32)
     if not data.any():
@@ -64,6 +60,25 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
     affine = np.diag([*size, 1.0])
     affine[:3, 3] = origin
     return Labels(data.reshape(count), affine, {1: name}, str(path))
+
+
+def _read_mesh(path: Path) -> tuple[Any, Any]:
+    """A mesh of any kind that VTK reads, and its skin of triangles."""
+    pyvista = optional("pyvista", "viz", f"{path}: a surface")
+    if not path.is_file():
+        raise FileError(f"{path}: there is no such file")
+    try:
+        with pyvista.VtkErrorCatcher(raise_errors=True):  # VTK goes on with what it could read
+            mesh = pyvista.read(path)
+        if not np.isfinite(mesh.points).all():
+            raise ValueError("a point is not finite")
+        skin = mesh.extract_surface(algorithm="dataset_surface").triangulate().clean()
+    except Exception as reason:  # VTK's readers raise what they like
+        said = " ".join(str(reason).split()) or type(reason).__name__
+        raise FileError(
+            f"{path}: cannot be read: {said}; the file is damaged or not a mesh: write it again"
+        ) from None
+    return mesh, skin
 
 
 def read_tracts(path: Path, to_mm: float) -> list[F64]:
@@ -77,19 +92,14 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
     if path.suffix == ".npz":
         lines = _archived_lines(path)
     else:
-        mesh = read_mesh(path)
-        ni, nj, nk = mesh.dimensions
-        if ni * nj * nk == 0:
+        mesh = _read_mesh(path)[0]
+        if not hasattr(mesh, "dimensions"):
             raise InputError(f"{path}: fibers must be a structured grid or an archive .npz")
-        lines = list(mesh.grid.astype(float).reshape(nk, nj * ni, 3).swapaxes(0, 1))
+        ni, nj, nk = mesh.dimensions
+        lines = list(mesh.points.astype(float).reshape(nk, nj * ni, 3).swapaxes(0, 1))
     lines = [line * to_mm for line in lines if len(line) > 1]
     if not lines or not all(np.isfinite(line).all() for line in lines):
         raise InputError(f"{path}: holds no line, or a point that is not finite")
-    if max(np.abs(line).max() for line in lines) > _FARTHEST:
-        raise InputError(
-            f"{path}: a point lies more than {_FARTHEST / 1e6:g} km away; check "
-            "build.surface_unit, or the file is damaged"
-        )
     if not any(np.ptp(line, axis=0).any() for line in lines):
         raise InputError(f"{path}: all points of each line coincide; write the lines again")
     return lines
@@ -97,7 +107,18 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
 
 def _archived_lines(path: Path) -> list[F64]:
     """Lines of a NumPy archive, of any number of points."""
-    points, offsets = read_arrays(path, ("points", "offsets"))
+    if not path.is_file():
+        raise FileError(f"{path}: there is no such file")
+    try:
+        with np.load(path) as archive:
+            points, offsets = (
+                archive[key].astype(float, casting="same_kind") for key in ("points", "offsets")
+            )
+    except Exception as reason:  # zip, zlib and NumPy each have errors of their own
+        raise InputError(
+            f"{path}: needs the arrays points and offsets of numbers: "
+            f"{' '.join(str(reason).split())}; write it again"
+        ) from None
     if points.ndim != 2 or points.shape[1] != 3 or offsets.ndim != 1:
         raise InputError(
             f"{path}: points must be (n, 3), offsets (m,), not {points.shape} and {offsets.shape}"
@@ -108,7 +129,7 @@ def _archived_lines(path: Path) -> list[F64]:
         raise InputError(f"{path}: offsets must be integers")
     if not len(starts) or (np.diff(starts) < 0).any() or starts[0] < 0 or starts[-1] > len(points):
         raise InputError(f"{path}: offsets must rise from 0 to the number of points")
-    return np.split(points.astype(float), starts[(starts > 0) & (starts < len(points))])
+    return np.split(points, starts[(starts > 0) & (starts < len(points))])
 
 
 def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") -> Image:

@@ -1,17 +1,13 @@
 """Are the axes of the diffusion gradients right? Evidence from walls and from anatomy.
 
-A table of gradients with a flipped or exchanged axis gives fibers that are wrong by tens of
-degrees and yet smooth. Every candidate (six orders of the axes, each with one axis flipped or
-none; two flips are the third, since a fiber has no sign) is tried on the same fibers:
+A flipped or exchanged axis gives smooth fibers that are wrong by tens of degrees. Each order of the
+axes, with one flipped or none (two flips are the third: fibers have no sign), is tried:
 
-- by the walls of muscles, which fibers run along or reach at a small angle: with the long axis
-  of a muscle exchanged they cross them. Flips, and the two axes across a muscle, change too
-  little of that to be seen in it;
-- by anatomy where muscles have names: going up, the fibers of the gastrocnemius lean backwards
-  and those of the soleus forwards, and the two heads of the gastrocnemius lean apart.
+- fibers run along the walls of muscles: with the long axis exchanged they cross them;
+- going up, fibers of the gastrocnemius lean backwards, those of the soleus forwards, and the two
+  heads of the gastrocnemius apart, where muscles have these names.
 
-The length of tracts is not evidence: fibers of a pennate muscle are short, and wrong axes that lay
-them along it make them three times as long.
+The length of tracts is no evidence: wrong axes make those of pennate muscles three times as long.
 """
 
 from itertools import permutations

@@ -1,10 +1,8 @@
 """How much of each merged voxel is body, and how much of that is each label.
 
-Voxels that are merged keep one label and are wholly inside or outside: that decides where the
-points lie. Their volumes do not follow from it. A block that the surface cuts is a part of the
-body only, one that is left out holds a part as well, and a sheet thinner than a block fills some
-of each block it passes. Counted in the voxels that were merged, these parts keep the volume of
-the body and of each label. A voxel of the image may hold several labels itself.
+Points lie in whole blocks of one label; volumes are counted in the voxels that were merged, or by
+their parts, so that those of the body and of each label are kept: of blocks that the surface cuts,
+that are left out, and of sheets thinner than a block.
 """
 
 from collections.abc import Sequence

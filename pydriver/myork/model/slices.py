@@ -1,10 +1,8 @@
 """Thick slices cut into thinner ones: labels by their shapes, fibers by their dyads; prisms.
 
-A label of a slice is known by the signed distance to its outline. Between slices and half a slice
-beyond the outer ones its centre follows a spline, and the distances, moved along, are linear; the
-level at which they are cut gives the label the area of a spline through those of its slices. Where
-a label is missing from the next slice it ends in a tip half of the way. Labels that touch in their
-slices leave no gap between them.
+Signed distances to the outlines are linear from slice to slice, moved along a spline through the
+centres, and cut where the area is that of a spline through the areas. A label that is missing from
+the next slice ends half way in a tip. Labels that touch in their slices leave no gap.
 
 Reference: Herman, Zheng, Bucholtz, IEEE Comput. Graph. Appl. 12 (1992), doi:10.1109/38.135915
 """

@@ -23,7 +23,7 @@ _MESH = 30.0
 # Gaussians over both images for the affine map, and for B-splines from coarse to fine [mm]
 _FIRST_BLUR = 8.0
 _BLUR = (4.0, 2.0, 1.0)
-# Around the body, whose edge tells most [mm]
+# Around the body, whose edge counts most [mm]
 _RIM = 5.0
 # Voxels that are compared in each evaluation, about
 _SAMPLES = 20_000

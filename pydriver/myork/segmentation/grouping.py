@@ -59,7 +59,6 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
     - returns labels, shape `(ni, nj, nk)`, and warnings
     """
-    check_seeds(region >= 0, image, muscles)
     given = np.stack([_given_by(region, image, muscle) for muscle in muscles])
     label = np.where(given.any(axis=0), 1 + given.argmax(axis=0), 0).astype(np.int32)
     shared = given.sum(axis=0) > 1
@@ -107,7 +106,6 @@ def rule_seeds(
       known; both of shape `(ni, nj, nk)`
     """
     where = region >= 0
-    check_seeds(where, image, muscles)
     known = np.full(region.shape, -1, np.int32)
     depth = depth_in_slices(where, image.spacing[:2])
     rows, columns = np.indices(region.shape[:2])

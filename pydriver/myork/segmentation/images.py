@@ -13,7 +13,6 @@ from myork.console import ProgressCallback, silent
 from myork.errors import InputError
 from myork.records import Image, Labels
 from myork.segmentation.bending import bend_labels
-from myork.segmentation.bias import check_positive, clustered_bias, variation_doubt
 from myork.segmentation.channels import (
     fiber_channels,
     noise_weights,
@@ -32,7 +31,7 @@ from myork.segmentation.grouping import (
 )
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
-from myork.segmentation.shading import shading
+from myork.segmentation.shading import check_positive, shading, variation_doubt
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
 
@@ -44,8 +43,6 @@ _FIBER_WEIGHT = 5.0
 _SKIN = 1.0
 # Part of a label's seeds in the pixels that are taken off at the skin: they were meant
 _AT_RIM = 0.1
-# Regions in which the true image is even, for a bias field by level sets
-_EVEN = 3
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,7 @@ class Images:
         return Image(data, self.anatomy.affine, name)
 
     def divided(self, field: F64) -> "Images":
-        """The same without the shading of anatomy and fat."""
+        """The same without the shading of anatomy and fat, (3.45)."""
         even = [one and replace(one, data=one.data / field) for one in (self.anatomy, self.fat)]
         assert even[0] is not None
         return replace(self, anatomy=even[0], fat=even[1])
@@ -139,8 +136,6 @@ def segment_images(
     table: Mapping[str, Any],
     *,
     bias: str = "none",
-    mu: float | Sequence[float] = 0.01,
-    gamma: float = 0.0,
     muscles: Sequence[Muscle] = (),
     progress: ProgressCallback = silent,
 ) -> Segmentation:
@@ -148,9 +143,7 @@ def segment_images(
 
     - `images`: what there is
     - `table`: table `image` of decks
-    - `bias`: method of the shading: `auto`, `level-sets` or `none`
-    - `mu`, `gamma`: of `level-sets`: weights of the contours' length, one for all or one a level
-      set, and of P (3.39), which keeps them near distance functions [-]
+    - `bias`: method of the shading: `auto` or `none`
     - `muscles`: rules by which regions are grouped
     """
     body = images.body
@@ -158,8 +151,10 @@ def segment_images(
         # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
         # badly, and its rim what lies under the skin.
         body = _body_of(images)
-    contours = {"mu": mu, "gamma": gamma}
-    shade, record = _shading(images.whole, body, bias, contours, progress)
+    shade, record = None, {"method": bias}
+    if bias == "auto":
+        progress("estimating the bias field")
+        shade, record = _shading(images.whole, body)
     images = images if shade is None else images.divided(shade)
     image = images.anatomy
     reference, lost = _bent(images, body, progress)
@@ -177,13 +172,12 @@ def segment_images(
     fibers = _fiber_channels(images.tensor, region, table["fiber_channels"])
     values = np.concatenate([shown, fibers], axis=3)
     every = [1.0, *weights, *[_FIBER_WEIGHT] * fibers.shape[3]]
-    known, start = None, table["start"]
-    if start == "seeds":
+    known = None
+    if table["start"] == "seeds":
         everywhere = np.where(region, 0, -1).astype(np.int32)
         seeds = rule_seeds(everywhere, image, muscles, table["seed_radius"])[1]
         known = seeded_regions(values * np.sqrt(every), region, seeds, table["regions"])
-        start = "labels"
-    choice = LevelSets.of_table(table, start=start)
+    choice = LevelSets.of_table(table)
     progress(f"segmenting {int(region.sum())} pixels in {image.data.shape[2]} slices")
     result = segment_regions(
         values,
@@ -236,35 +230,20 @@ def _body_of(images: Images) -> Mask:
     return body if images.region is None else body | (images.region.data > 0)
 
 
-def _shading(
-    image: Image, mask: Mask, method: str, contours: Mapping[str, Any], progress: ProgressCallback
-) -> tuple[F64 | None, dict[str, Any]]:
-    """Shading estimated in the body, None without one, and its record."""
-    if method == "none":
-        return None, {"method": "none"}
-    progress(f"bias field by {method}")
+def _shading(image: Image, mask: Mask) -> tuple[F64, dict[str, Any]]:
+    """Shading estimated in the body, and its record."""
     check_positive(image, mask)
-    record: dict[str, Any] = {"converged": True, "energy": []}
     try:
-        if method == "auto":
-            best = shading(image.data, mask, spacing=image.spacing)
-            shade = best.field
-            record |= {"start": best.candidates[0].start, "doubt": best.doubt}
-        else:
-            found = clustered_bias(
-                image.data, mask, spacing=image.spacing, regions=_EVEN, **contours
-            )
-            shade = found.field
-            record |= {"converged": found.converged, "energy": found.energy.tolist()}
+        best = shading(image.data, mask, spacing=image.spacing)
     except InputError as reason:
         raise InputError(f"{image.name}: {reason}") from None
-    doubts = (record.get("doubt", ""), variation_doubt(image.data, shade, mask))
-    record["doubt"] = "; ".join(text for text in doubts if text)
-    inside = shade[mask]
-    return shade, {
-        "method": method,
+    doubts = (best.doubt, variation_doubt(image.data, best.field, mask))
+    inside = best.field[mask]
+    return best.field, {
+        "method": "auto",
         "range": [float(inside.min()), float(inside.max())],
-        **record,
+        "start": best.candidates[0].start,
+        "doubt": "; ".join(text for text in doubts if text),
     }
 
 

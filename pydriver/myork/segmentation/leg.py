@@ -1,12 +1,9 @@
 """The materials of a limb from its images (thesis section 4.1.2).
 
-The outer boundary comes from the anatomy by two-phase level sets, bone is marrow in a closed dark
-ring; fat and connective tissue are clustered in images of their own sequences. From these clusters
-the border of fat and muscle is drawn anew at half of their difference, both taken of voxels around
-that touch no other tissue, in the combination of all images that parts them best (Fisher), and
-that of connective tissue at a part of its brightness over muscle around. Of what
-is left, voxels with a diffusion tensor are muscle and all others fat; without tensors only the skin
-is taken from the muscle. What this supposes is checked, see `Tissues.doubts`.
+Two-phase level sets find the skin, bone is marrow in a closed dark ring, fat and connective tissue
+start from fuzzy clusters of images of their own. Their borders are then drawn at a part of the
+difference to muscle around, in the combination of images that separates both best (Fisher). Of the
+rest voxels with a diffusion tensor are muscle. What this supposes is checked: `Tissues.doubts`.
 """
 
 from collections.abc import Sequence

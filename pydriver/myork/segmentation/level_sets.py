@@ -32,7 +32,7 @@ class LevelSets:
     """What to segment with; decks have the defaults of what has none here."""
 
     regions: int  #: Number of regions, 2 to 64
-    #: `otsu` (threshold of the first channel, two regions), `kmeans` or `labels`
+    #: `otsu` (threshold of the first channel, two regions) or `kmeans`, without a map to start from
     start: str
     mu: float | Sequence[float]  #: Weight of the length of each contour, or one for all [-]
     #: Weight of the misfit of each region, or of each channel in each region, all channels of the
@@ -85,7 +85,7 @@ def segment_regions(
     - `choice`: what to segment with
     - `spacing`: voxel sizes, shape `(3,)` [any length]
     - `channel_weights`: weight of each channel [-]; ones if absent
-    - `labels`: map to start from, for `choice.start == "labels"`, shape `(ni, nj, nk)`
+    - `labels`: map to start from, shape `(ni, nj, nk)`
     """
     if not region.any():
         raise InputError(
@@ -107,7 +107,7 @@ def segment_regions(
         region,
         first,
         spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()),
-        mu=contour_weights("image.mu", choice.mu, choice.regions),
+        mu=_contour_weights(choice.mu, choice.regions),
         nu=choice.nu,
         epsilon=choice.epsilon,
         dt=choice.dt,
@@ -139,15 +139,12 @@ def wanted_phase(result: Regions, values: F64, phase: str) -> Mask:
     return one if phase == "dark" else two
 
 
-def contour_weights(key: str, mu: float | Sequence[float], regions: int) -> F64:
-    """Weights of the contours' lengths by the weights of a deck, shape `(levels,)` [-].
-
-    - raises InputError: `mu`, called `key`, is neither one for all nor one a level set
-    """
+def _contour_weights(mu: float | Sequence[float], regions: int) -> F64:
+    """Weights of the contours' lengths, shape `(levels,)` [-]."""
     given, levels = np.atleast_1d(np.asarray(mu, float)), level_sets_for(regions)
     if given.size not in (1, levels):
         raise InputError(
-            f"{key} has {given.size} weights; give one for all or {levels}, one a level set: "
+            f"image.mu has {given.size} weights; give one for all or {levels}, one a level set: "
             f"{regions} regions have so many"
         )
     return np.broadcast_to(given, levels)
@@ -173,18 +170,16 @@ def _first_level_sets(
     labels: I32 | None,
 ) -> F64:
     """Level sets to start from."""
-    if choice.start == "otsu":
+    if labels is not None:
+        first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
+    elif choice.start == "otsu":
         if choice.regions > 2:
             raise InputError(
                 f"image.start = 'otsu' makes two regions, image.regions is {choice.regions}; "
                 "take 'kmeans'"
             )
         first = threshold_regions(channels[..., 0], region)
-    elif choice.start == "kmeans":
+    else:
         first = np.zeros(region.shape, np.int32)
         first[region] = kmeans(channels[region] * np.sqrt(weights), choice.regions)[0]
-    elif labels is None:
-        raise InputError("image.start = 'labels' needs a label map to start from")
-    else:
-        first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     return level_sets_of(first, choice.regions, choice.volume)

@@ -1,10 +1,8 @@
 """Parts of labels in each voxel, from grey values between the means of two labels.
 
-A voxel at the border of two labels holds some of both, and its values lie on the line between
-theirs. Means are those of voxels around that touch no other label, so that what is left of shading
-does no harm. How far a voxel is on the line is known up to noise: half of the voxels along a border
-are whole, of the others all parts are as likely, and the expected part is taken. Where two labels
-are as grey as each other (muscle beside muscle) nothing can be said, and voxels keep their label.
+Values of a voxel at a border lie between the means of voxels around it that touch no other label.
+Half of the voxels along a border are whole, of the others all parts are as likely, and the expected
+part is taken. Voxels of labels that are as grey as each other keep their label.
 
 References: Laidlaw, Fleischer, Barr, IEEE Trans. Med. Imaging 17 (1998) 74-86,
 doi:10.1109/42.668696; Tohka, Zijdenbos, Evans, NeuroImage 23 (2004) 84-97,

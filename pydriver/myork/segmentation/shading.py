@@ -1,18 +1,9 @@
 """Bias field without a number of tissues, from several starts, the best of which is kept.
 
-The logarithm of a shaded image is the true one plus a slow function, here a sum of cosines over
-the body. Two estimates of that function need no number of tissues:
-
-* *slopes*: inside a tissue the slope of the image is that of the field, at borders it is anything;
-  a redescending fit of the slopes leaves the borders out. It starts anywhere, and is blind to how
-  bright pieces that do not touch (two legs) are against each other: their histograms are laid upon
-  each other;
-* *peaks*: each voxel is drawn to the next peak of the histogram of the corrected image (mean
-  shift) while the window shrinks. Sharp, but it finds the nearest minimum.
-
-Slopes of several smoothnesses, and no field, are starts of the peaks; the start that ends with the
-least entropy of the corrected logarithms is taken. Where another one ends as well but elsewhere, or
-where slopes and peaks disagree, a warning says so.
+The logarithm of the field is a sum of cosines over the body. It is fitted to the slopes of the
+image, most of which lie inside tissues, by a redescending fit, and pieces of the body that do not
+touch are aligned by their histograms. From such starts, and from no field, voxels are drawn to the
+next peak of the histogram of the corrected image (mean shift); the least entropy is kept.
 
 References
 ----------
@@ -30,7 +21,8 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import neighbours
-from myork.segmentation.bias import of_mean_one
+from myork.records import Image
+from myork.segmentation.regions import otsu
 from myork.types import F64, I64, Mask
 
 # Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
@@ -53,6 +45,12 @@ _ALIKE = 0.95
 _CLOSE = 0.03
 _APART = 0.1  # standard deviation of the logarithm between fields by slopes and by peaks: a doubt
 _FLAT = 0.02  # standard deviation of a field's logarithm below which likeness means nothing
+_NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
+_SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
+_RISE = 1.1  # a field that raises the coefficient of joint variation by less is not doubted
+# That coefficient of one normal distribution cut in the middle: an image that has as much shows no
+# two tissues, and the coefficient says nothing of it.
+_ONE_TISSUE = float(np.sqrt(0.5 * np.pi - 1.0))
 
 
 class Candidate(NamedTuple):
@@ -65,7 +63,7 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True)
 class Shading:
-    """Field and what speaks for it."""
+    """Field and how sure it is."""
 
     #: Factor on the true values, mean one inside the mask and going on beyond it, shape
     #: `(ni, nj, nk)` [-]
@@ -77,14 +75,9 @@ class Shading:
 def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     """Bias field of an image.
 
-    Parameters
-    ----------
-    values : NDArray
-        Image, shape `(ni, nj, nk)` [-]; slices along the last axis, one is enough.
-    mask : NDArray
-        Voxels of the body, same shape.
-    spacing : ArrayLike
-        Voxel sizes, shape `(3,)` [mm].
+    - `values`: image, shape `(ni, nj, nk)` [-]; slices along the last axis, one is enough
+    - `mask`: voxels of the body, same shape
+    - `spacing`: voxel sizes, shape `(3,)` [mm]
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -116,8 +109,66 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
         found.append(Candidate(start, *peaks.field(slow[tuple(voxels.T)])))
         slopes.append(slow)
     found.sort(key=lambda one: one.entropy)
-    field = of_mean_one(found[0].field, mask)
+    field = _of_mean_one(found[0].field, mask)
     return Shading(field, tuple(found), _doubt(found, slopes, mask))
+
+
+def check_positive(image: Image, mask: Mask) -> None:
+    """Refuse an image of which a good part is negative: a factor explains no change of sign.
+
+    - `image`: MR image, shape `(ni, nj, nk)`
+    - `mask`: voxels of the body, same shape
+    """
+    share = float((image.data[mask] < 0).mean())
+    if share > _NEGATIVE:
+        raise InputError(
+            f"{image.name}: {share:.0%} of the values in the body are negative, which no bias "
+            "field makes; give the magnitude image, or set bias.method = 'none'"
+        )
+
+
+def joint_variation(values: F64, mask: Mask) -> float:
+    """Coefficient of joint variation: scatter of bright and of dark tissue over their difference.
+
+    Both are those of Otsu's threshold in the mask.
+
+    - `values`: image, shape `(ni, nj, nk)` [-]
+    - `mask`: voxels of the body, same shape
+    """
+    inside = values[mask]
+    if not np.ptp(inside) > 0:
+        return 0.0
+    bright = inside > otsu(inside)
+    high, low = inside[bright], inside[~bright]
+    return float((high.std() + low.std()) / (high.mean() - low.mean()))
+
+
+def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
+    """What to say where tissues scatter more without a field than with it, else empty.
+
+    An image without two tissues is not doubted by it.
+
+    - `values`, `mask`: as of `joint_variation`
+    - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
+    """
+    before, after = (joint_variation(one, mask) for one in (values, values / field))
+    if after <= _RISE * before or before >= _ONE_TISSUE:
+        return ""
+    return (
+        "the bias field raises the coefficient of joint variation of bright and dark tissue from "
+        f"{before:.3g} to {after:.3g}; look at bias.nii.gz, or set bias.method = 'none'"
+    )
+
+
+def _of_mean_one(field: F64, mask: Mask) -> F64:
+    """Field with the mean one inside a mask, going on beyond."""
+    found = field / field[mask].mean()
+    if mask.all():
+        return found
+    # No data speaks beyond the mask: the field stays as it is at its rim, seams smoothed.
+    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    spread = found[tuple(nearest)]
+    return np.where(mask, found, ndimage.gaussian_filter(spread, _SEAM, mode="nearest"))
 
 
 class _Waves:
@@ -282,7 +333,7 @@ class _Peaks:
 
 
 def _doubt(found: list[Candidate], slopes: list[F64], mask: Mask) -> str:
-    """Whether two fields explain the image equally well, or its slopes speak for another one."""
+    """Whether two fields explain the image equally well, or its slopes give another one."""
     best = np.log(found[0].field[mask])
     for other in found[1:]:
         if other.entropy > found[0].entropy + _CLOSE:

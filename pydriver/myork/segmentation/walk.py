@@ -1,10 +1,8 @@
-"""Parting what has one grey value: random walks from seeds that shun the edges of the image.
+"""Muscles of one grey value separated by random walks from seeds that avoid edges of the image.
 
-Each voxel goes to the seed that a random walker from it reaches first most likely. Steps across
-edges (fascia, the dark lines of chemical shift) are rare, so that borders close over gaps by
-themselves; edges are steps of the logarithm of the grey value, which slow shading does not touch.
-Two measures of an edge count: the step between two voxels, which says where it is, and the slope
-around them, which says that there is one where it is blurred.
+Steps across edges (fascia, the dark lines of chemical shift) are rare, so that borders close over
+gaps. Edges are steps of the logarithm of the grey value, which slow shading does not change, and
+its slope, which is there where an edge is blurred.
 
 References
 ----------

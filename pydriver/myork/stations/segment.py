@@ -1,17 +1,10 @@
 """Station one: images to a label map and fibers.
 
-Files in the output folder: `anatomy.nii.gz` (the image that was segmented: bias corrected),
-`bias.nii.gz` (the factor taken out), `regions.nii.gz` (numbers of the regions plus one),
-`segmentation.nii.gz` with `segmentation.json` (names), `fat.nii.gz` and `fat_fraction.nii.gz`
-(with fat only), `r2star.nii.gz` ([1/s], of three echoes and more), `fractions.nii.gz` (parts of
-labels in each voxel, with `image.partial` only), `fibers.nii.gz` (unit vectors in the world frame),
-`fa.nii.gz`, `md.nii.gz` and `eigenvalues.nii.gz` (all with tensors only), `summary.json`; from the
-phantom also its images and its truth (`write_phantom`).
-
-With `tissue.find` materials of a whole leg are `tissue.nii.gz`, the fibers of its muscle
-`tissue_fibers.nii.gz`, memberships in the fuzzy clusters `membership_fat.nii.gz` and, where there
-is an image of it, `membership_connective_tissue.nii.gz`; with `image.partial` parts of the
-materials in each voxel are `tissue_fractions.nii.gz`.
+What it leaves in the output folder: the image without shading (`anatomy`) and what was taken out
+(`bias`), `regions` (numbers plus one) and `segmentation`, of water and fat `fat`, `fat_fraction`
+and `r2star` [1/s], with tensors `fibers` (in the world frame), `fa`, `md` and `eigenvalues`, with
+`image.partial` `fractions`; of the phantom also its images and its truth. With `tissue.find` the
+same of materials: `tissue`, `tissue_fibers`, `tissue_fractions` and memberships in fuzzy clusters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -61,8 +54,8 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     _check_rules(table, muscles)
     grid = OneGrid(progress, slices_last=True)
     images = read_images(deck, out, grid, progress)
-    bias = {"bias": deck["bias"]["method"]} | {key: deck["bias"][key] for key in ("mu", "gamma")}
-    found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
+    bias = deck["bias"]["method"]
+    found = segment_images(images, table, bias=bias, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
     fractions: Image | None = None
     filled: dict[str, float] = {}

@@ -141,10 +141,10 @@ def _with_estimate(
              f"{entry['ratio']:.2g} times)")  # fmt: skip
     if warning:
         progress(f"warning: {warning}")
-    told = [*summary.get("warnings", []), *([warning] if warning else [])]
+    warnings = [*summary.get("warnings", []), *([warning] if warning else [])]
     with alone_in(out):
-        update_summary(out, {"pcsa_force": entry, "warnings": told})
-    return {**summary, "pcsa_force": entry, "warnings": told}
+        update_summary(out, {"pcsa_force": entry, "warnings": warnings})
+    return {**summary, "pcsa_force": entry, "warnings": warnings}
 
 
 def set_options(overrides: Sequence[str]) -> list[str]:
