@@ -7,7 +7,6 @@
 !> previous iterate, so that the result knows no direction of sweeping and no order of the level
 !> sets. A step that would raise the energy is repeated with half the time step.
 !>
-!> Distance terms gamma P(phi) are those of (3.38), (3.42).
 !> Weights of voxels make the same engine serve the estimate of the bias field, whose misfits
 !> (3.43) are weighted squares as well.
 !>
@@ -17,8 +16,7 @@
 !> equation numbers are those of the thesis named in the README.
 module rk_levelset
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row, &
-      sums_of_row, bend_row
+   use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row
    use rk_precision, only : wp
    implicit none
    private
@@ -29,8 +27,6 @@ module rk_levelset
    type :: level_set_options
       !> Weight of the areas inside [-]
       real(wp) :: nu
-      !> Weight of P (3.39), which keeps the level sets near distance functions, >= 0 [-]
-      real(wp) :: gamma
       !> Width of the regularised step function, > 0 [-]
       real(wp) :: epsilon
       !> Largest artificial time step, > 0 [-]
@@ -128,8 +124,6 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    type(grid_type) :: grid
    !> Level sets and their step functions, shape (places, level sets), of two iterates in turn
    real(wp), allocatable :: level(:, :, :), inside(:, :, :)
-   !> Of `bend_row`, same shape, empty without gamma
-   real(wp), allocatable :: bent(:, :, :)
    real(wp), pointer :: values(:, :), weights(:), image(:, :)
    logical, allocatable :: looked(:, :)
    real(wp) :: dt, next_means(size(means, 1), size(means, 2)), next_energy, lowest
@@ -147,8 +141,7 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    weights(1:size(weight)) => weight
    image(1:size(weight), 1:levels) => phi
    n = size(phi, 1)
-   allocate (level(grid%places, levels, 2), inside(grid%places, levels, 2), &
-      bent(merge(grid%places, 0, options%gamma > 0.0_wp), levels, 2), source=0.0_wp)
+   allocate (level(grid%places, levels, 2), inside(grid%places, levels, 2), source=0.0_wp)
    do row = 1, size(grid%rows)
       first = n*(row - 1) + 1
       associate (to => first + grid%rows(row)%shift)
@@ -160,8 +153,8 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    now = 1
    next = 2
    dt = options%dt
-   call measure(options, grid, values, weights, level(:, :, now), inside(:, :, now), &
-      bent(:, :, now), means, energy(1))
+   call measure(options, grid, values, weights, level(:, :, now), inside(:, :, now), means, &
+      energy(1))
    lowest = energy(1)
    looked = level(:, :, now) > 0.0_wp
    ended = ended_at_limit
@@ -169,9 +162,9 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
       iterations = iteration
       do attempt = 0, halvings
          call advance(options, grid, dt, means, values, weights, level(:, :, now), &
-            inside(:, :, now), bent(:, :, now), level(:, :, next))
+            inside(:, :, now), level(:, :, next))
          call measure(options, grid, values, weights, level(:, :, next), inside(:, :, next), &
-            bent(:, :, next), next_means, next_energy)
+            next_means, next_energy)
          if (next_energy <= lowest) exit
          dt = 0.5_wp*dt
       end do
@@ -203,7 +196,7 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    end do
 end subroutine evolve_block
 
-subroutine advance(options, grid, dt, means, values, weights, old, inside, bent, new)
+subroutine advance(options, grid, dt, means, values, weights, old, inside, new)
    type(level_set_options), intent(in) :: options
    type(grid_type), intent(in) :: grid
    !> Time step [-]
@@ -213,8 +206,6 @@ subroutine advance(options, grid, dt, means, values, weights, old, inside, bent,
    real(wp), intent(in), contiguous :: values(:, :), weights(:)
    !> Level sets before and their step functions, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
-   !> Of `bend_row`, same shape, empty without gamma [-]
-   real(wp), intent(in), contiguous :: bent(:, :)
    !> Level sets after, same shape [-]
    real(wp), intent(inout), contiguous :: new(:, :)
    real(wp) :: lambda(size(means, 1), size(means, 2))
@@ -222,17 +213,17 @@ subroutine advance(options, grid, dt, means, values, weights, old, inside, bent,
 
    lambda = options%lambda/size(means, 1)
    !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, dt, means, values, weights, old, inside, bent, new, lambda)
+   !$omp shared(options, grid, dt, means, values, weights, old, inside, new, lambda)
    do row = 1, size(grid%rows)
       if (grid%rows(row)%last < grid%rows(row)%first) cycle
-      call advance_row(grid, grid%rows(row), options%mu, options%nu, options%gamma, &
-         options%epsilon, dt, lambda, means, values, weights, old, inside, bent, new)
+      call advance_row(grid, grid%rows(row), options%mu, options%nu, &
+         options%epsilon, dt, lambda, means, values, weights, old, inside, new)
    end do
    !$omp end parallel do
 end subroutine advance
 
 !> Step functions, means (4.5) and energy (3.29) of level sets
-subroutine measure(options, grid, values, weights, phi, inside, bent, means, energy)
+subroutine measure(options, grid, values, weights, phi, inside, means, energy)
    type(level_set_options), intent(in) :: options
    type(grid_type), intent(in) :: grid
    real(wp), intent(in), contiguous :: values(:, :), weights(:)
@@ -240,29 +231,27 @@ subroutine measure(options, grid, values, weights, phi, inside, bent, means, ene
    real(wp), intent(in), contiguous :: phi(:, :)
    !> Their step functions, same shape [-]
    real(wp), intent(inout), contiguous :: inside(:, :)
-   real(wp), intent(inout), contiguous :: bent(:, :)
    real(wp), intent(out) :: means(:, :)
    !> Energy with these means [-]
    real(wp), intent(out) :: energy
    real(wp), allocatable :: of_row(:, :)
-   real(wp) :: sums(sums_of_row(size(means, 2), size(means, 1)))
+   real(wp) :: sums(1 + size(means, 2)*(1 + 2*size(means, 1)))
    integer :: row, region, place, channels
 
    channels = size(means, 1)
    allocate (of_row(size(sums), size(grid%rows)), source=0.0_wp)
    !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, phi, inside, bent)
+   !$omp shared(options, grid, phi, inside)
    do row = 1, size(grid%rows)
       call step_row(grid%rows(row), options%epsilon, phi, inside)
-      if (options%gamma > 0.0_wp) call bend_row(grid, grid%rows(row), phi, bent)
    end do
    !$omp end parallel do
    !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, values, weights, means, inside, bent, of_row)
+   !$omp shared(options, grid, values, weights, means, inside, of_row)
    do row = 1, size(grid%rows)
       if (grid%rows(row)%last < grid%rows(row)%first) cycle
-      call sum_row(grid, grid%rows(row), options%mu, options%nu, options%gamma, &
-         size(means, 2), values, weights, inside, bent, of_row(:, row))
+      call sum_row(grid, grid%rows(row), options%mu, options%nu, &
+         size(means, 2), values, weights, inside, of_row(:, row))
    end do
    !$omp end parallel do
    ! Row by row, so that the number of threads does not show

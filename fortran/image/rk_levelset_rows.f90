@@ -1,24 +1,23 @@
 !> Rows of voxels of a level set problem: the scheme of Appendix A and the sums behind the energy.
 !>
-!> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3).
+!> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3),
+!> and with the misfits (3.43) that of (3.42) without its distance term.
 !>
 !> Level sets lie in one padded array, so that a neighbour along any axis is a fixed step away:
 !> the same lines serve two and three dimensions. Signs of n level sets make 2**n combinations p;
 !> membership in one is the product over the bits of p of H (bit set: inside) or 1 - H, equation
 !> (3.19) for any n. Where fewer regions are wanted, the last combinations belong to the regions
-!> that differ in the highest bit, as for three regions in reference 3.
+!> that differ in the highest bit, as for three regions in the reference.
 !>
-!> References: 1. Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291;
-!> 2. Vese, Chan, Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076;
-!> 3. Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190;
-!> equation numbers are those of the thesis named in the README.
+!> Reference: Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190, and
+!> those of rk_levelset; equation numbers are those of the thesis named in the README.
 module rk_levelset_rows
    use, intrinsic :: iso_fortran_env, only : real32
    use rk_precision, only : wp, pi
    implicit none
    private
 
-   public :: grid_type, row_type, new_grid, advance_row, step_row, bend_row, sum_row, sums_of_row
+   public :: grid_type, row_type, new_grid, advance_row, step_row, sum_row
 
    !> Voxels of a row that take part
    type :: row_type
@@ -85,14 +84,14 @@ subroutine new_grid(self, weight, spacing)
 end subroutine new_grid
 
 !> Step (A.1) of all level sets along a row
-subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, means, channels, weight, &
-   old, inside, bent, new)
+subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, weight, old, &
+   inside, new)
    type(grid_type), intent(in) :: grid
    type(row_type), intent(in) :: row
    !> Weights of length, shape (level sets) [-]
    real(wp), intent(in) :: mu(:)
-   !> Weights of area and distance, width of the step function, time step [-]
-   real(wp), intent(in) :: nu, gamma, epsilon, dt
+   !> Weight of area, width of the step function, time step [-]
+   real(wp), intent(in) :: nu, epsilon, dt
    !> Weights of the misfits over the number of channels, shape (channels, 0:regions-1) [-]
    real(wp), intent(in) :: lambda(:, 0:)
    !> Mean values, shape (channels, 0:regions-1) [-]
@@ -101,11 +100,9 @@ subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, means, cha
    real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Level sets before and their step functions, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
-   !> Of `bend_row`, same shape; read where gamma > 0 [-]
-   real(wp), intent(in), contiguous :: bent(:, :)
    !> Level sets after, same shape; only the row is written [-]
    real(wp), intent(inout), contiguous :: new(:, :)
-   real(wp), dimension(row%first:row%last) :: force, pull, drawn, part, spread, held
+   real(wp), dimension(row%first:row%last) :: force, pull, drawn
    ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
    real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
    real(wp) :: misfit(row%first:row%last, 0:size(lambda, 2) - 1), rate, scale
@@ -152,65 +149,13 @@ subroutine advance_row(grid, row, mu, nu, gamma, epsilon, dt, lambda, means, cha
             drawn(i) = drawn(i) + rate*(ahead(i)*old(i + s, level) + behind(i)*old(i - s, level))
          end do
       end do
-      spread = 0.0_wp
-      held = 0.0_wp
-      if (gamma > 0.0_wp) call spread_row(grid, a, b, dt*gamma, old(:, level), bent(:, level), &
-         spread, held)
-      ! (A.1) times 1/delta, which saves a division; with the last term of (3.42), which has none
+      ! (A.1) times 1/delta, which saves a division
       do i = a, b
-         part(i) = epsilon**2 + old(i, level)**2
-         new(i, level) = old(i, level) + (scale*(drawn(i) - pull(i)*old(i, level) + force(i)) + &
-            part(i)*spread(i))/(part(i)*(1.0_wp + held(i)) + scale*pull(i))
+         new(i, level) = old(i, level) + scale*(drawn(i) - pull(i)*old(i, level) + force(i))/ &
+            (epsilon**2 + old(i, level)**2 + scale*pull(i))
       end do
    end do
 end subroutine advance_row
-
-!> Change of a level set by the last term of (3.42), the slope of P (3.39) as `sum_row` has it
-pure subroutine spread_row(grid, a, b, step, phi, bent, spread, held)
-   type(grid_type), intent(in) :: grid
-   !> First and last place
-   integer, intent(in) :: a, b
-   !> Time step times gamma [-]
-   real(wp), intent(in) :: step
-   !> Level set, and `bent` of `bend_row`, shape (places) [-]
-   real(wp), intent(in), contiguous :: phi(:), bent(:)
-   !> Change without the neighbours' hold, and the voxel's part of the Laplacian, which is taken at
-   !> the new time, shape (b - a + 1) [-]
-   real(wp), intent(out) :: spread(a:b), held(a:b)
-   real(wp) :: rate, joined
-   integer :: axis, side, i, s
-
-   spread = 0.0_wp
-   held = 0.0_wp
-   do axis = 1, grid%axes
-      rate = step/grid%spacing(axis)**2
-      do side = -1, 1, 2
-         s = side*grid%step(axis)
-         do i = a, b
-            joined = rate*grid%part(i)*grid%part(i + s)
-            held(i) = held(i) + joined
-            spread(i) = spread(i) + 0.5_wp*joined*(bent(i) + bent(i + s))*(phi(i + s) - phi(i))
-         end do
-      end do
-   end do
-end subroutine spread_row
-
-!> 1 - 1/|grad phi| along a row: how far level sets are from distance functions
-subroutine bend_row(grid, row, phi, bent)
-   type(grid_type), intent(in) :: grid
-   type(row_type), intent(in) :: row
-   !> Level sets, shape (places, level sets) [-]
-   real(wp), intent(in), contiguous :: phi(:, :)
-   !> Same shape; only the row is written [-]
-   real(wp), intent(inout), contiguous :: bent(:, :)
-   real(wp) :: square(row%first:row%last)
-   integer :: level
-
-   do level = 1, size(phi, 2)
-      call squared_slope(grid, row%first, row%last, phi(:, level), square)
-      bent(row%first:row%last, level) = 1.0_wp - 1.0_wp/sqrt(flat**2 + square)
-   end do
-end subroutine bend_row
 
 !> Squared length of a gradient, the mean of both sides of a voxel along each axis
 pure subroutine squared_slope(grid, a, b, values, square)
@@ -235,14 +180,6 @@ pure subroutine squared_slope(grid, a, b, values, square)
    end do
 end subroutine squared_slope
 
-!> Number of sums that `sum_row` makes
-pure integer function sums_of_row(regions, channels)
-   !> Numbers of regions and channels
-   integer, intent(in) :: regions, channels
-
-   sums_of_row = 1 + regions*(1 + 2*channels)
-end function sums_of_row
-
 !> Step functions along a row, (3.16)
 subroutine step_row(row, epsilon, phi, inside)
    type(row_type), intent(in) :: row
@@ -261,21 +198,19 @@ subroutine step_row(row, epsilon, phi, inside)
    end do
 end subroutine step_row
 
-!> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6), P (3.39)
-subroutine sum_row(grid, row, mu, nu, gamma, regions, channels, weight, inside, bent, sums)
+!> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6)
+subroutine sum_row(grid, row, mu, nu, regions, channels, weight, inside, sums)
    type(grid_type), intent(in) :: grid
    type(row_type), intent(in) :: row
-   !> Weights of length, shape (level sets), of area and of distance [-]
-   real(wp), intent(in) :: mu(:), nu, gamma
+   !> Weights of length, shape (level sets), and of area [-]
+   real(wp), intent(in) :: mu(:), nu
    integer, intent(in) :: regions
    !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
    real(wp), intent(in), contiguous :: channels(:, :), weight(:)
    !> Step functions of the level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
-   !> Of `bend_row`, same shape; read where gamma > 0 [-]
-   real(wp), intent(in), contiguous :: bent(:, :)
    !> Energy of contours and areas; then for each region the integrals of its membership, and of
-   !> membership times values and times squared values per channel; shape (sums_of_row) [-]
+   !> membership times values and times squared values per channel; shape (1 + regions*(1 + 2*channels)) [-]
    real(wp), intent(out) :: sums(:)
    real(wp), dimension(row%first:row%last) :: part, slope
    real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1)
@@ -293,11 +228,6 @@ subroutine sum_row(grid, row, mu, nu, gamma, regions, channels, weight, inside, 
       do i = a, b
          part(i) = mu(level)*slope(i)*part(i) + nu*inside(i, level)
       end do
-      if (gamma > 0.0_wp) then
-         do i = a, b
-            part(i) = part(i) + 0.5_wp*gamma*(bent(i, level)/(1.0_wp - bent(i, level)))**2
-         end do
-      end if
       sums(1) = sums(1) + total(grid%part(a:b), part)
    end do
 

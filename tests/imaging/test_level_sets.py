@@ -38,15 +38,6 @@ def shifted(a, axis, side):
     return np.take(a, np.clip(np.arange(n := a.shape[axis]) + side, 0, n - 1), axis)
 
 
-def distance_energy(phi, spacing, part):
-    """P of (3.39): half the squared distance of |grad phi| from one, summed where part is one."""
-    square = 1e-8
-    for d in range(3):
-        ahead, behind = (shifted(part, d, s) * (shifted(phi, d, s) - phi) for s in (1, -1))
-        square = square + (ahead**2 + behind**2) / (2 * spacing[d] ** 2)
-    return (part * (np.sqrt(square) - 1) ** 2).sum() / 2
-
-
 def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas):
     """One step of (A.1) for two level sets and any channels, written out; and the energy."""
     axes = [d for d in range(3) if u.shape[d] > 1]
@@ -100,43 +91,6 @@ def test_steps_equal_plain_numpy(shape, spacing):
     assert found["iterations"][0] == 9 and (np.diff(energies) < 0).all()
     np.testing.assert_allclose(found["phi"], phi[9], atol=1e-12)
     np.testing.assert_allclose(found["energy"][:, 0], energies, rtol=1e-12)
-
-
-@pytest.mark.parametrize("shape", [(9, 8, 1), (6, 5, 4)])
-def test_distance_term_is_the_slope_of_its_energy(shape):
-    """One small step of (3.42) without image and contours goes down P (3.39), and only there."""
-    spacing, random = (1.0, 1.7, 4.0), np.random.default_rng(3)
-    phi = random.random((*shape, 1))
-    part = (random.random(shape) > 0.2).astype(float)
-    keys = dict(spacing=spacing, weight=part, mu=0.0, gamma=0.3, volume=True)
-    found = evolve(np.zeros_like(phi), phi, iterations=1, dt=1e-7, **keys)
-    cell = np.prod([h for h, n in zip(spacing, shape, strict=True) if n > 1])
-    started = 0.3 * cell * distance_energy(phi[..., 0], spacing, part)
-    assert found["energy"][0, 0] == pytest.approx(started)
-    slope = np.empty(shape)
-    for place in np.ndindex(shape):
-        change = np.zeros(shape)
-        change[place] = 1e-6
-        up, down = (distance_energy(phi[..., 0] + x, spacing, part) for x in (change, -change))
-        slope[place] = (up - down) / 2e-6
-    np.testing.assert_allclose((found["phi"] - phi)[..., 0] / 1e-7, -0.3 * slope, atol=1e-5)
-
-
-def test_distance_term_keeps_level_sets_near_distance_functions():
-    image, inside = disc(noise=0.05)
-    outwards = np.hypot(*(np.mgrid[:64, :64] - 31.5)) - 18.0
-    start = -0.3 * outwards[..., None, None]
-    keys = dict(mu=0.05, dt=5.0, iterations=1000, tolerance=-1.0)
-    slopes = {}
-    for gamma in (0.0, 0.05):
-        found = evolve(image.data[..., None], start, gamma=gamma, **keys)
-        assert (np.diff(found["energy"][:, 0]) <= 0).all()
-        phi = found["phi"][:, :, 0, 0]
-        assert dice(phi > 0, inside[..., 0]) > 0.99
-        slopes[gamma] = np.hypot(*np.gradient(phi))[np.abs(outwards) < 3.0]
-    # the image steepens the level set at the contour, against which P holds it
-    assert slopes[0.05].min() > 0.8 and slopes[0.05].max() < 2.0
-    assert slopes[0.0].min() < 0.2 and slopes[0.0].max() > 5.0
 
 
 def test_slices_are_independent_and_a_volume_is_not():

@@ -215,23 +215,6 @@ def test_descent_of_eight_regions() -> None:
         assert sp.expand(force + energy.diff(h[level])) == 0
 
 
-def test_distance_term_of_the_descent() -> None:
-    """(3.42): gamma (laplacian - curvature) is the descent of P of (3.39), in the plane."""
-    x, y = sp.symbols("x y")
-    phi = sp.Function("phi")(x, y)
-    fx, fy = sp.symbols("fx fy", positive=True)
-    density = (sp.sqrt(fx**2 + fy**2) - 1) ** 2 / 2
-    real = {fx: phi.diff(x), fy: phi.diff(y)}
-    descent = density.diff(fx).subs(real).diff(x) + density.diff(fy).subs(real).diff(y)
-    norm = sp.sqrt(phi.diff(x) ** 2 + phi.diff(y) ** 2)
-    curvature = (phi.diff(x) / norm).diff(x) + (phi.diff(y) / norm).diff(y)
-    printed = phi.diff(x, 2) + phi.diff(y, 2) - curvature
-    probe = sp.exp(x / 3) * (y + 2) + x * y**2
-    at = {x: sp.Rational(1, 3), y: sp.Rational(1, 5)}
-    miss = (descent - printed).subs(phi, probe).doit().subs(at)
-    assert abs(float(miss)) < 1e-12
-
-
 def test_quintic_kernel() -> None:
     """(5.6): four times continuously differentiable, zero at the end of its support."""
     z = sp.symbols("z")

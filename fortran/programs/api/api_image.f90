@@ -1,6 +1,6 @@
 ! Python boundary of the segmentation: plain arrays in, plain arrays out.
 
-!> Evolve level sets in blocks of `depth` slices; steering is nu, gamma, epsilon, dt, tolerance, and
+!> Evolve level sets in blocks of `depth` slices; steering is nu, epsilon, dt, tolerance, and
 !> weight is zero for voxels that take no part
 subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj, nk, nchannel, &
    & nlevel, nregion, nblock, channels, weight, start, phi, energy, means, iterations, ended, &
@@ -10,7 +10,7 @@ subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj
    implicit none
    !f2py threadsafe
    integer, intent(in) :: limit, depth, ni, nj, nk, nchannel, nlevel, nregion, nblock
-   double precision, intent(in) :: steering(5), mu(nlevel), lambda(nchannel, nregion)
+   double precision, intent(in) :: steering(4), mu(nlevel), lambda(nchannel, nregion)
    double precision, intent(in) :: spacing(3), channels(ni, nj, nk, nchannel)
    double precision, intent(in) :: weight(ni, nj, nk), start(ni, nj, nk, nlevel)
    double precision, intent(out) :: phi(ni, nj, nk, nlevel), energy(limit + 1, nblock)
@@ -20,8 +20,8 @@ subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj
    type(error_type), allocatable :: error
    type(level_set_options) :: options
 
-   options = level_set_options(nu=steering(1), gamma=steering(2), epsilon=steering(3), &
-      & dt=steering(4), tolerance=steering(5), spacing=spacing, iterations=limit, mu=mu, &
+   options = level_set_options(nu=steering(1), epsilon=steering(2), dt=steering(3), &
+      & tolerance=steering(4), spacing=spacing, iterations=limit, mu=mu, &
       & lambda=lambda)
    phi = start
    energy = 0.0d0

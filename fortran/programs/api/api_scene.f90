@@ -94,8 +94,8 @@ subroutine scene_close(handle)
    call close_slot(slot)
 end subroutine scene_close
 
-!> Steps and iterations done so far, readable while a solve runs in another thread, which is asked to
-!> end after its iteration (stop = 1)
+!> Steps and iterations done so far, readable while a solve runs in another thread, which is asked
+!> to end after its iteration (stop = 1)
 subroutine scene_progress(handle, stop, steps, iterations)
    use rk_handles, only : slot_of, slot_type
    implicit none

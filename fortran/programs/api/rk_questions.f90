@@ -11,7 +11,7 @@ module rk_questions
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
    use rk_problem, only : evaluation_type, problem_type
-   use rk_reduced, only : new_reduced, reduction_type
+   use rk_reduced, only : new_reduced
    use rk_session, only : find_problem, solve_session
    use rk_states, only : field_state
    use rk_surface, only : lattice_places, surface_triangles
@@ -164,7 +164,7 @@ subroutine set_fields(slot, given, error)
    end if
 end subroutine set_fields
 
-!> Project the full problem on modes; answers the number of equations that are left
+!> Project the full problem on modes
 subroutine reduce(slot, projection, given, error)
    type(slot_type), intent(inout) :: slot
    !> auto, galerkin or least-squares
@@ -176,8 +176,7 @@ subroutine reduce(slot, projection, given, error)
 
    modes = reshape(given(2:), [slot%full%n, (size(given) - 1)/slot%full%n])
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   call new_reduced(slot%reduced, slot%full, modes, reduction_type(projection, given(1) > 0), error)
-   if (.not. allocated(error)) call slot%answer%put_whole('rows', [integer ::], [slot%reduced%m])
+   call new_reduced(slot%reduced, slot%full, modes, projection, given(1) > 0, error)
 end subroutine reduce
 
 !> States of the last solve, also of one that failed, and the verdict on it

@@ -1,9 +1,9 @@
 !> Journal of a run: what it needs to go on, in a file that only grows.
 !>
 !> A result file that was being written when its process was killed can be torn. The journal cannot:
-!> it is written step by step, and a reader stops at the first record that is not whole. Fortran puts
-!> its length on both sides of a record; a disk that lost power may have kept these and not what was
-!> between them, so that a step has the sum of its numbers before it.
+!> it is written step by step, and a reader stops at the first record that is not whole. Fortran
+!> puts its length on both sides of a record; a disk that lost power may have kept these and not
+!> what was between them, so that a step has the sum of its numbers before it.
 module rk_journal
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type

@@ -14,7 +14,6 @@ module rk_output
    use rk_probes, only : new_probes, numbers_of, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_results, only : results_type
-   use rk_scene, only : scene_type
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell, version_text
    use rk_text, only : to_power, to_text
@@ -124,7 +123,7 @@ subroutine close_output(self, error)
    call keep(self, error)
    call self%log%close(error)
    call keep(self, error)
-   call self%results%close(error, unfinished=.true.)
+   call self%results%close(error)
    call keep(self, error)
    self%seconds = self%seconds + tick(clock)
    if (allocated(self%error)) call move_alloc(self%error, error)

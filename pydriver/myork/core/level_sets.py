@@ -23,9 +23,8 @@ def evolve_level_sets(
     iterations: int,
     lambdas: ArrayLike,
     volume: bool,
-    gamma: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
-    """Evolve level sets by the scheme of Appendix A, energy (3.29) and gamma P of (3.38).
+    """Evolve level sets by the scheme of Appendix A, energy (3.29).
 
     - `channels`: values, shape `(ni, nj, nk, nchannel)` [-]
     - `weight`: weights of the voxels' misfit, zero for voxels that take no part (whatever values
@@ -39,7 +38,6 @@ def evolve_level_sets(
     - `lambdas`: weights of the misfit of each channel in each region, shape `(nchannel, nregion)`;
       there are more than half of `2**nlevel` regions
     - `volume`: whether the slices are one volume; else each is a problem of its own
-    - `gamma`: weight of P (3.39), which keeps the level sets near distance functions [-]
     - returns `phi` like `start`; `energy` at the start and after each iteration, shape
       `(iterations + 1, nblock)`; `means`, shape `(nchannel, nregion, nblock)`; `iterations` and
       `ended` (0 limit, 1 regions at rest, 2 no step lowers the energy), shape `(nblock,)`. A block
@@ -59,7 +57,7 @@ def evolve_level_sets(
     names = ("phi", "energy", "means", "iterations", "ended")
     found = called(
         _core.evolve_level_sets,
-        (nu, gamma, epsilon, dt, tolerance),
+        (nu, epsilon, dt, tolerance),
         np.broadcast_to(np.asarray(mu, float), first.shape[3:]),
         np.asarray(lambdas, float),
         spacing,

@@ -77,7 +77,7 @@ class Scene:
     @classmethod
     def from_tables(
         cls,
-        tables: Mapping[str, Any],
+        tables: Mapping[str, Any] | str,
         cloud: PointCloud | None = None,
         *,
         overrides: Sequence[str] = (),
@@ -87,9 +87,9 @@ class Scene:
     ) -> "Scene":
         """Open a scene of data: without a file, unless the tables name one of points.
 
-        - `tables`: tables with the keys of a deck, arrays of tables as lists of mappings. Without
-          `title` the title is "scene"; without `units` forces are in N and lengths in cm, the units
-          of the defaults of a muscle, or in those of the cloud.
+        - `tables`: tables with the keys of a deck, arrays of tables as lists of mappings, or the
+          text of a deck. Without `title` the title is "scene"; without `units` forces are in N and
+          lengths in cm, the units of the defaults of a muscle, or in those of the cloud.
         - `cloud`: points of the body, in place of a model file; the table `geometry` is left out
           then
         - `overrides`, `out`, `threads`, `progress`: as of `Scene`
@@ -105,29 +105,12 @@ class Scene:
         >>> with Scene.from_tables(square) as scene:  # doctest: +SKIP
         ...     states = scene.solve()
         """
-        if cloud is not None:
-            tables = with_cloud(tables, cloud)
-        text = text_of_tables(tables)
-        return cls.from_text(
-            text, cloud, overrides=overrides, out=out, threads=threads, progress=progress
-        )
-
-    @classmethod
-    def from_text(
-        cls,
-        text: str,
-        cloud: PointCloud | None = None,
-        *,
-        overrides: Sequence[str] = (),
-        out: Path | None = None,
-        threads: int | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> "Scene":
-        """Open the scene of a deck's text; all else as of `from_tables`."""
-        deck = deck_values(NAME_OF_TABLES, text, overrides, "solve")
+        if isinstance(tables, Mapping):
+            tables = text_of_tables(tables if cloud is None else with_cloud(tables, cloud))
+        deck = deck_values(NAME_OF_TABLES, tables, overrides, "solve")
         cloud = model_of(deck, Path(), out) if cloud is None else check_cloud(deck, cloud)
         scene = cls.__new__(cls)
-        scene._open(deck, text, overrides, cloud, threads, progress)
+        scene._open(deck, tables, overrides, cloud, threads, progress)
         return scene
 
     def _open(

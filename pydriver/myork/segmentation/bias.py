@@ -107,7 +107,6 @@ def clustered_bias(
     spacing: ArrayLike,
     regions: int,
     mu: float | Sequence[float] = 0.01,
-    gamma: float = 0.0,
 ) -> BiasField:
     """Bias field by local clustering, (3.30) to (3.45), for any number of regions.
 
@@ -122,7 +121,6 @@ def clustered_bias(
     - `regions`: number of regions
     - `mu`: weight of the contours' length, one for all level sets or one for each; the grey values
       are scaled to about one [-]
-    - `gamma`: weight of P (3.39), which keeps the level sets near distance functions [-]
     """
     if not mask.any():
         raise InputError("bias: no voxel to estimate the field from; check the mask")
@@ -166,7 +164,6 @@ def clustered_bias(
                 spacing=tuple(pixel.tolist()),
                 mu=contour_weights("bias.mu", mu, regions),
                 nu=0.0,
-                gamma=gamma,
                 epsilon=_EPSILON,
                 dt=_DT,
                 tolerance=0.0,

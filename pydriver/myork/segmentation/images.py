@@ -140,7 +140,6 @@ def segment_images(
     *,
     bias: str = "none",
     mu: float | Sequence[float] = 0.01,
-    gamma: float = 0.0,
     muscles: Sequence[Muscle] = (),
     progress: ProgressCallback = silent,
 ) -> Segmentation:
@@ -149,8 +148,7 @@ def segment_images(
     - `images`: what there is
     - `table`: table `image` of decks
     - `bias`: method of the shading: `auto`, `level-sets` or `none`
-    - `mu`, `gamma`: of `level-sets`: weights of the contours' length, one for all or one a level
-      set, and of P (3.39), which keeps them near distance functions [-]
+    - `mu`: of `level-sets`: weight of the contours' length, one for all or one a level set [-]
     - `muscles`: rules by which regions are grouped
     """
     body = images.body
@@ -158,8 +156,7 @@ def segment_images(
         # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
         # badly, and its rim what lies under the skin.
         body = _body_of(images)
-    contours = {"mu": mu, "gamma": gamma}
-    shade, record = _shading(images.whole, body, bias, contours, progress)
+    shade, record = _shading(images.whole, body, bias, mu, progress)
     images = images if shade is None else images.divided(shade)
     image = images.anatomy
     reference, lost = _bent(images, body, progress)
@@ -237,7 +234,7 @@ def _body_of(images: Images) -> Mask:
 
 
 def _shading(
-    image: Image, mask: Mask, method: str, contours: Mapping[str, Any], progress: ProgressCallback
+    image: Image, mask: Mask, method: str, mu: float | Sequence[float], progress: ProgressCallback
 ) -> tuple[F64 | None, dict[str, Any]]:
     """Shading estimated in the body, None without one, and its record."""
     if method == "none":
@@ -251,9 +248,7 @@ def _shading(
             shade = best.field
             record |= {"start": best.candidates[0].start, "doubt": best.doubt}
         else:
-            found = clustered_bias(
-                image.data, mask, spacing=image.spacing, regions=_EVEN, **contours
-            )
+            found = clustered_bias(image.data, mask, spacing=image.spacing, regions=_EVEN, mu=mu)
             shade = found.field
             record |= {"converged": found.converged, "energy": found.energy.tolist()}
     except InputError as reason:

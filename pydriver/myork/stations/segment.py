@@ -61,8 +61,8 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     _check_rules(table, muscles)
     grid = OneGrid(progress, slices_last=True)
     images = read_images(deck, out, grid, progress)
-    bias = {"bias": deck["bias"]["method"]} | {key: deck["bias"][key] for key in ("mu", "gamma")}
-    found = segment_images(images, table, **bias, muscles=muscles, progress=progress)
+    bias, mu = deck["bias"]["method"], deck["bias"]["mu"]
+    found = segment_images(images, table, bias=bias, mu=mu, muscles=muscles, progress=progress)
     labels, affine, kinds = found.labels, found.labels.affine, found.regions.region
     fractions: Image | None = None
     filled: dict[str, float] = {}
