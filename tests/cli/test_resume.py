@@ -139,6 +139,13 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
     before = datasets(tmp_path)
     assert "resumed after load step 6" in run(deck, tmp_path, "--resume")
     assert datasets(tmp_path) == before
+    # of a torn journal, and of one whose end a disk without power has lost, the whole steps count
+    journal = tmp_path / "results.journal"
+    whole = journal.read_bytes()
+    for torn in (whole[: len(whole) // 2], whole[:-100] + bytes(100)):
+        journal.write_bytes(torn)
+        assert "resumed after load step" in run(deck, tmp_path, "--resume", "--no-error")
+        assert datasets(tmp_path) == before
     # a journal of another version is refused
     (other := tmp_path / "other").mkdir()
     (other / "results.journal").write_bytes(np.arange(1000).tobytes())

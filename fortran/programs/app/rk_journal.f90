@@ -2,8 +2,8 @@
 !>
 !> A result file that was being written when its process was killed can be torn. The journal cannot:
 !> it is written step by step, and a reader stops at the first record that is not whole. Fortran
-!> puts its length on both sides of a record; a disk that lost power may have kept these and not
-!> what was between them, so that a step has the sum of its numbers before it.
+!> puts its length before a record; a disk that lost power may have kept this and not what is behind
+!> it, so that a step has the sums of its numbers and letters there as well.
 module rk_journal
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -116,7 +116,8 @@ subroutine add_step(self, step, worst, x)
       & real(step%iterations, wp), step%gradient, step%step_norm, step%min_j, step%max_j, worst, &
       & own%rcond, own%held, real(own%halvings, wp), x, own%slope, own%bend, own%place, own%origin])
       write (self%unit, iostat=stat) size(x), size(own%slope), size(own%bend, 2), &
-         & size(own%place), len(self%lines), allocated(step%carried), own%trusted, sum(numbers)
+         & size(own%place), len(self%lines), allocated(step%carried), own%trusted, sum(numbers), &
+         & sum_of(self%lines)
       write (self%unit, iostat=stat) numbers, self%lines
    end associate
    flush (self%unit, iostat=stat)
@@ -183,15 +184,15 @@ subroutine read_step(self, unit, stat)
    character(len=:), allocatable :: lines
    real(wp), allocatable :: numbers(:)
    real(wp) :: check
-   integer :: changes, letters, n, o, places, slopes
+   integer :: changes, length, letters, n, o, places, slopes
    logical :: carries
 
-   read (unit, iostat=stat) n, slopes, changes, places, letters, carries, own%trusted, check
+   read (unit, iostat=stat) n, slopes, changes, places, length, carries, own%trusted, check, letters
    if (stat /= 0) return
    allocate (numbers(numbers_of_step + n*(1 + changes) + slopes + 2*places))
-   allocate (character(len=letters) :: lines)
+   allocate (character(len=length) :: lines)
    read (unit, iostat=stat) numbers, lines
-   if (stat == 0 .and. abs(sum(numbers) - check) > 0.0_wp) stat = 1
+   if (stat == 0 .and. (abs(sum(numbers) - check) > 0.0_wp .or. sum_of(lines) /= letters)) stat = 1
    if (stat /= 0) return
    step%load = numbers(1)
    step%step = nint(numbers(2))
@@ -220,5 +221,12 @@ subroutine read_step(self, unit, stat)
    self%worst = reshape([self%worst, numbers(9:11)], [3, size(self%load)])
    self%history = self%history//lines
 end subroutine read_step
+
+pure integer function sum_of(text)
+   character(len=*), intent(in) :: text
+   integer :: i
+
+   sum_of = sum([(ichar(text(i:i)), i=1, len(text))])
+end function sum_of
 
 end module rk_journal
