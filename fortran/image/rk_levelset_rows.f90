@@ -210,7 +210,8 @@ subroutine sum_row(grid, row, mu, nu, regions, channels, weight, inside, sums)
    !> Step functions of the level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
    !> Energy of contours and areas; then for each region the integrals of its membership, and of
-   !> membership times values and times squared values per channel; shape (1 + regions*(1 + 2*channels)) [-]
+   !> membership times values and times squared values per channel; shape
+   !> (1 + regions*(1 + 2*channels)) [-]
    real(wp), intent(out) :: sums(:)
    real(wp), dimension(row%first:row%last) :: part, slope
    real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1)
