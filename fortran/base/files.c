@@ -6,7 +6,6 @@
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -36,15 +35,22 @@ const char *rkf_output(const char *path, int keep, int *file)
    return finish(*file < 0);
 }
 
-/* A file with its first bytes kept, or a new one without any */
-const char *rkf_create(const char *path, int64_t kept, FILE **file)
+/* The same for a library that opens names only */
+const char *rkf_make(const char *path, int keep)
 {
    int number;
-   const char *why = rkf_output(path, kept > 0, &number);
+   const char *why = rkf_output(path, keep, &number);
+   if (!why) close(number);
+   return why;
+}
+
+const char *rkf_create(const char *path, FILE **file)
+{
+   int number;
+   const char *why = rkf_output(path, 0, &number);
    *file = NULL;
    if (why) return why;
-   if (kept == 0 || (ftruncate(number, kept) == 0 && lseek(number, 0, SEEK_END) == kept))
-      *file = fdopen(number, "w");
+   *file = fdopen(number, "w");
    why = finish(*file == NULL);
    if (why) close(number);
    return why;

@@ -27,11 +27,11 @@ module rk_json
       logical, private :: first = .true.
    contains
       procedure :: begin_object, end_object, begin_array, end_array
-      !> put(key, value) inside an object, put(value) inside an array: an integer, a real number, a
-      !> logical, a text or a list of these, on one line
-      generic :: put => put_value, put_list, add_value, add_list
+      !> put(key, value) inside an object: an integer, a real number, a logical, a text or a list of
+      !> these, on one line
+      generic :: put => put_value, put_list
       procedure :: put_json, put_lines, text => text_so_far, save => save_json
-      procedure, private :: put_value, put_list, add_value, add_list, item, append
+      procedure, private :: put_value, put_list, item, append
    end type json_type
 
 contains
@@ -53,41 +53,40 @@ subroutine begin_object(self, key)
    !> Name of the object; absent in an array and at the start
    character(len=*), intent(in), optional :: key
 
-   call self%item(key)
-   call open_list(self, '{')
+   call begin(self, '{', key)
 end subroutine begin_object
 
 subroutine begin_array(self, key)
    class(json_type), intent(inout) :: self
-   !> Name of the array; absent in an array and at the start
+   character(len=*), intent(in) :: key
+
+   call begin(self, '[', key)
+end subroutine begin_array
+
+subroutine begin(self, bracket, key)
+   class(json_type), intent(inout) :: self
+   character(len=1), intent(in) :: bracket
    character(len=*), intent(in), optional :: key
 
    call self%item(key)
-   call open_list(self, '[')
-end subroutine begin_array
+   call self%append(bracket)
+   self%depth = self%depth + 1
+   self%first = .true.
+end subroutine begin
 
 subroutine end_object(self)
    class(json_type), intent(inout) :: self
 
-   call close_list(self, '}')
+   call end_list(self, '}')
 end subroutine end_object
 
 subroutine end_array(self)
    class(json_type), intent(inout) :: self
 
-   call close_list(self, ']')
+   call end_list(self, ']')
 end subroutine end_array
 
-subroutine open_list(self, bracket)
-   class(json_type), intent(inout) :: self
-   character(len=1), intent(in) :: bracket
-
-   call self%append(bracket)
-   self%depth = self%depth + 1
-   self%first = .true.
-end subroutine open_list
-
-subroutine close_list(self, bracket)
+subroutine end_list(self, bracket)
    class(json_type), intent(inout) :: self
    character(len=1), intent(in) :: bracket
 
@@ -95,7 +94,7 @@ subroutine close_list(self, bracket)
    if (.not. self%first) call self%append(new_line('a')//repeat(' ', self%depth))
    call self%append(bracket)
    self%first = .false.
-end subroutine close_list
+end subroutine end_list
 
 !> Value of an object
 subroutine put_value(self, key, value)
@@ -115,27 +114,16 @@ subroutine put_list(self, key, value)
    !> Numbers, logicals or texts
    class(*), intent(in) :: value(:)
 
+   integer :: i
+
    call self%item(key)
-   call append_list(self, value)
+   call self%append('[')
+   do i = 1, size(value)
+      if (i > 1) call self%append(', ')
+      call self%append(literal(value(i)))
+   end do
+   call self%append(']')
 end subroutine put_list
-
-!> Value of an array
-subroutine add_value(self, value)
-   class(json_type), intent(inout) :: self
-   class(*), intent(in) :: value
-
-   call self%item()
-   call self%append(literal(value))
-end subroutine add_value
-
-!> List of an array
-subroutine add_list(self, value)
-   class(json_type), intent(inout) :: self
-   class(*), intent(in) :: value(:)
-
-   call self%item()
-   call append_list(self, value)
-end subroutine add_list
 
 !> Item of an object whose value is JSON already
 subroutine put_json(self, key, value)
@@ -161,25 +149,12 @@ subroutine put_lines(self, key, text)
    do
       length = index(text(first:), new_line('a'))
       if (length == 0) exit
-      call self%put(text(first:first + length - 2))
+      call self%item()
+      call self%append(quoted(text(first:first + length - 2)))
       first = first + length
    end do
    call self%end_array()
 end subroutine put_lines
-
-!> Values in brackets
-subroutine append_list(self, value)
-   class(json_type), intent(inout) :: self
-   class(*), intent(in) :: value(:)
-   integer :: i
-
-   call self%append('[')
-   do i = 1, size(value)
-      if (i > 1) call self%append(', ')
-      call self%append(literal(value(i)))
-   end do
-   call self%append(']')
-end subroutine append_list
 
 !> A value in JSON
 pure function literal(value) result(text)

@@ -4,15 +4,14 @@
 !> then an earlier file stays as it was. Every write reaches the operating system at once, and a
 !> full disk is an error.
 module rk_text_file
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_int64_t, c_null_char, &
+   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, &
       & c_null_ptr, c_ptr, c_size_t
    use rk_cstring, only : to_fortran
    use rk_error, only : error_type, fatal_error, err_file
-   use rk_precision, only : i8
    implicit none
    private
 
-   public :: text_file, save_text, load_text, rkf_rename
+   public :: text_file, make_file, save_text, load_text, rkf_rename
 
    !> A file being written
    type :: text_file
@@ -25,16 +24,18 @@ module rk_text_file
       logical :: damaged = .false.
    contains
       procedure :: create, line, close => close_file, publish
-      !> Of a file that has its name from the start
-      procedure :: open => open_file, write => write_text, remove
    end type text_file
 
    !> files.c: null, or the reason of a failure as a C string
    interface
-      type(c_ptr) function rkf_create(path, kept, handle) bind(c)
-         import :: c_char, c_int64_t, c_ptr
+      type(c_ptr) function rkf_make(path, keep) bind(c)
+         import :: c_char, c_int, c_ptr
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_int64_t), value :: kept
+         integer(c_int), value :: keep
+      end function rkf_make
+      type(c_ptr) function rkf_create(path, handle) bind(c)
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
          type(c_ptr), intent(out) :: handle
       end function rkf_create
       type(c_ptr) function rkf_write(handle, text, length) bind(c)
@@ -51,10 +52,6 @@ module rk_text_file
          import :: c_char, c_ptr
          character(kind=c_char), intent(in) :: from(*), to(*)
       end function rkf_rename
-      integer(c_int) function unlink(path) bind(c)
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: path(*)
-      end function unlink
    end interface
 
 contains
@@ -68,52 +65,20 @@ subroutine create(self, path, error)
 
    self%path = path
    self%damaged = .false.
-   call check(self, rkf_create(path//'.part'//c_null_char, 0_c_int64_t, self%handle), error)
+   call check(self, rkf_create(path//'.part'//c_null_char, self%handle), error)
    if (allocated(error)) error%message = self%path//'.part'//error%message(len(self%path) + 1:)
 end subroutine create
 
-!> Go on behind the first bytes of a file, or start it anew
-subroutine open_file(self, path, kept, error)
-   class(text_file), intent(inout) :: self
-   character(len=*), intent(in) :: path
-   !> Bytes that stay, 0 for a new file
-   integer(i8), intent(in) :: kept
-   type(error_type), allocatable, intent(out) :: error
-
-   self%path = path
-   call check(self, rkf_create(path//c_null_char, kept, self%handle), error)
-end subroutine open_file
-
-!> Write bytes
-subroutine write_text(self, text, error)
+!> Write a line
+subroutine line(self, text, error)
    !> Open file; nothing is written to another one
    class(text_file), intent(inout) :: self
    character(len=*), intent(in) :: text
    type(error_type), allocatable, intent(out) :: error
 
-   if (.not. c_associated(self%handle)) return
-   call check(self, rkf_write(self%handle, text, len(text, c_size_t)), error)
-end subroutine write_text
-
-subroutine line(self, text, error)
-   class(text_file), intent(inout) :: self
-   character(len=*), intent(in) :: text
-   type(error_type), allocatable, intent(out) :: error
-
-   call self%write(text//new_line('a'), error)
+   if (c_associated(self%handle)) call check(self, rkf_write(self%handle, text//new_line('a'), &
+      & len(text, c_size_t) + 1), error)
 end subroutine line
-
-!> Close a file that is needed no more, and remove it
-subroutine remove(self)
-   !> File; nothing happens to a closed one
-   class(text_file), intent(inout) :: self
-   type(error_type), allocatable :: ignored
-   integer(c_int) :: gone
-
-   if (.not. c_associated(self%handle)) return
-   call self%close(ignored)
-   gone = unlink(self%path//c_null_char)
-end subroutine remove
 
 !> Close; the file keeps its temporary name
 subroutine close_file(self, error)
@@ -151,6 +116,19 @@ subroutine save_text(path, text, error)
    if (allocated(trouble) .and. .not. allocated(error)) call move_alloc(trouble, error)
    if (.not. allocated(error)) call file%publish(error)
 end subroutine save_text
+
+!> Make a file that another unit will write to, in place of what has its name
+subroutine make_file(path, keep, error)
+   character(len=*), intent(in) :: path
+   !> Keep the file that has the name
+   logical, intent(in) :: keep
+   !> Error handling: the name is that of a link or a pipe, or cannot be written to
+   type(error_type), allocatable, intent(out) :: error
+   type(text_file) :: file
+
+   file%path = path
+   call check(file, rkf_make(path//c_null_char, merge(1_c_int, 0_c_int, keep)), error)
+end subroutine make_file
 
 !> Read a text file; one that is not there is empty
 subroutine load_text(path, text)

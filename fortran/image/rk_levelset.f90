@@ -13,8 +13,7 @@
 !> equation numbers are those of the thesis named in the README.
 module rk_levelset
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row, &
-      sums_of_row
+   use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row
    use rk_precision, only : wp
    implicit none
    private
@@ -151,8 +150,8 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    now = 1
    next = 2
    dt = options%dt
-   call measure(options, grid, values, weights, level(:, :, now), inside(:, :, now), &
-      means, energy(1))
+   call measure(options, grid, values, weights, level(:, :, now), inside(:, :, now), means, &
+      energy(1))
    lowest = energy(1)
    looked = level(:, :, now) > 0.0_wp
    ended = ended_at_limit
@@ -233,7 +232,7 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
    !> Energy with these means [-]
    real(wp), intent(out) :: energy
    real(wp), allocatable :: of_row(:, :)
-   real(wp) :: sums(sums_of_row(size(means, 2), size(means, 1)))
+   real(wp) :: sums(1 + size(means, 2)*(1 + 2*size(means, 1)))
    integer :: row, region, place, channels
 
    channels = size(means, 1)
@@ -248,8 +247,8 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
    !$omp shared(options, grid, values, weights, means, inside, of_row)
    do row = 1, size(grid%rows)
       if (grid%rows(row)%last < grid%rows(row)%first) cycle
-      call sum_row(grid, grid%rows(row), options%mu, options%nu, size(means, 2), values, &
-         weights, inside, of_row(:, row))
+      call sum_row(grid, grid%rows(row), options%mu, options%nu, &
+         size(means, 2), values, weights, inside, of_row(:, row))
    end do
    !$omp end parallel do
    ! Row by row, so that the number of threads does not show

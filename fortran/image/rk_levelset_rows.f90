@@ -1,24 +1,23 @@
 !> Rows of voxels of a level set problem: the scheme of Appendix A and the sums behind the energy.
 !>
-!> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3).
+!> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3),
+!> and with the misfits (3.43) that of (3.42) without its distance term.
 !>
 !> Level sets lie in one padded array, so that a neighbour along any axis is a fixed step away:
 !> the same lines serve two and three dimensions. Signs of n level sets make 2**n combinations p;
 !> membership in one is the product over the bits of p of H (bit set: inside) or 1 - H, equation
 !> (3.19) for any n. Where fewer regions are wanted, the last combinations belong to the regions
-!> that differ in the highest bit, as for three regions in reference 3.
+!> that differ in the highest bit, as for three regions in the reference.
 !>
-!> References: 1. Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291;
-!> 2. Vese, Chan, Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076;
-!> 3. Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190;
-!> equation numbers are those of the thesis named in the README.
+!> Reference: Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190, and
+!> those of rk_levelset; equation numbers are those of the thesis named in the README.
 module rk_levelset_rows
    use, intrinsic :: iso_fortran_env, only : real32
    use rk_precision, only : wp, pi
    implicit none
    private
 
-   public :: grid_type, row_type, new_grid, advance_row, step_row, sum_row, sums_of_row
+   public :: grid_type, row_type, new_grid, advance_row, step_row, sum_row
 
    !> Voxels of a row that take part
    type :: row_type
@@ -103,7 +102,7 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, 
    real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
    !> Level sets after, same shape; only the row is written [-]
    real(wp), intent(inout), contiguous :: new(:, :)
-   real(wp), dimension(row%first:row%last) :: force, pull, drawn, part
+   real(wp), dimension(row%first:row%last) :: force, pull, drawn
    ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
    real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
    real(wp) :: misfit(row%first:row%last, 0:size(lambda, 2) - 1), rate, scale
@@ -152,9 +151,8 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, 
       end do
       ! (A.1) times 1/delta, which saves a division
       do i = a, b
-         part(i) = epsilon**2 + old(i, level)**2
          new(i, level) = old(i, level) + scale*(drawn(i) - pull(i)*old(i, level) + force(i))/ &
-            (part(i) + scale*pull(i))
+            (epsilon**2 + old(i, level)**2 + scale*pull(i))
       end do
    end do
 end subroutine advance_row
@@ -181,14 +179,6 @@ pure subroutine squared_slope(grid, a, b, values, square)
       end do
    end do
 end subroutine squared_slope
-
-!> Number of sums that `sum_row` makes
-pure integer function sums_of_row(regions, channels)
-   !> Numbers of regions and channels
-   integer, intent(in) :: regions, channels
-
-   sums_of_row = 1 + regions*(1 + 2*channels)
-end function sums_of_row
 
 !> Step functions along a row, (3.16)
 subroutine step_row(row, epsilon, phi, inside)
@@ -220,7 +210,8 @@ subroutine sum_row(grid, row, mu, nu, regions, channels, weight, inside, sums)
    !> Step functions of the level sets, shape (places, level sets) [-]
    real(wp), intent(in), contiguous :: inside(:, :)
    !> Energy of contours and areas; then for each region the integrals of its membership, and of
-   !> membership times values and times squared values per channel; shape (sums_of_row) [-]
+   !> membership times values and times squared values per channel; shape
+   !> (1 + regions*(1 + 2*channels)) [-]
    real(wp), intent(out) :: sums(:)
    real(wp), dimension(row%first:row%last) :: part, slope
    real(wp) :: member(row%first:row%last, 0:2**size(inside, 2) - 1)

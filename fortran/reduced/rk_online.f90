@@ -23,8 +23,8 @@ module rk_online
    implicit none
    private
 
-   public :: online_model, prescribed_type, work_type, new_work, assemble, solve_state, follow
-   public :: condition_of, find_forces, new_online
+   public :: online_model, work_type, new_work, assemble, solve_state, follow, find_forces, &
+      & new_online
 
    !> A reduced model; arrays belong to the caller
    type :: online_model
@@ -67,18 +67,6 @@ module rk_online
       !> parameters of the materials, shape (11, 2, nc, nm) [stress]
       real(wp), pointer, contiguous :: own(:, :, :) => null(), own_slope(:, :, :, :) => null()
    end type online_model
-
-   !> What a state is asked for
-   type :: prescribed_type
-      !> Activation and largest isometric stress of each tissue, shape (nt) [-], [stress]
-      real(wp), allocatable :: activation(:), sigma_max(:)
-      !> Angle by which the fibers of each tissue are turned about its axis, shape (nt) [rad]
-      real(wp), allocatable :: turn(:)
-      !> Parameters of the materials less their values in the model, shape (nm)
-      real(wp), allocatable :: modulus(:)
-      !> Prescribed amplitudes, shape (s - r)
-      real(wp), allocatable :: given(:)
-   end type prescribed_type
 
    !> Room for one state at a time
    type :: work_type
@@ -202,20 +190,6 @@ contains
 
 end subroutine new_online
 
-!> What a state is asked for, of a column
-pure function condition_of(model, column) result(condition)
-   type(online_model), intent(in) :: model
-   !> Activation, largest isometric stress and angle of each tissue, parameters of the materials,
-   !> prescribed amplitudes
-   real(wp), intent(in) :: column(:)
-   type(prescribed_type) :: condition
-
-   associate (nt => size(model%laws), nm => size(model%bulk_slope, 2))
-      condition = prescribed_type(column(:nt), column(nt + 1:2*nt), column(2*nt + 1:3*nt), &
-         & column(3*nt + 1:3*nt + nm), column(3*nt + nm + 1:))
-   end associate
-end function condition_of
-
 !> Room for the states of a model
 subroutine new_work(self, model)
    type(work_type), intent(out) :: self
@@ -234,29 +208,34 @@ subroutine new_work(self, model)
 end subroutine new_work
 
 !> Residual of all amplitudes and, where wanted, its derivatives
-subroutine assemble(model, work, z, condition, tangent, restart)
+subroutine assemble(model, work, z, wish, tangent, restart)
    type(online_model), intent(in) :: model
    !> Room, of which residual, tangent and smallest J are set
    type(work_type), intent(inout) :: work
    !> Amplitudes, shape (s)
    real(wp), intent(in) :: z(:)
-   !> What is asked for
-   type(prescribed_type), intent(in) :: condition
+   !> What is asked for: activation [-], largest isometric stress [stress] and angle [rad] by which
+   !> the fibers are turned about its axis of each tissue, parameters of the materials less their
+   !> values in the model, prescribed amplitudes, shape (3 nt + nm + s - r)
+   real(wp), intent(in) :: wish(:)
    !> Derivatives as well
    logical, intent(in) :: tangent
    !> The pressures are those of this state; otherwise those that are linear in the last step
    logical, intent(in) :: restart
 
    real(wp) :: one(0:model%s), scale(size(model%volume, 3))
-   integer :: i, k
+   integer :: i, k, nm, nt
 
-   call assemble_cells(model, work, z, condition, tangent)
+   nt = size(model%laws)
+   nm = size(model%bulk_slope, 2)
+   call assemble_cells(model, work, z, wish(:nt), wish(nt + 1:2*nt), wish(2*nt + 1:3*nt), &
+      & wish(3*nt + 1:3*nt + nm), tangent)
    work%residual = work%residual + matmul(model%constant, z)
-   do i = 1, size(condition%modulus)
-      if (.not. abs(condition%modulus(i)) > 0.0_wp) cycle
-      work%residual = work%residual + condition%modulus(i)*matmul(model%constant_slope(:, :, i), z)
+   do i = 1, nm
+      if (.not. abs(wish(3*nt + i)) > 0.0_wp) cycle
+      work%residual = work%residual + wish(3*nt + i)*matmul(model%constant_slope(:, :, i), z)
    end do
-   scale = 1.0_wp + matmul(model%volume_slope, condition%modulus)
+   scale = 1.0_wp + matmul(model%volume_slope, wish(3*nt + 1:3*nt + nm))
    one(0) = 1.0_wp
    one(1:) = z
    call online_volume(size(scale), model%s, model%volume, one, scale, merge(1, 0, tangent), &
@@ -264,29 +243,27 @@ subroutine assemble(model, work, z, condition, tangent, restart)
    if (.not. tangent) return
    do k = 1, model%s
       work%tangent(:k, k) = work%tangent(:k, k) + model%constant(:k, k)
-      do i = 1, size(condition%modulus)
-         work%tangent(:k, k) = work%tangent(:k, k) &
-            & + condition%modulus(i)*model%constant_slope(:k, k, i)
+      do i = 1, nm
+         work%tangent(:k, k) = work%tangent(:k, k) + wish(3*nt + i)*model%constant_slope(:k, k, i)
       end do
       work%tangent(k, :k - 1) = work%tangent(:k - 1, k)
    end do
 end subroutine assemble
 
 !> The part of the cells
-subroutine assemble_cells(model, work, z, condition, tangent)
+subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, tangent)
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
-   real(wp), intent(in) :: z(:)
-   type(prescribed_type), intent(in) :: condition
+   !> Amplitudes, and the parts of what is asked for
+   real(wp), intent(in) :: z(:), activation(:), sigma_max(:), turn(:), modulus(:)
    logical, intent(in) :: tangent
-   real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(condition%turn))
+   real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(turn))
    ! a cell has one fiber a tissue at the most
-   real(wp) :: fiber(3, size(condition%turn))
-   real(wp) :: passive(size(condition%turn)), active(size(condition%turn))
+   real(wp) :: fiber(3, size(turn)), passive(size(turn)), active(size(turn))
    integer :: e, l, n, o, q, wide
 
-   do e = 1, size(condition%turn)
-      turned(:, :, e) = rotation(model%laws(e)%axis, condition%turn(e))
+   do e = 1, size(turn)
+      turned(:, :, e) = rotation(model%laws(e)%axis, turn(e))
    end do
    wide = size(work%z)
    work%z = 0.0_wp
@@ -301,18 +278,17 @@ subroutine assemble_cells(model, work, z, condition, tangent)
       n = min(block, size(model%weight) - o)
       do q = o + 1, o + n
          l = model%first(q + 1) - model%first(q)
-         a = model%a(:, q) + matmul(model%a_slope(:, q, :), condition%modulus)
-         bulk = model%local_bulk(q) + dot_product(model%bulk_slope(q, :), condition%modulus)
+         a = model%a(:, q) + matmul(model%a_slope(:, q, :), modulus)
+         bulk = model%local_bulk(q) + dot_product(model%bulk_slope(q, :), modulus)
          associate (first => model%first(q) + 1, last => model%first(q + 1))
             do e = 1, l
                fiber(:, e) = matmul(turned(:, :, model%tissue(first - 1 + e)), &
                   & model%fiber(:, first - 1 + e))
-               passive(e) = model%fraction(first - 1 + e)*condition%sigma_max(model%tissue(first &
-                  & - 1 + e))
-               active(e) = passive(e)*condition%activation(model%tissue(first - 1 + e))
+               passive(e) = model%fraction(first - 1 + e)*sigma_max(model%tissue(first - 1 + e))
+               active(e) = passive(e)*activation(model%tissue(first - 1 + e))
             end do
             if (model%layer(4, q) > 0.0_wp) then
-               call layered_law(model, q, work%f(:, q), condition, fiber(:, :l), passive(:l), &
+               call layered_law(model, q, work%f(:, q), modulus, fiber(:, :l), passive(:l), &
                   & active(:l), p, j, work%moduli(:, :, q - o))
             else if (tangent) then
                call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
@@ -339,13 +315,14 @@ subroutine assemble_cells(model, work, z, condition, tangent)
 end subroutine assemble_cells
 
 !> Stress and tangent of a cell with layers of two tissues
-pure subroutine layered_law(model, q, f, condition, fiber, passive, active, p, j, c)
+pure subroutine layered_law(model, q, f, modulus, fiber, passive, active, p, j, c)
    type(online_model), intent(in) :: model
    !> Cell
    integer, intent(in) :: q
    !> F [-]
    real(wp), intent(in) :: f(9)
-   type(prescribed_type), intent(in) :: condition
+   !> Parameters of the materials less their values in the model
+   real(wp), intent(in) :: modulus(:)
    !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, and that times
    !> activation, shape (k) [stress]
    real(wp), intent(in) :: fiber(:, :), passive(:), active(:)
@@ -358,8 +335,8 @@ pure subroutine layered_law(model, q, f, condition, fiber, passive, active, p, j
    integer :: k, l
 
    own = model%own(:, :, q)
-   do k = 1, size(condition%modulus)
-      own = own + condition%modulus(k)*model%own_slope(:, :, q, k)
+   do k = 1, size(modulus)
+      own = own + modulus(k)*model%own_slope(:, :, q, k)
    end do
    fraction = [model%layer(4, q), 1.0_wp - model%layer(4, q)]
    call layers%start(transpose(reshape(f, [3, 3])), fraction, model%layer(:3, q), &
@@ -407,11 +384,11 @@ pure function rotation(axis, angle) result(q)
 end function rotation
 
 !> Newton's iteration from the amplitudes given
-subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterations, change)
+subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, change)
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
-   !> What is asked for
-   type(prescribed_type), intent(in) :: condition
+   !> What is asked for, as of `assemble`
+   real(wp), intent(in) :: wish(:)
    !> Relative size of a step at which the iteration ends; 0 for as many iterations as allowed [-]
    real(wp), intent(in) :: tolerance
    !> Iterations at most
@@ -426,7 +403,7 @@ subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterati
    integer :: halvings, k
    logical :: singular, restart
 
-   z(model%r + 1:) = condition%given
+   z(model%r + 1:) = wish(size(wish) - model%s + model%r + 1:)
    iterations = 0
    change = huge(1.0_wp)
    j_before = 1.0_wp
@@ -438,7 +415,7 @@ subroutine solve_state(model, work, condition, tolerance, most_steps, z, iterati
          exit
       end if
       iterations = iterations + 1
-      call assemble(model, work, z, condition, .true., restart)
+      call assemble(model, work, z, wish, .true., restart)
       if (.not. work%min_j > min(j_floor, j_share*j_before)) then
          halvings = halvings + 1
          if (iterations == 1 .or. halvings > 12) exit
@@ -471,7 +448,7 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
    & change)
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
-   !> What the known state was asked for, and what is asked for now, as columns
+   !> What the known state was asked for, and what is asked for now, as of `assemble`
    real(wp), intent(in) :: known(:), wish(:)
    !> Parts of the way
    integer, intent(in) :: parts
@@ -485,16 +462,16 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
    integer, intent(out) :: iterations
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
-   type(prescribed_type) :: target
+   real(wp) :: target(size(wish))
    logical :: singular
-   integer :: i, some
+   integer :: given, i, some
 
    iterations = 0
    change = huge(1.0_wp)
-   target = condition_of(model, known)
-   z(model%r + 1:) = target%given
+   given = size(wish) - model%s + model%r + 1
+   z(model%r + 1:) = known(given:)
    do i = 1, parts
-      target = condition_of(model, known + real(i, wp)/real(parts, wp)*(wish - known))
+      target = known + real(i, wp)/real(parts, wp)*(wish - known)
       ! the residual under the new activation at the old place, and what moving it adds
       call assemble(model, work, z, target, .true., .true.)
       if (.not. work%min_j > 0.0_wp) then
@@ -503,7 +480,7 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
       end if
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r) - matmul(work%tangent(:model%r, model%r + 1:), &
-         & target%given - z(model%r + 1:))
+         & target(given:) - z(model%r + 1:))
       call solve_small(work%factor, work%step, singular)
       if (singular) then
          iterations = -1 - iterations
@@ -521,12 +498,12 @@ end subroutine follow
 
 !> Forces that do work on the amplitudes wanted, stationary in those of the modes where these follow
 !> the wanted ones as in equilibrium: an error of the modes' amplitudes enters squared
-subroutine find_forces(whole, room, condition, z, wanted, lift, force)
+subroutine find_forces(whole, room, wish, z, wanted, lift, force)
    !> Model with all its cells, or with a sample made for forces
    type(online_model), intent(in) :: whole
    type(work_type), intent(inout) :: room
-   !> What was asked for
-   type(prescribed_type), intent(in) :: condition
+   !> What was asked for, as of `assemble`
+   real(wp), intent(in) :: wish(:)
    !> Amplitudes, shape (s)
    real(wp), intent(in) :: z(:)
    !> Amplitudes whose forces are wanted, shape (nf)
@@ -537,7 +514,7 @@ subroutine find_forces(whole, room, condition, z, wanted, lift, force)
    real(wp), intent(out) :: force(:)
    integer :: i
 
-   call assemble(whole, room, z, condition, .false., .true.)
+   call assemble(whole, room, z, wish, .false., .true.)
    do i = 1, size(wanted)
       force(i) = room%residual(wanted(i)) + dot_product(lift(:, i), room%residual(:whole%r))
    end do

@@ -20,21 +20,11 @@ module rk_reduced
    use rk_problem, only : evaluation_type, problem_type, stage_type
    use rk_reduced_motion, only : moving_problem, new_moving_problem
    use rk_strong_motion, only : new_strong_motion, strong_motion
-   use rk_text, only : to_text
    use rk_weak_motion, only : new_weak_motion, weak_motion
    implicit none
    private
 
-   public :: new_motion, new_reduced, reduction_type
-
-   !> How a problem is reduced
-   type :: reduction_type
-      !> auto, galerkin or least-squares: what the residual is orthogonal to
-      character(len=:), allocatable :: projection
-      !> Rows of collocation assembled in full and then projected, as published, and not in the span
-      !> of the modes at once
-      logical :: assembled = .false.
-   end type reduction_type
+   public :: new_motion, new_reduced
 
    !> A problem in the span of modes; unknowns are the modes' amplitudes
    type, extends(problem_type) :: projected_problem
@@ -54,38 +44,51 @@ module rk_reduced
 contains
 
 !> Project a full problem on modes
-subroutine new_reduced(reduced, full, modes, way, error)
+subroutine new_reduced(reduced, full, modes, projection, assembled, error)
    !> Reduced problem, not associated after an error; the full one must outlive it
    class(problem_type), pointer, intent(out) :: reduced
    class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
-   !> How it is projected and assembled
-   type(reduction_type), intent(in) :: way
-   !> Error handling: modes of another model, a form that cannot be reduced so
+   !> auto, galerkin or least-squares: what the residual is orthogonal to
+   character(len=*), intent(in) :: projection
+   !> Rows of collocation are assembled in full and then projected, as published, and not in the
+   !> span of the modes at once
+   logical, intent(in) :: assembled
+   !> Error handling: a form that cannot be reduced so
    type(error_type), allocatable, intent(out) :: error
    class(equilibrium_problem), pointer :: rows
    type(projected_problem), pointer :: projected
+   type(moving_problem), pointer :: moving
+   class(form_motion), pointer :: body
 
    nullify (reduced)
-   if (size(modes, 1) /= full%n) then
-      call fatal_error(error, err_input, 'modes have '//to_text(size(modes, 1)) &
-         & //' entries, the model '//to_text(full%n)//' unknowns')
-      return
-   end if
    if (full%linear) then
-      call new_reduced_motion(reduced, full, modes, way%projection, error)
+      if (.not. allocated(full%scene%motion)) then
+         call fatal_error(error, err_input, 'reduced models are made of nonlinear problems and ' &
+            & //'of motions: a linear problem at rest is solved once, which leaves nothing to save')
+         return
+      end if
+      call new_motion(body, full, error)
+      if (allocated(error)) return
+      allocate (moving)
+      call new_moving_problem(moving, body, modes, projection, error)
+      if (allocated(error)) then
+         deallocate (moving)
+      else
+         reduced => moving
+      end if
       return
    end if
-   if (way%projection == 'galerkin' .and. .not. full%energetic) then
+   if (projection == 'galerkin' .and. .not. full%energetic) then
       call fatal_error(error, err_input, 'projection: collocation has more equations than ' &
          & //'unknowns, which "galerkin" cannot project: take "least-squares"')
-   else if (way%projection == 'least-squares' .and. full%energetic) then
+   else if (projection == 'least-squares' .and. full%energetic) then
       call fatal_error(error, err_input, 'projection: nonlinear Galerkin forms have as many ' &
          & //'equations as unknowns and are projected by "galerkin"')
    end if
    if (allocated(error)) return
-   if (full%energetic .or. way%assembled) then
+   if (full%energetic .or. assembled) then
       allocate (projected)
       call new_projected(projected, full, modes)
       reduced => projected
@@ -106,37 +109,6 @@ subroutine new_reduced(reduced, full, modes, way, error)
       end if
    end select
 end subroutine new_reduced
-
-!> Project a motion on modes
-subroutine new_reduced_motion(reduced, full, modes, projection, error)
-   !> Reduced problem, not associated after an error
-   class(problem_type), pointer, intent(out) :: reduced
-   !> Linear problem
-   class(discretisation_type), target, intent(inout) :: full
-   real(wp), intent(in) :: modes(:, :)
-   !> How it is projected
-   character(len=*), intent(in) :: projection
-   !> Error handling: a problem that does not move, Galerkin projection of collocation
-   type(error_type), allocatable, intent(out) :: error
-   type(moving_problem), pointer :: moving
-   class(form_motion), pointer :: body
-
-   nullify (reduced)
-   if (.not. allocated(full%scene%motion)) then
-      call fatal_error(error, err_input, 'reduced models are made of nonlinear problems and of ' &
-         & //'motions: a linear problem at rest is solved once, which leaves nothing to save')
-      return
-   end if
-   call new_motion(body, full, error)
-   if (allocated(error)) return
-   allocate (moving)
-   call new_moving_problem(moving, body, modes, projection, error)
-   if (allocated(error)) then
-      deallocate (moving)
-   else
-      reduced => moving
-   end if
-end subroutine new_reduced_motion
 
 !> Set up the motion of a problem, whose scene has one
 subroutine new_motion(body, problem, error)

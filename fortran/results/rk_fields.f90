@@ -11,7 +11,7 @@ module rk_fields
    implicit none
    private
 
-   public :: compute_fields, field_names, field_sizes
+   public :: compute_fields, field_names, field_sizes, field_value
 
    !> Names of the fields of a body: displacement [length], deformation gradient row by row and
    !> volume ratio [-], Cauchy stress xx, yy, zz, xy, yz, xz, principal Cauchy stresses, descending,
@@ -42,23 +42,25 @@ subroutine compute_fields(problem, state, fields)
    do ip = 1, nc
       call problem%at_point(state, ip, local)
       do k = 1, size(fields)
-         call evaluate(fields(k)%name, local, fields(k)%value(:, ip))
+         associate (value => fields(k)%value)
+            value(:, ip) = field_value(fields(k)%name, local, size(value, 1))
+         end associate
       end do
    end do
    !$omp end parallel do
 end subroutine compute_fields
 
 !> Value of a field at one place
-pure subroutine evaluate(name, local, value)
+pure function field_value(name, local, components) result(value)
    character(len=*), intent(in) :: name
    type(point_state), intent(in) :: local
-   !> Its value, shape (components)
-   real(wp), intent(out) :: value(:)
+   integer, intent(in) :: components
+   real(wp) :: value(components)
 
    associate (s => local%cauchy)
       select case (name)
       case ('u')
-         value = local%u(:size(value))
+         value = local%u(:components)
       case ('F')
          value = reshape(transpose(local%f), [9])
       case ('J')
@@ -71,6 +73,6 @@ pure subroutine evaluate(name, local, value)
          value = -(s(1, 1) + s(2, 2) + s(3, 3))/3.0_wp
       end select
    end associate
-end subroutine evaluate
+end function field_value
 
 end module rk_fields

@@ -4,6 +4,7 @@ module rk_probes
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_expression, only : field_count
+   use rk_fields, only : field_value
    use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
    use rk_scene, only : probe_type, scene_type
@@ -159,18 +160,11 @@ function fields_of(problem, ip, local) result(fields)
    real(wp) :: fields(field_count)
    real(wp) :: e(3), fiber(3)
 
-   fields(:3) = local%u
-   fields(4) = local%j
    fiber = 0.0_wp
    if (.not. problem%linear) fiber = problem%mixture%fiber_of(ip, problem%scene%tissue_of(ip))
-   fields(5) = norm2(matmul(local%f, fiber))
-   fields(6:14) = reshape(transpose(local%f), [9])
-   associate (s => local%cauchy)
-      fields(15:20) = [s(1, 1), s(2, 2), s(3, 3), s(1, 2), s(2, 3), s(1, 3)]
-      fields(21) = -(s(1, 1) + s(2, 2) + s(3, 3))/3.0_wp
-      e = principal_values(s)
-      fields(22:23) = [e(1), e(3)]
-   end associate
+   e = principal_values(local%cauchy)
+   fields = [local%u, local%j, norm2(matmul(local%f, fiber)), field_value('F', local, 9), &
+      & field_value('cauchy', local, 6), field_value('pressure', local, 1), e(1), e(3)]
 end function fields_of
 
 !> How strongly an expression depends on displacements, on ratios and on stresses at a place: the
@@ -347,7 +341,7 @@ pure function quantity(name, local) result(value)
    case ('J')
       value(1) = local%j
    case ('pressure')
-      value(1) = -(local%cauchy(1, 1) + local%cauchy(2, 2) + local%cauchy(3, 3))/3.0_wp
+      value(1:1) = field_value('pressure', local, 1)
    case ('principal_max')
       e = principal_values(local%cauchy)
       value(1) = e(1)

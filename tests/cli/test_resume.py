@@ -61,10 +61,6 @@ def history(out: Path) -> list[str]:
 
 def assert_equal(out: Path, whole: Path) -> None:
     ours, theirs = (datasets(folder) for folder in (out, whole))
-    # numbers of the steps hold a condition estimate, which differs in its last digit between any
-    # two runs of a process: where arrays begin in memory decides how LAPACK sums
-    steps = [np.frombuffer(found.pop("MyoRK/step")) for found in (ours, theirs)]
-    np.testing.assert_allclose(*steps, rtol=1e-12)
     assert ours == theirs
     assert history(out) == history(whole)
     found, expected = (read_summary(folder) for folder in (out, whole))
@@ -81,7 +77,6 @@ def assert_equal(out: Path, whole: Path) -> None:
         assert all(np.all(np.array(narrow[name]) <= np.array(wide[name])) for name in wide)
     for key in expected.keys() - OF_THE_RUN:
         assert found[key] == expected[key], key
-    assert not (out / "results.journal").exists()
 
 
 def interrupt(deck: Path, out: Path, wait: float, *options: str) -> None:
@@ -144,11 +139,18 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
     before = datasets(tmp_path)
     assert "resumed after load step 6" in run(deck, tmp_path, "--resume")
     assert datasets(tmp_path) == before
+    # of a torn journal, and of one whose end a disk without power has lost, the whole steps count
+    journal = tmp_path / "results.journal"
+    whole = journal.read_bytes()
+    for torn in (whole[: len(whole) // 2], whole[:-100] + bytes(100)):
+        journal.write_bytes(torn)
+        assert "resumed after load step" in run(deck, tmp_path, "--resume", "--no-error")
+        assert datasets(tmp_path) == before
     # a journal of another version is refused
     (other := tmp_path / "other").mkdir()
     (other / "results.journal").write_bytes(np.arange(1000).tobytes())
     child = start(deck, other, "--resume")
-    assert "at byte 0 is damaged, or another version wrote it" in child.communicate()[0]
+    assert "is damaged, or another version wrote it" in child.communicate()[0]
     assert child.returncode == 2
 
 

@@ -40,16 +40,8 @@ def test_a_closed_scene_is_recognised(open_scene):
     refuses("closed", opened.solve)
 
 
-def test_too_many_scenes_are_refused_and_closing_makes_room(open_scene, write_deck):
-    path = write_deck(TABLES)
-    with pytest.raises(InputError, match="at most 64: close some"):
-        for _ in range(65):
-            open_scene(path)
-    refuses("close some", Scene, path)
-
-
 def test_scenes_opened_at_once_do_not_meet(write_deck):
-    """From several Python threads; every scene has its own row of the table."""
+    """From several Python threads; each has its own."""
     path = write_deck(TABLES)
     with ThreadPoolExecutor(8) as pool:
         scenes = list(pool.map(lambda _: Scene(path), range(40)))

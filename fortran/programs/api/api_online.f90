@@ -1,10 +1,5 @@
-!> Reduced models in real time: records of a model that Python packs once, and its states.
-!>
-!> A record has sizes in this order: modes, all amplitudes, the same padded, cells, fibers of all
-!> cells, pieces and entries of the volume, tissues, parameters of the materials; `whole` and
-!> `number` hold them and the arrays behind them as new_online unpacks them. A condition has
-!> activation, sigma_max and angle of each tissue, then parameters of the materials and prescribed
-!> amplitudes.
+!> Reduced models in real time: records of a model that Python packs once (`whole`, `number`, as
+!> new_online unpacks them), and its states, for what is asked (`wish`, as assemble has it).
 
 !> States of a model, with forces by a second set of cells; a state is followed in `parts` from a
 !> known one, or for 0 parts found from the amplitudes given. `limits` has the size of amplitudes
@@ -14,8 +9,8 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    & min_j, force)
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use omp_lib, only : omp_get_max_threads
-   use rk_online, only : condition_of, find_forces, follow, new_online, new_work, online_model, &
-      & prescribed_type, solve_state, work_type
+   use rk_online, only : find_forces, follow, new_online, new_work, online_model, solve_state, &
+      & work_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: ni, nr, mi, mr, s, nk, n, most_steps, threads, r, nf
@@ -28,7 +23,6 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    integer, intent(out) :: iterations(n)
    type(online_model) :: model, every
    type(work_type) :: work, room
-   type(prescribed_type) :: after
    integer :: i, team
    logical :: with_forces
 
@@ -39,21 +33,20 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    force = ieee_value(1.0d0, ieee_quiet_nan)
    team = threads
    if (team == 0) team = omp_get_max_threads()
-   !$omp parallel default(shared) private(i, work, room, after) num_threads(team)
+   !$omp parallel default(shared) private(i, work, room) num_threads(team)
    call new_work(work, model)
    if (with_forces) call new_work(room, every)
    !$omp do schedule(dynamic, 8)
    do i = 1, n
-      after = condition_of(model, wish(:, i))
       if (parts(i) > 0) then
          call follow(model, work, known(:, i), wish(:, i), parts(i), limits(2), most_steps, &
             & z(:, i), iterations(i), change(i))
       else
-         call solve_state(model, work, after, limits(2), most_steps, z(:, i), iterations(i), &
+         call solve_state(model, work, wish(:, i), limits(2), most_steps, z(:, i), iterations(i), &
             & change(i))
       end if
       min_j(i) = work%min_j
-      if (with_forces .and. iterations(i) > 0) call find_forces(every, room, after, z(:, i), &
+      if (with_forces .and. iterations(i) > 0) call find_forces(every, room, wish(:, i), z(:, i), &
          & wanted, lift(:, :, i), force(:, i))
    end do
    !$omp end do
@@ -63,7 +56,7 @@ end subroutine online_states
 !> Residual and tangent of one state, and the stresses times weights of its cells
 subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, tangent, stress, &
    & min_j)
-   use rk_online, only : assemble, condition_of, new_online, new_work, online_model, work_type
+   use rk_online, only : assemble, new_online, new_work, online_model, work_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: ni, nr, nk, s, nc
@@ -76,7 +69,7 @@ subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, 
 
    call new_online(model, whole, number, tiny(1.0d0))
    call new_work(work, model)
-   call assemble(model, work, z, condition_of(model, wish), .true., .true.)
+   call assemble(model, work, z, wish, .true., .true.)
    residual = work%residual
    tangent = work%tangent
    stress = work%f

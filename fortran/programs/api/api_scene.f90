@@ -9,21 +9,23 @@
 !> character function results in static storage, and keys are made of such results
 subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, point, place, &
    & entry, entry_of, grid, fraction_label, set_names, length_unit, listener, handle, stat, message)
-   use, intrinsic :: iso_c_binding, only : c_f_procpointer, c_null_funptr
+   use, intrinsic :: iso_c_binding, only : c_f_procpointer, c_loc, c_null_funptr
    use rk_cloud, only : cloud_type, take_arrays
    use rk_error, only : error_type, pack_error
-   use rk_handles, only : listener_interface
+   use rk_handles, only : listener_interface, slot_type
    use rk_session, only : open_session
    implicit none
-   !f2py integer*8 listener
+   !f2py integer*8 listener, handle
    integer(8), intent(in) :: listener
    integer, intent(in) :: nover, ns, nc, nb, nset, nf
    character(len=*), intent(in) :: path, text, overrides(nover), set_names(nset), length_unit
    double precision, intent(in) :: source(3, 2, ns), point(8 + nf, nc), entry(4, nb), grid(3, 2)
    integer, intent(in) :: place(4, nc), entry_of(2, nb), fraction_label(nf)
-   integer, intent(out) :: handle, stat
+   integer(8), intent(out) :: handle
+   integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
    type(cloud_type) :: model
    procedure(listener_interface), pointer :: reader
 
@@ -55,8 +57,8 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    model%length_unit = trim(length_unit)
    handle = 0
    call take_arrays(model, error)
-   if (.not. allocated(error)) call open_session(path, text, overrides, model, reader, handle, &
-      & error)
+   if (.not. allocated(error)) call open_session(path, text, overrides, model, reader, slot, error)
+   if (.not. allocated(error)) handle = transfer(c_loc(slot), handle)
    call pack_error(error, stat, message)
 end subroutine scene_open
 
@@ -64,143 +66,87 @@ end subroutine scene_open
 !> scene_open
 subroutine scene_update(handle, nover, overrides, stat, message)
    use rk_error, only : error_type, pack_error
+   use rk_handles, only : slot_of, slot_type
    use rk_session, only : update_session
    implicit none
-   integer, intent(in) :: handle, nover
+   !f2py integer*8 handle
+   integer(8), intent(in) :: handle
+   integer, intent(in) :: nover
    character(len=*), intent(in) :: overrides(nover)
    integer, intent(out) :: stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
+   type(slot_type), pointer :: slot
 
-   call update_session(handle, overrides, error)
+   slot => slot_of(handle)
+   call update_session(slot, overrides, error)
    call pack_error(error, stat, message)
 end subroutine scene_update
 
-!> Close a scene; unknown handles are ignored
 subroutine scene_close(handle)
-   use rk_error, only : error_type
-   use rk_handles, only : close_slot, find_slot, slot_type
+   use rk_handles, only : close_slot, slot_of, slot_type
    implicit none
-   integer, intent(in) :: handle
-   type(error_type), allocatable :: error
+   !f2py integer*8 handle
+   integer(8), intent(in) :: handle
    type(slot_type), pointer :: slot
 
-   call find_slot(handle, slot, error)
-   if (.not. allocated(error)) call close_slot(slot)
+   slot => slot_of(handle)
+   call close_slot(slot)
 end subroutine scene_close
 
-!> Solve all load steps of the full (reduced = 0) or the reduced problem with a number of threads,
-!> 0 for all cores, without (estimate = 0) or with error bars; threads are a matter of the calling
-!> thread, so it is set here. The iteration begins at `start`, unknowns that may all be zero
-subroutine scene_solve(handle, n, linear, reduced, threads, estimate, start, stat, message)
-   use omp_lib, only : omp_set_num_threads
-   use rk_error, only : error_type, pack_error
-   use rk_session, only : solve_session
+!> Steps and iterations done so far, readable while a solve runs in another thread, which is asked
+!> to end after its iteration (stop = 1)
+subroutine scene_progress(handle, stop, steps, iterations)
+   use rk_handles, only : slot_of, slot_type
    implicit none
-   !f2py threadsafe
-   integer, intent(in) :: handle, n, reduced, threads, estimate
-   character(len=*), intent(in) :: linear
-   double precision, intent(in) :: start(n)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-
-   if (threads > 0) call omp_set_num_threads(threads)
-   call solve_session(handle, linear, reduced /= 0, estimate /= 0, start, error)
-   call pack_error(error, stat, message)
-end subroutine scene_solve
-
-!> Steps and iterations done so far, readable while a solve runs in another thread
-subroutine scene_progress(handle, steps, iterations)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   implicit none
-   integer, intent(in) :: handle
+   !f2py integer*8 handle
+   integer(8), intent(in) :: handle
+   integer, intent(in) :: stop
    integer, intent(out) :: steps, iterations
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
-   steps = 0
-   iterations = 0
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
+   slot => slot_of(handle)
+   if (stop /= 0) slot%states%stop = .true.
    steps = slot%states%steps
    iterations = slot%states%iterations
 end subroutine scene_progress
 
-!> Ask a running solve to end after its iteration
-subroutine scene_stop(handle)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   implicit none
-   integer, intent(in) :: handle
-   type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-
-   call find_slot(handle, slot, error)
-   if (.not. allocated(error)) slot%states%stop = .true.
-end subroutine scene_stop
-
 !> Ask about an open scene: a question of rk_questions, the word and the numbers that it needs,
-!> behind them one that does not count; the number of arrays of the answer
-subroutine scene_ask(handle, question, word, n, given, count, stat, message)
+!> behind them one that does not count; what the answer holds (rk_handles), and how many numbers
+subroutine scene_ask(handle, question, word, n, given, forms, count, stat, message)
    use rk_error, only : error_type, pack_error
-   use rk_handles, only : slot_type
+   use rk_handles, only : slot_of, slot_type
    use rk_questions, only : ask
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: handle, n
+   !f2py integer*8 handle
+   integer(8), intent(in) :: handle
+   integer, intent(in) :: n
    character(len=*), intent(in) :: question, word
    double precision, intent(in) :: given(n)
+   character(len=2048), intent(out) :: forms, message
    integer, intent(out) :: count, stat
-   character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
-   count = 0
-   call ask(handle, question, word, given(:n - 1), slot, error)
-   if (.not. allocated(error)) count = slot%answer%count
+   slot => slot_of(handle)
+   call ask(slot, question, word, given(:n - 1), error)
+   forms = slot%answer%forms
+   count = size(slot%answer%value)
    call pack_error(error, stat, message)
 end subroutine scene_ask
 
-!> An array of the last answer: its name, what its numbers are (rk_handles), its rank and shape
-subroutine answer_form(handle, number, name, kind, rank, extent)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
+!> Numbers of the last answer, which the core gives away
+subroutine answer_numbers(handle, n, value)
+   use rk_handles, only : slot_of, slot_type
    implicit none
-   integer, intent(in) :: handle, number
-   character(len=16), intent(out) :: name
-   integer, intent(out) :: kind, rank, extent(3)
-   type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-
-   name = ''
-   kind = 0
-   rank = 0
-   extent = 0
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
-   associate (array => slot%answer%array(number))
-      name = array%name
-      kind = array%kind
-      rank = size(array%shape)
-      extent(:rank) = array%shape
-   end associate
-end subroutine answer_form
-
-!> Its numbers, which the core gives away
-subroutine answer_numbers(handle, number, n, value)
-   use rk_error, only : error_type
-   use rk_handles, only : find_slot, slot_type
-   implicit none
-   integer, intent(in) :: handle, number, n
+   !f2py integer*8 handle
+   integer(8), intent(in) :: handle
+   integer, intent(in) :: n
    double precision, intent(out) :: value(n)
-   type(error_type), allocatable :: error
    type(slot_type), pointer :: slot
 
-   value = 0
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
-   value = slot%answer%array(number)%value
-   deallocate (slot%answer%array(number)%value)
+   slot => slot_of(handle)
+   value = slot%answer%value
+   deallocate (slot%answer%value)
 end subroutine answer_numbers

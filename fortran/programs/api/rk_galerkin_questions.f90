@@ -38,8 +38,6 @@ subroutine ask_galerkin(problem, question, given, answer, error)
       select case (question)
       case ('cells')
          call answer_cells(problem, answer)
-      case ('probe_sets')
-         call answer%put_whole('sets', shape(problem%scene%probe), problem%scene%probe%set)
       case ('laws')
          call answer_laws(problem, answer, error)
       case ('gradients')
@@ -60,8 +58,8 @@ end subroutine ask_galerkin
 
 !> Volumes and bulk moduli of integration points; points before each group, its bulk modulus;
 !> number, values and integrals of the groups' polynomials; set, prescribed components and penalty
-!> of surface points; tissues of the points: those before each point, tissue, fraction and fiber of
-!> each entry; normals of the layers of two tissues
+!> of surface points; sets of the probes, 0 of those at points; tissues of the points: those before
+!> each point, tissue, fraction and fiber of each entry; normals of the layers of two tissues
 subroutine answer_cells(full, answer)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
@@ -91,6 +89,7 @@ subroutine answer_cells(full, answer)
       call answer%put('basis', shape(pressure%basis), pressure%basis)
       call answer%put('total', shape(pressure%total), pressure%total)
       call answer%put_whole('set', shape(cells%set), cells%set)
+      call answer%put_whole('probe_sets', shape(full%scene%probe), full%scene%probe%set)
       call answer%put_whole('essential', shape(surface%essential), merge(1, 0, surface%essential))
       call answer%put('penalty', shape(surface%penalty), surface%penalty)
       call answer%put_whole('first', shape(first), first)

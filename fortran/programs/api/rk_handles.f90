@@ -1,15 +1,13 @@
-!> Scenes that Python holds open, and answers to its questions about them: arrays and texts by name,
-!> which the boundary hands over one after the other.
+!> Scenes that Python has open, and answers to its questions about them: arrays and texts by name,
+!> which the boundary hands over at once.
 !>
-!> A handle is serial*64 + row, so that a closed or reused row is recognised. Python owns the
-!> handle and closes it. This table is the one place with module variables.
+!> A handle is the address of a slot. Python owns it and closes it.
 module rk_handles
-   use, intrinsic :: iso_c_binding, only : c_char, c_int, c_null_char
+   use, intrinsic :: iso_c_binding, only : c_char, c_f_pointer, c_int, c_null_char, c_null_ptr
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type, free_discretisation
-   use rk_error, only : error_type, fatal_error, err_input
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
    use rk_run, only : outcome_type
@@ -20,31 +18,18 @@ module rk_handles
    implicit none
    private
 
-   public :: slot_type, answer_type, listener_interface, open_slot, close_slot, find_slot
-
-   !> Rows of the table
-   integer, parameter :: rows = 64
-
-   !> Arrays of an answer at most
-   integer, parameter :: most = 48
-
-   !> An array, flat
-   type :: array_type
-      character(len=16) :: name = ''
-      !> What its numbers are: 0 real, 1 whole, 2 the letters of a text
-      integer :: kind = 0
-      !> At most three numbers
-      integer, allocatable :: shape(:)
-      real(wp), allocatable :: value(:)
-   end type array_type
+   public :: slot_type, answer_type, listener_interface, slot_of, close_slot
 
    !> Answer
    type :: answer_type
-      !> Arrays so far
-      integer :: count = 0
-      type(array_type) :: array(most)
+      !> Name of each array, what its numbers are (0 real, 1 whole, 2 the letters of a text) and its
+      !> shape, a line each
+      character(len=:), allocatable :: forms
+      !> Numbers of all, one after the other
+      real(wp), allocatable :: value(:)
    contains
       procedure :: put, put_whole, put_text
+      procedure, private :: add
    end type answer_type
 
    !> States of a solve, kept in memory
@@ -78,16 +63,14 @@ module rk_handles
 
    !> What a handle stands for
    type :: slot_type
-      !> Handle, 0 for a free row
-      integer :: handle = 0
       !> Scene
-      type(scene_type), pointer :: scene => null()
+      type(scene_type) :: scene
       !> Full problem
       class(discretisation_type), allocatable :: full
       !> Reduced problem, where one was made
       class(problem_type), pointer :: reduced => null()
       !> States of the last solve
-      type(states_type), pointer :: states => null()
+      type(states_type) :: states
       !> Warnings, checks and wall times of the last solve
       type(outcome_type) :: outcome
       !> Verdict on them
@@ -103,58 +86,24 @@ module rk_handles
       type(answer_type) :: answer
    end type slot_type
 
-   type(slot_type), target, save :: table(0:rows - 1)
-   integer, save :: serial = 0
-
 contains
 
-!> Take a free row
-subroutine open_slot(slot, error)
-   !> Row with its parts allocated
-   type(slot_type), pointer, intent(out) :: slot
-   !> Error handling: no free row
-   type(error_type), allocatable, intent(out) :: error
-   integer :: row
+function slot_of(handle) result(slot)
+   !> Address of a slot that is open
+   integer(i8), intent(in) :: handle
+   type(slot_type), pointer :: slot
 
-   nullify (slot)
-   do row = 0, rows - 1
-      if (table(row)%handle /= 0) cycle
-      serial = serial + 1
-      table(row)%handle = serial*rows + row
-      slot => table(row)
-      allocate (slot%scene, slot%states)
-      return
-   end do
-   call fatal_error(error, err_input, 'too many open scenes, at most '//to_text(rows) &
-      & //': close some')
-end subroutine open_slot
+   call c_f_pointer(transfer(handle, c_null_ptr), slot)
+end function slot_of
 
-!> Give a row back
+!> Give the memory of a slot back
 subroutine close_slot(slot)
-   type(slot_type), intent(inout) :: slot
+   type(slot_type), pointer, intent(inout) :: slot
 
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   if (allocated(slot%full)) then
-      call free_discretisation(slot%full)
-      deallocate (slot%full)
-   end if
-   deallocate (slot%states, slot%scene)
-   slot%handle = 0
+   if (allocated(slot%full)) call free_discretisation(slot%full)
+   deallocate (slot)
 end subroutine close_slot
-
-subroutine find_slot(handle, slot, error)
-   integer, intent(in) :: handle
-   type(slot_type), pointer, intent(out) :: slot
-   !> Error handling: a closed handle
-   type(error_type), allocatable, intent(out) :: error
-
-   nullify (slot)
-   if (handle > 0) then
-      slot => table(mod(handle, rows))
-      if (slot%handle == handle) return
-   end if
-   call fatal_error(error, err_input, 'this scene is closed')
-end subroutine find_slot
 
 !> Count an iteration
 subroutine iteration(self, it)
@@ -209,8 +158,7 @@ subroutine put(self, name, shape, value)
    !> Numbers, the first index of the shape running first
    real(wp), intent(in) :: value(*)
 
-   self%count = self%count + 1
-   self%array(self%count) = array_type(name, 0, shape, value(:product(shape)))
+   call self%add(name, 0, shape, value(:product(shape)))
 end subroutine put
 
 !> Add whole numbers
@@ -220,8 +168,7 @@ subroutine put_whole(self, name, shape, value)
    integer, intent(in) :: shape(:)
    integer, intent(in) :: value(*)
 
-   call self%put(name, shape, real(value(:product(shape)), wp))
-   self%array(self%count)%kind = 1
+   call self%add(name, 1, shape, real(value(:product(shape)), wp))
 end subroutine put_whole
 
 subroutine put_text(self, name, text)
@@ -229,14 +176,27 @@ subroutine put_text(self, name, text)
    character(len=*), intent(in) :: name
    !> Not allocated counts as empty
    character(len=:), allocatable, intent(in) :: text
+   integer :: i, length
+
+   length = 0
+   if (allocated(text)) length = len(text)
+   call self%add(name, 2, [length], [(real(iachar(text(i:i)), wp), i=1, length)])
+end subroutine put_text
+
+subroutine add(self, name, kind, shape, value)
+   class(answer_type), intent(inout) :: self
+   character(len=*), intent(in) :: name
+   integer, intent(in) :: kind, shape(:)
+   !> Numbers, shape (product(shape))
+   real(wp), intent(in) :: value(:)
    integer :: i
 
-   if (allocated(text)) then
-      call self%put_whole(name, [len(text)], [(iachar(text(i:i)), i=1, len(text))])
-   else
-      call self%put_whole(name, [0], [integer ::])
-   end if
-   self%array(self%count)%kind = 2
-end subroutine put_text
+   self%forms = self%forms//name//' '//to_text(kind)
+   do i = 1, size(shape)
+      self%forms = self%forms//' '//to_text(shape(i))
+   end do
+   self%forms = self%forms//new_line('a')
+   self%value = [self%value, value]
+end subroutine add
 
 end module rk_handles

@@ -1,17 +1,18 @@
 !> Questions of Python about an open scene: a word and numbers in, arrays by name out.
 module rk_questions
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use omp_lib, only : omp_set_num_threads
    use rk_cloud, only : cloud_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_fields, only : compute_fields, field_names, field_sizes
    use rk_galerkin_questions, only : ask_galerkin
-   use rk_handles, only : answer_type, find_slot, slot_type
+   use rk_handles, only : answer_type, slot_type
    use rk_point_field, only : point_field
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
    use rk_problem, only : evaluation_type, problem_type
-   use rk_reduced, only : new_reduced, reduction_type
-   use rk_session, only : find_problem
+   use rk_reduced, only : new_reduced
+   use rk_session, only : find_problem, solve_session
    use rk_states, only : field_state
    use rk_surface, only : lattice_places, surface_triangles
    use rk_text, only : to_text
@@ -22,22 +23,21 @@ module rk_questions
 
 contains
 
-!> Answer a question, in the slot of the handle
-subroutine ask(handle, question, word, given, slot, error)
-   integer, intent(in) :: handle
+!> Answer a question, in the slot
+subroutine ask(slot, question, word, given, error)
+   type(slot_type), target, intent(inout) :: slot
    character(len=*), intent(in) :: question
    !> Name that the question needs, blank for none
    character(len=*), intent(in) :: word
    !> Numbers that it needs, one after the other
    real(wp), contiguous, intent(in) :: given(:)
-   !> Row of the handle
-   type(slot_type), pointer, intent(out) :: slot
-   !> Error handling: a closed handle, numbers that have no answer
+   !> Error handling: numbers that have no answer, a solve that failed
    type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: value(:, :, :)
+   integer :: k, n
 
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
-   slot%answer%count = 0
+   slot%answer%forms = ''
+   slot%answer%value = [real(wp) ::]
    associate (answer => slot%answer, cloud => slot%scene%cloud, shape_of => slot%full%shape)
       select case (question)
       case ('sizes')
@@ -63,14 +63,21 @@ subroutine ask(handle, question, word, given, slot, error)
          call set_fields(slot, given, error)
       case ('reduce')
          call reduce(slot, word, given, error)
+      case ('solve')
+         ! all load steps with the least squares solver named: threads, 0 for all cores; whether of
+         ! the reduced model, and with error bars (1); unknowns at which the iteration begins
+         if (given(1) > 0) call omp_set_num_threads(nint(given(1)))
+         call solve_session(slot, word, given(2) > 0, given(3) > 0, given(4:), error)
       case ('states')
-         call answer_states(slot, nint(given(1)), nint(given(2)), error)
-      case ('verdict')
-         call answer_verdict(slot, given)
+         call answer_states(slot, error)
       case ('fields')
          call answer_fields(slot, given)
       case ('probes')
-         call answer_probes(slot, given, error)
+         ! unknowns of the states, one after the other, then the load of each
+         n = slot%full%n
+         k = size(given)/(n + 1)
+         call probe_values(slot, reshape(given, [n, k]), given(n*k + 1:), value, error)
+         call answer%put('value', shape(value), value)
       case ('linearise', 'hessian')
          call linearise(slot, given, question == 'hessian', error)
       case default
@@ -157,7 +164,7 @@ subroutine set_fields(slot, given, error)
    end if
 end subroutine set_fields
 
-!> Project the full problem on modes; answers the number of equations that are left
+!> Project the full problem on modes
 subroutine reduce(slot, projection, given, error)
    type(slot_type), intent(inout) :: slot
    !> auto, galerkin or least-squares
@@ -169,27 +176,23 @@ subroutine reduce(slot, projection, given, error)
 
    modes = reshape(given(2:), [slot%full%n, (size(given) - 1)/slot%full%n])
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   call new_reduced(slot%reduced, slot%full, modes, reduction_type(projection, given(1) > 0), error)
-   if (.not. allocated(error)) call slot%answer%put_whole('rows', [integer ::], [slot%reduced%m])
+   call new_reduced(slot%reduced, slot%full, modes, projection, given(1) > 0, error)
 end subroutine reduce
 
-!> States of the last solve and warnings, also of one that failed
-subroutine answer_states(slot, n, steps, error)
+!> States of the last solve, also of one that failed, and the verdict on it
+subroutine answer_states(slot, error)
    type(slot_type), intent(inout) :: slot
-   !> Unknowns of each state, and how many are wanted
-   integer, intent(in) :: n, steps
-   !> Error handling: no solve yet, or one of another model
+   !> Error handling: no solve yet
    type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: bar(:, :, :), value(:, :, :)
    real(wp) :: seconds(3), worst(3), norms(4)
+   integer :: i, j, n, steps
 
-   call slot%answer%put_text('warnings', slot%outcome%warnings)
    if (.not. allocated(slot%states%x)) then
       call fatal_error(error, err_input, 'this scene has not been solved yet')
-   else if (size(slot%states%x, 1) /= n .or. slot%states%steps < steps) then
-      call fatal_error(error, err_input, 'the last solve of this scene was of its other model, ' &
-         & //'full or reduced: solve again')
+      return
    end if
-   if (allocated(error)) return
+   steps = min(slot%states%steps, size(slot%states%x, 2))
    seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, slot%outcome%seconds]
    ! not a number without one
    worst = [slot%states%backward_error, slot%outcome%imbalance, ieee_value(worst(3), &
@@ -202,48 +205,40 @@ subroutine answer_states(slot, n, steps, error)
          norms = [found%l2, found%h1, found%l2_solution, found%h1_solution]
       end associate
    end if
-   associate (answer => slot%answer)
-      call answer%put('x', [n, steps], slot%states%x(:, :steps))
+   allocate (bar(3, size(slot%scene%probe), steps), source=ieee_value(1.0_wp, ieee_quiet_nan))
+   associate (bars => slot%verdict%bars, x => slot%states%x(:, :steps), &
+      & info => slot%states%info(:, :steps), answer => slot%answer, cloud => slot%scene%cloud)
+      if (allocated(bars%change)) then
+         call probe_values(slot, x, info(1, :), value, error)
+         if (allocated(error)) return
+         do j = 1, steps
+            do i = 1, size(bar, 2)
+               n = quantity_size(slot%scene%probe(i)%quantity)
+               if (bars%change(i) >= 0) bar(:n, i, j) = bars%at(i, info(1, j), value(:n, i, j))
+            end do
+         end do
+      end if
+      call answer%put('x', shape(x), x)
       ! load, iterations, smallest and largest J, eigenvalue of the acoustic tensor and its point
-      call answer%put('info', [6, steps], slot%states%info(:, :steps))
+      call answer%put('info', shape(info), info)
+      call answer%put('place', shape(cloud%points), cloud%points)
       ! assembly, least squares and checks
       call answer%put('seconds', [3], seconds)
       ! backward error, imbalance of forces, mismatch of works
       call answer%put('worst', [3], worst)
       ! of the error and of the solution of a linear problem, negative for others
       call answer%put('norms', [4], norms)
+      call answer%put_text('warnings', slot%outcome%warnings)
+      ! 0 for none, 1 accepted, 2 doubtful, 3 refused
+      call answer%put_whole('verdict', [integer ::], [merge(slot%verdict%state, 0, &
+         & allocated(slot%verdict%reasons))])
+      ! whether the equilibrium is unstable
+      call answer%put_whole('unstable', [integer ::], [merge(1, 0, slot%outcome%unstable)])
+      call answer%put_text('reasons', slot%verdict%reasons)
+      ! three numbers a probe, not a number where there is none
+      call answer%put('bars', shape(bar), bar)
    end associate
 end subroutine answer_states
-
-!> Verdict on the last solve: 0 for none, 1 accepted, 2 doubtful, 3 refused; whether its equilibrium
-!> is unstable; its reasons, each with its line feed; error bars of the probes, three numbers each,
-!> not a number where there is none
-subroutine answer_verdict(slot, given)
-   type(slot_type), intent(inout) :: slot
-   !> Values of the probes, shape (3, probes, states), then the load of each state
-   real(wp), intent(in) :: given(:)
-   real(wp), allocatable :: bar(:, :, :), value(:, :, :)
-   integer :: i, j, k, n, np
-
-   np = size(slot%scene%probe)
-   k = size(given)/(3*np + 1)
-   value = reshape(given(:3*np*k), [3, np, k])
-   allocate (bar(3, np, k), source=ieee_value(1.0_wp, ieee_quiet_nan))
-   if (allocated(slot%verdict%bars%change)) then
-      do j = 1, k
-         do i = 1, np
-            n = quantity_size(slot%scene%probe(i)%quantity)
-            if (slot%verdict%bars%change(i) >= 0) bar(:n, i, j) = slot%verdict%bars%at(i, &
-               & given(3*np*k + j), value(:n, i, j))
-         end do
-      end do
-   end if
-   call slot%answer%put_whole('verdict', [integer ::], [merge(slot%verdict%state, 0, &
-      & allocated(slot%verdict%reasons))])
-   call slot%answer%put_whole('unstable', [integer ::], [merge(1, 0, slot%outcome%unstable)])
-   call slot%answer%put_text('reasons', slot%verdict%reasons)
-   call slot%answer%put('bars', shape(bar), bar)
-end subroutine answer_verdict
 
 !> All fields at all collocation points for one state of the full problem, zero where it has none
 subroutine answer_fields(slot, given)
@@ -266,30 +261,30 @@ subroutine answer_fields(slot, given)
 end subroutine answer_fields
 
 !> Values of all probes, three numbers each, for states of the full problem
-subroutine answer_probes(slot, given, error)
-   type(slot_type), intent(inout) :: slot
-   !> Unknowns of the states, one after the other, then the load of each
-   real(wp), contiguous, intent(in) :: given(:)
+subroutine probe_values(slot, x, load, value, error)
+   type(slot_type), intent(in) :: slot
+   !> Unknowns of each state, shape (n, states)
+   real(wp), contiguous, intent(in) :: x(:, :)
+   !> Load of each, shape (states)
+   real(wp), intent(in) :: load(:)
+   !> Values, shape (3, probes, states)
+   real(wp), allocatable, intent(out) :: value(:, :, :)
    !> Error handling: a probe without a place
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: state
    type(probes_type) :: probes
-   real(wp), allocatable :: value(:, :, :)
-   integer :: i, j, k, n
+   integer :: i, j
 
-   n = slot%full%n
-   k = size(given)/(n + 1)
-   allocate (value(3, size(slot%scene%probe), k), source=0.0_wp)
+   allocate (value(3, size(slot%scene%probe), size(load)), source=0.0_wp)
    call new_probes(probes, slot%scene, error)
    if (allocated(error)) return
-   do j = 1, k
-      call slot%full%state(given((j - 1)*n + 1:j*n), given(k*n + j), state)
+   do j = 1, size(load)
+      call slot%full%state(x(:, j), load(j), state)
       do i = 1, size(value, 2)
          call probe_value(slot%full, probes, i, state, value(:, i, j))
       end do
    end do
-   call slot%answer%put('value', shape(value), value)
-end subroutine answer_probes
+end subroutine probe_values
 
 !> Residual and linearised rows times a direction; or the gradient A^T r and the second derivatives
 !> (upper triangle) of r.r/2

@@ -4,7 +4,7 @@ module rk_session
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : approximation_text, new_scene
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_handles, only : close_slot, find_slot, listener_interface, open_slot, slot_type
+   use rk_handles, only : close_slot, listener_interface, slot_type
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -20,7 +20,7 @@ module rk_session
 
 contains
 
-subroutine open_session(path, text, overrides, model, listener, handle, error)
+subroutine open_session(path, text, overrides, model, listener, slot, error)
    !> Deck, or its name for messages
    character(len=*), intent(in) :: path
    !> Text of the deck; blank for that of the file
@@ -31,16 +31,15 @@ subroutine open_session(path, text, overrides, model, listener, handle, error)
    type(cloud_type), intent(in) :: model
    !> Reader of the lines of a search for points, who may stop it
    procedure(listener_interface) :: listener
-   integer, intent(out) :: handle
+   !> The scene, not associated after an error
+   type(slot_type), pointer, intent(out) :: slot
    type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
    type(deck_type) :: deck
 
-   handle = 0
+   nullify (slot)
    call open_deck(deck, path, text, pack(overrides, overrides /= ''), 'solve', error)
    if (allocated(error)) return
-   call open_slot(slot, error)
-   if (allocated(error)) return
+   allocate (slot)
    slot%states%listener => listener
    call refine(slot%refinement, deck, model, slot%states, error)
    nullify (slot%states%listener)
@@ -54,7 +53,6 @@ subroutine open_session(path, text, overrides, model, listener, handle, error)
    if (allocated(error)) then
       call close_slot(slot)
    else
-      handle = slot%handle
       slot%deck = deck
       slot%model = model
       slot%approximation = approximation_text(deck)
@@ -63,19 +61,16 @@ end subroutine open_session
 
 !> Change loads, material parameters, steps, solver or probes of an open scene; its shape functions
 !> stay, and so does all of it where the change is refused
-subroutine update_session(handle, overrides, error)
-   integer, intent(in) :: handle
+subroutine update_session(slot, overrides, error)
+   type(slot_type), target, intent(inout) :: slot
    character(len=*), intent(in) :: overrides(:)
    !> Error handling: wrong values, and what an open scene cannot change
    type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
    type(deck_type) :: deck
    type(scene_type) :: other, kept
    logical :: materials
    integer :: k
 
-   call find_slot(handle, slot, error)
-   if (allocated(error)) return
    call slot%deck%vary(overrides, deck, error)
    if (allocated(error)) return
    call new_scene(other, deck, slot%model, error)
@@ -131,7 +126,6 @@ end subroutine update_session
 
 !> Full or reduced problem of a scene
 subroutine find_problem(slot, reduced, problem, error)
-   !> Row of the handle
    type(slot_type), intent(in), target :: slot
    !> Want the reduced problem
    logical, intent(in) :: reduced
@@ -146,8 +140,8 @@ subroutine find_problem(slot, reduced, problem, error)
 end subroutine find_problem
 
 !> Solve the full or the reduced problem through all load steps
-subroutine solve_session(handle, linear, reduced, estimate, x, error)
-   integer, intent(in) :: handle
+subroutine solve_session(slot, linear, reduced, estimate, x, error)
+   type(slot_type), target, intent(inout) :: slot
    !> Least squares solver; blank for the deck's
    character(len=*), intent(in) :: linear
    !> Solve the reduced problem
@@ -157,12 +151,12 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
    !> Unknowns at which the iteration begins, shape (n)
    real(wp), intent(in) :: x(:)
    type(error_type), allocatable, intent(out) :: error
-   type(slot_type), pointer :: slot
    class(problem_type), pointer :: problem
    type(start_type), allocatable :: start
 
-   call find_slot(handle, slot, error)
-   if (.not. allocated(error)) call find_problem(slot, reduced, problem, error)
+   if (allocated(slot%states%x)) deallocate (slot%states%x, slot%states%info)
+   slot%states%steps = 0
+   call find_problem(slot, reduced, problem, error)
    if (allocated(error)) return
    ! the search for the points has solved it already
    if (.not. reduced .and. linear == '' .and. .not. any(abs(x) > 0.0_wp)) &
@@ -172,11 +166,8 @@ subroutine solve_session(handle, linear, reduced, estimate, x, error)
       allocate (start%step(0))
       start%x = reshape(x, [size(x), 1])
    end if
-   associate (states => slot%states, &
-      & steps => slot%scene%steps())
-      if (allocated(states%x)) deallocate (states%x, states%info)
+   associate (states => slot%states, steps => slot%scene%steps())
       allocate (states%x(problem%n, steps), states%info(6, steps))
-      states%steps = 0
       states%iterations = 0
       states%backward_error = 0.0_wp
       states%stop = .false.

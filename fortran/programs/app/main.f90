@@ -11,13 +11,14 @@ program main
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_model_file, only : read_model_cloud
+   use rk_journal, only : run_type
    use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type, search_type
    use rk_precision, only : i8, wp
    use rk_recorder, only : start_type
    use rk_refine, only : refine, refined_before, refinement_type
-   use rk_resume, only : resume_points, resume_run, resumed_type, start_from
+   use rk_resume, only : resume_points, resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
    use rk_summary, only : earlier_entries, is_finished, is_solved, set_aside, write_summary
@@ -101,19 +102,17 @@ contains
 
    !> The state at which it begins, its files, and what is said before it is solved
    subroutine begin()
-      type(resumed_type) :: before
+      type(run_type), allocatable :: before
 
-      before%history = ''
-      if (config%resume) call resume_run(before, config%out, deck, problem, error)
+      if (config%resume) call resume_run(before, start, config%out, deck, problem, error)
       call leave_on(error)
-      if (allocated(before%start)) start = before%start
       if (config%start /= '' .and. .not. allocated(start)) then
          call start_from(config%start, deck, problem, start, error)
          call leave_on(error)
       end if
       if (allocated(refinement%start) .and. .not. allocated(start)) &
          & call move_alloc(refinement%start, start)
-      if (.not. allocated(before%start)) call put_aside(.true., .true., not_ended())
+      if (.not. allocated(before)) call put_aside(.true., .true., not_ended())
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, before, error)
       call leave_on(error)

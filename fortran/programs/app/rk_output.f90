@@ -8,15 +8,12 @@ module rk_output
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_fields, only : compute_fields
-   use rk_journal, only : is_approximation, is_deck, is_line, is_overrides, is_points, is_source, &
-      & is_step, journal_type
+   use rk_journal, only : journal_type, run_type
    use rk_point_field, only : point_field
    use rk_precision, only : i8, wp
    use rk_probes, only : new_probes, numbers_of, probe_value, probes_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
-   use rk_results, only : results_type, to_space
-   use rk_resume, only : journal_name, resumed_type, step_columns, step_numbers
-   use rk_scene, only : scene_type
+   use rk_results, only : results_type
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell, version_text
    use rk_text, only : to_power, to_text
@@ -56,7 +53,8 @@ module rk_output
       integer :: verbosity = 0
       !> Load steps of an earlier run that are recorded once more
       integer :: repeated = 0
-      !> Worst backward error, misfit and condition of that run up to each, shape (3, repeated) [-]
+      !> Worst backward error, misfit and condition of that run up to each, that at load 0 first,
+      !> shape (3, repeated + 1) [-]
       real(wp), allocatable :: worst(:, :)
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
@@ -65,8 +63,6 @@ module rk_output
       type(text_file), private :: history
       type(text_file), private :: log
       type(journal_type), private :: journal
-      !> Load steps that the journal has already; all where there is none
-      integer, private :: journaled = huge(1)
    contains
       procedure :: open => open_output, close => close_output, publish
       procedure :: iteration, step, stopped, loaded_states, say, note, tell_verdict
@@ -83,23 +79,19 @@ module rk_output
 contains
 
 !> Open the files of a run
-subroutine open_output(self, problem, folder, deck, resumed, error)
+subroutine open_output(self, problem, folder, deck, run, error)
    class(output_type), intent(inout) :: self
    class(discretisation_type), target, intent(inout) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
    !> Deck, kept with the results
    type(deck_type), intent(in) :: deck
-   !> Run that goes on; without load steps one begins
-   type(resumed_type), intent(in) :: resumed
+   !> Run that goes on, not allocated where one begins
+   type(run_type), allocatable, intent(in) :: run
    type(error_type), allocatable, intent(out) :: error
 
    self%problem => problem
    allocate (self%record(0))
-   if (allocated(resumed%start)) then
-      self%repeated = size(resumed%start%step)
-      self%worst = resumed%worst
-   end if
    call new_probes(self%probes, problem%scene, error)
    if (allocated(error)) return
    call self%history%create(folder//'/history.csv', error)
@@ -107,21 +99,16 @@ subroutine open_output(self, problem, folder, deck, resumed, error)
    if (.not. allocated(error)) call self%history%line('step,load,iteration,residual,gradient,' &
       & //'step_norm,min_J,max_J,backward_error,solver,seconds', error)
    if (allocated(error)) return
-   associate (history => resumed%history, cloud => problem%scene%cloud)
-      if (len(history) > 0) call self%history%line(history(:len(history) - 1), error)
-      if (.not. allocated(error)) call self%results%open(folder//'/results.vtkhdf', cloud, deck, &
-         & approximation_text(deck), version_text(), error)
-      if (allocated(error) .or. problem%linear) return
-      call self%journal%open(folder//journal_name, resumed%journal, error)
-      self%journaled = merge(self%repeated, -1, resumed%journal > 0)
-      if (resumed%journal > 0) return
-      call self%journal%add_text(is_deck, deck%text, error)
-      call self%journal%add_text(is_overrides, deck%overrides, error)
-      call self%journal%add_text(is_approximation, approximation_text(deck), error)
-      call self%journal%add_numbers(is_source, [real(wp) ::], to_space(cloud%source), error)
-      call self%journal%add_numbers(is_points, [real(wp) ::], to_space(cloud%points), error)
-      if (len(history) > 0) call self%journal%add_text(is_line, history(:len(history) - 1), error)
-   end associate
+   if (allocated(run)) then
+      self%repeated = size(run%step) - 1
+      self%worst = run%worst
+      call self%history%line(run%history(:len(run%history) - 1), error)
+      if (allocated(error)) return
+   end if
+   call self%results%open(folder//'/results.vtkhdf', problem%scene%cloud, deck, &
+      & approximation_text(deck), version_text(), error)
+   if (allocated(error) .or. problem%linear) return
+   call self%journal%open(folder, run, deck, approximation_text(deck), problem%scene%cloud, error)
 end subroutine open_output
 
 !> Complete the files under their temporary names
@@ -136,7 +123,7 @@ subroutine close_output(self, error)
    call keep(self, error)
    call self%log%close(error)
    call keep(self, error)
-   call self%results%close(error, unfinished=.true.)
+   call self%results%close(error)
    call keep(self, error)
    self%seconds = self%seconds + tick(clock)
    if (allocated(self%error)) call move_alloc(self%error, error)
@@ -151,8 +138,6 @@ subroutine publish(self, error)
    call self%results%publish(error)
    if (.not. allocated(error)) call self%history%publish(error)
    if (.not. allocated(error)) call self%log%publish(error)
-   ! a run that goes on begins with these
-   if (.not. allocated(error)) call self%journal%remove()
 end subroutine publish
 
 !> Keep the first failure of writing
@@ -187,8 +172,7 @@ subroutine iteration(self, it)
       & it%step_norm, it%min_j, it%max_j, it%solver%backward_error, it%solver%used, it%seconds
    call self%history%line(trim(line), error)
    call keep(self, error)
-   call self%journal%add_text(is_line, trim(line), error)
-   call keep(self, error)
+   call self%journal%add_line(trim(line))
    write (line, '("  iteration ", i0, "  |r|  ", a, "  |A''r|  ", a, "  |da|  ", a, '// &
       & '"  J ", a, "..", a, "  ", a, "  ", a)') it%iteration, to_power(it%residual, 1), &
       & to_power(it%gradient, 1), to_power(it%step_norm, 1), to_text(it%min_j), &
@@ -220,19 +204,15 @@ subroutine step(self, st, x)
    end do
    self%record = [self%record, record]
    if (self%repeated > 0 .and. st%step <= self%repeated) then
-      self%backward_error = self%worst(1, st%step)
-      self%misfit = self%worst(2, st%step)
-      self%rcond = self%worst(3, st%step)
+      self%backward_error = self%worst(1, st%step + 1)
+      self%misfit = self%worst(2, st%step + 1)
+      self%rcond = self%worst(3, st%step + 1)
    end if
    call compute_fields(self%problem, state, fields)
-   associate (numbers => step_numbers(st, [self%backward_error, self%misfit, self%rcond]), &
-      & activation => self%problem%scene%common_activation(st%load))
-      call self%results%add_step(st%load, activation, fields, x, numbers, step_columns(st), error)
-      ! a state between two planned ones is found again
-      if (st%step > self%journaled .and. st%planned) call self%journal%add_numbers(is_step, &
-         & [st%load, numbers, x], step_columns(st), error)
-   end associate
+   call self%results%add_step(st%load, self%problem%scene%common_activation(st%load), fields, x, &
+      & error)
    call keep(self, error)
+   call self%journal%add_step(st, [self%backward_error, self%misfit, self%rcond], x)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
    if (allocated(self%problem%scene%motion)) then

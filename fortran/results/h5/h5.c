@@ -12,10 +12,9 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
-/* base/files.c: open a name for output that is neither a link nor a pipe */
-const char *rkf_output(const char *path, int keep, int *file);
+/* base/files.c: make a file whose name is neither a link nor a pipe */
+const char *rkf_make(const char *path, int keep);
 
 enum { MAX_RANK = 4 };
 
@@ -78,12 +77,8 @@ const char *rkh5_open(const char *path, int writing, int64_t *file)
    struct stat info;
    /* opening a pipe would wait for its other end */
    if (!writing && stat(path, &info) == 0 && !S_ISREG(info.st_mode)) return "it is not a regular file";
-   if (writing) {   /* HDF5 would follow a link */
-      int made;
-      const char *why = rkf_output(path, 0, &made);
-      if (why) return why;
-      close(made);
-   }
+   const char *why = writing ? rkf_make(path, 0) : NULL;   /* HDF5 would follow a link */
+   if (why) return why;
    H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
    listen();
    hid_t access = H5Pcreate(H5P_FILE_ACCESS);

@@ -2,7 +2,7 @@
 !>
 !> A Fortran array a(3,n) is a dataset of shape (n,3) for h5py and VTK: same memory, no
 !> transposition. A file is written under the name `path.part` and takes its real name when it is
-!> closed, so an interrupted run leaves an earlier file as it was. Text datasets are bytes. What
+!> published, so an interrupted run leaves an earlier file as it was. Text datasets are bytes. What
 !> reads or appends does nothing after an error: one look at it is enough for a run of such calls.
 !>
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
@@ -103,10 +103,10 @@ module rk_hdf5
 
 contains
 
-!> Start a new file; nothing stands at `path` itself until `close`
+!> Start a new file; nothing stands at `path` itself until it is published
 subroutine create(self, path, error)
    class(h5_type), intent(inout) :: self
-   !> Name the file takes when it is closed
+   !> Name the file takes when it is published
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -149,25 +149,17 @@ subroutine flush_file(self, error)
    if (.not. allocated(error)) call check_write(self, "", rkh5_flush(self%handle), error)
 end subroutine flush_file
 
-!> Close; a new file takes its real name unless a write has failed or it is to be left unfinished
-subroutine close_file(self, error, unfinished)
+!> Close; a new file keeps its temporary name
+subroutine close_file(self, error)
    !> Open file; nothing happens to a closed one
    class(h5_type), intent(inout) :: self
    type(error_type), allocatable, intent(out) :: error
-   !> Keep the temporary name
-   logical, intent(in), optional :: unfinished
    type(c_ptr) :: why
 
    if (self%handle < 0) return
    why = rkh5_close(self%handle)
    self%handle = -1_c_int64_t
-   if (.not. self%writing) return
-   call check_write(self, "", why, error)
-   if (allocated(error)) return
-   if (present(unfinished)) then
-      if (unfinished) return
-   end if
-   call self%publish(error)
+   if (self%writing) call check_write(self, "", why, error)
 end subroutine close_file
 
 !> Give a closed file that was written its real name, unless a write has failed

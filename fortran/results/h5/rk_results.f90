@@ -4,9 +4,8 @@
 !> and PyVista show as a cloud. Geometry, label and fiber are stored once, every step appends its
 !> fields; the offsets in /VTKHDF/Steps are the places. The time of a step is its load.
 !> /MyoRK is ours: triangles of the surface and places of the points in a lattice, where there are
-!> any; source points and, for every step, load, activation, coefficients, numbers of the step and
-!> what it hands on to the next one (restart_type); the deck with its overrides, the approximation,
-!> and the version of the program.
+!> any; source points and, for every step, load, activation and coefficients; the deck with its
+!> overrides, the approximation, and the version of the program.
 !>
 !> Reference: VTKHDF file format, version 2.0,
 !> https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format
@@ -39,18 +38,14 @@ module rk_results
 
    !> Content of a result file that a run may start from
    type :: restart_type
-      !> Deck, its overrides as lines, and the approximation to which the coefficients belong
-      character(len=:), allocatable :: deck, overrides, approximation
+      !> Approximation to which the coefficients belong
+      character(len=:), allocatable :: approximation
       !> Source and collocation points, z = 0 in plane problems, shapes (3, ns), (3, np) [length]
       real(wp), allocatable :: source(:, :), points(:, :)
       !> Load of each state, the state at rest included, shape (states) [-]
       real(wp), allocatable :: load(:)
-      !> Numbers of the step of each state, as the caller gave them, shape (numbers, states)
-      real(wp), allocatable :: step(:, :)
       !> Coefficients of each state, shape (ndof, states)
       real(wp), allocatable :: x(:, :)
-      !> What steps carried, as the caller gave it, shape (ndof, columns)
-      real(wp), allocatable :: carried(:, :)
    end type restart_type
 
 contains
@@ -109,7 +104,7 @@ pure function to_space(x) result(y)
 end function to_space
 
 !> Append a converged state; the first one is the undeformed state
-subroutine add_step(self, load, activation, fields, coefficients, step, carried, error)
+subroutine add_step(self, load, activation, fields, coefficients, error)
    class(results_type), intent(inout) :: self
    !> Fraction of the full load, greater than that of the step before, the time of the step [-]
    real(wp), intent(in) :: load
@@ -119,11 +114,6 @@ subroutine add_step(self, load, activation, fields, coefficients, step, carried,
    type(point_field), intent(in), target :: fields(:)
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
-   !> Numbers of the step, as many as in every step
-   real(wp), intent(in), contiguous :: step(:)
-   !> What it hands on, shape (ndof, columns); a step whose successor begins with nothing but its
-   !> state has no columns
-   real(wp), intent(in), contiguous :: carried(:, :)
    type(error_type), allocatable, intent(inout) :: error
    character(len=*), parameter :: steps = vtk//"/Steps/"
    character(len=*), parameter :: fixed(*) = [character(len=22) :: "PartOffsets", &
@@ -132,8 +122,6 @@ subroutine add_step(self, load, activation, fields, coefficients, step, carried,
    real(wp), pointer, contiguous :: flat(:)
    integer :: k
 
-   call self%append(own//"/step", reshape(step, [size(step), 1]), error)
-   if (size(carried) > 0) call self%append(own//"/carried", carried, error)
    do k = 1, size(fields)
       associate (field => fields(k))
          if (size(field%value, 1) == 1) then
@@ -179,27 +167,20 @@ subroutine read_restart(self, path, error)
 
    call file%open_read(path, error)
    if (allocated(error)) return
-   if (.not. file%has(own//'/step')) then
+   if (.not. file%has(own//'/coefficients')) then
       call fatal_error(error, err_input, path//': holds no state to start from: it was written ' &
          & //'by an earlier version, or by another program')
    else
-      call file%read(own//'/deck', self%deck, error)
-      call file%read(own//'/overrides', self%overrides, error)
       call file%read(own//'/approximation', self%approximation, error)
       call file%read(own//'/source', self%source, error)
       call file%read('VTKHDF/Points', self%points, error)
       call file%read(own//'/load', self%load, error)
-      call file%read(own//'/step', self%step, error)
       call file%read(own//'/coefficients', self%x, error)
-      if (file%has(own//'/carried')) call file%read(own//'/carried', self%carried, error)
    end if
    call file%close(trouble)
    if (allocated(error)) return
-   self%overrides = self%overrides(:len(self%overrides) - 1)
-   if (.not. allocated(self%carried)) allocate (self%carried(size(self%x, 1), 0))
-   states = min(size(self%load), size(self%step, 2), size(self%x, 2))
+   states = min(size(self%load), size(self%x, 2))
    self%load = self%load(:states)
-   self%step = self%step(:, :states)
    self%x = self%x(:, :states)
 end subroutine read_restart
 

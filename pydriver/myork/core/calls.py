@@ -7,6 +7,7 @@ Ctrl-C and progress, and always waits for the end of the call before it goes on.
 
 import ctypes
 import logging
+import math
 import signal
 import threading
 import time
@@ -41,18 +42,19 @@ def answer(handle: int, question: str, *given: ArrayLike, word: str = "") -> dic
     """
     # the wrapper takes no empty arrays: one number more, which the core leaves out
     numbers = np.concatenate([np.ravel(array, order="F") for array in (*given, 0.0)])
-    count = called(_core.scene_ask, handle, question.encode(), word.encode() or b" ", numbers)
+    asked = handle, question.encode(), word.encode() or b" ", numbers
+    forms, count = called(_core.scene_ask, *asked)
+    values = _core.answer_numbers(handle, count) if count else np.empty(0)
     found: dict[str, Any] = {}
-    for number in range(1, count + 1):
-        name, kind, rank, extent = _core.answer_form(handle, number)
-        shape = tuple(extent[:rank])
-        value = np.empty(shape)
-        if value.size:
-            value = _core.answer_numbers(handle, number, value.size).reshape(shape, order="F")
-        key = name.decode().rstrip()
-        found[key] = value.astype(np.int32) if kind == _WHOLE else value
+    for form in forms.decode().split("\n")[:-1]:
+        name, kind, *extent = form.split()
+        shape = tuple(map(int, extent))
+        own, values = np.split(values, [math.prod(shape)])
+        found[name] = own.reshape(shape, order="F")
+        if kind != _REAL:
+            found[name] = found[name].astype(np.int32)
         if kind == _TEXT:
-            found[key] = value.astype(np.uint8).tobytes().decode("utf-8", "replace")
+            found[name] = own.astype(np.uint8).tobytes().decode("utf-8", "replace")
     return found
 
 
@@ -100,7 +102,7 @@ class Turn:
 
 
 #: What the numbers of an answer are, as in rk_handles
-_WHOLE, _TEXT = 1, 2
+_REAL, _TEXT = "0", "2"
 
 _BUSY = (
     "this scene is being solved: wait for the end of the solve, or open a scene of its own in each "

@@ -102,25 +102,16 @@ def deck_values(
     for item in overrides:
         if any(letter in item for letter in "\n\r\0"):
             raise errors.InputError(f"--set {item!r}: an override is a single line")
-    deck: dict[str, Any] = json.loads(_deck_json(path, text, overrides, command))
+    given = os.fsencode(path), text.encode() or b" ", as_texts(overrides), command.encode()
+    capacity, length = 0, _CAPACITY
+    while length > capacity:
+        capacity = length
+        answer, length, stat, _ = _core.deck_json(*given, capacity)
+    values = answer.decode("utf-8", "replace").rstrip(" ")
+    check_deck(stat, values, text)
+    deck: dict[str, Any] = json.loads(values)
     for material in deck.get("material", []):
         # JSON has no infinity and holds the word
         if "K" in material:
             material["K"] = float(material["K"])
     return deck
-
-
-def _deck_json(path: str | Path, text: str, overrides: Sequence[str], command: str) -> str:
-    """JSON text of all values of a deck, defaults included."""
-    padded = as_texts(overrides)
-    capacity = _CAPACITY
-    while True:
-        answer, length, stat, _ = _core.deck_json(
-            os.fsencode(path), text.encode() or b" ", padded, command.encode(), capacity
-        )
-        if length <= capacity:
-            break
-        capacity = length
-    values = answer.decode("utf-8", "replace").rstrip(" ")
-    check_deck(stat, values, text)
-    return values

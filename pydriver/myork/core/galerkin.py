@@ -22,6 +22,7 @@ class GalerkinParts(NamedTuple):
     basis: F64
     total: F64
     set: I32  #: Boundary set of the surface points, from 1
+    probe_sets: I32  #: Boundary set of each probe, from 1; 0 of those at points
     essential: Mask  #: Whether a component is prescribed there, shape `(ms, nd)`
     penalty: F64  #: Penalty times area of the surface points, shape `(ms,)` [force/length]
     #: Entries before each point, shape `(np + 1,)`, and the tissue of each, from 0
@@ -94,11 +95,6 @@ def tissue_laws(scene: Scene) -> tuple[F64, F64, F64, F64]:
 def load_parts(scene: Scene) -> LoadParts:
     """What an open scene prescribes at full load."""
     return LoadParts(**{name: array.T for name, array in scene._ask("loads").items()})
-
-
-def probe_sets(scene: Scene) -> I32:
-    """Boundary sets of the probes, from 1; 0 of those at points."""
-    return np.asarray(scene._ask("probe_sets")["sets"])
 
 
 def place_parts(scene: Scene, probe: int, modes: F64) -> PlaceParts:

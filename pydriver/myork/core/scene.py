@@ -77,7 +77,7 @@ class Scene:
     @classmethod
     def from_tables(
         cls,
-        tables: Mapping[str, Any],
+        tables: Mapping[str, Any] | str,
         cloud: PointCloud | None = None,
         *,
         overrides: Sequence[str] = (),
@@ -87,9 +87,9 @@ class Scene:
     ) -> "Scene":
         """Open a scene of data: without a file, unless the tables name one of points.
 
-        - `tables`: tables with the keys of a deck, arrays of tables as lists of mappings. Without
-          `title` the title is "scene"; without `units` forces are in N and lengths in cm, the units
-          of the defaults of a muscle, or in those of the cloud.
+        - `tables`: tables with the keys of a deck, arrays of tables as lists of mappings, or the
+          text of a deck. Without `title` the title is "scene"; without `units` forces are in N and
+          lengths in cm, the units of the defaults of a muscle, or in those of the cloud.
         - `cloud`: points of the body, in place of a model file; the table `geometry` is left out
           then
         - `overrides`, `out`, `threads`, `progress`: as of `Scene`
@@ -105,29 +105,12 @@ class Scene:
         >>> with Scene.from_tables(square) as scene:  # doctest: +SKIP
         ...     states = scene.solve()
         """
-        if cloud is not None:
-            tables = with_cloud(tables, cloud)
-        text = text_of_tables(tables)
-        return cls.from_text(
-            text, cloud, overrides=overrides, out=out, threads=threads, progress=progress
-        )
-
-    @classmethod
-    def from_text(
-        cls,
-        text: str,
-        cloud: PointCloud | None = None,
-        *,
-        overrides: Sequence[str] = (),
-        out: Path | None = None,
-        threads: int | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> "Scene":
-        """Open the scene of a deck's text; all else as of `from_tables`."""
-        deck = deck_values(NAME_OF_TABLES, text, overrides, "solve")
+        if isinstance(tables, Mapping):
+            tables = text_of_tables(tables if cloud is None else with_cloud(tables, cloud))
+        deck = deck_values(NAME_OF_TABLES, tables, overrides, "solve")
         cloud = model_of(deck, Path(), out) if cloud is None else check_cloud(deck, cloud)
         scene = cls.__new__(cls)
-        scene._open(deck, text, overrides, cloud, threads, progress)
+        scene._open(deck, tables, overrides, cloud, threads, progress)
         return scene
 
     def _open(
@@ -149,7 +132,7 @@ class Scene:
                 listener,
             )
         check_deck(stat, message, text)
-        self._handle = handle
+        self._address = handle
         self.points_found = tuple(answer(handle, "found")["overrides"].split())
         for word in self.points_found:
             key, _, value = word.partition("=")
@@ -163,6 +146,13 @@ class Scene:
         self._read_sizes()
         self._unknowns = 0
         self._threads = threads or 0
+
+    @property
+    def _handle(self) -> int:
+        """Handle of the open scene."""
+        if not self._close.alive:
+            raise errors.InputError("this scene is closed")
+        return self._address
 
     def _ask(self, question: str, *given: ArrayLike, word: str = "") -> dict[str, Any]:
         """What the core says of this scene, as `answer` has it."""
@@ -274,7 +264,7 @@ class Scene:
           another scene
         """
         x = np.zeros(self.dofs) if start is None else self.unknowns_of(start)
-        return self._run(linear, 0, x, progress, error)
+        return self._run(linear, False, x, progress, error)
 
     def unknowns_of(self, state: F64 | States | RestartState | str | Path) -> F64:
         """Unknowns of a state that `solve` can begin with, shape `(dofs,)`.
@@ -361,7 +351,7 @@ class Scene:
 
     def solve_reduced(self, linear: str) -> States:
         """Solve the reduced model through all load steps; `reduce` comes first."""
-        return self._run(linear, 1, np.zeros(self._unknowns), None, False)
+        return self._run(linear, True, np.zeros(self._unknowns), None, False)
 
     def linearise(
         self,
@@ -417,62 +407,51 @@ class Scene:
     def _run(
         self,
         linear: str,
-        reduced: int,
+        reduced: bool,
         start: F64,
         progress: Callable[[str], None] | None,
         estimate: bool,
     ) -> States:
         """Solve in a thread, so that Ctrl-C and progress come through."""
-        status: list[Any] = []
+        failed: list[errors.MyorkError] = []
         said = 0
 
         def work() -> None:
-            status.extend(
-                _core.scene_solve(
-                    self._handle,
-                    linear.encode() or b" ",
-                    reduced,
-                    self._threads,
-                    int(estimate),
-                    start,
-                )
-            )
+            try:
+                answer(handle, "solve", self._threads, reduced, estimate, start, word=linear)
+            except errors.MyorkError as reason:
+                failed.append(reason)
 
         def poll() -> None:
             nonlocal said
-            done, iterations = _core.scene_progress(self._handle)
+            done, iterations = _core.scene_progress(handle, 0)
             if progress is not None and done > said:
                 progress(f"step {done:3d}/{self.steps}  iterations so far {iterations}")
                 said = done
 
         with self._turn.long():
+            handle = self._handle
             self._states = None
             try:
-                interrupted = call_in_thread(work, poll, lambda: _core.scene_stop(self._handle))
+                interrupted = call_in_thread(work, poll, lambda: _stop(handle))
             finally:
                 # none where the solve was refused before it began
                 with contextlib.suppress(errors.InputError):
-                    self._states = self._converged(len(start), reduced)
+                    self._states = states_of(answer(handle, "states"))
         if interrupted:
             raise KeyboardInterrupt
-        errors.check(*status)
+        if failed:
+            raise failed[0]
         assert self._states is not None
         return self._states
 
-    def _converged(self, n: int, reduced: int) -> States:
-        """States of the core's last solve, of `n` unknowns each."""
-        steps = min(int(_core.scene_progress(self._handle)[0]), self.steps)
-        found = answer(self._handle, "states", n, steps)
-        value = np.zeros((3, self._probes, 0))
-        if steps and not reduced:
-            value = answer(self._handle, "probes", found["x"], found["info"][0])["value"]
-        judged = answer(self._handle, "verdict", value, found["info"][0][: value.shape[2]])
-        bars = np.full((steps, self._probes, 3), np.nan)
-        bars[: value.shape[2]] = judged["bars"].T
-        return states_of(found, answer(self._handle, "points")["place"], judged, bars)
+
+def _stop(handle: int) -> None:
+    """Ask a solve to end after its iteration."""
+    _core.scene_progress(handle, 1)
 
 
 def _close(handle: int, turn: Turn) -> None:
     """Close a scene when nothing runs in it; Python calls this at its exit as well."""
-    with turn.last(lambda: _core.scene_stop(handle)):
+    with turn.last(lambda: _stop(handle)):
         _core.scene_close(handle)

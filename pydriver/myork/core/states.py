@@ -82,19 +82,8 @@ def _count(number: int, thing: str) -> str:
     return f"{number} {thing}" + ("s" if number != 1 else "")
 
 
-def states_of(
-    found: Mapping[str, Any], places: F64, judged: Mapping[str, Any], bars: F64
-) -> States:
-    """States from the arrays of the core.
-
-    - `found`: unknowns `x`, shape `(n, nstep)`; `info`: load, iterations, extremes of J, acoustic
-      eigenvalue and the number of its point, 0 for none, shape `(6, nstep)`; `seconds` of assembly,
-      least squares and checks; `worst`: backward error, imbalance and mismatch of work; `norms` of
-      errors and of the solution, negative for none; `warnings`, a line each
-    - `places`: collocation points, shape `(dimension, npoint)` [length]
-    - `judged`: `verdict`, `unstable` and `reasons`, a line each
-    - `bars`: error bars of the probes
-    """
+def states_of(found: Mapping[str, Any]) -> States:
+    """States from the core's answer to "states"."""
     info, seconds, worst, norms = (found[k] for k in ("info", "seconds", "worst", "norms"))
     point = info[5].astype(np.int64)
     seen = point > 0
@@ -114,13 +103,13 @@ def states_of(
         checks_s=float(seconds[2]),
         backward_error=float(worst[0]),
         min_acoustic=np.where(seen, info[4], np.nan),
-        min_acoustic_point=np.where(seen[:, None], places.T[point - 1], np.nan),
+        min_acoustic_point=np.where(seen[:, None], found["place"].T[point - 1], np.nan),
         force_imbalance=float(worst[1]),
         work_mismatch=float(worst[2]),
         errors=errors if norms[0] >= 0 else {},
         warnings=found["warnings"].splitlines(),
-        verdict=VERDICTS[judged["verdict"]],
-        unstable=bool(judged["unstable"]),
-        reasons=judged["reasons"].splitlines(),
-        probe_errors=bars,
+        verdict=VERDICTS[found["verdict"]],
+        unstable=bool(found["unstable"]),
+        reasons=found["reasons"].splitlines(),
+        probe_errors=found["bars"].T,
     )

@@ -64,7 +64,7 @@ class FullModel:
 
     def open(self, more: Sequence[str] = ()) -> Scene:
         """Open the scene with further overrides."""
-        return Scene.from_text(
+        return Scene.from_tables(
             self.text, self.cloud, overrides=[*self.overrides, *more], threads=self._threads
         )
 

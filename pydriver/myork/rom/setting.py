@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.galerkin import GalerkinParts, LoadParts, galerkin_parts, load_parts, probe_sets
+from myork.core.galerkin import GalerkinParts, LoadParts, galerkin_parts, load_parts
 from myork.core.scene import Scene
 from myork.errors import InputError
 from myork.rom import projection
@@ -71,7 +71,6 @@ def make_setting(
     base, units = full.loads(kinds)
     parts = galerkin_parts(scene)
     probes = deck["probe"]
-    sets = probe_sets(scene)
     loads = [base, *units]
     wanted: list[int] = []
     still: list[tuple[str, float, float]] = []
@@ -79,7 +78,7 @@ def make_setting(
     extra: list[F64] = []
     places: list[tuple[int, int]] = []
     entries: list[dict[str, Any]] = []
-    for index, (probe, of_set) in enumerate(zip(probes, sets, strict=True)):
+    for index, (probe, of_set) in enumerate(zip(probes, parts.probe_sets, strict=True)):
         quantity = probe["quantity"]
         rows: list[int] = []
         if quantity == "force" or quantity in ("force_x", "force_y", "force_z"):
