@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from benchmarks import runner
+from benchmarks.page import write_page
 from benchmarks.pivots import PIVOTS, cost
 from benchmarks.problems import BY_NAME, DECKS
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
+from benchmarks.runs import solve_case
+from benchmarks.shown import Columns, plot, table
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.measures import oscillation
@@ -21,10 +24,8 @@ from benchmarks.voxel_bodies import body_cloud
 from myork.bench import BENCHES, run_benches
 from myork.bench.dissertation import Run
 from myork.bench.materials import MUSCLE
-from myork.bench.page import write_page
 from myork.bench.reproduce import RUNS
-from myork.bench.runs import lattice, read_deck, solve_case
-from myork.bench.tables import Columns, plot, table
+from myork.bench.runs import lattice, read_deck
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError

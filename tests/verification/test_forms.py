@@ -11,9 +11,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
-from benchmarks.truths import manufactured
+from benchmarks.truths import exact, manufactured
 from benchmarks.truths.measures import observed_order
-from myork.bench import exact
 from tests import scenes
 from tests.scenes import LINEAR, MUSCLE, RUBBER, annulus, box, gripped, held, scene, sheared, solved
 

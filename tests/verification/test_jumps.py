@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from benchmarks.truths.deck_parts import probe
+from benchmarks.truths.exact import inner_stress
 from myork import Scene
-from myork.bench.exact import inner_stress
 from myork.bench.materials import MUSCLE
 from tests import scenes
 from tests.scenes import annulus, box, gripped, held, loaded, neo, probes, scene, slip, solved

@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 from benchmarks.runner import sized_tables
+from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held
+from benchmarks.truths.exact import along_fibers
 from benchmarks.truths.finite_elements import solve_deck, solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
 from benchmarks.unseen import known
 from benchmarks.unseen_maps import TRUTHS, body_of
 from benchmarks.unseen_maps import solved as solved_map
 from benchmarks.voxel_bodies import BODIES, Body, body_cloud, box_tables
-from myork.bench.materials import along_fibers
-from myork.bench.runs import read_deck, solve_case
+from myork.bench.runs import read_deck
 from myork.core.deck import load_deck
 from myork.stations.solve import run_deck
 from tests.scenes import neo, solved

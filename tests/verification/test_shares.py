@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from benchmarks.truths import bodies
-from myork.bench import exact
+from benchmarks.truths import bodies, exact
 from myork.bench.materials import RUBBER
 from myork.errors import InputError
 from myork.model_file import read_model, write_model

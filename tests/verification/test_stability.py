@@ -27,15 +27,18 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from benchmarks import runs
 from benchmarks.problems import BY_NAME
 from benchmarks.runner import sized_tables, solve_rivals
+from benchmarks.runs import METHODS, solve_case
+from benchmarks.truths import exact
 from benchmarks.truths.bodies import box, graded, stretched
+from benchmarks.truths.exact import along_fibers
 from benchmarks.truths.manufactured import PROBLEMS
 from benchmarks.truths.manufactured import solve as solve_manufactured
-from myork.bench import exact, runs
 from myork.bench.machine import machine
-from myork.bench.materials import RUBBER, along_fibers
-from myork.bench.runs import METHODS, lattice, read_deck, solve_case
+from myork.bench.materials import RUBBER
+from myork.bench.runs import lattice, read_deck
 from myork.console import silent
 from myork.results import Results
 
