@@ -631,7 +631,7 @@ _COMMANDS = {
     ),
     "bench": _Command(
         _bench,
-        "solve the reference problems again: their tables and curves",
+        "in a checkout, solve the reference problems again: their tables and curves",
         "  myork bench nonlinear\n  myork bench trust --quick\n"
         "  myork bench linear rom --out out/bench\n"
         "  myork bench all --quick",
