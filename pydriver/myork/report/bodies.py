@@ -64,7 +64,7 @@ def limits_of(values: F64) -> tuple[float, float, str]:
 def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     """Surface of a deformed body in space: displacement, stress and volume ratio, from two sides.
 
-    A column a field, of points where there is no surface.
+    A column a field, a row for those of a wide body, of points where there is no surface.
     """
     moved, triangles = deformation.moved, deformation.surface
     seen = np.unique(triangles) if len(triangles) else np.arange(len(moved))
@@ -72,14 +72,16 @@ def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure
     towards = (0.0 if sides[0] < sides[1] else -90.0) + _ASIDE
     above = _ABOVE if sides[2] > _LOW * sides.max() else _DOWN
     kinds = ("size", "stress", "volume_ratio")
-    tall = min(3.4 * float(sides[2] / max(np.linalg.norm(sides[:2]), 1e-300)) + 1.6, 4.6)
-    figure = Figure(figsize=(11.0, 2.0 * tall), layout="constrained")
-    grid = figure.subplots(2, len(kinds), subplot_kw={"projection": "3d", "proj_type": "ortho"})
-    for column, kind in zip(grid.T, kinds, strict=True):
+    wide = sides[:2].max() > _WIDE * sides[2]
+    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+    grid = figure.subplots(
+        *((3, 2) if wide else (2, 3)), subplot_kw={"projection": "3d", "proj_type": "ortho"}
+    )
+    for both, kind in zip(grid if wide else grid.T, kinds, strict=True):
         values = getattr(deformation, kind)
         low, high, ends = limits_of(values[seen])
         shade = ScalarMappable(Normalize(low, high), _COLOURS)
-        for axes, azimuth in zip(column, (towards, towards + 180.0), strict=True):
+        for axes, azimuth in zip(both, (towards, towards + 180.0), strict=True):
             if len(triangles):
                 colours = shade.to_rgba(np.ma.masked_invalid(values[triangles].mean(axis=1)))
                 light = LightSource(90.0 - azimuth, 60.0)
@@ -94,13 +96,16 @@ def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure
                 room = 1e-3 * sides.max()
                 axes.set(**{f"{axis}lim": (places.min() - room, places.max() + room)})
                 axes.set(**{f"{axis}label": f"{axis} [{unit_of(units, 'length')}]"})
-                axes.locator_params(axis=axis, nbins=4)
-            axes.set_aspect("equal")
+                nbins = max(1, round(4.0 * float(np.ptp(places) / sides.max())))
+                axes.locator_params(axis=axis, nbins=nbins)
+            # equal scales
+            axes.set_box_aspect(sides + 2e-3 * sides.max(), zoom=1.4 if wide else 0.9)
             axes.view_init(above, azimuth)
             axes.tick_params(labelsize=7)
-        column[0].set_title(_titles(units)[kind], fontsize=10)
+        both[0].set_title(_titles(units)[kind], fontsize=10)
+        side = "right" if wide else "bottom"
         bar = figure.colorbar(
-            shade, ax=list(column), extend=ends, location="bottom", shrink=0.7, aspect=25
+            shade, ax=list(both), extend=ends, location=side, shrink=0.7, aspect=25
         )
         bar.ax.locator_params(nbins=5)
         bar.ax.ticklabel_format(scilimits=(-3, 5), useOffset=False)
