@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,9 +13,9 @@ import numpy as np
 from benchmarks import unseen, unseen_layers, unseen_maps
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
+from benchmarks.shown import Columns, plot, table
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body
-from myork.bench.tables import Columns, plot, table
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_values, text_of_tables
 
@@ -661,6 +660,6 @@ def view(
     return rows if shown is None else {"cases": rows, **shown(rows)}
 
 
-def run(name: str, out: Path, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """A view as a benchmark; see `myork.bench` for the result."""
+def run(name: str, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
+    """A view as a benchmark; see `benchmarks.bench` for the result."""
     return view(name, progress, quick, {})

@@ -5,8 +5,8 @@
 solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `layers`,
 `maps` or `race` (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`,
 a view of them, figures of its curves, and `results.json`, the rows, to `docs/results` or DIR.
-`myork bench NAME` writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, which
-the package has, it writes the page.
+`myork bench NAME` writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables
+of `studies.py`, the runner writes the page.
 
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
@@ -38,15 +38,15 @@ from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.page import draw_curves
 from benchmarks.problems import Problem, probe_kind
+from benchmarks.runs import outcome_text, solve_case
+from benchmarks.truths.exact import inner_stress
 from benchmarks.truths.finite_elements import Warp, solve_deck
 from benchmarks.truths.peers import compiled_peers
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
-from myork.bench import find_study
-from myork.bench.exact import inner_stress
 from myork.bench.machine import machine
-from myork.bench.page import draw_curves
-from myork.bench.runs import outcome_text, read_deck, solve_case
+from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
@@ -67,8 +67,8 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "layers", "maps", "race")
-#: Benchmarks of the package
-PACKAGED = ("linear", "nonlinear", "rom")
+#: Benchmarks of `studies.py`
+STUDIES = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
@@ -418,12 +418,13 @@ def main(*words: str) -> None:
         _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
                      words[1:])  # fmt: skip
         return
+    from benchmarks import studies
     from benchmarks.pivots import view
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *PACKAGED, *modules])
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *STUDIES, *modules])
     parser.add_argument("--quick", action="store_true", help="small cases only")
     parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
                         help=f"this problem of {', '.join(OF_SOME)}; may be repeated")  # fmt: skip
@@ -434,12 +435,12 @@ def main(*words: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        if name not in PACKAGED:
+        if name not in STUDIES:
             shown = view(name, print, options.quick, solved, options.only)
         else:
-            shown = find_study(name)(options.out, print, options.quick)
+            shown = studies.run(name, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
-        if name in PACKAGED:
+        if name in STUDIES:
             continue
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]

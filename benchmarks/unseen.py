@@ -24,10 +24,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.problems import Problem
 from benchmarks.runner import Truth, Truths, record_of, solve_rivals
+from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
 from myork.bench.materials import MUSCLE
-from myork.bench.runs import read_deck, solve_case
+from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.files import write_text
 from myork.types import F64

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.runner import record_of
+from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.unseen import fill, judged, known, random_solid
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
-from myork.bench.runs import read_deck, solve_case
+from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError
 from myork.types import F64

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.truths import exact
 from benchmarks.truths.deck_parts import deck
-from myork.bench import exact
 from myork.bench.materials import RUBBER
 
 #: Where walls are probed: on the planes of symmetry and between them [rad]

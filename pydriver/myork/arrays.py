@@ -64,7 +64,7 @@ def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
     """Dataset of a file, whose numbers have not been read yet.
 
     - raises InputError: there is none; it is not an array of numbers, they are in another file, or
-      its shape claims more of them than this one holds
+      its shape declares more of them than this one holds
     """
     for part in accumulate(name.split("/"), "{}/{}".format):
         if not holds(file, part):
@@ -81,7 +81,7 @@ def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
         raise InputError(f"'{name}' is not an array of numbers")
     if found.is_virtual or found.external:
         raise InputError(f"'{name}' has its numbers in another file")
-    # Deflate shrinks by a factor of 1032 at the most; a damaged header may claim any shape
+    # Deflate shrinks by a factor of 1032 at the most; a damaged header may declare any shape
     if found.nbytes > 1100 * found.id.get_storage_size():
         raise InputError(f"the shape of '{name}' declares far more numbers than the file contains")
     return found

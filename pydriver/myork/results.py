@@ -1,20 +1,16 @@
 """Reader of the result file `results.vtkhdf`: arrays are read when they are asked for.
 
-Beside it `reduced_fields.npz` has fields of reduced models beside those of the full one.
-
 The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in its group VTKHDF,
 what a restart needs in its group MyoRK.
 """
 
-import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
@@ -23,9 +19,8 @@ from numpy.typing import NDArray
 from myork.arrays import UNREADABLE, dataset
 from myork.console import as_html
 from myork.errors import FileError, InputError, optional
-from myork.files import whole_file
 from myork.summary import read_summary, with_bar
-from myork.types import F64, I32, I64
+from myork.types import F64, I32
 
 _FILE = "results.vtkhdf"
 # Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
@@ -34,7 +29,6 @@ _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 _WIDTHS = (1, 3, 6, 9)
 # In the largest plane of a lattice, for each point
 _MOST_CELLS = 100
-REDUCED_FILE = "reduced_fields.npz"
 
 
 @dataclass(frozen=True)
@@ -378,34 +372,3 @@ def _open(path: Path) -> h5py.File:
         raise FileError(
             f"{path}: cannot be opened as an HDF5 file, it may be cut short: {error}"
         ) from error
-
-
-class ReducedFields(NamedTuple):
-    """One state of the full model and of reduced ones; the full model is the first everywhere."""
-
-    points: F64  #: Undeformed points, shape `(n, 3)` [length]
-    modes: I64  #: Number of modes of each reduced model, shape `(m,)`
-    displacement: F64  #: Displacements, shape `(m + 1, n, 3)` [length]
-    #: Largest principal Cauchy stresses, not a number where J <= 0, shape `(m + 1, n)`
-    #: [force/length^2]
-    stress: F64
-    #: Points at the corners of the surface's triangles, as in `Results.surface`, shape `(t, 3)`
-    surface: I32
-
-
-def write_reduced(folder: Path, fields: ReducedFields) -> None:
-    """Write the file of a folder."""
-    with whole_file(folder / REDUCED_FILE) as unfinished, unfinished.open("wb") as stream:
-        np.savez_compressed(stream, **fields._asdict())
-
-
-def read_reduced(path: Path) -> ReducedFields:
-    """Read the file.
-
-    - raises FileError: it is damaged
-    """
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            return ReducedFields(**{name: content[name] for name in ReducedFields._fields})
-    except (*UNREADABLE, EOFError, zipfile.BadZipFile, zlib.error) as reason:
-        raise FileError(f"{path}: cannot be read: {reason}; run `myork rom` again") from None

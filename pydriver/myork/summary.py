@@ -11,7 +11,7 @@ from myork.files import alone_in, read_json, write_json
 #: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
 _BEFORE = ("segmentation", "tissue", "model", "resampled", "damaged_slices")
 #: Files of a solution beside its summary (`system.c` has the same)
-SOLUTION = ("results.vtkhdf", "history.csv", "run.log", "report.html", "reduced_fields.npz")
+SOLUTION = ("results.vtkhdf", "history.csv", "run.log", "report.html")
 #: Summary of these files while `summary.json` is that of a run that has none
 WAITING = "summary.json.previous"
 

@@ -17,14 +17,19 @@ from benchmarks.truths.scanners import reordered
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import make_report
-from myork.report.bodies import _plane, plane_figure, reduced_figure, slices_figure, surface_figure
+from myork.report.bodies import (
+    NO_VALUE,
+    _plane,
+    limits_of,
+    plane_figure,
+    slices_figure,
+    surface_figure,
+)
 from myork.report.figures import Series, history_figure, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
-from myork.report.sketch import NO_VALUE, limits_of
 from myork.report.sources import Deformation, read_folder
 from myork.report.tables import probe_table
-from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.summary import printed
 from tests.images import affine_of
 from tests.refusals import refuses
@@ -66,7 +71,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "J 0.980 to 1.02" in text and "Force imbalance 2.0·10−13" in text
     for wanted in (
         "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
-        "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "hyper-reduced", "0.973",
+        "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "reduced assembly", "0.973",
         "1380 MiB".replace("1380", "1\u202f380"), "10 steps, 30 iterations", "load.steps=10",
     ):  # fmt: skip
         assert wanted in text, wanted
@@ -207,7 +212,7 @@ def block(plane: bool = False) -> Deformation:
     n = len(points)
     return Deformation(
         points=points, displacement=np.tile([0.5, 0.0, 0.0], (n, 1)), stress=np.arange(1.0 * n),
-        volume_ratio=np.ones(n), cauchy=np.zeros((n, 3, 3)), fiber=np.zeros((n, 3)),
+        volume_ratio=np.ones(n), fiber=np.zeros((n, 3)),
         label=np.ones(n, np.int32), loads=np.array([0.0, 1.0]), activations=np.array([0.0, 0.3]),
         surface=surface, lattice=lattice_of(points),
     )  # fmt: skip
@@ -218,8 +223,12 @@ def test_bodies_are_to_scale_and_in_one_frame() -> None:
     figure = surface_figure(block(), MM)
     boards = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
     assert len(boards) == 6 and any("N/mm²" in axes.get_title() for axes in boards)
-    frames = {(*axes.get_xlim(), *axes.get_ylim()) for axes in boards}
-    assert len(frames) == 1 and all(axes.get_aspect() == 1.0 for axes in boards)
+    for axes in boards:
+        # 1 x 2 x 3, moved by 0.5 along x
+        ends = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+        assert np.all(ends[:, 0] <= [0.5, 0.0, 0.0]) and np.all(ends[:, 1] >= [1.5, 2.0, 3.0])
+        scale = np.diff(ends)[:, 0] / axes._box_aspect
+        assert_allclose(scale, scale[0], rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -243,14 +252,17 @@ def test_plane_body_is_drawn_where_it_is() -> None:
 
 
 def test_planes_show_what_lies_in_them() -> None:
-    """Fibers up, moves to the right: strokes and arrows of the coronal plane."""
+    """Fibers up, in the coronal plane; tissues by their names."""
     body = block()
     body = replace(body, fiber=np.tile([0.0, 0.0, 1.0], (len(body.points), 1)))
     figure = slices_figure(body, MM)
     assert "plane z = 1 mm" in figure.axes[0].get_ylabel()
-    coronal = [axes for axes in figure.axes if axes.get_ylabel().startswith("plane y")][0]
-    arrows = coronal.collections[-1]
-    assert np.all(np.asarray(arrows.U) == 0.5) and np.all(np.asarray(arrows.V) == 0.0)
+    strokes = figure.axes[4].collections[-1]
+    assert np.all(np.asarray(strokes.U) == 0.0) and np.all(np.asarray(strokes.V) == 1.0)
+    assert not figure.legends
+    two = replace(body, label=(body.points[:, 2] > 1).astype(np.int32))
+    (legend,) = slices_figure(two, MM, ["muscle"]).legends
+    assert [text.get_text() for text in legend.get_texts()] == ["muscle", "label 1"]
 
 
 def test_the_plane_drawn_lies_in_a_body_and_not_between_two() -> None:
@@ -268,8 +280,7 @@ def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
     """Where J <= 0: a cross in place of a colour, and all others keep theirs."""
     body = block(plane=plane)
     stress = np.where(np.arange(len(body.points)) % 3 == 0, np.nan, body.stress)
-    cauchy = np.full((len(body.points), 3, 3), np.eye(3)) * stress[:, None, None]
-    figure = draw(replace(body, stress=stress, cauchy=cauchy), MM)
+    figure = draw(replace(body, stress=stress), MM)
     lines = [line for axes in figure.axes for line in axes.lines]
     crosses = [line for line in lines if line.get_marker() == "x" and len(line.get_xdata())]
     assert crosses and all(line.get_color() == NO_VALUE for line in crosses)
@@ -277,16 +288,15 @@ def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
     assert np.isfinite([axes.get_ylim() for axes in bars]).all()
 
 
-def test_stresses_are_crosses() -> None:
-    """Pulled along x, pressed along y: strokes of two colours along the axes."""
-    body = block(plane=True)
-    stress = np.zeros((len(body.points), 3, 3))
-    stress[:, 0, 0], stress[:, 1, 1] = 2.0, -1.0
-    panel = plane_figure(replace(body, cauchy=stress), {}).axes[1]
-    strokes = [(np.asarray(c.U), np.asarray(c.V)) for c in panel.collections if hasattr(c, "U")]
-    along, across = sorted(strokes, key=lambda uv: np.abs(uv[0]).max(), reverse=True)
-    assert np.all(np.abs(along[1]) < 1e-12) and np.all(np.abs(across[0]) < 1e-12)
-    assert np.abs(across[1]).max() == pytest.approx(0.5 * np.abs(along[0]).max())
+def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path: Path) -> None:
+    models = [{"kind": "reduced", "r": r, "e1": e, "e2": 2 * e} for r, e in ((1, 1e-3), (3, 1e-9))]
+    rom = {"snapshots": 4, "full": {"load": [1.0], "probes": {}}, "pov": [1.0], "models": models}
+    deck = {"geometry": {"kind": "box", "size": [2, 1]}, "material": [{"name": "rubber"}]}
+    content = {"title": "sheet", "units": UNITS, "dimension": 2, "deck": deck, "rom": rom}
+    (tmp_path / "summary.json").write_text(json.dumps(content))
+    text = Page(make_report(tmp_path)).text
+    assert "A sheet of 2 × 1 cm of rubber" in text
+    assert "The error of the full model comes on top" in text
 
 
 def test_colours_reach_the_largest_value_but_for_one_far_out() -> None:
@@ -330,61 +340,13 @@ def test_probes_against_activation() -> None:
 
 def test_full_against_reduced() -> None:
     full = {"load": [0.5, 1.0], "probes": {"f": [1.0, 2.0], "tip": [[0.0, 1.0], [0.0, 2.0]]}}
-    models = [{"kind": "hyper", "r": 3, "probes": {"f": [1.1, None]}}]
+    models = [{"kind": "reduced", "r": 3, "probes": {"f": [1.1, None]}}]
     figure = probe_figure(rom_series({"full": full, "models": models}), {"f": "N", "tip": "mm"})
     lines = figure.axes[0].lines
     assert_allclose(lines[0].get_xydata(), [[0.5, 1.0], [1.0, 2.0]])
     assert_allclose(lines[1].get_xydata(), [[0.5, 1.1], [1.0, np.nan]])
-    assert lines[1].get_label() == "hyper-reduced, r = 3"
+    assert lines[1].get_label() == "reduced assembly, r = 3"
     assert_allclose(figure.axes[1].lines[1].get_ydata(), [1.0, 2.0])
-
-
-def reduced_fields(wrong: float) -> ReducedFields:
-    """A sheet that is pulled, by models of 3 modes and of 1; the latter is off."""
-    points, surface = grid(9, 5, size=[2, 1])
-    shares = np.array([1.0, 1.0, 1.0 + wrong])
-    moved = shares[:, None, None] * points * [0.2, 0.0, 0.0]
-    stress = shares[:, None] * (5.0 + points[:, 1])
-    return ReducedFields(points, np.array([3, 1]), moved, stress, surface)
-
-
-@pytest.mark.slow
-def test_reduced_fields_stand_beside_the_full_one() -> None:
-    figure = reduced_figure(reduced_fields(-0.1), 1, UNITS)
-    panels = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
-    assert list(panels) == ["full", "reduced, r = 1", "difference"]
-    shades = [axes.collections[0] for axes in figure.axes if axes.collections][:6]
-    assert shades[0].get_clim() == shades[1].get_clim() != shades[2].get_clim()
-    assert_allclose(shades[2].get_array().max(), 0.04)
-    assert_allclose(shades[5].get_clim(), [-0.6, 0.6])
-    assert_allclose(shades[5].get_array().min(), -0.6)
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert "difference [cm]\nat most 10 % of the largest" in labels
-    assert "difference [N/cm²]\nat most 10 % of the largest" in labels
-    same = [axes.get_ylabel() for axes in reduced_figure(reduced_fields(0.0), 1, UNITS).axes]
-    assert "difference [cm]\nat most 0 of the largest" in same
-
-
-@pytest.mark.slow
-def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path: Path) -> None:
-    write_reduced(tmp_path, reduced_fields(1e-6))
-    models = [{"kind": "reduced", "r": r, "e1": e, "e2": 2 * e} for r, e in ((1, 1e-3), (3, 1e-9))]
-    rom = {"snapshots": 4, "full": {"load": [1.0], "probes": {}}, "pov": [1.0], "models": models}
-    deck = {"geometry": {"kind": "box", "size": [2, 1]}, "material": [{"name": "rubber"}]}
-    content = {"title": "sheet", "units": UNITS, "dimension": 2, "deck": deck, "rom": rom}
-    (tmp_path / "summary.json").write_text(json.dumps(content))
-    text = Page(make_report(tmp_path)).text
-    assert "A sheet of 2 × 1 cm of rubber" in text
-    assert "reduced one with 3 modes" in text and "The same with 1 mode" in text
-    assert text.index("with 3 modes") < text.index("The same with 1 mode")
-    assert "The error of the full model comes on top" in text
-    del rom["models"]
-    (tmp_path / "summary.json").write_text(json.dumps(content))
-    assert "reduced one with" not in Page(make_report(tmp_path)).text
-    content = (tmp_path / REDUCED_FILE).read_bytes()
-    for damaged in (b"", content[:100], content[:-40]):
-        (tmp_path / REDUCED_FILE).write_bytes(damaged)
-        refuses(f"{REDUCED_FILE}: .*run `myork rom` again", make_report, tmp_path, kind=FileError)
 
 
 @pytest.mark.parametrize(("axes", "flipped"), [

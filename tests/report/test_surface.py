@@ -1,15 +1,12 @@
-"""Surfaces that the core makes of lattices, and pictures of them."""
+"""Surfaces that the core makes of lattices."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from benchmarks.voxel_bodies import BODIES, body_cloud
 from myork.core.scene import Scene
-from myork.report.sketch import Panel, show
 from myork.types import F64, I32
 from tests.report.pages import grid
 
@@ -67,49 +64,3 @@ def test_without_a_lattice_there_is_no_surface() -> None:
     tables = {**body.tables, "scene": {"dimension": 3, "method": "rkcm"}}
     with Scene.from_tables(tables, cloud) as scene:
         assert scene.surface().shape == (0, 3)
-
-
-def picture_of(panel: Panel, middle: F64, half: F64) -> F64:
-    """Pixels of a body as it is seen along z, shape `(n, n, 3)`."""
-    figure = Figure(figsize=(3.0, 3.0 * half[1] / half[0]))
-    show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), panel, middle, half)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].astype(float)
-
-
-def picture(whole: bool = True) -> F64:
-    """A sheet of three tissues in the plane of the picture, or its points alone."""
-    points, triangles = grid(9, 9)
-    label = np.select([points[:, 0] < 4, points[:, 0] < 7], [0.0, 2.0], 1.0)
-    shown, ends = triangles if whole else triangles[:0], (-0.5, 2.5, "neither")
-    panel = Panel(points, points, shown, label, ends, "#FF0000,#00FF00,#0000FF")
-    # 0 and 2 meet in it
-    return picture_of(panel, np.array([3.5, 4.0, 0.0]), np.array([2.0, 4.0]))
-
-
-@pytest.mark.slow
-def test_no_third_colour_between_two_tissues() -> None:
-    """Numbers of labels have no values between them."""
-    red, green, blue = np.moveaxis(picture(), -1, 0)
-    assert ((red > green + 60) & (red > blue + 60)).any()
-    assert ((blue > green + 60) & (blue > red + 60)).any()
-    assert not ((green > red + 60) & (green > blue + 60)).any()
-    # no pixel of the sheet is left out
-    assert not ((red > 250) & (green > 250) & (blue > 250)).any()
-
-
-def test_points_are_drawn_where_there_is_no_surface() -> None:
-    seen = picture(whole=False)
-    assert (seen.min(axis=2) < 60).any() and (seen.min(axis=2) > 250).any()
-
-
-@pytest.mark.slow
-def test_what_is_nearer_hides_what_is_behind() -> None:
-    """The front of a block is seen, not its back, and a stroke inside it is hidden."""
-    points, surface = grid(5, 5, 5)
-    stroke = np.array([[[1.0, 2.0, 2.0], [3.0, 2.0, 2.0]]])
-    panel = Panel(points, points, surface, points[:, 2], (0.0, 4.0, "neither"), "gray", stroke)
-    # corners at the rim are shaded by the normals of two faces
-    front = picture_of(panel, np.full(3, 2.0), np.full(2, 0.95))
-    assert front.max() - front.min() <= 2.0 and front.min() > 200

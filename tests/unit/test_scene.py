@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from benchmarks.truths import bodies
 from myork import Scene
-from myork.errors import ConvergenceError, InputError
+from myork.errors import ConvergenceError
 from myork.records import PointCloud
 from tests.refusals import refuses
 from tests.scenes import box, held, probes, refused, scene, solved

@@ -13,13 +13,14 @@ from benchmarks import runner
 from benchmarks.pivots import PIVOTS, cost
 from benchmarks.problems import BY_NAME, DECKS
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
+from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
 from myork.bench import BENCHES, run_benches
 from myork.bench.materials import MUSCLE
-from myork.bench.runs import read_deck, solve_case
+from myork.bench.runs import read_deck
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError

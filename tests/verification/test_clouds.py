@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.truths import exact
 from benchmarks.truths.bodies import box, graded, jittered, stretched
 from benchmarks.truths.compiled import hessian
 from myork import Scene
-from myork.bench import exact
 from myork.bench.materials import MUSCLE, RUBBER
 from myork.core import material as core_material
 from myork.errors import InputError, MyorkError

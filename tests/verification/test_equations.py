@@ -15,9 +15,9 @@ import pytest
 import sympy as sp
 from numpy.testing import assert_allclose
 
+from benchmarks.truths import exact
 from benchmarks.truths.compiled import fiber_curves
 from myork import load_deck
-from myork.bench import exact
 from myork.bench.materials import RUBBER
 from myork.files import INPUTS
 from myork.model.normals import surface_normals

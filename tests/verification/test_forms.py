@@ -12,9 +12,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
-from benchmarks.truths import manufactured
+from benchmarks.truths import exact, manufactured
 from benchmarks.truths.measures import observed_order, oscillation
-from myork.bench import exact
 from myork.core.scene import Scene
 from myork.errors import InputError
 from tests import scenes

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import runs
 from benchmarks.runner import sized_tables
+from benchmarks.truths import exact
 from benchmarks.truths.bodies import stretched
+from benchmarks.truths.exact import along_fibers
 from benchmarks.truths.manufactured import PROBLEMS, solve
-from myork.bench import exact, runs
-from myork.bench.materials import RUBBER, along_fibers
+from myork.bench.materials import RUBBER
 from myork.bench.runs import METHODS, lattice, read_deck
 from tests.scenes import Answer, solved
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.runner import sized_tables
+from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.tubes import tube_deck, wall_stresses
@@ -17,7 +18,7 @@ from benchmarks.unseen import known
 from benchmarks.unseen_maps import TRUTHS, body_of
 from benchmarks.unseen_maps import solved as solved_map
 from benchmarks.voxel_bodies import BODIES, Body, body_cloud, box_tables
-from myork.bench.runs import read_deck, solve_case
+from myork.bench.runs import read_deck
 from myork.stations.solve import run_deck
 from tests.scenes import neo, solved
 

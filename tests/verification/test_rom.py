@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 
 import myork
 from myork.core.scene import Scene
-from myork.errors import InputError, RefusedError
-from myork.results import REDUCED_FILE, read_reduced
+from myork.errors import InputError
 from myork.rom import study
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from tests.scenes import box, gripped, held, probes, solved
@@ -164,28 +163,6 @@ def test_one_solve_leaves_nothing_to_save(tmp_path):
         myork.run_rom(WAVE.with_name("poisson_1d.toml"), tmp_path)
 
 
-# ---- fields beside the summary -------------------------------------------------------------------
-
-
-def test_the_last_fields_lie_beside_the_summary(tmp_path):
-    """Those of the full model are the solve's; as many modes as states come to the same."""
-    tables = {**BLOCK, "load": {"steps": 3, "activation": 0.3}, "rom": {"modes": [1, 3]}}
-    tables["probe"] = probes("pull force z1", "middle u 0.5 0.5 1")
-    # the block locks, so that its answer is refused; its states are snapshots all the same
-    with pytest.raises(RefusedError):
-        myork.run_deck(tables, tmp_path, threads=1)
-    myork.run_rom(tables, tmp_path, threads=1)
-    found = read_reduced(tmp_path / REDUCED_FILE)
-    with myork.Results(tmp_path) as results:
-        u, stress = results.field("u"), results.field("principal_stress")[:, 0]
-        assert_allclose(found.points, results.points, atol=1e-14)
-    assert found.modes.tolist() == [1, 3]
-    assert_allclose(found.displacement[0], u, atol=1e-9 * np.abs(u).max())
-    assert_allclose(found.stress[0], stress, atol=1e-9 * np.abs(stress).max())
-    off = np.abs(found.displacement[1:] - u).max(axis=(1, 2)) / np.abs(u).max()
-    assert off[1] < 1e-5 < off[0] < 0.5
-
-
 # ---- modes (6.13)-(6.26), (6.32) -----------------------------------------------------------------
 
 
@@ -245,7 +222,7 @@ def test_motions_in_the_span_of_their_modes(inputs: Path, deck, method, projecti
         modes, _ = proper_orthogonal_modes(states.x)
         for published in (False, True):
             found = [
-                study.reduced_path(scene, full, modes[:, :r], projection, published=published)[0]
+                study.reduced_path(scene, full, modes[:, :r], projection, published=published)
                 for r in (1, 5, 25)
             ]
             e1 = [model["e1"] for model in found]

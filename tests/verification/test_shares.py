@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from benchmarks.truths import bodies
+from benchmarks.truths import bodies, exact
 from benchmarks.truths.deck_parts import probe
+from benchmarks.truths.exact import inner_stress
 from myork import Scene
-from myork.bench import exact, materials
-from myork.bench.exact import inner_stress
+from myork.bench import materials
 from myork.bench.materials import RUBBER
 from myork.errors import InputError
 from myork.model_file import read_model, write_model

@@ -107,8 +107,7 @@ const char *rk_lock_folder(const char *path, int *owner) {
 }
 
 /* Files of a solution beside its summary; files.py has the same. */
-static const char *const solution[] = {"results.vtkhdf", "history.csv", "run.log", "report.html",
-                                       "reduced_fields.npz"};
+static const char *const solution[] = {"results.vtkhdf", "history.csv", "run.log", "report.html"};
 enum { FILES = sizeof solution / sizeof solution[0] };
 static const char summary[] = "summary.json";
 /* Summary of the results in the folder while summary.json is that of a run that has none. */

@@ -7,7 +7,6 @@ and puts ours beside the published number.
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 import resource
 import shlex
@@ -22,11 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from myork.bench.dissertation import MODES, TABLES, WITHOUT_NUMBERS, Row, Run, Table
 from myork.bench.linear import Study, study_rates
 from myork.bench.machine import machine
-from myork.bench.page import write_page
 from myork.bench.phantoms import (
     AGED,
     CONNECTIVE,
@@ -38,14 +38,14 @@ from myork.bench.phantoms import (
     inclined,
     labelled,
 )
-from myork.bench.runs import outcome_text, read_deck, solve_case
-from myork.bench.tables import Columns, entry_of, table
+from myork.bench.runs import read_deck, solved
 from myork.console import ProgressCallback, silent
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
 from myork.imaging.io import read_image, read_labels
 from myork.records import Labels
+from myork.report.frame import Page, Section, figure, table
 from myork.results import Results
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.study import PathStates, reduced_path
@@ -58,8 +58,6 @@ from myork.types import F64
 FAR = 0.2
 #: Runs longer than this are said to be long [s]
 _LONG = 60.0
-#: Wall time after which a solve is ended: the longest takes a tenth of it on a quiet machine [s]
-_LIMIT = 7200.0
 
 Record = Mapping[str, Any]
 
@@ -75,7 +73,13 @@ def _deck(run: Run, progress: ProgressCallback) -> Record:
 
 def _solve(run: Run, progress: ProgressCallback) -> Record:
     """A solve of a deck; `two` are the times of shape functions and two iterations [s]."""
-    return _converged(solve_case(run.deck, run.overrides, limit=_LIMIT, look=_last_fields))
+    case = solved(run.deck, run.overrides, look=_last_fields)
+    # parts are measured in wall time: a machine that others use gives the process a share of it
+    share = case["cpu_s"] / case["timings_s"]["total"]
+    of_two = 2.0 / max(case["iterations"], 1)
+    factors = {"shape": share, "assemble": of_two * share, "solve": of_two * share}
+    two = {part: factor * case["timings_s"][part] for part, factor in factors.items()}
+    return case | {"two": two | {"total": sum(two.values())}}
 
 
 def _last_fields(folder: Path) -> Record:
@@ -84,17 +88,6 @@ def _last_fields(folder: Path) -> Record:
         if "cauchy" not in results.fields:
             return {}
         return {"ends": results.deformed(), "cauchy": results.field("cauchy")}
-
-
-def _converged(case: dict[str, Any]) -> dict[str, Any]:
-    if case["outcome"] != "converged":
-        raise ConvergenceError(f"{outcome_text(case)}: {case['message']}")
-    # parts are measured in wall time: a machine that others use gives the process a share of it
-    share = case["cpu_s"] / case["seconds"]
-    spent = {part: share * seconds for part, seconds in case["timings_s"].items()}
-    of_two = 2.0 / max(case["iterations"], 1)
-    two = {part: of_two * spent[part] for part in ("assemble", "solve")} | {"shape": spent["shape"]}
-    return case | {"two": two | {"total": sum(two.values())}}
 
 
 def _rates(run: Run, progress: ProgressCallback) -> Record:
@@ -122,11 +115,11 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
     return record | by_slice(found["segmentation"]["scores"]["medial_gastrocnemius"])
 
 
-def by_slice(score: Record) -> dict[str, Any]:
+def by_slice(score: Record) -> dict[str, float]:
     """Means over slices, and those at the places of the dissertation's slices 15 and 30 of 33."""
     count = len(score["dice_by_slice"])
     places = {number: round((number - 0.5) / 33 * count - 0.5) for number in (15, 30)}
-    record: dict[str, Any] = {"dice_by_slice": score["dice_by_slice"], "slices": places}
+    record: dict[str, float] = {}
     for key in ("dice", "pcc"):
         slices = np.array(score[f"{key}_by_slice"], float)
         # one of empty slices alone is not a number
@@ -152,7 +145,6 @@ def _tissue(run: Run, progress: ProgressCallback) -> Record:
     scores = {name: score["dice"] for name, score in found["tissue"]["scores"].items()}
     return scores | {
         "dice_clusters": dice(clusters, truth.data == CONNECTIVE),
-        "clusters": clusters,
         "labels": labels,
         "truth": truth,
         "image": image,
@@ -165,9 +157,7 @@ def _aged(run: Run, progress: ProgressCallback) -> Record:
     muscle, block = {"young": YOUNG, "old": OLD}[name], int(pixels.split()[0]) if pixels else 4
     labels, _ = labelled(muscle)
     bare, _ = labelled(replace(muscle, layer=0.0))
-    case = _converged(
-        solve_case(AGED, run.overrides, cloud=aged_cloud(muscle, block), limit=_LIMIT)
-    )
+    case = solved(AGED, run.overrides, cloud=aged_cloud(muscle, block))
     voxel = labels.spacing.prod() / 1000.0
     images = {
         name: float((labels.data == number).sum() * voxel)
@@ -178,7 +168,6 @@ def _aged(run: Run, progress: ProgressCallback) -> Record:
     # connective tissue inside the muscle, without the aponeurosis around it
     imct = float((bare.data == CONNECTIVE).sum() * voxel)
     return case | {
-        "labels": labels,
         "images": images | {"imct": imct},
         "force": force,
         "force_per_volume": force / sum(images.values()),
@@ -191,8 +180,7 @@ def _fibers(run: Run, progress: ProgressCallback) -> Record:
     if run.more != "measured":
         mean = cloud.fiber[cloud.label == 1].mean(axis=0)
         cloud = gastrocnemius(4, inclined(mean / np.linalg.norm(mean), float(str(run.more))))
-    steps = ("load.steps=5",)
-    return _converged(solve_case(GASTROCNEMIUS, (*steps, *run.overrides), cloud=cloud))
+    return solved(GASTROCNEMIUS, ("load.steps=5", *run.overrides), cloud=cloud)
 
 
 def _motion(run: Run, progress: ProgressCallback) -> Record:
@@ -202,7 +190,7 @@ def _motion(run: Run, progress: ProgressCallback) -> Record:
         full = PathStates.of(scene, states.x, states.load)
         modes, _ = proper_orthogonal_modes(states.x)
         own = _strong(scene)
-        return {str(r): reduced_path(scene, full, modes[:, :r], published=own)[0] for r in MODES}
+        return {str(r): reduced_path(scene, full, modes[:, :r], published=own) for r in MODES}
 
 
 def _strong(scene: Scene) -> bool:
@@ -239,7 +227,7 @@ def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Re
             record: dict[str, Any] = {}
             for (way, (basis, whole)), r in product(ways.items(), run.more):
                 progress(f"{run.deck}: {way}r = {r}")
-                record[f"{way}{r}"], _ = reduced_path(scene, full, basis[:, :r], published=whole)
+                record[f"{way}{r}"] = reduced_path(scene, full, basis[:, :r], published=whole)
             dense = auto
             if published:
                 progress(f"{run.deck}: an iteration by dense QR")
@@ -363,19 +351,20 @@ def reproduce(
     """Compute tables and figures again, and put ours beside the published numbers.
 
     - `names`: as of `find_tables`
-    - `out`: folder of `reproduce.json`, `reproduce.md` and `reproduce.html`; other tables that are
-      there already, from this version, stay
+    - `out`: folder of `reproduce.json`, `reproduce.md` and `reproduce.html`
     - `show`: called with the text of each table that is finished
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
-      `ratio`, `cpu_s` (of the runs that the row reads), `note`,
-      `call` (start of the call) and, where there is no number, `ended`
+      `ratio`, `cpu_s` (of the runs that the row reads), `note` and, where there is no number,
+      `ended`
     - raises InputError: a name is unknown
     """
     wanted = find_tables(names)
+    order = [entry for entry in TABLES.values() if entry in wanted]
     records: dict[Run, Record] = {}
+    rows: dict[str, list[dict[str, Any]]] = {}
+    pictures: dict[str, Figure] = {}
+    content = machine()
     with alone_in(out):
-        file = out / "reproduce.json"
-        content: dict[str, Any] = {**machine(), "quick": False, "rows": _earlier(file)}
         for number, entry in enumerate(wanted, start=1):
             long = ", long" if entry.cost_s > _LONG else ""
             progress(
@@ -383,13 +372,21 @@ def reproduce(
                 f"about {entry.cost_s:g} s{long}"
             )
             compute(entry, records, progress)
-            rows = [row | {"call": content["date"]} for row in rows_of(entry, records)]
-            _draw(entry, records, out)
-            show(_text(entry, rows, out))
-            content["rows"] = [row for row in content["rows"] if row["table"] != entry.name]
-            content["rows"] += rows
+            rows[entry.name] = rows_of(entry, records)
+            found = {name: records[run] for name, run in entry.runs.items()}
+            if entry.picture is not None and not any("ended" in one for one in found.values()):
+                pictures[entry.name] = entry.picture.draw(found)
+                (out / "reproduced").mkdir(exist_ok=True)
+                write_figure(out / _picture(entry.name), pictures[entry.name])
+            show(_text(entry, rows[entry.name], entry.name in pictures))
             # after each one: a later one that is stopped costs nothing that was computed
-            _write(out, content)
+            done = [own for own in order if own.name in rows]
+            content["rows"] = [row for own in done for row in rows[own.name]]
+            write_json(out / "reproduce.json", content)
+            texts = [_text(own, rows[own.name], own.name in pictures) for own in done]
+            write_text(out / "reproduce.md", _markdown(content, done, texts))
+            sections = [_section(own, rows[own.name], pictures.get(own.name)) for own in done]
+            write_text(out / "reproduce.html", _page(content, done, sections))
     return content
 
 
@@ -400,17 +397,6 @@ def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback
             records[run] = _record(run, progress)
 
 
-def _draw(entry: Table, records: Mapping[Run, Record], out: Path) -> None:
-    """Draw a table's picture; one of an earlier call goes where there is none now."""
-    file = out / _picture(entry.name)
-    found = {name: records[run] for name, run in entry.runs.items()}
-    if entry.picture is None or any("ended" in one for one in found.values()):
-        file.unlink(missing_ok=True)
-        return
-    file.parent.mkdir(exist_ok=True)
-    write_figure(file, entry.picture.draw(found))
-
-
 def _picture(name: str) -> str:
     """File of a table's picture in the folder of the results."""
     return f"reproduced/{name}.png"
@@ -419,24 +405,6 @@ def _picture(name: str) -> str:
 def rows_of(entry: Table, records: Mapping[Run, Record]) -> list[dict[str, Any]]:
     """Rows of a table whose runs are computed; see `reproduce`."""
     return [_row(entry, row, records) for row in entry.rows]
-
-
-def _earlier(file: Path) -> list[dict[str, Any]]:
-    """Rows that this version wrote there before, with the notes of today."""
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return []
-    notes = {
-        (entry.name, row.name): row.note or entry.note
-        for entry in TABLES.values()
-        for row in entry.rows
-    }
-    return [
-        {"call": found["date"], **row, "note": notes[row["table"], row["row"]]}
-        for row in found.get("rows", [])
-        if found.get("version") == machine()["version"] and (row["table"], row["row"]) in notes
-    ]
 
 
 def _record(run: Run, progress: ProgressCallback) -> Record:
@@ -464,17 +432,16 @@ def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any
     ours = None
     if ended is None:
         ours = float(values[0] if len(values) == 1 else values[0] / values[1])
-    published = row.published() if callable(row.published) else row.published
-    ratio = None if ours is None or published is None else ours / published
+    ratio = None if ours is None or row.published is None else ours / row.published
     unique = {id(record): record for record in read}.values()
     return {
         "table": entry.name,
         "row": row.name,
-        "published": published,
+        "published": row.published,
         "ours": ours,
         "ratio": ratio,
         "cpu_s": sum(record["cpu_s"] for record in unique),
-        "far": published is not None and (ratio is None or abs(ratio - 1.0) > FAR),
+        "far": row.published is not None and (ratio is None or abs(ratio - 1.0) > FAR),
         "note": row.note or entry.note,
         **({} if ended is None else {"ended": ended}),
     }
@@ -512,86 +479,85 @@ def _heading(name: str) -> str:
     return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
 
 
-def _text(entry: Table, rows: Sequence[Mapping[str, Any]], out: Path) -> str:
+def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
     """A table as the command prints it and as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
     lines += ["```", *_runs_text(entry), "```", ""]
-    far = r" \*"
-    lines += ["| row | published | ours | ratio | CPU [s] |"]
-    lines += ["|---|---|---|---|---|"]
-    lines += [
-        f"| {row['row']} | {_number(row['published'])} | {_number(row['ours'])} | "
-        f"{_number(row['ratio'], 3)}{far if row['far'] else ''} | {_number(row['cpu_s'], 3)} |"
-        for row in rows
-    ]
-    for file, caption in _shown(entry, out):
-        lines += ["", f"![{caption}]({file})", "", f"*{caption}*"]
+    lines += [f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|"]
+    lines += [f"| {' | '.join(_cells(row))} |" for row in rows]
+    if drawn and entry.picture is not None:
+        caption = entry.picture.caption
+        lines += ["", f"![{caption}]({_picture(entry.name)})", "", f"*{caption}*"]
     return "\n".join([*lines, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
 
 
-def _write(out: Path, content: dict[str, Any]) -> None:
-    """Write the record, the page of docs and the page of the browser."""
-    by_table = {
-        name: rows
-        for name in TABLES
-        if (rows := [row for row in content["rows"] if row["table"] == name])
-    }
-    content["rows"] = [row for rows in by_table.values() for row in rows]
-    write_json(out / "reproduce.json", content)
-    write_text(out / "reproduce.md", _markdown(content, by_table, out))
-    sections = {
-        name: {
-            "title": f"{_heading(name)}: {TABLES[name].title}",
-            "about": "\n\n".join([*(f"`{line}`" for line in _runs_text(TABLES[name]))]),
-            "pictures": _shown(TABLES[name], out),
-            "tables": [table("\n".join(_notes(rows)), row_columns(), rows)],
-        }
-        for name, rows in by_table.items()
-    }
-    record = {**content, "benches": sections}
-    write_page(out / "reproduce.html", record, "Tables and figures", "reproduce")
+#: Columns of a table
+_COLUMNS = ("row", "published", "ours", "ratio", "CPU [s]")
 
 
-def _shown(entry: Table, out: Path) -> list[tuple[str, str]]:
-    """File and caption of a table's picture, where it was drawn."""
-    file = _picture(entry.name)
-    return [(file, entry.picture.caption)] if entry.picture and (out / file).is_file() else []
+def _cells(row: Mapping[str, Any], far: str = r" \*") -> list[str]:
+    """A row as text; `far` marks what is far off."""
+    ratio = _number(row["ratio"], 3) + (far if row["far"] else "")
+    numbers = (_number(row["published"]), _number(row["ours"]), ratio, _number(row["cpu_s"], 3))
+    return [row["row"], *numbers]
 
 
-def row_columns() -> Columns:
-    """What a page shows of rows."""
+def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | None) -> Section:
+    """A table as `reproduce.html` has it."""
+    parts = [Markup("<p><code>{}</code></p>").format(line) for line in _runs_text(entry)]
+    if picture is not None and entry.picture is not None:
+        parts.append(figure(picture, entry.picture.caption))
+    parts.append(table(_COLUMNS, [_cells(row, " *") for row in rows]))
+    parts += [Markup("<p>{}</p>").format(_sentence(note)) for note in _notes(rows)]
+    return Section(entry.name, f"{_heading(entry.name)}: {entry.title}", parts)
+
+
+def _about(content: Mapping[str, Any], done: Sequence[Table]) -> str:
+    """What was computed, and how much of it is far off."""
+    far = [row["row"] for row in content["rows"] if row["far"]]
+    times = sum(name.endswith(("[s]", "[min]")) for name in far)
     return (
-        ("row", "row"),
-        ("published", "published"),
-        ("ours", "ours"),
-        ("ratio", "ratio"),
-        ("CPU [s]", "cpu_s"),
+        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
+        f"thread): {len(content['rows'])} numbers of {len(done)} tables and figures. {len(far)} of "
+        f"them are more than {100 * FAR:.0f} % off (*), with the reason below the table; {times} "
+        "of these are times of another machine. CPU seconds are of the runs that a row reads."
     )
 
 
-def _markdown(
-    content: Mapping[str, Any], by_table: Mapping[str, Sequence[Record]], out: Path
-) -> str:
+def _call(done: Sequence[Table]) -> str:
+    names = [entry.name for entry in done]
+    return f"myork reproduce {' '.join(names) if len(names) < 8 else 'all'}"
+
+
+def _page(content: Mapping[str, Any], done: Sequence[Table], sections: list[Section]) -> str:
+    """The page of the browser."""
+    footer = Markup("Made by <code>{}</code>; all numbers: <code>reproduce.json</code>")
+    about = f"Computed by myork {_about(content, done)}"
+    return Page("Tables and figures", sections, footer.format(_call(done)), about=about).text()
+
+
+def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence[str]) -> str:
     """The page `docs/reproduced.md`."""
-    far = [row["row"] for row in content["rows"] if row["far"]]
-    times = sum(name.endswith(("[s]", "[min]")) for name in far)
-    calls = sorted({row["call"] for row in content["rows"]})
-    said = "one call" if len(calls) == 1 else f"{len(calls)} calls since {calls[0][:16]}"
     lines = [
         "# The dissertation's tables and figures",
         "",
-        f"Written by `myork reproduce {' '.join(by_table) if len(by_table) < 8 else 'all'}` "
-        f"in {said} (version {content['version']}, {content['date'][:10]}, "
-        f"{content['processor']}, one thread): {len(content['rows'])} numbers of "
-        f"{len(by_table)} tables and figures. {len(far)} of them are more than "
-        f"{100 * FAR:.0f} % off (*), with the reason below the table; {times} of these are "
-        "times of another machine. CPU seconds "
-        "are of the runs that a row reads. `myork reproduce --list` "
-        "names decks and costs of all; figures without numbers are at its end.",
+        f"Written by `{_call(done)}` {_about(content, done)} `myork reproduce --list` names decks "
+        "and costs of all; figures without numbers are at its end.",
         "",
     ]
-    return "\n".join([*lines, *(_text(TABLES[name], rows, out) for name, rows in by_table.items())])
+    return "\n".join([*lines, *texts])
 
 
 def _sentence(text: str) -> str:
     return text[0].upper() + text[1:] + ("" if text.endswith(".") else ".")
+
+
+def entry_of(case: Mapping[str, Any], key: str) -> Any:
+    """An entry of nested mappings and lists by its key, as `probes.stress`; None without it."""
+    value: Any = case
+    for part in key.split("."):
+        if isinstance(value, Sequence) and part.isdigit():
+            value = value[int(part)] if int(part) < len(value) else None
+        else:
+            value = value.get(part) if isinstance(value, Mapping) else None
+    return value

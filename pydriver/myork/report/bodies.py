@@ -1,4 +1,4 @@
-"""Pictures of bodies: surfaces, reduced ones beside full ones, plane bodies, planes through them.
+"""Pictures of bodies: surfaces in space, plane bodies, planes through bodies.
 
 A `Deformation` is the last state of a run; `units` are those of its summary, keys `length` and
 `stress`.
@@ -8,28 +8,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import LightSource, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.tri import Triangulation
-from numpy.typing import NDArray
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from myork.report.figures import draw_strokes
 from myork.report.numbers import unit_of
-from myork.report.sketch import (
-    RIM,
-    Panel,
-    board,
-    draw_strokes,
-    frame_of,
-    limits_of,
-    rim_of,
-    shade_plane,
-    views_of,
-)
-from myork.report.sources import Body, Deformation
-from myork.results import ReducedFields
+from myork.report.sources import Deformation
 from myork.types import F64, I32, Index
 
 #: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
@@ -38,110 +28,88 @@ _TISSUES = (
    "#7A3600", "#9A8F10", "#00543D", "#7C3F62", "#9FD9B8",
 )  # fmt: skip
 _PLAIN = "#D8D8D8"
-_TENSION, _PRESSURE = "#FFFFFF", "#000000"
-#: Strokes across the longer side of a body or plane
+#: Colour of places without a value, which no map of colours in use has
+NO_VALUE = "#FF00C8"
+_COLOURS = colormaps["viridis"].with_extremes(bad=NO_VALUE)
+#: Colours reach the largest value unless it lies this many spans of the middle 99 % beyond them
+_BEYOND = 1.0
+#: Fibers across the longer side of a plane
 _ACROSS = 16
 #: A body this much wider than high is drawn in rows, not in columns
 _WIDE = 1.6
+#: The reader looks at the broad side from this much to the side and from above, and down at a body
+#: that is this much lower than long [degree], [-]
+_ASIDE, _ABOVE, _DOWN, _LOW = 28.0, 18.0, 45.0, 0.3
 
 
-def surface_figure(
-    deformation: Deformation, units: Mapping[str, str], tissues: Sequence[str] = ()
-) -> Figure:
-    """Surface of a body in space: displacement, stress, fibers or volume ratio, two views.
+def limits_of(values: F64) -> tuple[float, float, str]:
+    """Ends of the colours, and which of them values pass: "neither", "min", "max" or "both".
 
-    A picture a field and a view, with one scale for all; of points where there is no surface.
-    `tissues` are names of the labels of the points, in their order.
+    The whole range is shown, but for single values so far out (at an edge where the stress has no
+    bound) that all others would share one colour.
     """
-    points, moved, titles = deformation.points, deformation.moved, _titles(units)
-    body = Panel(points, moved, deformation.surface)
-    panels = [
-        body.shaded(getattr(deformation, name), title=titles[name], bar=" ")
-        for name in ("size", "stress", "volume_ratio")
-    ]
-    labels, tissue = np.unique(deformation.label, return_inverse=True)
-    fibers = deformation.fiber.any()
-    if fibers or len(labels) > 1:
-        colours = [_TISSUES[k % len(_TISSUES)] for k in range(len(labels))]
-        panels[2] = Panel(
-            points, points, deformation.surface, tissue.astype(float),
-            (-0.5, len(labels) - 0.5, "neither"),
-            ",".join(colours) if len(labels) > 1 else _PLAIN,
-            _strokes(deformation, body.seen) if fibers else body.strokes,
-            title="fibers and tissue, undeformed" if fibers else "tissue, undeformed",
-        )  # fmt: skip
-    both = np.vstack([points, moved])
-    views = views_of(np.ptp(both, axis=0))
-    half = frame_of(both, views)[1]
-    cells = [
-        [panel._replace(view=views[0]), panel._replace(view=views[1], title="")] for panel in panels
-    ]
-    wide = half[0] > _WIDE * half[1]
-    figure, grid = board(
-        cells if wide else list(zip(*cells, strict=True)), unit_of(units, "length")
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0, 1.0, "neither"
+    least, most = float(values.min()), float(values.max())
+    low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
+    room = _BEYOND * (high - low)
+    below, above = low - least > room, most - high > room
+    low, high = low if below else least, high if above else most
+    margin = 1e-6 * max(abs(low), abs(high), 1e-12)
+    ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
+    return low - margin, high + margin, ends[below, above]
+
+
+def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
+    """Surface of a deformed body in space: displacement, stress and volume ratio, from two sides.
+
+    A column a field, a row for those of a wide body, of points where there is no surface.
+    """
+    moved, triangles = deformation.moved, deformation.surface
+    seen = np.unique(triangles) if len(triangles) else np.arange(len(moved))
+    sides = np.ptp(moved, axis=0)
+    towards = (0.0 if sides[0] < sides[1] else -90.0) + _ASIDE
+    above = _ABOVE if sides[2] > _LOW * sides.max() else _DOWN
+    kinds = ("size", "stress", "volume_ratio")
+    wide = sides[:2].max() > _WIDE * sides[2]
+    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+    grid = figure.subplots(
+        *((3, 2) if wide else (2, 3)), subplot_kw={"projection": "3d", "proj_type": "ortho"}
     )
-    if panels[2].colours not in (body.colours, _PLAIN):
-        named = [*tissues[: len(labels)], *(f"label {k}" for k in range(len(tissues), len(labels)))]
-        grid[-1, -1].legend(
-            handles=[Patch(color=own[0], label=own[1]) for own in zip(colours, named, strict=True)],
-            loc="upper center", bbox_to_anchor=(0.5, -0.01), frameon=False, fontsize="small",
-            ncols=2,
-        )  # fmt: skip
+    for both, kind in zip(grid if wide else grid.T, kinds, strict=True):
+        values = getattr(deformation, kind)
+        low, high, ends = limits_of(values[seen])
+        shade = ScalarMappable(Normalize(low, high), _COLOURS)
+        for axes, azimuth in zip(both, (towards, towards + 180.0), strict=True):
+            if len(triangles):
+                colours = shade.to_rgba(np.ma.masked_invalid(values[triangles].mean(axis=1)))
+                light = LightSource(90.0 - azimuth, 60.0)
+                faces = Poly3DCollection(
+                    moved[triangles], facecolors=colours, shade=True, lightsource=light,
+                    antialiased=False,
+                )  # fmt: skip
+                axes.add_collection3d(faces)
+            else:
+                axes.scatter(*moved.T, c=shade.to_rgba(np.ma.masked_invalid(values)), s=6)
+            for axis, places in zip("xyz", moved.T, strict=True):
+                room = 1e-3 * sides.max()
+                axes.set(**{f"{axis}lim": (places.min() - room, places.max() + room)})
+                axes.set(**{f"{axis}label": f"{axis} [{unit_of(units, 'length')}]"})
+                nbins = max(1, round(4.0 * float(np.ptp(places) / sides.max())))
+                axes.locator_params(axis=axis, nbins=nbins)
+            # equal scales
+            axes.set_box_aspect(sides + 2e-3 * sides.max(), zoom=1.4 if wide else 0.9)
+            axes.view_init(above, azimuth)
+            axes.tick_params(labelsize=7)
+        both[0].set_title(_titles(units)[kind], fontsize=10)
+        side = "right" if wide else "bottom"
+        bar = figure.colorbar(
+            shade, ax=list(both), extend=ends, location=side, shrink=0.7, aspect=25
+        )
+        bar.ax.locator_params(nbins=5)
+        bar.ax.ticklabel_format(scilimits=(-3, 5), useOffset=False)
     return figure
-
-
-def reduced_figure(fields: ReducedFields, model: int, units: Mapping[str, str]) -> Figure:
-    """A reduced model, from 0, beside the full one: displacement and stress.
-
-    Both in one scale; their difference in its own, on the full model's body.
-    """
-    full, reduced = (
-        Body(fields.points, fields.displacement[at], fields.stress[at], fields.surface)
-        for at in (0, model + 1)
-    )
-    cells = _compared((full, reduced), ("full", f"reduced, r = {fields.modes[model]}"), units)
-    off = np.linalg.norm(reduced.displacement - full.displacement, axis=1)
-    for row, wrong, of, low, colours in (
-        (cells[0], off, full.size, 0.0, "magma"),
-        (cells[1], reduced.stress - full.stress, full.stress, -1.0, "coolwarm"),
-    ):
-        most = max(float(np.nanmax(np.abs(wrong[row[0].seen]), initial=0.0)), 1e-300)
-        unit = row[0].bar[row[0].bar.index("[") :]
-        row.append(
-            row[0]._replace(
-                values=wrong, limits=(low * most, most, "neither"), colours=colours,
-                title="difference" if row[0].title else "",
-                bar=f"difference {unit}\nat most {_share(wrong, of)} of the largest",
-            )
-        )  # fmt: skip
-    return board(cells, unit_of(units, "length"))[0]
-
-
-def _compared(
-    bodies: Sequence[Body], names: Sequence[str], units: Mapping[str, str]
-) -> list[list[Panel]]:
-    """Displacement and stress of bodies, a column each, in one view and one scale of colours."""
-    every = np.vstack([part for own in bodies for part in (own.points, own.moved)])
-    flat = all(own.is_plane for own in bodies)
-    view = np.eye(3) if flat else views_of(np.ptp(every, axis=0))[0]
-    rows = []
-    for kind, heads in (("size", names), ("stress", [""] * len(names))):
-        panels = [
-            Panel(own.points, own.moved, own.surface, getattr(own, kind), view=view, title=head)
-            for own, head in zip(bodies, heads, strict=True)
-        ]
-        limits = limits_of(np.concatenate([own.values[own.seen] for own in panels]))
-        rows.append([own._replace(limits=limits, bar=_titles(units)[kind]) for own in panels])
-    return rows
-
-
-def _share(wrong: F64, of: F64) -> str:
-    """The largest difference as a share of the largest value."""
-    share = float(np.nanmax(np.abs(wrong))) / max(float(np.nanmax(np.abs(of))), 1e-300)
-    if share >= 1e-4:
-        return f"{100.0 * share:.2g} %"
-    digits, power = f"{share:.1e}".split("e")
-    return rf"${digits}\cdot 10^{{{int(power)}}}$" if share > 0.0 else "0"
 
 
 def _titles(units: Mapping[str, str]) -> dict[str, str]:
@@ -154,22 +122,8 @@ def _titles(units: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def _strokes(deformation: Deformation, seen: NDArray[Any]) -> F64:
-    """Fibers of points on the surface, thinned to an even distance, cut where the body ends."""
-    points = deformation.points
-    own = seen[np.any(deformation.fiber[seen] != 0.0, axis=1)]
-    own = own[_thinned(points[own], _reach(points))]
-    along = 0.4 * _reach(points) * deformation.fiber[own]
-    ends = []
-    for half in (-along, along):
-        room = np.where(half > 0.0, points.max(axis=0), points.min(axis=0)) - points[own]
-        share = np.divide(room, half, out=np.ones_like(half), where=half != 0.0).min(axis=1)
-        ends.append(points[own] + np.clip(share, 0.0, 1.0)[:, None] * half)
-    return np.stack(ends, axis=1)
-
-
 def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
-    """A plane body, deformed: displacement with its arrows, stress with its crosses, J.
+    """A plane body, deformed: displacement, stress, volume ratio.
 
     Three panels with equal scales; the undeformed outline is grey.
     """
@@ -179,23 +133,35 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     high = 3 * (8.0 * tall + 0.9) if wide else min(3.4 * tall + 1.4, 8.0)
     figure = Figure(figsize=(11.0, high), layout="constrained")
     panels = figure.subplots(*((3, 1) if wide else (1, 3)))
-    everything = np.arange(len(points))
+    outline = points[_rim_of(deformation.surface)].transpose(2, 1, 0)
     for axes, kind in zip(panels, ("size", "stress", "volume_ratio"), strict=True):
-        axes.plot(*points[rim_of(deformation.surface)].transpose(2, 1, 0), **RIM)
-        _map(axes, deformation, kind, moved, deformation.surface, everything, (0, 1))
+        axes.plot(*outline, color="#999999", linewidth=0.8)
+        _map(axes, moved, deformation.surface, getattr(deformation, kind))
         axes.set_title(_titles(units)[kind], fontsize=10)
         axes.set_xlabel(f"x [{unit_of(units, 'length')}]")
     panels[0].set_ylabel(f"y [{unit_of(units, 'length')}]")
     return figure
 
 
-def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
+def _rim_of(triangles: I32) -> I32:
+    """Edges of one triangle only, shape `(m, 2)`."""
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    return found[counts == 1]
+
+
+def slices_figure(
+    deformation: Deformation, units: Mapping[str, str], tissues: Sequence[str] = ()
+) -> Figure:
     """Three planes through the middle of an undeformed body, a row each.
 
-    Displacement, fibers, principal stresses.
+    Displacement, fibers and tissues where there are any, stress. `tissues` are names of the labels
+    of the points, in their order.
     """
     length = unit_of(units, "length")
-    kinds = ("size", "fiber", "stress") if deformation.fiber.any() else ("size", "stress")
+    labels, tissue = np.unique(deformation.label, return_inverse=True)
+    inside = deformation.fiber.any() or len(labels) > 1
+    kinds = ("size", "fiber", "stress") if inside else ("size", "stress")
     sides = np.ptp(deformation.points, axis=0)
     heights = [min(3.4 * sides[b] / sides[a], 4.6) + 0.8 for a, b, _ in _PLANES]
     figure = Figure(figsize=(3.7 * len(kinds), sum(heights)), layout="constrained")
@@ -205,11 +171,20 @@ def slices_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
         flat = deformation.points[kept][:, [a, b]]
         level = float(np.median(deformation.points[kept, normal]))
         for axes, kind in zip(row, kinds, strict=True):
-            _map(axes, deformation, kind, flat, triangles, kept, (a, b))
+            if kind == "fiber":
+                fibers = deformation.fiber[kept][:, [a, b]]
+                _tissue(axes, flat, triangles, tissue[kept], fibers, len(labels))
+            else:
+                _map(axes, flat, triangles, getattr(deformation, kind)[kept])
             axes.set_xlabel(f"{'xyz'[a]} [{length}]")
         row[0].set_ylabel(f"plane {'xyz'[normal]} = {level:.4g} {length}\n{'xyz'[b]} [{length}]")
     for axes, kind in zip(grid[0], kinds, strict=True):
         axes.set_title(_titles(units)[kind], fontsize=10)
+    if len(labels) > 1:
+        names = [*tissues[: len(labels)], *(f"label {k}" for k in range(len(tissues), len(labels)))]
+        colours = (_TISSUES[k % len(_TISSUES)] for k in range(len(labels)))
+        shown = [Patch(color=own, label=name) for own, name in zip(colours, names, strict=True)]
+        figure.legend(handles=shown, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -239,94 +214,38 @@ def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
     return kept, triangles[(triangles >= 0).all(axis=1)]
 
 
-def _map(
-    axes: Axes,
-    deformation: Deformation,
-    kind: str,
-    places: F64,
-    triangles: I32,
-    kept: Index,
-    plane: tuple[int, int],
-) -> None:
-    """A field of the points that are kept, at places in a plane, with its strokes.
-
-    Displacements have arrows, stresses crosses, and tissues their fibers.
-    """
-    few, own = _thinned(places, _reach(places)), list(plane)
-    if kind == "fiber":
-        tissue = np.unique(deformation.label, return_inverse=True)[1].astype(float)
-        _tissue(axes, places, triangles, tissue[kept])
-        fibers = deformation.fiber[kept][few][:, own]
-        draw_strokes(
-            axes, places[few], fibers, _reach(places) / 1.2, width=0.008, color="#222222"
-        )  # fmt: skip
-        return
-    values = getattr(deformation, kind)[kept]
-    limits = limits_of(values)
-    shade_plane(axes, places, triangles, values, limits)
+def _map(axes: Axes, places: F64, triangles: I32, values: F64) -> None:
+    """Values on triangles of a plane, or at its points where there are none; crosses lack one."""
+    low, high, ends = limits_of(values)
+    look: dict[str, Any] = {"vmin": low, "vmax": high, "cmap": _COLOURS}
+    if len(triangles):
+        shape = Triangulation(places[:, 0], places[:, 1], triangles)
+        axes.tripcolor(shape, values, shading="gouraud", **look)
+    else:
+        axes.scatter(places[:, 0], places[:, 1], c=values, s=12, **look)
+    missing = places[~np.isfinite(values)]
+    if len(missing):
+        axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
+    axes.set_aspect("equal")
     # a bar beside the picture however wide it is
-    bar = axes.figure.colorbar(
-        ScalarMappable(Normalize(*limits[:2])), cax=axes.inset_axes((1.03, 0.0, 0.05, 1.0)),
-        extend=limits[2],
-    )  # fmt: skip
+    beside = axes.inset_axes((1.03, 0.0, 0.05, 1.0))
+    bar = axes.figure.colorbar(ScalarMappable(Normalize(low, high)), cax=beside, extend=ends)
     bar.ax.ticklabel_format(useOffset=False)
     bar.ax.locator_params(nbins=6)
-    if kind == "size":
-        _arrows(axes, places, few, deformation.displacement[kept][:, own])
-    elif kind == "stress":
-        _crosses(axes, places[few], deformation.cauchy[kept][few][:, own][:, :, own])
 
 
-def _tissue(axes: Axes, places: F64, triangles: I32, tissues: F64) -> None:
-    """Triangles in the colour of their tissue."""
+def _tissue(
+    axes: Axes, places: F64, triangles: I32, tissues: Index, fibers: F64, count: int
+) -> None:
+    """Triangles in the colour of their tissue, numbered from 0, and fibers at an even distance."""
     if len(triangles):
-        count = len(_TISSUES)
-        colours = ListedColormap(_TISSUES if tissues.max() > 0.0 else [_PLAIN] * count)
-        own = np.median(tissues[triangles], axis=1) % count
+        colours = ListedColormap(_TISSUES if count > 1 else [_PLAIN] * len(_TISSUES))
+        own = np.median(tissues[triangles], axis=1) % len(_TISSUES)
         axes.tripcolor(
             Triangulation(places[:, 0], places[:, 1], triangles), facecolors=own, cmap=colours,
-            vmin=-0.5, vmax=count - 0.5, alpha=0.8,
+            vmin=-0.5, vmax=len(_TISSUES) - 0.5, alpha=0.8,
         )  # fmt: skip
     axes.set_aspect("equal")
-
-
-def _reach(places: F64) -> float:
-    """Distance of strokes, of which about `_ACROSS` lie along the longer side."""
-    return max(float(np.ptp(places, axis=0).max()), 1e-300) / _ACROSS
-
-
-def _thinned(places: F64, reach: float) -> Index:
-    """Points at an even distance."""
-    return np.unique(np.floor(places / reach), axis=0, return_index=True)[1]
-
-
-def _arrows(axes: Axes, places: F64, few: Index, moves: F64) -> None:
-    """Arrows of the displacement at a few places, the longest as long as their distance."""
-    most = float(np.linalg.norm(moves[few], axis=1).max(initial=0.0))
-    if most > 0.0:
-        axes.quiver(
-            *places[few].T, *moves[few].T, angles="xy", scale_units="xy",
-            scale=most / _reach(places[few]), width=0.006, color="white", edgecolor="black",
-            linewidth=0.4,
-        )  # fmt: skip
-
-
-def _crosses(axes: Axes, places: F64, stress: F64) -> None:
-    """Principal stresses in the plane: white pulls, black presses, as long as they are large."""
-    known = np.isfinite(stress).all(axis=(1, 2))
-    places, stress = places[known], stress[known]
-    values, vectors = np.linalg.eigh(0.5 * (stress + stress.transpose(0, 2, 1)))
-    most = float(np.percentile(np.abs(values), 98.0)) if values.size else 0.0
-    if not most > 0.0:
-        return
-    reach = _reach(places)
-    for k in range(2):
-        long = np.clip(values[:, k] / most, -1.0, 1.0) * 0.9 * reach
-        for sign, colour in ((1.0, _TENSION), (-1.0, _PRESSURE)):
-            own = sign * long > 0.02 * reach
-            if own.any():
-                strokes = vectors[own, :, k] * np.abs(long[own, None])
-                draw_strokes(
-                    axes, places[own], strokes, 1.0, width=0.009, color=colour,
-                    edgecolor="#555555", linewidth=0.3,
-                )  # fmt: skip
+    reach = max(float(np.ptp(places, axis=0).max()), 1e-300) / _ACROSS
+    few = np.unique(np.floor(places / reach), axis=0, return_index=True)[1]
+    draw_strokes(axes, places[few], fibers[few], reach / 1.2, width=0.008, color="#222222")

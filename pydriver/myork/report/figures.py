@@ -37,6 +37,14 @@ def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
     return figure, list(found[:count])
 
 
+def draw_strokes(axes: Axes, places: F64, vectors: F64, long: float, **look: Any) -> None:
+    """Strokes without heads around places, shape `(n, 2)`, as long as `long` times the vectors."""
+    axes.quiver(
+        *places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0 / long, pivot="mid",
+        headwidth=0, headlength=0, headaxislength=0, **look,
+    )  # fmt: skip
+
+
 class Series(NamedTuple):
     """Probes on the way through the load."""
 

@@ -61,18 +61,15 @@ def render(template: str, **values: Any) -> Markup:
     return Markup(_environment().get_template(template).render(values))
 
 
-def figure(picture: Figure | str, caption: str) -> Markup:
-    """Figure as a picture inside the page, or a picture file beside the page."""
-    if isinstance(picture, str):
-        source, style = picture, "max-width: 100%"
-    else:
-        buffer = io.BytesIO()
-        picture.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
-        wide = int.from_bytes(buffer.getvalue()[16:20], "big")
-        # one size of letters in all figures of a page; on a phone they scroll and stay legible
-        share = min(1.0, wide / (_DPI * _WIDTH))
-        style = f"width: max({100 * share:.0f}%, {_LEAST * share:.1f}rem)"
-        source = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+def figure(picture: Figure, caption: str) -> Markup:
+    """Figure as a picture inside the page."""
+    buffer = io.BytesIO()
+    picture.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
+    wide = int.from_bytes(buffer.getvalue()[16:20], "big")
+    # one size of letters in all figures of a page; on a phone they scroll and stay legible
+    share = min(1.0, wide / (_DPI * _WIDTH))
+    style = f"width: max({100 * share:.0f}%, {_LEAST * share:.1f}rem)"
+    source = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
     return _FIGURE.format(
         alt=Markup(caption).striptags(), source=source, caption=caption, style=style
     )

@@ -17,8 +17,7 @@ from myork.files import write_figure
 from myork.imaging.geometry import canonical
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
-from myork.report.figures import COLOURS
-from myork.report.sketch import draw_strokes
+from myork.report.figures import COLOURS, draw_strokes
 from myork.types import F64, I32, Mask
 
 #: What is shown around the labels [mm]

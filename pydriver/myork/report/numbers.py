@@ -61,7 +61,7 @@ def unit_of(units: Mapping[str, str], name: str, missing: str = "?") -> str:
 
 
 def typeset(text: str) -> str:
-    """Text with the powers of its units as they are written."""
+    """Text with raised powers in its units."""
     return text.replace("^2", "²").replace("^3", "³")
 
 

@@ -1,6 +1,6 @@
 """The page: sections for whatever a folder holds, in one HTML file without external parts."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ from myork.records import Image, Labels
 from myork.report import bodies, figures, image_figures, tables
 from myork.report.frame import Page, Section, figure, folded
 from myork.report.numbers import fraction, number, probe_units
-from myork.report.sketch import NO_VALUE
 from myork.report.sources import RunFolder, read_folder
 from myork.report.story import is_phantom, story
 from myork.report.sweep_page import SWEEP_FILE, read_sweep, sweep_page
@@ -21,11 +20,6 @@ from myork.summary import failures
 
 #: Probes that are compared with those of reduced models
 _MOST = 3
-#: What arrows and crosses of a picture are
-_STROKES = (
-    "Arrows: displacement in the plane, each picture with a scale of its own. Crosses: principal "
-    "stresses in the plane, white where they pull, black where they press."
-)
 
 
 def make_report(folder: str | Path) -> Path:
@@ -164,8 +158,8 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
         return
     units = folder.summary.get("units", {})
     caption = Markup(
-        "Load {}, activation {}: the deformed body, to scale; largest displacement {} {}; "
-        "undeformed edges in grey. All steps open in ParaView: <code>results.vtkhdf</code>."
+        "Load {}, activation {}: the deformed body, to scale; largest displacement {} {}. "
+        "All steps open in ParaView: <code>results.vtkhdf</code>."
     ).format(
         fraction(float(deformation.loads[-1])),
         fraction(float(deformation.activations[-1])),
@@ -177,28 +171,27 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
         caption = Markup(
             "{} <b>{} of {} points have no stress</b>, where the material is inverted "
             '(J ≤ 0): <span style="color:{}">this colour, or crosses in it</span>.'
-        ).format(caption, missing, len(deformation.stress), NO_VALUE)
+        ).format(caption, missing, len(deformation.stress), bodies.NO_VALUE)
     if deformation.is_plane:
-        shown = bodies.plane_figure(deformation, units)
-        yield figure(shown, Markup("{} {}").format(caption, _STROKES))
+        yield figure(bodies.plane_figure(deformation, units), caption)
         return
-    tissues = list(folder.summary.get("model", {}).get("volume", {}))
-    if len(tissues) != len(np.unique(deformation.label)):
-        materials = folder.summary.get("deck", {}).get("material", [])
-        tissues = [str(own.get("name", "")) for own in materials]
     if not len(deformation.surface):
         caption += " Points in place of the surface, which the file does not have."
-    yield figure(bodies.surface_figure(deformation, units, tissues), caption)
+    yield figure(bodies.surface_figure(deformation, units), caption)
 
 
 def _planes(folder: RunFolder) -> Iterator[Markup]:
-    """Displacement, fibers and stresses on three planes of a body in space."""
+    """Displacement, fibers and stress on three planes of a body in space."""
     deformation = folder.deformation
     if deformation is None or len(deformation.loads) < 2 or deformation.is_plane:
         return
     if len(deformation.lattice):
-        shown = bodies.slices_figure(deformation, folder.summary.get("units", {}))
-        yield figure(shown, f"Planes through the middle, undeformed. {_STROKES}")
+        tissues = list(folder.summary.get("model", {}).get("volume", {}))
+        if len(tissues) != len(np.unique(deformation.label)):
+            materials = folder.summary.get("deck", {}).get("material", [])
+            tissues = [str(own.get("name", "")) for own in materials]
+        shown = bodies.slices_figure(deformation, folder.summary.get("units", {}), tissues)
+        yield figure(shown, "Planes through the middle, undeformed.")
     else:
         yield Markup("<p>No planes: the file does not say how its points are connected.</p>")
 
@@ -244,35 +237,6 @@ def _rom(folder: RunFolder) -> Iterator[Markup]:
     if units:
         shown = figures.probe_figure(figures.rom_series(rom), dict(list(units.items())[:_MOST]))
         yield figure(shown, "Full solution (line) against the reduced models (markers).")
-    yield from _reduced_fields(folder, models)
-
-
-def _reduced_fields(folder: RunFolder, models: Sequence[Mapping[str, Any]]) -> Iterator[Markup]:
-    """Fields of the model with the least error, and folded those of the one with fewest modes."""
-    fields = folder.reduced
-    numbers = {model["r"]: model for model in models}
-    own = [] if fields is None else [k for k, r in enumerate(fields.modes) if r in numbers]
-    if fields is None or not own:
-        return
-    known = {k: numbers[fields.modes[k]].get("e1") for k in own}
-    errors = {k: np.inf if error is None else float(error) for k, error in known.items()}
-    best = min(own, key=errors.__getitem__)
-    fewest = min(own, key=lambda k: fields.modes[k])
-    for k in dict.fromkeys((best, fewest)):
-        model = numbers[fields.modes[k]]
-        modes = Markup("{} {}").format(number(model["r"]), "mode" if model["r"] == 1 else "modes")
-        caption = Markup(
-            "The last state of the full model and of the reduced one with {}, deformed to scale, "
-            "in one scale of colours, and their difference, with the largest of it at any point. "
-            "Over all {} states the errors are e<sub>1</sub> = {}, e<sub>2</sub> = {}."
-        ).format(
-            modes,
-            number(folder.summary.get("rom", {}).get("snapshots")),
-            number(model.get("e1"), 2),
-            number(model.get("e2"), 2),
-        )
-        shown = figure(bodies.reduced_figure(fields, k, folder.summary.get("units", {})), caption)
-        yield shown if k == best else folded(Markup("The same with {}").format(modes), shown)
 
 
 def _convergence(folder: RunFolder) -> Iterator[Markup]:

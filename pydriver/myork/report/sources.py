@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
-from myork.results import REDUCED_FILE, ReducedFields, Results, read_reduced
+from myork.results import Results
 from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
 
@@ -23,15 +23,24 @@ _TEXTS = ("solver",)
 
 
 @dataclass(frozen=True)
-class Body:
-    """A state of a body."""
+class Deformation:
+    """Last state of a solve, and the way to it."""
 
     points: F64  #: Undeformed points, shape `(np, 3)` [length]
     displacement: F64  #: Displacement, shape `(np, 3)` [length]
     #: Largest principal Cauchy stress, not a number where there is none: where J <= 0, shape
     #: `(np,)` [force/length^2]
     stress: F64
-    surface: I32  #: As in `Results`, without rows where it is not known
+    volume_ratio: F64  #: J, shape `(np,)` [-]
+    #: Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-]
+    fiber: F64
+    label: I32  #: Label of the material of each point, shape `(np,)`
+    #: As in `Results`, without rows where they are not known
+    surface: I32
+    lattice: I32
+    #: Load and activation of all steps, shape `(nstep,)` [-]
+    loads: F64
+    activations: F64
 
     @property
     def moved(self) -> F64:
@@ -50,21 +59,6 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Deformation(Body):
-    """Last state of a solve, and the way to it."""
-
-    volume_ratio: F64  #: J, shape `(np,)` [-]
-    cauchy: F64  #: Cauchy stress, shape `(np, 3, 3)` [force/length^2]
-    #: Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-]
-    fiber: F64
-    label: I32  #: Label of the material of each point, shape `(np,)`
-    lattice: I32  #: As in `Results`, without rows where it is not known
-    #: Load and activation of all steps, shape `(nstep,)` [-]
-    loads: F64
-    activations: F64
-
-
-@dataclass(frozen=True)
 class RunFolder:
     """Content of an output folder."""
 
@@ -74,7 +68,6 @@ class RunFolder:
     #: text. Empty without the file.
     history: dict[str, NDArray[Any]] = field(default_factory=dict)
     deformation: Deformation | None = None  #: From `results.vtkhdf`
-    reduced: ReducedFields | None = None  #: Fields of reduced models beside the full one
     #: Output of `segment`: label map, materials of a leg, image and fiber vectors (three values a
     #: voxel)
     labels: Labels | None = None
@@ -109,7 +102,6 @@ def read_folder(path: Path) -> RunFolder:
         summary=read("summary.json", lambda _: _known(read_summary(path))) or {},
         history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
-        reduced=read(REDUCED_FILE, read_reduced),
         labels=read("segmentation.nii.gz", read_labels),
         tissue=read("tissue.nii.gz", read_labels),
         image=read("anatomy.nii.gz", read_image),
@@ -160,11 +152,10 @@ def _read_deformation(path: Path) -> Deformation | None:
             points=results.points,
             displacement=displacement,
             stress=results.field("principal_stress")[:, 0],
-            surface=results.surface,
             volume_ratio=results.field("J"),
-            cauchy=results.field("cauchy"),
             fiber=results.fiber,
             label=results.label,
+            surface=results.surface,
             lattice=results.lattice,
             loads=results.loads,
             activations=results.activations,

@@ -11,7 +11,7 @@ from myork.report.numbers import DASH, fraction, labelled, number, typeset, unit
 from myork.summary import printed
 
 #: Kinds of reduced models as the summary names them
-MODEL_KINDS = {"galerkin": "Galerkin", "reduced": "reduced assembly", "hyper": "hyper-reduced"}
+MODEL_KINDS = {"galerkin": "Galerkin", "reduced": "reduced assembly"}
 _STAGES = {
     "shape": "shape functions",
     "assemble": "assembly",
@@ -166,7 +166,6 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
             None if own.get("online_s_per_state") is None else 1e3 * own["online_s_per_state"], 3
         ),
         "speed-up over full": _of("speedup_vs_full", 3),
-        "speed-up over DGELS": _of("speedup_vs_dgels", 3),
     }
     return _listed(models, columns, "Reduced models against the full solution")
 

@@ -12,7 +12,7 @@ from myork.types import F64, I64
 ACCEPTED, DOUBTFUL, LOST = 1, 2, 3
 #: Their names; no solve has the first one
 NAMES = ("unknown", "accepted", "doubtful", "lost")
-#: What speaks against an answer near lost states
+#: Why an answer near lost states is doubtful
 NEAR_LOST = "full solves nearby are unstable or found no state"
 
 

@@ -58,7 +58,7 @@ class Batch(NamedTuple):
         return found
 
     def doubts(self, k: int) -> list[str]:
-        """What speaks against an answer, a sentence each; of one with its indicator."""
+        """Why an answer, which has its indicator, is doubtful, a sentence each."""
         lost = self.full[k] == LOST
         found = {
             "the reduced model found no state": not self.converged[k],

@@ -115,7 +115,7 @@ def make_draft(
 
     - `scene`, `setting`, `snapshots`, `tolerance`: what it is made of, and the error that is wanted
     - `lifts`: fields of forces, shape `(n, dofs)`
-    - `beyond`: states outside of the range that have a say in the modes alone, shape `(n, dofs)`
+    - `beyond`: states outside of the range, which enter the modes alone, shape `(n, dofs)`
     - `most`: modes at most
     - `more`: modes that the estimate of the error has more
     """
@@ -262,7 +262,7 @@ def states_beyond(
     A constant of the muscle that nobody measures is asked for outside of the range sooner than a
     load is. The snapshots hold such states three times as well as the modes that are kept of them,
     which states of the range have chosen: no full solve is needed, but a model with nearly all
-    modes, whose states there have a say in the choice.
+    modes, whose states there enter the choice.
     """
     values = values_beyond(setting, seed)
     if len(values) == 0:

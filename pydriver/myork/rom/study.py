@@ -13,7 +13,6 @@ from myork.core.scene import Scene
 from myork.core.snapshots import snapshot_steps, step_count
 from myork.core.states import Fields, States
 from myork.errors import InputError
-from myork.results import REDUCED_FILE, ReducedFields, write_reduced
 from myork.rom.basis import proper_orthogonal_modes, unit_states
 from myork.rom.probes import named_probes
 from myork.summary import read_summary, renewing, update_summary
@@ -49,11 +48,7 @@ def run_rom(
     with renewing(out, "rom"), _open(deck, overrides, out, threads) as scene:
         _check_modes(scene)
         progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
-        study, fields = _study(scene, *_solved(scene, progress), progress)
-        if fields is None:
-            (out / REDUCED_FILE).unlink(missing_ok=True)
-        else:
-            write_reduced(out, fields)
+        study = _study(scene, *_solved(scene, progress), progress)
         named = {
             "title": scene.deck["title"],
             "units": scene.deck["result_units"],
@@ -137,8 +132,8 @@ def _check_modes(scene: Scene) -> None:
 
 def _study(
     scene: Scene, full: States, seconds: float, progress: ProgressCallback
-) -> tuple[dict[str, Any], ReducedFields | None]:
-    """Modes and reduced models of the full states, and all last fields where there are stresses."""
+) -> dict[str, Any]:
+    """Modes and reduced models of the full states."""
     table = scene.deck["rom"]
     started = time.perf_counter()
     seen = full.x[snapshot_steps(table, scene.steps)]
@@ -147,11 +142,10 @@ def _study(
     )
     basis_s = time.perf_counter() - started
     path = PathStates.of(scene, full.x, full.load)
-    models, last = [], [path.fields[-1]]
+    models = []
     wanted = list(dict.fromkeys(table["modes"]))
     for number, r in enumerate(wanted, start=1):
-        found, fields = reduced_path(scene, path, modes[:, :r])
-        last.append(fields)
+        found = reduced_path(scene, path, modes[:, :r])
         del found["cpu_s"]
         online = found["online_s"] / scene.steps
         model = {
@@ -171,7 +165,7 @@ def _study(
             f"model {number}/{len(wanted)}  r {r}  e1 {model['e1']:.2e}{gradients}"
             f"  speed-up {model['speedup_vs_full']:.1f}"
         )
-    study = {
+    return {
         "snapshots": len(seen),
         "pov": values.tolist(),
         "full": {
@@ -186,7 +180,6 @@ def _study(
         },
         "models": models,
     }
-    return study, None if "linear" in scene.deck else reduced_fields(scene, wanted, last)
 
 
 class PathStates(NamedTuple):
@@ -206,8 +199,8 @@ class PathStates(NamedTuple):
 
 def reduced_path(
     scene: Scene, full: PathStates, modes: F64, projection: str = "auto", *, published: bool = False
-) -> tuple[dict[str, Any], Fields]:
-    """Project a scene on modes and solve all its load steps; errors, times and the last fields.
+) -> dict[str, Any]:
+    """Project a scene on modes and solve all its load steps; errors and times.
 
     - `scene`: the full model
     - `full`: its states
@@ -228,7 +221,7 @@ def reduced_path(
         largest_error(np.array(full.probes[name]), np.array(found.probes[name]))
         for name in (probe["name"] for probe in scene.deck["probe"] if "set" in probe)
     ]
-    errors = {
+    return {
         "e1": displacement_error(full.fields, found.fields),
         # fields of linear problems are displacements alone
         "e2": None if "linear" in scene.deck else gradient_error(full.fields, found.fields),
@@ -244,7 +237,6 @@ def reduced_path(
         "cpu_s": cpu,
         "iterations": states.iterations.tolist(),
     }
-    return errors, found.fields[-1]
 
 
 def displacement_error(full: list[Fields], reduced: list[Fields]) -> float:
@@ -276,17 +268,4 @@ def _relative(full: list[F64], reduced: list[F64]) -> float:
             for a, b in zip(full, reduced, strict=True)
             if np.linalg.norm(a) > 0.0
         )
-    )
-
-
-def reduced_fields(scene: Scene, modes: Sequence[int], last: Sequence[Fields]) -> ReducedFields:
-    """Last states of the full model and of reduced ones as a report shows them."""
-    points = np.zeros((scene.collocation_points, 3))
-    points[:, : scene.dimension] = scene.points()
-    return ReducedFields(
-        points,
-        np.array(modes),
-        np.array([fields.u for fields in last]),
-        np.array([fields.named["principal_stress"][:, 0] for fields in last]),
-        scene.surface(),
     )

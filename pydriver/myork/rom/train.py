@@ -366,7 +366,7 @@ class _Training:
         return values[np.unique(chosen)]
 
     def model(self, head: dict[str, Any], more: dict[str, Any], begin: float) -> ReducedModel:
-        """The model with few cells and its certificate; the test has no say in the cells."""
+        """The model with few cells and its certificate; the cells are chosen without the test."""
         assert self.draft is not None
         kinds = self.setting.parameters
         values = self.sound(spread_points(kinds, CANDIDATES // 2, self.seed + 7907))

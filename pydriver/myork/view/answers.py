@@ -60,7 +60,7 @@ class Shown(NamedTuple):
 
 
 class Answers:
-    """A reduced model with its full scene, which tells fields; asked by one thread at a time.
+    """A reduced model with its full scene, which gives fields; asked by one thread at a time.
 
     - `path`: reduced model
     - `threads`: threads of a call
@@ -315,7 +315,7 @@ def verdict_of(
 ) -> tuple[str, list[str]]:
     """Verdict on a state of a reduced model with its reasons.
 
-    It judges what the reduction adds: of the full model its own solve tells.
+    It judges what the reduction adds; the full model has a verdict from its own solve.
 
     - `converged`: whether the equations are solved
     - `indicator`: estimated error of the displacement, relative to it or to a share of the largest

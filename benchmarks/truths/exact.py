@@ -1,4 +1,7 @@
-"""Exact solutions for any bulk modulus, up to infinity, independent of the compiled core.
+"""Exact solutions for any bulk modulus, up to infinity.
+
+They are independent of the compiled core but for `along_fibers`, which takes the material law from
+it: that checks the discretisation, not the law.
 
 All problems have principal stretches that do not turn, so that an energy in the stretches is all
 that is needed. The pressure `p = K (J - 1)` is an unknown of its own: nothing is lost to rounding
@@ -13,6 +16,7 @@ import numpy as np
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
+from myork.core.material import Material, stress
 from myork.errors import ConvergenceError
 from myork.types import F64
 
@@ -182,3 +186,23 @@ def _free_stretch(material: Polynomial, held: tuple[float, ...]) -> float:
     log_volume = brentq(miss, 0.0, far, xtol=1e-16, rtol=1e-15)
     sigma, pressure = state(log_volume)
     return float(sigma[0]) + pressure
+
+
+def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:
+    """Cauchy stress along the fibers of a muscle whose sides are free of stress.
+
+    - `table`: table `[[material]]` of a deck, with a finite bulk modulus
+    - `stretch`: stretch of the fibers [-]
+    - `activation`: activation [-]
+    - returns stress [stress]
+    """
+    material = Material.of_table(table)
+
+    def cauchy(free: float) -> Any:
+        f = np.diag([stretch, free, free])
+        p = stress(material, f[np.newaxis], fiber=(1.0, 0.0, 0.0), activation=activation)[0]
+        return p @ f.T / np.linalg.det(f)
+
+    middle = stretch**-0.5
+    free = brentq(lambda b: cauchy(b)[1, 1], 0.8 * middle, 1.2 * middle, xtol=1e-15)
+    return float(cauchy(free)[0, 0])

@@ -22,15 +22,13 @@ _LONG = 44
 _FEW_DECADES = 300.0
 
 
-def write_page(
-    path: Path, record: Mapping[str, Any], title: str = "Benchmarks", command: str = "bench"
-) -> None:
-    """Write the page of a record, with the command of myork that makes it."""
+def write_page(path: Path, record: Mapping[str, Any]) -> None:
+    """Write the page of a record."""
     benches = record["benches"]
     without = [name for name, bench in benches.items() if "ended" in bench]
-    again = " ".join([f"myork {command}", *benches, *(["--quick"] if record["quick"] else [])])
+    again = " ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])])
     page = Page(
-        title=title,
+        title="Benchmarks",
         sections=[
             Section(name, bench.get("title", name), _parts(bench))
             for name, bench in benches.items()
@@ -40,10 +38,10 @@ def write_page(
             f"{record['cores']} cores, one thread a solve, "
             f"{'small cases only' if record['quick'] else 'all cases'}; load of the machine at "
             f"the start {record['load_average']:.1f}. {len(benches) - len(without)} "
-            f"{title.lower()} have results{'; without: ' if without else ''}{', '.join(without)}."
+            f"benchmarks have results{'; without: ' if without else ''}{', '.join(without)}."
         ),
-        footer=Markup("Made by <code>{}</code>; all numbers: <code>{}.json</code>").format(
-            again, command
+        footer=Markup("Made by <code>{}</code>; all numbers: <code>bench.json</code>").format(
+            again
         ),
     )
     write_text(path, page.text())
@@ -53,8 +51,6 @@ def _parts(bench: Mapping[str, Any]) -> list[Markup]:
     parts = [_about(bench["about"])] if "about" in bench else []
     if "ended" in bench:
         parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
-    for file, caption in bench.get("pictures", []):
-        parts.append(figure(file, caption))
     for plot in bench.get("plots", []):
         parts.append(figure(draw_curves([plot]), plot.get("caption", plot["title"])))
     for entry in bench.get("tables", []):
