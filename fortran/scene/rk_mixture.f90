@@ -48,6 +48,9 @@ module rk_mixture
    !> Part of an activation by which the mean of the corners of a spacing is off the middle, above
    !> which it is not linear there [-]
    real(wp), parameter :: bent_level = 1.0e-3_wp
+   !> The same at a jump, of the largest part: at the point nearest to a jump the mean is off by a
+   !> quarter of it or more [-]
+   real(wp), parameter :: least_jump = 0.2_wp
    !> Part by which roundings of an expression, of terms of size one, may leave 0 to 1 [-]
    real(wp), parameter :: rounded = 1.0e3_wp*epsilon(1.0_wp)
 
@@ -82,7 +85,7 @@ module rk_mixture
    contains
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal, has_layers
       !> Fraction of a tissue, and its fiber
-      procedure :: part_of, beside
+      procedure :: part_of, beside, activation_jumps
       procedure :: fiber_of, energy, stress, strong, stress_curvature, strong_curvature
    end type mixture_type
 
@@ -202,6 +205,28 @@ pure logical function has_layers(self)
    has_layers = allocated(self%normal)
    if (has_layers) has_layers = any(abs(self%normal) > 0.0_wp)
 end function has_layers
+
+!> Whether the activation of a tissue jumps on a lattice, where its mean over a spacing differs
+logical function activation_jumps(self)
+   class(mixture_type), intent(in) :: self
+   type(error_type), allocatable :: error
+   real(wp) :: level
+   integer :: e, ip
+
+   activation_jumps = .false.
+   if (.not. (allocated(self%level) .and. allocated(self%scene%cloud%lattice))) return
+   do ip = 1, size(self%scene%cloud%points, 2)
+      do e = self%first(ip) + 1, self%first(ip + 1)
+         associate (given => self%scene%tissue(self%tissue(e))%level)
+            if (.not. given%given()) cycle
+            call given%at(self%scene%cloud%points(:, ip), level, error)
+            if (allocated(error)) return
+            activation_jumps = abs(level - self%level(e)) > least_jump*maxval(self%level)
+         end associate
+         if (activation_jumps) return
+      end do
+   end do
+end function activation_jumps
 
 !> Whether two tissues at a place are layers
 pure logical function is_layered(self, ip)

@@ -6,7 +6,8 @@
 !> forms do not: where they fail they fail on all clouds alike, so they are compared with the weak
 !> form on their own points.
 module rk_companion
-   use rk_bars, only : bars_type, new_bars, share_of_kind, size_of
+   use rk_bars, only : another_form, bars_type, few_fewer, fewer_points, more_points, new_bars, &
+      & share_of_kind, size_of, twice_fewer
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
    use rk_coarse_cloud, only : coarse_cloud
@@ -35,6 +36,8 @@ module rk_companion
    integer, parameter :: override_length = 512
    !> Prescribed displacements of a companion beside an answer by the penalty
    character(len=*), parameter :: exactly = 'galerkin.essential="transformation"'
+   !> The same beside an answer that holds them exactly
+   character(len=*), parameter :: softly = 'galerkin.essential="penalty"'
    !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
    !> its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
@@ -91,6 +94,8 @@ module rk_companion
       logical :: coarse = .false.
       !> More in each direction: the better answer of the two
       logical :: finer = .false.
+      !> Where it has fewer: fewer_points, twice_fewer or few_fewer
+      integer :: fewer = fewer_points
       !> Source points and unknowns
       integer :: points = 0
       integer :: unknowns = 0
@@ -108,6 +113,8 @@ module rk_companion
       !> or the form has nodal cells,
       !> shape (2, probes, loads)
       real(wp), allocatable :: difference(:, :, :)
+   contains
+      procedure :: kind => kind_of_companion
    end type companion_type
 
    !> Receiver that keeps a run
@@ -125,12 +132,15 @@ module rk_companion
 contains
 
 !> Solve the companion of an answer and look at the same probes
-subroutine solve_companion(self, answer, near)
+subroutine solve_companion(self, answer, bars, near)
    type(companion_type), intent(out) :: self
    type(solved_type), intent(in) :: answer
+   !> Its probes
+   type(bars_type), intent(in) :: bars
    !> With three quarters of the cells of a lattice instead of half of them
    logical, intent(in) :: near
    type(cloud_type) :: points
+   type(companion_type) :: alike
    character(len=override_length), allocatable :: words(:)
 
    self%method = answer%problem%scene%method
@@ -143,6 +153,16 @@ subroutine solve_companion(self, answer, near)
    call choose_companion(self, answer%problem%scene, answer%deck, near, points, words)
    if (allocated(self%why_not)) return
    call solve_beside(self, answer, words, points)
+   self%fewer = fewer_points
+   if (near) self%fewer = few_fewer
+   if (any(words == softly) .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. (near &
+      & .or. allocated(self%why_not) .or. self%finer .or. answer%receiver%stopped())) then
+      alike%method = self%method
+      where (words == softly) words = exactly
+      call solve_beside(alike, answer, words, points)
+      if (.not. allocated(alike%why_not)) call take_farther(self, alike, bars)
+      return
+   end if
    if (.not. self%missed .or. words(size(words)) /= exactly) return
    if (answer%receiver%stopped()) return
    ! sets that contradict each other where they meet, more unknowns than are factorised
@@ -151,6 +171,35 @@ subroutine solve_companion(self, answer, near)
    deallocate (self%why_not)
    call solve_beside(self, answer, words(:size(words) - 1), points)
 end subroutine solve_companion
+
+!> What kind of solution it is, for the bars
+pure integer function kind_of_companion(self) result(kind)
+   class(companion_type), intent(in) :: self
+
+   kind = self%fewer
+   if (self%finer) kind = more_points
+   if (self%other_form) kind = another_form
+end function kind_of_companion
+
+!> Of two companions take what is farther from an answer, and as much again as the two differ by:
+!> where fewer points make a body as much too stiff as the penalty makes it too soft, that alone
+!> tells what singular rims leave open
+subroutine take_farther(self, other, bars)
+   type(companion_type), intent(inout) :: self
+   !> On the same points by the other boundary method
+   type(companion_type), intent(in) :: other
+   !> Probes of the answer
+   type(bars_type), intent(in) :: bars
+   real(wp) :: between(3, size(bars%values, 2), size(bars%values, 3))
+
+   self%fewer = twice_fewer
+   between = abs(other%seen%values - self%seen%values)
+   where (abs(other%seen%values - bars%values) > abs(self%seen%values - bars%values)) &
+      & self%seen%values = other%seen%values
+   self%seen%values = self%seen%values + sign(between, self%seen%values - bars%values)
+   self%difference = max(self%difference, other%difference)
+   self%seconds = self%seconds + other%seconds
+end subroutine take_farther
 
 !> Solve a deck with other words than an answer's, and look at the same probes
 subroutine solve_beside(self, answer, words, points)
@@ -226,7 +275,7 @@ subroutine choose_companion(self, scene, deck, near, points, words)
       & 'load.max_halvings='//to_text(halvings)]
    ! exact values make a body stiffer and the penalty makes it softer: what the method changes shows
    if (scene%galerkin%essential == 'transformation') words = [character(len=override_length) :: &
-      & words, 'galerkin.essential="penalty"']
+      & words, softly]
    self%other_form = index(scene%method, 'rkcm') == 1
    if (self%other_form .and. allocated(scene%motion)) then
       self%why_not = 'motions by collocation have no second solution'

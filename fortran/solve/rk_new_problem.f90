@@ -1,11 +1,13 @@
 !> From the name of a method to its problem.
 module rk_new_problem
+   use rk_conditions, only : boundary_type
    use rk_discretisation, only : discretisation_type
    use rk_equilibrium, only : equilibrium_problem, new_equilibrium
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem, new_galerkin
    use rk_islands, only : check_islands
    use rk_linear, only : linear_problem, new_linear
+   use rk_precision, only : wp
    use rk_scene, only : scene_type
    implicit none
    private
@@ -53,6 +55,29 @@ subroutine new_problem(problem, scene, error)
       call check_islands(problem%shape, problem%shape, scene%cloud%points, &
          & problem%boundary%point, problem%boundary%supported(scene), error)
    end select
+   if (.not. allocated(error) .and. keeps_volume(scene, problem%boundary)) &
+      & call fatal_error(error, err_input, 'material K = inf: displacements are prescribed all ' &
+      & //'around the body, which leaves its pressure undetermined; give a finite K, or leave a ' &
+      & //'side free')
 end subroutine new_problem
+
+!> Whether a body whose volume cannot change has its volume prescribed: no normal displacement of
+!> its surface is free
+pure logical function keeps_volume(scene, boundary)
+   type(scene_type), intent(in) :: scene
+   !> What is prescribed
+   type(boundary_type), intent(in) :: boundary
+   integer :: b, e, k
+
+   keeps_volume = all([(scene%tissue(k)%material%incompressible(), k=1, size(scene%tissue))]) &
+      & .and. .not. any(scene%condition%tendon > 0.0_wp)
+   associate (cloud => scene%cloud)
+      do e = 1, size(cloud%boundary_point)
+         if (.not. keeps_volume) return
+         b = findloc(boundary%point, cloud%boundary_point(e), dim=1)
+         keeps_volume = all(boundary%essential(:, b) .or. abs(cloud%normal(:, e)) < 1.0e-6_wp)
+      end do
+   end associate
+end function keeps_volume
 
 end module rk_new_problem

@@ -8,8 +8,7 @@
 !> then one more lattice follows. The last solution of the search is the answer, whose run begins
 !> where it ended.
 module rk_refine
-   use rk_bars, only : bars_by_earlier, bars_by_other, bars_type, fewer_points, more_points, &
-      & new_bars
+   use rk_bars, only : bars_by_earlier, bars_by_other, bars_type, new_bars
    use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, lattice_words, list, other_number, &
@@ -501,13 +500,12 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, c
    answer%x = run%x(:, first:)
    call new_bars(bars, problem, answer%load, answer%x, error)
    if (allocated(error)) return
-   call solve_companion(companion, answer, near=.false.)
+   call solve_companion(companion, answer, bars, near=.false.)
    if (allocated(companion%why_not)) then
       call deck%complain('refine', companion%why_not, error)
       return
    end if
-   call bars_by_other(bars, problem, companion%seen, merge(more_points, fewer_points, &
-      & companion%finer), companion%difference)
+   call bars_by_other(bars, problem, companion%seen, companion%kind(), companion%difference)
 end subroutine solve
 
 !> How much of each probe's bar comes from each direction

@@ -5,8 +5,7 @@
 module rk_verdict
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, &
       & ieee_value
-   use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, few_fewer, &
-      & fewer_points, more_points, new_bars
+   use rk_bars, only : bars_by_other, bars_by_solution, bars_type, new_bars
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, override_length, solve_beside, solve_companion, &
       & solved_type
@@ -178,7 +177,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(companion_type) :: nearer
    character(len=override_length) :: from(size(answer%problem%scene%probe))
    real(wp) :: bound, most(size(from))
-   integer :: i, kind
+   integer :: i
    logical :: adrift, wide(size(from))
 
    adrift = self%state == refused
@@ -196,17 +195,15 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       else if (allocated(search%companion)) then
          self%companion = search%companion
       else
-         call solve_companion(self%companion, answer, near=.false.)
+         call solve_companion(self%companion, answer, self%bars, near=.false.)
       end if
       if (allocated(self%companion%why_not)) then
          call no_estimate(self, outcome)
          if (self%companion%lost) call judge_path(self, answer, outcome)
          return
       end if
-      kind = fewer_points
-      if (self%companion%finer) kind = more_points
-      if (self%companion%other_form) kind = another_form
-      call bars_by_other(self%bars, problem, self%companion%seen, kind, self%companion%difference)
+      call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
+         & self%companion%difference)
       if (outcome%unstrained) return
       if (self%companion%other_form) then
          from = other_text(self%companion)
@@ -218,10 +215,10 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          wide = [(self%bars%unresolved(i), i=1, size(wide))] .or. ieee_is_nan(self%bars%change)
          if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
             & .and. allocated(problem%scene%cloud%lattice) .and. any(wide)) then
-            call solve_companion(nearer, answer, near=.true.)
+            call solve_companion(nearer, answer, self%bars, near=.true.)
             if (.not. allocated(nearer%why_not)) then
                ! the bar of a probe does not depend on which others there are
-               call bars_by_other(self%bars, problem, nearer%seen, few_fewer, &
+               call bars_by_other(self%bars, problem, nearer%seen, nearer%kind(), &
                   & nearer%difference, wide)
                where (wide)
                   from = other_text(nearer)

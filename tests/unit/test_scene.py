@@ -280,6 +280,16 @@ def test_motions_that_nothing_hinders(dimension, sets, motions, method):
     assert f"leave the body free to {motions}" in refused(tables(dimension, method, **sets))
 
 
+def test_a_volume_that_is_prescribed_leaves_the_pressure_of_rigid_volumes_open() -> None:
+    """With one side free, or with a material that gives way, it follows."""
+    sides = dict.fromkeys(("x0", "x1", "y0", "y1"), "xy")
+    deck = tables(2, "rkpm-gauss", **sides)
+    Scene.from_tables(deck).close()
+    deck["material"] = [{**deck["material"][0], "K": float("inf")}]
+    assert "leaves its pressure undetermined" in refused(deck)
+    Scene.from_tables({**deck, "boundary": deck["boundary"][:3]}).close()
+
+
 def pinned(points: np.ndarray) -> PointCloud:
     cube = bodies.box((1.0, 1.0, 1.0), (4, 4, 4), (4, 4, 4))
     place = [np.linalg.norm(cube.points - point, axis=1).argmin() for point in points]
