@@ -57,6 +57,24 @@ def body_cloud(body: Body, voxel: float) -> PointCloud:
     return strided_cloud(labels, None)
 
 
+def voxel_by_voxel(body: Body, voxel: float, elements: Sequence[tuple[int, int, int]]) -> Body:
+    """A body as its label map has it, stairs and all; of its probes the forces.
+
+    - `voxel`: distance of the source points, as in `body_cloud` [cm]
+    - `elements`: along each edge, rising; none has parts of two voxels of different tissue
+    """
+    fine = 0.5 * voxel
+
+    def part(x: F64) -> int:
+        return int(body.label((np.floor(x / fine) + 0.5) * fine))
+
+    forces = [entry for entry in body.tables["probe"] if entry["quantity"].startswith("force")]
+    return body._replace(
+        name=f"{body.name}, voxel by voxel", tables={**body.tables, "probe": forces},
+        sizes=(voxel,), elements=tuple(elements), warp=None, part=part,
+    )  # fmt: skip
+
+
 def box_tables(body: Body) -> dict[str, Any]:
     """Deck of the box that finite elements warp into the body."""
     faces = {"bottom": "z0", "top": "z1"}

@@ -159,6 +159,22 @@ def test_force_of_few_points(tube, source, bound):
     assert solved(tables).last()["force"] == pytest.approx(exact, rel=bound)
 
 
+@pytest.mark.parametrize(
+    "tube", [TUBE, (6.0, 8.0, 6.0, 20.0), (1.0, 3.0, 0.7, 1e3), (10.0, 11.0, 3.0, 1e3)]
+)
+def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> None:
+    """Where the cut meets the bore tractions are of order two over a length of one spacing."""
+    exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
+    errors = []
+    for source in ([5, 26], [9, 51]):
+        tables = sized_tables(tube_deck(*tube), source)
+        tables["probe"] = [force("cut", "x", "x0"), force("bore", "x", "inner")]
+        found = solved(tables).last()
+        assert found["bore"] == pytest.approx(-found["cut"], rel=1e-6)
+        errors.append(abs(found["cut"] / exact - 1.0))
+    assert 6.5 < errors[0] / errors[1] < 16.0
+
+
 @pytest.mark.parametrize(("source", "bound"), [([5, 26], 2e-2), ([9, 51], 6e-3)])
 def test_the_wall_at_a_plane_of_symmetry_converges(source, bound) -> None:
     """Cells whose gradients do not add up to their surface left 1.5e-3 at any number of points."""
