@@ -217,13 +217,17 @@ subroutine refine(self, deck, model, receiver, error)
             & //'label map of finer voxels'
          return
       end if
-      if (self%seconds + expected(next) > self%cost) then
-         self%reason = self%target()//'not met: the next points, '//list(next)//' cells, would ' &
-            & //'take about '//to_text(self%seconds + expected(next), 2)//' CPU s, more than ' &
-            & //'refine.cost'
+      if (.not. possible(next)) then
+         self%reason = self%target()//'not met: the next points, '//list(next)//' cells, '
+         if (factorised(next)) then
+            self%reason = self%reason//'would take about '//to_text(self%seconds &
+               & + expected(next), 2)//' CPU s, more than refine.cost'
+         else
+            self%reason = self%reason//'have more unknowns than galerkin.direct_limit'
+         end if
          if (allocated(scene%cloud%block)) return
-         ! as many as the cost allows, where they are worth another solution
-         do while (self%seconds + expected(next) > self%cost)
+         ! as many as there may be, where they are worth another solution
+         do while (.not. possible(next))
             next = max(cells, 2*int(0.45_wp*next))
             if (product(real(next, wp)) < least_growth*product(real(cells, wp))) return
          end do
@@ -273,6 +277,23 @@ contains
       call move_alloc(error, run%ended)
       self%start = run
    end subroutine end_at_first
+
+   !> Whether a lattice can be solved within the cost
+   logical function possible(cells_then)
+      !> Its cells, shape (nd)
+      integer, intent(in) :: cells_then(:)
+
+      possible = factorised(cells_then) .and. self%seconds + expected(cells_then) <= self%cost
+   end function possible
+
+   !> Whether a lattice has no more unknowns than exact values allow, whose tangent is factorised
+   logical function factorised(cells_then)
+      !> Its cells, shape (nd)
+      integer, intent(in) :: cells_then(:)
+
+      factorised = scene%galerkin%essential /= 'transformation' .or. scene%cloud%nd &
+         & *product(real(cells_then, wp) + 1.0_wp) <= scene%galerkin%direct_limit
+   end function factorised
 
    !> CPU time that a lattice is expected to take [s]
    real(wp) function expected(cells_then)
