@@ -152,7 +152,7 @@ STRONG = ("approximation.order=2", "approximation.support=3", "approximation.ker
 LINEAR = ("approximation.order=1", "approximation.support=2", "approximation.kernel=cubic")
 BALANCED = ("solver.weight_essential=balanced", "solver.weight_traction=balanced")
 SHEET = (
-    (0.015, "rkcm", (*STRONG, "solver.linear=dgels", "solver.newton=gauss-newton")),
+    (0.015, "rkcm", (*STRONG, "solver.linear=dgels")),
     (0.015, "rkcm", STRONG),
     (0.004, "rkcm", (*STRONG, *BALANCED)),
     (0.003, "rkcm-mixed", STRONG),

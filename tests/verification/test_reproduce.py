@@ -108,7 +108,7 @@ def test_coarse_sections_of_a_calf_pull_as_fine_ones() -> None:
     fiber = Image(calf.fiber.data * muscle, calf.fiber.affine)
     parts = ("title", "units", "scene", "approximation", "material", "boundary", "load", "probe")
     tables = {name: deck[name] for name in parts} | {"geometry": {"kind": "model"}}
-    keys = {key: deck["build"][key] for key in ("ids", "bone", "normals", "merge", "islands")}
+    keys = {key: deck["build"][key] for key in ("ids", "bone", "merge", "islands")}
     forces = []
     for block, near in ((12, 0.05), (8, 0.02)):
         cloud = phantoms.strided_cloud(calf.tissue, fiber, (block, block, 1), **keys)

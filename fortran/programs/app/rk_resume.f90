@@ -18,7 +18,7 @@ module rk_resume
 
    !> Numbers of a step in the file: those of step_type, of carried_type, the worst backward error,
    !> misfit and condition of the run so far, and the columns that are carried
-   integer, parameter :: numbers_of_step = 17
+   integer, parameter :: numbers_of_step = 15
    !> Journal of a run, in its folder
    character(len=*), parameter :: journal_name = '/results.journal'
 
@@ -76,7 +76,7 @@ subroutine resume_run(self, folder, deck, problem, error)
       self%start%step(k) = step_of(found, k + 1)
    end do
    self%start%x = found%x(:, 2:planned + 1)
-   self%worst(:, :) = found%step(14:16, :planned + 1)
+   self%worst(:, :) = found%step(12:14, :planned + 1)
    self%history = lines_until(self%history, planned)
 end subroutine resume_run
 
@@ -255,15 +255,13 @@ pure function step_numbers(step, worst) result(row)
    row = 0.0_wp
    row(1:8) = [real(step%step, wp), real(step%steps, wp), real(step%iterations, wp), &
       & step%gradient, step%step_norm, step%min_j, step%max_j, merge(1.0_wp, 0.0_wp, step%planned)]
-   row(14:16) = worst
+   row(12:14) = worst
    if (.not. allocated(step%carried)) return
-   row(17) = size(step_columns(step), 2)
-   row(9:13) = [real(step%carried%halvings, wp), step%carried%rcond, &
-      & merge(1.0_wp, 0.0_wp, step%carried%trusted), step%carried%held, &
-      & 0.0_wp]
+   row(15) = size(step_columns(step), 2)
+   row(9:10) = [real(step%carried%halvings, wp), step%carried%held]
    ! a slope, and its changes
-   if (allocated(step%carried%slope)) row(13) = 1.0_wp
-   if (allocated(step%carried%bend)) row(13) = 1.0_wp + size(step%carried%bend, 2)
+   if (allocated(step%carried%slope)) row(11) = 1.0_wp
+   if (allocated(step%carried%bend)) row(11) = 1.0_wp + size(step%carried%bend, 2)
 end function step_numbers
 
 !> What a step carries as columns: slope, and its changes or where its matrix was taken from
@@ -314,15 +312,13 @@ function step_of(found, k) result(step)
       if (step%step == step%steps) return
       allocate (step%carried)
       step%carried%halvings = nint(row(9))
-      step%carried%rcond = row(10)
-      step%carried%trusted = row(11) > 0.0_wp
-      step%carried%held = row(12)
-      columns = nint(row(17))
-      first = nint(sum(found%step(17, :k - 1)))
+      step%carried%held = row(10)
+      columns = nint(row(15))
+      first = nint(sum(found%step(15, :k - 1)))
       associate (own => found%carried(:, first + 1:first + columns))
-         if (row(13) > 0.0_wp) step%carried%slope = own(:, 1)
-         if (row(13) > 1.0_wp) step%carried%bend = own(:, 2:nint(row(13)))
-         if (columns < 3 .or. row(13) > 1.0_wp) return
+         if (row(11) > 0.0_wp) step%carried%slope = own(:, 1)
+         if (row(11) > 1.0_wp) step%carried%bend = own(:, 2:nint(row(11)))
+         if (columns < 3 .or. row(11) > 1.0_wp) return
          step%carried%place = own(:, 2)
          step%carried%origin = own(:, 3)
       end associate
