@@ -63,13 +63,11 @@ def _rates(study: Study) -> Table:
     return Table(study.label, "linear problem", {"rates": run}, rows, seconds.get(study.problem, 9))
 
 
-def _beside(
-    name: str, deck: str, key: str, choices: dict[str, tuple[str, ...]], cost: float = 2.0
-) -> Table:
+def _beside(name: str, deck: str, key: str, choices: dict[str, tuple[str, ...]]) -> Table:
     """A quantity of a deck by several choices."""
     runs = {choice: Run("solve", deck, words) for choice, words in choices.items()}
     rows = tuple(Row(choice, None, (choice, key)) for choice in runs)
-    return Table(name, key, runs, rows, cost)
+    return Table(name, key, runs, rows, 2.0)
 
 
 _LINEAR_FORMS = ("rkpm-gauss", "rkcm")
@@ -167,24 +165,6 @@ def _nonlinear() -> tuple[Table, ...]:
         _known(
             "muscle block, smooth curves", "muscle_block", "stress_zz", _fixed_fibers,
             (*_BLOCK, 'material.curve="smooth"'),
-        ),
-        *(
-            _beside(
-                f"iterations, {name}", deck, "iterations",
-                {
-                    kind: (*words, f"solver.newton={kind}")
-                    for kind in ("gauss-newton", "full", "auto")
-                },
-                9.0,
-            )
-            for name, deck, words in (
-                ("tension to 6, rkcm", "uniaxial_tension", ("scene.method=rkcm",)),
-                ("shear in the plane, rkcm", "shear_2d", ("scene.method=rkcm",)),
-                ("tube, rkcm", "tube", ()),
-                ("tube, rkcm-mixed", "tube", ("scene.method=rkcm-mixed",)),
-                ("inclined block, order 3, rkcm-mixed", "muscle_fibers",
-                 (*lattice((4, 4, 7)), "approximation.order=3", "approximation.support=4")),
-            )
         ),
     )  # fmt: skip
 
@@ -286,7 +266,7 @@ def _cases(
     errors = {
         row["row"]: row["ours"] if row["published"] is None else abs(row["ratio"] - 1.0)
         for given, row in zip(entry.rows, rows, strict=True)
-        if given.quantity[0] == key and row["ours"] is not None and entry.title != "iterations"
+        if given.quantity[0] == key and row["ours"] is not None
     }
     found = []
     for case in record.get("cases", [record]):

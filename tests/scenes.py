@@ -60,7 +60,6 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
     "linear, Gauss cells": ("poisson_2d", ("scene.method=rkpm-gauss",)),
     "linear, elastic, Gauss cells": ("cantilever", ("scene.method=rkpm-gauss", *_BEAM)),
     "mixed": ("muscle_fibers", _MIXED),
-    "mixed, Newton": ("muscle_fibers", (*_MIXED, "solver.newton=full")),
     "Gauss cells": ("muscle_fibers", ("scene.method=rkpm-gauss", *_LINEAR)),
     "Gauss cells, incompressible": (
         "uniaxial_tension",

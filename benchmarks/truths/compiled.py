@@ -7,10 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from myork import _core, errors
 from myork.core.calls import called
-from myork.core.checks import shaped
 from myork.core.deck import table_defaults
 from myork.core.material import Material
-from myork.core.scene import Scene
 from myork.types import F64
 
 
@@ -99,21 +97,3 @@ def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
     return FiberCurves(
         *_core.fiber_curves(smooth, muscle.gamma1, muscle.gamma2, np.atleast_1d(stretch))
     )
-
-
-def hessian(
-    scene: Scene, x: F64, load: float, *, start: F64 | None = None, reduced: bool = False
-) -> tuple[F64, F64]:
-    """First and second derivatives of half the sum of squared residuals of an open scene.
-
-    - `x`: unknowns, shape `(dofs,)`, or `(r,)` of the reduced model
-    - `load`: fraction of the full load
-    - `start`: state at the start of the load step, which fixes the row weights; default `x`
-    - `reduced`: of the reduced model; `Scene.reduce` comes first
-    - returns `gradient`, `second`: shapes `(n,)` and `(n, n)`
-    - raises InputError: a wrong shape, or a state with J <= 0
-    """
-    shape = (scene._unknowns if reduced else scene.dofs,)
-    given = [shaped("states", v, shape) for v in (x if start is None else start, x)]
-    gradient, second = scene._ask("hessian", reduced, load, *given).values()
-    return gradient, np.triu(second) + np.triu(second, 1).T

@@ -4,7 +4,7 @@
 !>            doi:10.1137/1.9780898719604
 module rk_lapack
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_blas, only : dgemm, dgemv, dpotrf, dsteqr, dsyrk, dtrsv
+   use rk_blas, only : dgemv, dpotrf, dsteqr, dsyrk, dtrsv
    use rk_error, only : error_type, fatal_error, err_linalg, err_memory
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
@@ -12,7 +12,7 @@ module rk_lapack
    implicit none
    private
 
-   public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk, matvec, matmat
+   public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk, matvec
    public :: largest_eigenpair, reciprocal_condition, solve_band
 
    interface
@@ -322,20 +322,5 @@ subroutine matvec(a, x, y, transposed)
       & x, 1, 0.0_wp, y, 1)
    call release_threads(kept)
 end subroutine matvec
-
-subroutine matmat(a, b, c)
-   !> Matrix, shape (m, k)
-   real(wp), contiguous, intent(in) :: a(:, :)
-   !> Matrix, shape (k, n)
-   real(wp), contiguous, intent(in) :: b(:, :)
-   !> Product, shape (m, n)
-   real(wp), contiguous, intent(inout) :: c(:, :)
-   type(threads_type) :: kept
-
-   call hold_threads(kept)
-   call dgemm('n', 'n', size(a, 1), size(b, 2), size(a, 2), 1.0_wp, a, size(a, 1), &
-      & b, size(b, 1), 0.0_wp, c, size(c, 1))
-   call release_threads(kept)
-end subroutine matmat
 
 end module rk_lapack

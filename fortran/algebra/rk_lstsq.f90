@@ -73,7 +73,7 @@ module rk_lstsq
 contains
 
 !> Solve min |A x - b|
-subroutine solve_lstsq(op, b, method, x, report, error, factor)
+subroutine solve_lstsq(op, b, method, x, report, error)
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
    real(wp), contiguous, intent(in) :: b(:)
@@ -84,10 +84,6 @@ subroutine solve_lstsq(op, b, method, x, report, error, factor)
    type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
-   !> Factor of the normal matrix, where `used` is "normal" or "refined" in the end; its storage is
-   !> used again
-   type(envelope_type), intent(inout), optional :: factor
-   type(envelope_type) :: own
    real(wp) :: work
 
    report%why = 'asked for'
@@ -119,11 +115,7 @@ subroutine solve_lstsq(op, b, method, x, report, error, factor)
    case ('spqr')
       call solve_spqr(op, b, x, report, error)
    case default
-      if (present(factor)) then
-         call solve_normal(op, b, x, factor, report, error)
-      else
-         call solve_normal(op, b, x, own, report, error)
-      end if
+      call solve_normal(op, b, x, report, error)
    end select
    if (allocated(error)) then
       if (error%code == err_linalg) call fall_back(op, b, x, report, error)
@@ -353,15 +345,14 @@ end subroutine solve_spqr
 
 !> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
 !> wanted or needed
-subroutine solve_normal(op, b, x, dense, report, error)
+subroutine solve_normal(op, b, x, report, error)
    class(row_operator), intent(in) :: op
    real(wp), contiguous, intent(in) :: b(:)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Factor, empty where the sparse one takes its place
-   type(envelope_type), intent(inout) :: dense
    !> What was done; `used` says which method is meant
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
+   type(envelope_type) :: dense
    type(sparse_factor) :: sparse
 
    call op%envelope(dense, error)
@@ -372,7 +363,7 @@ subroutine solve_normal(op, b, x, dense, report, error)
    if (report%used == 'sparse-normal') then
       sparse%scale = dense%scale
       call sparse_cholesky(sparse, dense, error)
-      if (allocated(dense%value)) deallocate (dense%value)
+      deallocate (dense%value)
       if (.not. allocated(error)) call finish(sparse)
    else
       report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%share(), 2) &

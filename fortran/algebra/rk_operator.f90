@@ -22,7 +22,7 @@ module rk_operator
       procedure(apply_interface), deferred :: apply
       !> x = A^T y
       procedure(apply_interface), deferred :: apply_transposed
-      procedure :: envelope, normal, dense
+      procedure :: envelope, dense
       !> A in compressed rows
       procedure(compressed_interface), deferred :: compressed
       procedure :: unknown
@@ -110,32 +110,20 @@ subroutine dense(self, a)
    end do
 end subroutine dense
 
-!> Upper triangle of A^T A, of a matrix small enough to be written
-subroutine normal(self, a)
-   class(row_operator), intent(in) :: self
-   !> Product, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   real(wp), allocatable :: full(:, :)
-
-   allocate (full(self%m, self%n))
-   call self%dense(full)
-   call syrk(full, self%m, self%n, a)
-end subroutine normal
-
 !> A^T A of a matrix without structure
 subroutine envelope(self, a, error)
    class(row_operator), intent(in) :: self
-   !> Product; its storage is used again where it fits
-   type(envelope_type), intent(inout) :: a
+   type(envelope_type), intent(out) :: a
    !> Error handling: no memory
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: product(:, :)
+   real(wp), allocatable :: full(:, :), product(:, :)
    integer :: j
 
    call new_envelope(a, [(j, j=1, self%n)], [(1, j=1, self%n)], error)
    if (allocated(error)) return
-   allocate (product(self%n, self%n))
-   call self%normal(product)
+   allocate (full(self%m, self%n), product(self%n, self%n))
+   call self%dense(full)
+   call syrk(full, self%m, self%n, product)
    call a%clear()
    do j = 1, size(a%first)
       call a%add(j, a%position, [1, self%n + 1], product)

@@ -347,7 +347,7 @@ contains
    pure integer(i8) function offset(ip, is, d)
       integer, intent(in) :: ip, is, d
 
-      ! the sum is rounded to a whole number, as which its bits tell it
+      ! the sum is rounded to a whole number, whose bits are taken
       offset = transfer((place(d, ip) - source(d, is))/support(d, is)*quantum + whole, 0_i8)
    end function offset
 

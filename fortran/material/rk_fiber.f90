@@ -4,11 +4,10 @@
 !> an exponential a piece, so that energy, force and the slopes of the force come from one place.
 !>
 !> The published curves have kinks. The smooth ones replace the curve around each break by the
-!> polynomial of degree 7 that continues value and three derivatives on either side: the force
-!> is three times continuously differentiable, the energy four times, as the derivatives of the
-!> strong form need (C6 takes the third, C8 the fourth derivative of the energy). Where a curve
-!> starts from zero, the polynomial lies on the far side only, so that the curve stays zero where
-!> it was zero. With the default parameters they differ by less than 2 % of the peak.
+!> polynomial of degree 7 that continues value and three derivatives on either side; the rows of
+!> the strong form take the second derivative of the force. Where a curve starts from zero, the
+!> polynomial lies on the far side only, so that the curve stays zero where it was zero. With the
+!> default parameters they differ by less than 2 % of the peak.
 !>
 !> References: thesis (4.36)-(4.38), with two corrections: the third branch of (4.37) continues
 !>             value and slope of the second, the active curve is zero outside [0.4, 1.6];

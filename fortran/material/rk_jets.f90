@@ -1,4 +1,4 @@
-!> Derivatives of an energy that is given as an expression, up to the fourth and exact to rounding.
+!> Derivatives of an energy that is given as an expression, up to the third and exact to rounding.
 !>
 !> A jet is a Taylor polynomial up to an order in those of I1r, I2r, I4r that occur: its
 !> coefficients are the derivatives over factorials. The operations of the expression act on jets
@@ -37,12 +37,12 @@ module rk_jets
       !> Values that are needed, in the order in which they are computed
       integer, allocatable, private :: step(:)
       !> How many coefficients, and how many pairs that make products, up to each order
-      integer, private :: coefficients(0:4), pairs(0:4)
+      integer, private :: coefficients(0:3), pairs(0:3)
       !> Pairs of coefficients and that of the product to which they add, shape (3, pairs)
       integer, allocatable, private :: pair(:, :)
-      !> Coefficient of each derivative, and the factorials between them
-      integer, allocatable, private :: place1(:), place2(:, :), place3(:, :, :), &
-         & place4(:, :, :, :)
+      !> Coefficient of each derivative, by the variables 1.. or none (0), and the factorials
+      !> between them
+      integer, allocatable, private :: place(:, :, :)
       real(wp), allocatable, private :: factor(:)
       !> Which invariant is each variable
       integer, allocatable, private :: kind(:)
@@ -107,19 +107,19 @@ pure subroutine set_powers(self, kind)
    !> Invariants that are variables, shape (nv)
    integer, intent(in) :: kind(:)
    !> Powers of each variable in each coefficient, by rising order
-   integer :: powers(size(kind), 35)
-   !> Coefficient whose powers are these, in base 5
-   integer :: place(0:5**size(kind) - 1), base(size(kind)), own(size(kind))
-   integer :: a, b, c, d, code, degree, i, j, k, nv, pass
+   integer :: powers(size(kind), 20)
+   !> Coefficient whose powers are these, in base 4
+   integer :: place(0:4**size(kind) - 1), base(0:size(kind)), own(size(kind))
+   integer :: a, b, c, code, degree, i, j, k, nv, pass
 
    nv = size(kind)
    self%kind = kind
-   base = [(5**(i - 1), i=1, nv)]
+   base = [0, (4**(i - 1), i=1, nv)]
    place = 0
    k = 0
-   do degree = 0, 4
+   do degree = 0, 3
       do code = 0, size(place) - 1
-         own = mod(code/base, 5)
+         own = mod(code/base(1:), 4)
          if (sum(own) /= degree) cycle
          k = k + 1
          powers(:, k) = own
@@ -130,13 +130,13 @@ pure subroutine set_powers(self, kind)
    self%factor = [(product(gamma(powers(:, i) + 1.0_wp)), i=1, k)]
    do pass = 1, 2
       c = 0
-      do degree = 0, 4
+      do degree = 0, 3
          do i = 1, k
             do j = 1, k
                own = powers(:, i) + powers(:, j)
                if (sum(own) /= degree) cycle
                c = c + 1
-               if (pass == 2) self%pair(:, c) = [i, j, place(sum(own*base))]
+               if (pass == 2) self%pair(:, c) = [i, j, place(sum(own*base(1:)))]
             end do
          end do
          self%pairs(degree) = c
@@ -145,19 +145,11 @@ pure subroutine set_powers(self, kind)
       if (allocated(self%pair)) deallocate (self%pair)
       allocate (self%pair(3, c))
    end do
-   if (allocated(self%place1)) deallocate (self%place1, self%place2, self%place3, self%place4)
-   allocate (self%place1(nv), self%place2(nv, nv), self%place3(nv, nv, nv), &
-      & self%place4(nv, nv, nv, nv))
-   do a = 1, nv
-      self%place1(a) = place(base(a))
-      do b = 1, nv
-         self%place2(a, b) = place(base(a) + base(b))
-         do c = 1, nv
-            self%place3(a, b, c) = place(base(a) + base(b) + base(c))
-            do d = 1, nv
-               self%place4(a, b, c, d) = place(base(a) + base(b) + base(c) + base(d))
-            end do
-         end do
+   if (allocated(self%place)) deallocate (self%place)
+   allocate (self%place(0:nv, 0:nv, 0:nv))
+   do a = 0, nv
+      do b = 0, nv
+         self%place(:, b, a) = place(base + base(b) + base(a))
       end do
    end do
 end subroutine set_powers
@@ -166,25 +158,21 @@ end subroutine set_powers
 pure subroutine derivatives(self, state, order, w)
    class(jets_type), intent(in) :: self
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted, 0..4
+   !> Highest derivative wanted, 0..3
    integer, intent(in) :: order
    type(energy_derivatives), intent(inout) :: w
    real(wp) :: jet(self%coefficients(order), size(self%tape%operation))
-   integer :: a, b, c, nv
+   integer :: a, b, nv
 
    call self%run([state%reduced, state%activation], order, jet)
    nv = size(self%kind)
-   associate (e => jet(:, self%tape%result), kind => self%kind, f => self%factor)
+   associate (e => jet(:, self%tape%result), kind => self%kind, f => self%factor, at => self%place)
       w%energy = e(1)
-      if (order > 0) w%first(kind) = e(self%place1)
+      if (order > 0) w%first(kind) = e(at(1:, 0, 0))
       do a = 1, merge(nv, 0, order > 1)
-         w%second(kind, kind(a)) = f(self%place2(:, a))*e(self%place2(:, a))
+         w%second(kind, kind(a)) = f(at(1:, a, 0))*e(at(1:, a, 0))
          do b = 1, merge(nv, 0, order > 2)
-            w%third(kind, kind(a), kind(b)) = f(self%place3(:, a, b))*e(self%place3(:, a, b))
-            do c = 1, merge(nv, 0, order > 3)
-               w%fourth(kind, kind(a), kind(b), kind(c)) = f(self%place4(:, a, b, c)) &
-                  & *e(self%place4(:, a, b, c))
-            end do
+            w%third(kind, kind(b), kind(a)) = f(at(1:, b, a))*e(at(1:, b, a))
          end do
       end do
    end associate
@@ -215,7 +203,7 @@ pure subroutine run(self, x, order, jet)
                   z(1) = x(i)
                   if (order < 1) cycle
                   do k = 1, size(self%kind)
-                     if (self%kind(k) == i) z(self%place1(k)) = 1.0_wp
+                     if (self%kind(k) == i) z(self%place(k, 0, 0)) = 1.0_wp
                   end do
                end if
             case (plus)
@@ -244,7 +232,7 @@ pure subroutine run(self, x, order, jet)
                else
                   z = self%composed(logarithmic(a(1)), a, order)
                   z = self%multiplied(b, z, order)
-                  z = self%composed(exp(z(1))/[1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp, 24.0_wp], z, order)
+                  z = self%composed(exp(z(1))/[1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp], z, order)
                end if
             case (less, greater, at_most, at_least)
                z = 0.0_wp
@@ -283,7 +271,7 @@ end function multiplied
 pure function composed(self, f, a, order) result(z)
    class(jets_type), intent(in) :: self
    !> Derivatives of the function over factorials, by the value of the jet
-   real(wp), intent(in) :: f(0:4)
+   real(wp), intent(in) :: f(0:3)
    !> Jet
    real(wp), intent(in) :: a(:)
    integer, intent(in) :: order
@@ -328,13 +316,13 @@ pure function powered(a, p) result(f)
    real(wp), intent(in) :: a
    !> Exponent
    real(wp), intent(in) :: p
-   real(wp) :: f(0:4), binomial
+   real(wp) :: f(0:3), binomial
    integer :: k, whole
 
    whole = nint(max(min(p, 1e6_wp), -1e6_wp))
    binomial = 1.0_wp
    f = 0.0_wp
-   do k = 0, 4
+   do k = 0, 3
       ! a whole power above zero has no further derivatives
       if (.not. abs(binomial) > 0.0_wp) exit
       if (abs(p - whole) > 0.0_wp) then
@@ -350,13 +338,13 @@ end function powered
 pure function logarithmic(a) result(f)
    !> Argument
    real(wp), intent(in) :: a
-   real(wp) :: f(0:4)
+   real(wp) :: f(0:3)
    integer :: k
 
    f = log(a)
    ! the derivatives would be finite below zero, where there is no energy
    if (.not. a > 0.0_wp) return
-   do k = 1, 4
+   do k = 1, 3
       f(k) = -(-1.0_wp/a)**k/k
    end do
 end function logarithmic
@@ -365,7 +353,7 @@ end function logarithmic
 pure function functions(operation, a) result(f)
    integer, intent(in) :: operation
    real(wp), intent(in) :: a
-   real(wp) :: f(0:4), t, s
+   real(wp) :: f(0:3), t, s
 
    select case (operation)
    case (exponential)
@@ -377,20 +365,19 @@ pure function functions(operation, a) result(f)
       f = powered(a, 0.5_wp)
       return
    case (sine)
-      f = [sin(a), cos(a), -sin(a), -cos(a), sin(a)]
+      f = [sin(a), cos(a), -sin(a), -cos(a)]
    case (cosine)
-      f = [cos(a), -sin(a), -cos(a), sin(a), cos(a)]
+      f = [cos(a), -sin(a), -cos(a), sin(a)]
    case (sinus_h)
-      f = [sinh(a), cosh(a), sinh(a), cosh(a), sinh(a)]
+      f = [sinh(a), cosh(a), sinh(a), cosh(a)]
    case (cosinus_h)
-      f = [cosh(a), sinh(a), cosh(a), sinh(a), cosh(a)]
+      f = [cosh(a), sinh(a), cosh(a), sinh(a)]
    case default
       t = tanh(a)
       s = 1.0_wp - t**2
-      f = [t, s, -2.0_wp*t*s, -2.0_wp*s*(1.0_wp - 3.0_wp*t**2), &
-         & 8.0_wp*t*s*(2.0_wp - 3.0_wp*t**2)]
+      f = [t, s, -2.0_wp*t*s, -2.0_wp*s*(1.0_wp - 3.0_wp*t**2)]
    end select
-   f = f/[1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp, 24.0_wp]
+   f = f/[1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp]
 end function functions
 
 end module rk_jets

@@ -10,7 +10,7 @@
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
-   use rk_curvature, only : fourth_form, second_form, third_form, third_tensor
+   use rk_curvature, only : second_form, third_tensor
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_precision, only : wp
@@ -57,8 +57,6 @@ module rk_material
       real(wp) :: second(3, 3)
       !> Third derivatives, symmetric [stress]
       real(wp) :: third(3, 3, 3)
-      !> Fourth derivatives, symmetric [stress]
-      real(wp) :: fourth(3, 3, 3, 3)
    end type energy_derivatives
 
    !> Material of one kind of points
@@ -81,8 +79,7 @@ module rk_material
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
-      procedure :: incompressible, shear_modulus, energy, stress, strong, stress_curvature
-      procedure :: strong_curvature
+      procedure :: incompressible, shear_modulus, energy, stress, strong
    end type material_type
 
    !> Element of a list of materials
@@ -111,7 +108,7 @@ module rk_material
          class(material_type), intent(in) :: self
          !> Reduced invariants and activation
          type(invariant_state), intent(in) :: state
-         !> Highest derivative wanted, 0..4
+         !> Highest derivative wanted, 0..3
          integer, intent(in) :: order
          !> Energy and derivatives
          type(energy_derivatives), intent(out) :: w
@@ -229,52 +226,6 @@ pure subroutine strong(self, nd, at, h, p, c4, t)
    end do
 end subroutine strong
 
-!> W_,FFF[R] = C6_iAjBkC R_iA as a symmetric 9x9 matrix, index j + 3 (B - 1)
-pure subroutine stress_curvature(self, at, r, form)
-   class(material_type), intent(in) :: self
-   type(material_point), intent(in) :: at
-   !> Direction R(i,A)
-   real(wp), intent(in) :: r(3, 3)
-   !> Second derivatives of P_iA R_iA by F [stress]
-   real(wp), intent(out) :: form(9, 9)
-   type(invariants_type) :: inv
-   type(derivatives_type) :: w
-
-   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, at, 3, w)
-   call third_form(inv, w, r, form)
-end subroutine stress_curvature
-
-!> Second derivatives of s(F, H) = r_i C4_iAjB H_jBA; s_,HH = 0
-pure subroutine strong_curvature(self, nd, at, h, r, ff, fh)
-   class(material_type), intent(in) :: self
-   integer, intent(in) :: nd
-   type(material_point), intent(in) :: at
-   !> Second derivatives of the displacement H(j,B,A) = u_j,BA; zero for indices above nd
-   !> [1/length]
-   real(wp), intent(in) :: h(3, 3, 3)
-   !> Weighted residual r_i; zero for indices above nd
-   real(wp), intent(in) :: r(3)
-   !> s_,FF = r_i C8_iAjBkClD H_jBA, index k + 3 (C - 1) [stress/length]
-   real(wp), intent(out) :: ff(9, 9)
-   !> s_,FH = r_i C6_iAjBkC with indices (kC, jB, A); zero for A above nd [stress]
-   real(wp), intent(out) :: fh(9, 9, 3)
-   type(invariants_type) :: inv
-   type(derivatives_type) :: w
-   real(wp) :: direction(3, 3)
-   integer :: a
-
-   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, at, 4, w)
-   fh = 0.0_wp
-   do a = 1, nd
-      direction = 0.0_wp
-      direction(:, a) = r
-      call third_form(inv, w, direction, fh(:, :, a))
-   end do
-   call fourth_form(nd, inv, w, r, h, ff)
-end subroutine strong_curvature
-
 !> Reduced invariants I J^(-n) of the invariants in use
 pure subroutine set_state(inv, activation, state, power)
    type(invariants_type), intent(in) :: inv
@@ -303,7 +254,7 @@ pure subroutine set_derivatives(self, inv, at, order, w)
    class(material_type), intent(in) :: self
    type(invariants_type), intent(in) :: inv
    type(material_point), intent(in) :: at
-   !> Highest derivative wanted, 1..4
+   !> Highest derivative wanted, 1..3
    integer, intent(in) :: order
    type(derivatives_type), intent(out) :: w
    type(energy_derivatives) :: r
@@ -377,112 +328,6 @@ pure subroutine set_derivatives(self, inv, at, order, w)
       w%third(1, a, 1) = w%third(a, 1, 1)
       w%third(1, 1, a) = w%third(a, 1, 1)
    end do
-   if (order > 3) call set_fourth(m, k, r, state, power, inverse, w)
 end subroutine set_derivatives
-
-!> Fourth derivatives of W by the unscaled invariants.
-!>
-!> Every reduced invariant is a line in its own invariant, I J^(-n). A derivative by k of them and
-!> by J any number of times is therefore a derivative along J of W_r,ab.. di_a di_b .. (k factors).
-pure subroutine set_fourth(m, k, r, state, power, inverse, w)
-   !> Invariants in use and their kinds
-   integer, intent(in) :: m, k(4)
-   !> Reduced energy, fourth order
-   type(energy_derivatives), intent(in) :: r
-   type(invariant_state), intent(in) :: state
-   !> Powers J^(-n) of I1r, I2r, I4r, and 1/J [-]
-   real(wp), intent(in) :: power(3), inverse
-   type(derivatives_type), intent(inout) :: w
-   !> Derivatives by J, order 0..4, of a reduced invariant and of its slope by the unscaled one
-   real(wp) :: x(3, 0:4), s(3, 0:4)
-   !> Derivatives along J of W_r,a, W_r,ab and W_r,abc
-   real(wp) :: one(3), two(2), three
-   integer :: a, b, c, d, e, g
-
-   do a = 2, m
-      e = k(a)
-      x(e, 0) = state%reduced(e)
-      s(e, 0) = power(e)
-      do b = 1, 4
-         x(e, b) = -(exponent(e) + b - 1)*inverse*x(e, b - 1)
-         s(e, b) = -(exponent(e) + b - 1)*inverse*s(e, b - 1)
-      end do
-   end do
-
-   w%fourth(:m, :m, :m, :m) = 0.0_wp
-   do a = 2, m
-      one = 0.0_wp
-      do d = 2, m
-         ! W_r,a along J up to the third order; the same sums give the derivative by J alone
-         one(1) = one(1) + r%second(k(a), k(d))*x(k(d), 1)
-         one(2) = one(2) + r%second(k(a), k(d))*x(k(d), 2)
-         one(3) = one(3) + r%second(k(a), k(d))*x(k(d), 3)
-         do e = 2, m
-            one(2) = one(2) + r%third(k(a), k(d), k(e))*x(k(d), 1)*x(k(e), 1)
-            one(3) = one(3) + 3.0_wp*r%third(k(a), k(d), k(e))*x(k(d), 1)*x(k(e), 2)
-            do g = 2, m
-               one(3) = one(3) &
-                  & + r%fourth(k(a), k(d), k(e), k(g))*x(k(d), 1)*x(k(e), 1)*x(k(g), 1)
-            end do
-         end do
-      end do
-      ! d3/dJ3 of W_J = W_r,a x_a' and of W_I = W_r,a s_a
-      w%fourth(1, 1, 1, 1) = w%fourth(1, 1, 1, 1) + one(3)*x(k(a), 1) + 3.0_wp*one(2)*x(k(a), 2) &
-         & + 3.0_wp*one(1)*x(k(a), 3) + r%first(k(a))*x(k(a), 4)
-      call put(w%fourth, [1, 1, 1, a], one(3)*s(k(a), 0) + 3.0_wp*one(2)*s(k(a), 1) &
-         & + 3.0_wp*one(1)*s(k(a), 2) + r%first(k(a))*s(k(a), 3))
-      do b = 2, a
-         two = 0.0_wp
-         do d = 2, m
-            two(1) = two(1) + r%third(k(a), k(b), k(d))*x(k(d), 1)
-            two(2) = two(2) + r%third(k(a), k(b), k(d))*x(k(d), 2)
-            do e = 2, m
-               two(2) = two(2) + r%fourth(k(a), k(b), k(d), k(e))*x(k(d), 1)*x(k(e), 1)
-            end do
-         end do
-         associate (sa => s(k(a), :), sb => s(k(b), :))
-            ! the lower bound of sa and sb is 1: order + 1
-            call put(w%fourth, [1, 1, a, b], two(2)*sa(1)*sb(1) &
-               & + 2.0_wp*two(1)*(sa(2)*sb(1) + sa(1)*sb(2)) + r%second(k(a), k(b)) &
-               & *(sa(3)*sb(1) + 2.0_wp*sa(2)*sb(2) + sa(1)*sb(3)))
-            do c = 2, b
-               three = 0.0_wp
-               do d = 2, m
-                  three = three + r%fourth(k(a), k(b), k(c), k(d))*x(k(d), 1)
-               end do
-               associate (sc => s(k(c), :))
-                  call put(w%fourth, [1, a, b, c], three*sa(1)*sb(1)*sc(1) &
-                     & + r%third(k(a), k(b), k(c))*(sa(2)*sb(1)*sc(1) + sa(1)*sb(2)*sc(1) &
-                     & + sa(1)*sb(1)*sc(2)))
-                  do d = 2, c
-                     call put(w%fourth, [a, b, c, d], r%fourth(k(a), k(b), k(c), k(d)) &
-                        & *sa(1)*sb(1)*sc(1)*s(k(d), 0))
-                  end do
-               end associate
-            end do
-         end associate
-      end do
-   end do
-end subroutine set_fourth
-
-!> Put a value at all permutations of four indices
-pure subroutine put(t, i, value)
-   !> Symmetric array
-   real(wp), intent(inout) :: t(4, 4, 4, 4)
-   !> Indices
-   integer, intent(in) :: i(4)
-   real(wp), intent(in) :: value
-   integer :: a, b, c
-
-   do a = 1, 4
-      do b = 1, 4
-         if (b == a) cycle
-         do c = 1, 4
-            if (c == a .or. c == b) cycle
-            t(i(a), i(b), i(c), i(10 - a - b - c)) = value
-         end do
-      end do
-   end do
-end subroutine put
 
 end module rk_material

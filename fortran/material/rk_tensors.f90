@@ -58,8 +58,6 @@ module rk_tensors
       real(wp) :: second(4, 4)
       !> Third, symmetric [stress]
       real(wp) :: third(4, 4, 4)
-      !> Fourth, symmetric [stress]
-      real(wp) :: fourth(4, 4, 4, 4)
    end type derivatives_type
 
 contains

@@ -65,7 +65,7 @@ module rk_discretisation
          integer, intent(in) :: set
          type(field_state), intent(in) :: state
          !> Part of the way to the next fixed set in which the stress is looked at, where sections
-         !> tell the force [-]
+         !> give the force [-]
          real(wp), intent(in) :: share
          !> Point about which the moment is wanted, of the forces where the set has moved to;
          !> nonlinear forms know it [length]

@@ -1,5 +1,5 @@
-!> Gauss-Newton (5.76) or Newton (5.59) iteration for one load step, with step control, on the
-!> least squares functional (5.53)-(5.58) or an energy.
+!> Iteration for one load step, with step control: Gauss-Newton (5.76) on the least squares
+!> functional (5.53)-(5.58), Newton on an energy.
 !>
 !> It stops on the gradient (5.78a) and the step (5.78b), never on the residual, which does not go
 !> to zero. A state with a volume ratio J <= 0 is never accepted.
@@ -10,14 +10,12 @@ module rk_newton
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
    use rk_damping, only : damping_type
-   use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
-   use rk_minimum, only : find_descent, leave_saddle
    use rk_newton_step, only : find_step
    use rk_path, only : path_type
    use rk_precision, only : wp
-   use rk_problem, only : dense_limit, problem_type, evaluation_type
+   use rk_problem, only : problem_type, evaluation_type
    use rk_recorder, only : carried_type, iteration_type, recorder_type
    use rk_text, only : to_text
    implicit none
@@ -33,16 +31,6 @@ module rk_newton
    !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand [-]
    real(wp), parameter :: squeezed = 0.2_wp
 
-   !> A stationary point that is no minimum
-   type :: saddle_type
-      !> Unknowns, shape (n)
-      real(wp), allocatable :: x(:)
-      !> |r|, relative gradient and step
-      real(wp) :: residual = 0.0_wp
-      real(wp) :: gradient = 0.0_wp
-      real(wp) :: step_norm = 0.0_wp
-   end type saddle_type
-
    !> Where an iteration began
    type :: beginning_type
       !> Unknowns, shape (n)
@@ -55,8 +43,6 @@ module rk_newton
    type :: newton_type
       !> Least squares solver, one of solver_names
       character(len=:), allocatable :: linear
-      !> Matrix and damping of the iteration
-      type(damping_type) :: damping
       !> Tolerance of both criteria [-]
       real(wp) :: tolerance = 1.0e-6_wp
       !> Iterations at most
@@ -109,14 +95,10 @@ module rk_newton
       real(wp) :: promised = huge(1.0_wp)
       !> Fall of the merit that the last step promised, of the merit [-]
       real(wp) :: left = huge(1.0_wp)
-      !> The last step was neither shortened nor damped; the same but for the shift that its matrix
-      !> needed to be positive definite
+      !> The last step was neither shortened nor damped
       logical :: whole = .true.
-      logical :: free = .true.
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
-      !> The last matrix had second derivatives and was positive definite as it stood
-      logical :: minimum = .false.
       !> The problem is linearised at the last state
       logical :: linearised = .true.
       !> Steps rejected in a row
@@ -124,17 +106,17 @@ module rk_newton
       !> Times that row weights were taken in this load step, and from which state, shape (n)
       integer :: weighings = 0
       real(wp), allocatable :: weighed(:)
-      !> Saddles left in this load step, and the first of them
-      integer :: saddles = 0
-      type(saddle_type) :: saddle
+      !> Damping of the steps
+      type(damping_type) :: damping
    end type progress_type
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
    !> Iterations after a converged state that begin with the row weights of the state before each
    integer, parameter :: max_weighings = 12
-   !> Saddles that are left before the state is taken as it is
-   integer, parameter :: max_saddles = 3
+   !> Share of a step that is taken back where steps alternate, at least: that of steps which shrink
+   !> to a fourth [-]
+   real(wp), parameter :: overshot = 0.2_wp
    !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
    real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
@@ -168,13 +150,13 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    !> Error handling: no convergence, failed factorisation, stopped
    type(error_type), allocatable, intent(out) :: error
    type(progress_type) :: now
-   type(envelope_type) :: factor
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
+   !> Last step of Gauss-Newton, the gradient there, and what was moved, shape (n)
+   real(wp), allocatable :: last_step(:), last_g(:), taken(:)
    real(wp) :: merit, predicted, imposed
    integer(int64) :: clock
    character(len=:), allocatable :: reason
-   logical :: newton, factored, left, returned
 
    allocate (a, source=x)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
@@ -187,12 +169,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    do
       call assess()
       if (converged(self, now)) then
-         call descend(self, now, problem, factor, factored, load, a, r, left)
-         if (left) then
-            ! the size of the new state, not of the saddle, is what steps are small against
-            now%extent = max(now%extent, problem%scaled_norms(a))
-            cycle
-         end if
          if (off_weight()) then
             call iterate_on()
             cycle
@@ -207,20 +183,17 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          call linearise()
          cycle
       end if
-      call self%damping%choose(self%iterations, it%gradient, merit, self%step_norm, &
-         & self%tolerance, now%left)
+      call now%damping%note(self%iterations, it%gradient, merit)
       call check_end(self, now, problem, load, merit, recorder, error)
+      if (allocated(error)) return
       now%past = [merit, now%past(:pace - 1)]
-      if (gave_up()) return
-      if (returned) exit
-      imposed = self%damping%lambda
+      imposed = now%damping%lambda
       call system_clock(clock)
-      call find_step(problem, self%linear, load, a, r, g, self%damping, da, newton, predicted, &
-         & factor, factored, it%solver, error)
+      call find_step(problem, self%linear, imposed, r, g, da, predicted, it%solver, error)
       timer%solve = timer%solve + tick(clock)
-      if (gave_up()) return
-      if (returned) exit
+      if (allocated(error)) return
       self%iterations = self%iterations + 1
+      if (.not. problem%square) call relax()
       call take_step()
       if (now%weighings > 0 .and. now%linearised) then
          if (off_weight()) call weigh()
@@ -229,9 +202,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    x = a
    self%unstable = .false.
    if (allocated(it%solver%used)) self%unstable = it%solver%used == 'lu' .and. it%solver%indefinite
-   call self%damping%finish()
-   if (now%saddles > 0) call recorder%note(saddle_text(now, load, norm2(r)), &
-      & warning=.true.)
 
 contains
 
@@ -242,9 +212,6 @@ contains
       now%limit = self%max_iterations
       now%balance = self%tolerance
       if (problem%inexact) now%balance = slack*self%tolerance
-      factored = .false.
-      self%damping%affordable = problem%n <= dense_limit
-      call self%damping%start()
       call system_clock(clock)
       if (problem%weighted) now%weighed = a
       call begin(self, problem, load, a, r, g, now%first_gradient)
@@ -266,13 +233,14 @@ contains
       now%left = huge(1.0_wp)
       now%still = .false.
       now%rejected = 0
-      call self%damping%start()
+      now%damping = damping_type()
       call weigh()
    end subroutine iterate_on
 
    !> Take the row weights from the state
    subroutine weigh()
       now%weighings = now%weighings + 1
+      if (allocated(last_step)) deallocate (last_step)
       now%weighed = a
       call problem%start(a, load, .false.)
       call linearise()
@@ -302,12 +270,31 @@ contains
       if (problem%inexact .and. now%linearised) call predict_step(self, now)
    end subroutine assess
 
+   !> Where residuals remain, steps of Gauss-Newton may overshoot and alternate. The secant of the
+   !> last two, in the metric of A^T A, says by what share
+   subroutine relax()
+      real(wp) :: plain(problem%n), change(problem%n), whole, part
+
+      if (imposed > 0.0_wp) then
+         if (allocated(last_step)) deallocate (last_step)
+         return
+      end if
+      plain = da
+      if (allocated(last_step)) then
+         change = da - last_step
+         whole = dot_product(change, last_g - g)
+         part = -dot_product(change, g)
+         if (part > overshot*whole .and. part < whole) da = da - part/whole*(taken + change)
+      end if
+      last_step = plain
+      last_g = g
+   end subroutine relax
+
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain
       logical :: blind, last
 
-      now%minimum = newton .and. .not. self%damping%lambda > 0.0_wp
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       ! neither the jump at the start of a load step nor rounding says anything about the step
@@ -319,21 +306,24 @@ contains
       if (self%iterations > 1) last = problem%costly &
          & .and. maxval(moved/now%extent) < self%tolerance
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
-         & newton .or. self%damping%lambda > 0.0_wp, last, trial, new, scale, gain, self%state)
+         & imposed > 0.0_wp, last, trial, new, scale, gain, self%state)
       now%linearised = .not. last .or. .not. scale > 0.0_wp
-      now%whole = scale >= 1.0_wp .and. self%damping%lambda < slight
-      now%free = scale >= 1.0_wp .and. imposed < slight
+      now%whole = scale >= 1.0_wp .and. imposed < slight
+      taken = scale*da
+      if (blind .or. .not. scale > 0.0_wp) then
+         if (allocated(last_step)) deallocate (last_step)
+      end if
       if (scale > 0.0_wp) then
          now%rejected = 0
          a = trial
          r = new
-         if (.not. blind) call self%damping%learn(newton, scale, gain, predicted, 0.5_wp*merit**2)
+         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2)
          ! see whether a whole step would move
-         if (now%left < nothing) self%damping%lambda = 0.0_wp
+         if (now%left < nothing) now%damping%lambda = 0.0_wp
       else
          ! back to where the step began, with more damping
          now%rejected = now%rejected + 1
-         call self%damping%reject()
+         call now%damping%reject()
          call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
       if (now%linearised) call note_place(self, problem, a, load)
@@ -357,22 +347,6 @@ contains
       it%seconds = tick(timer%start)
       call recorder%iteration(it)
    end subroutine take_step
-
-   !> Whether the step failed; where a saddle was left, it is the answer
-   logical function gave_up()
-      returned = .false.
-      gave_up = allocated(error)
-      if (.not. gave_up) return
-      if (now%saddles == 0 .or. error%code == err_stopped) return
-      deallocate (error)
-      gave_up = .false.
-      returned = .true.
-      ! a state as good as Newton's method finds
-      a = now%saddle%x
-      call problem%evaluate(a, load, r, self%state, tangent=.true.)
-      self%gradient = now%saddle%gradient
-      self%step_norm = now%saddle%step_norm
-   end function gave_up
 
 end subroutine solve_step
 
@@ -414,8 +388,6 @@ subroutine hand_over(self, carried)
    type(carried_type), allocatable, intent(out) :: carried
 
    allocate (carried)
-   carried%rcond = self%damping%rcond
-   carried%trusted = self%damping%trusted
    if (allocated(self%path%slope)) carried%slope = self%path%slope
    if (allocated(self%path%bend)) carried%bend = self%path%bend
    carried%held = self%path%earlier
@@ -436,7 +408,6 @@ subroutine take_over(self, problem, load, carried)
    type(carried_type), intent(in) :: carried
    real(wp) :: r(problem%m)
 
-   call self%damping%resume(carried%rcond, carried%trusted)
    if (allocated(carried%slope)) self%path%slope = carried%slope
    if (allocated(carried%bend)) self%path%bend = carried%bend
    self%path%earlier = carried%held
@@ -449,66 +420,6 @@ subroutine take_over(self, problem, load, carried)
    call problem%start(carried%origin, load, .true.)
    call problem%evaluate(carried%place, load, r, self%state, tangent=.true.)
 end subroutine take_over
-
-!> See whether the iteration ended at a minimum, and go on below a saddle
-subroutine descend(self, now, problem, factor, factored, load, a, r, left)
-   type(newton_type), intent(inout) :: self
-   type(progress_type), intent(inout) :: now
-   !> Problem, linearised at a
-   class(problem_type), target, intent(inout) :: problem
-   !> Factor of A^T A
-   type(envelope_type), intent(inout) :: factor
-   !> There is such a factor of the last step
-   logical, intent(in) :: factored
-   real(wp), intent(in) :: load
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(inout) :: a(:)
-   !> Residuals, shape (m)
-   real(wp), contiguous, intent(inout) :: r(:)
-   !> The state was a saddle and has changed
-   logical, intent(out) :: left
-   type(saddle_type) :: here
-   real(wp), allocatable :: v(:)
-   logical :: found
-
-   left = .false.
-   if (now%minimum .or. now%saddles == max_saddles) return
-   allocate (v(problem%n))
-   call find_descent(problem, factor, factored, a, load, r, found, v)
-   if (.not. found) return
-   here = saddle_type(a, norm2(r), self%gradient, self%step_norm)
-   call leave_saddle(problem, load, v, a, r, self%state, left)
-   if (.not. left) return
-   if (now%saddles == 0) now%saddle = here
-   now%saddles = now%saddles + 1
-   now%limit = self%iterations + self%max_iterations
-   self%step_norm = huge(1.0_wp)
-   now%left = huge(1.0_wp)
-   now%still = .false.
-   ! Gauss-Newton alone would go back and be driven away again
-   call self%damping%start()
-   call self%damping%reject()
-end subroutine descend
-
-!> What became of a saddle, as a warning
-function saddle_text(now, load, residual) result(text)
-   !> Progress of the load step
-   type(progress_type), intent(in) :: now
-   real(wp), intent(in) :: load
-   !> |r| in the end
-   real(wp), intent(in) :: residual
-   character(len=:), allocatable :: text
-
-   text = 'load '//to_text(load, 4)//': the iteration stopped at a saddle point of |r|, not ' &
-      & //'at a minimum: |r| = '//to_text(now%saddle%residual, 4)
-   if (residual < now%saddle%residual) then
-      text = text//'; it was continued to a minimum of '//to_text(residual, 4)
-   else
-      text = text//', from which no minimum was reached'
-   end if
-   text = text//'. The residual is too large to single out one solution: use more points, ' &
-      & //'a higher order or another method'
-end function saddle_text
 
 !> Start of a load step: the last converged state, or where the way through the last ones leads to
 !> if that has less residual. The gradient that ends the iteration is relative to that of the last
@@ -574,7 +485,7 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &
       & //to_text(self%step_norm, 2)//', '//volume_text(self%state)
    self%pinned = self%step_norm < self%tolerance &
-      & .and. (now%rejected == max_rejected .or. self%damping%stalled())
+      & .and. (now%rejected == max_rejected .or. now%damping%stalled())
    if (self%pinned .and. .not. self%gradient <= huge(1.0_wp)) then
       call fatal_error(error, err_convergence, 'the gradient is not a finite number: constants ' &
          & //'of the materials are too large, such as a K of 1E100'//reached)
@@ -584,7 +495,7 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    else if (now%rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
          & //'J > 0'//reached)
-   else if (self%damping%stalled()) then
+   else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
       & .and. now%first_step >= 1.0_wp .and. self%state%min_j < squeezed) then
@@ -606,7 +517,7 @@ pure logical function converged(self, now)
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
    if (converged) converged = (now%whole .and. (self%step_norm < rounding &
-      & .or. self%gradient < now%balance)) .or. (now%free .and. now%left < nothing) &
+      & .or. self%gradient < now%balance .or. now%left < nothing)) &
       ! a full Newton step may end where rounding keeps every further one from being accepted
       & .or. self%gradient < rounding
    converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still) &

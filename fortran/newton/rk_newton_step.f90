@@ -1,18 +1,16 @@
-!> Step of one iteration: Gauss-Newton by least squares, Newton or a damped step by Cholesky; of a
-!> square problem, and of a linear one, the solution of its equations.
+!> Step of one iteration: least squares, damped by Cholesky; of a square problem, and of a linear
+!> one, the solution of its equations.
 module rk_newton_step
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only : int64
    use rk_clock, only : tick, timer_type
-   use rk_damping, only : damping_type
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_lstsq, only : lstsq_report, solve_lstsq
-   use rk_operator, only : square_operator
+   use rk_operator, only : row_operator, shortest, square_operator
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type
    use rk_recorder, only : iteration_type, recorder_type, step_type
-   use rk_shifted, only : shifted_report, solve_shifted
    use rk_text, only : to_text
    implicit none
    private
@@ -21,78 +19,79 @@ module rk_newton_step
 
 contains
 
-!> Step of the chosen matrix
-subroutine find_step(problem, linear, load, a, r, g, damping, da, newton, predicted, factor, &
-   & factored, report, error)
-   !> Problem, linearised at a
-   class(problem_type), target, intent(inout) :: problem
+!> Step of least squares, or of the equations of a square problem
+subroutine find_step(problem, linear, shift, r, g, da, predicted, report, error)
+   !> Problem, linearised
+   class(problem_type), intent(in) :: problem
    !> Least squares solver, one of solver_names
    character(len=*), intent(in) :: linear
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: a(:)
+   !> Damping in units of the diagonal, >= 0 [-]
+   real(wp), intent(in) :: shift
    !> Residuals, shape (m)
    real(wp), contiguous, intent(in) :: r(:)
    !> A^T r, shape (n)
    real(wp), contiguous, intent(in) :: g(:)
-   type(damping_type), intent(inout) :: damping
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: da(:)
-   !> The matrix has second derivatives
-   logical, intent(out) :: newton
    !> Fall of r.r/2 that the quadratic model promises
    real(wp), intent(out) :: predicted
-   !> Factor of A^T A, where the least squares solver made one
-   type(envelope_type), intent(inout) :: factor
-   !> There is such a factor of this step
-   logical, intent(out) :: factored
    type(lstsq_report), intent(out) :: report
    !> Error handling: failed factorisation
    type(error_type), allocatable, intent(out) :: error
-   type(shifted_report) :: shifted
-   real(wp), allocatable :: matrix(:, :)
 
-   factored = .false.
-   predicted = 0.0_wp
-   newton = damping%curved .and. .not. problem%square
-   if (newton .or. (damping%lambda > 0.0_wp .and. .not. problem%square)) then
-      allocate (matrix(problem%n, problem%n))
-      if (newton) then
-         call problem%hessian(a, load, r, matrix)
-      else
-         call problem%linearised%normal(matrix)
-      end if
-      call solve_shifted(matrix, g, &
-         & damping%method == 'full' .or. damping%lambda > 0.0_wp, &
-         & damping%lambda, da, shifted, error)
-      if (allocated(error)) return
-      predicted = shifted%predicted
-      report%square_report = shifted%square_report
-      if (newton) then
-         report%used = 'newton'
-         report%why = 'second derivatives of the residuals make the matrix symmetric but no ' &
-            & //'product A^T A, so there is no QR: Cholesky with a shift of '
-      else
-         report%used = 'damped'
-         report%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of '
-      end if
-      report%why = report%why//to_text(damping%lambda, 2)
-      deallocate (matrix)
-      newton = newton .and. (shifted%positive .or. damping%lambda > 0.0_wp)
-   end if
-   if (problem%square .or. .not. (newton .or. damping%lambda > 0.0_wp)) then
-      call solve_equations(problem, linear, damping%lambda, -r, da, report, error, factor)
-      if (allocated(error)) return
+   if (shift > 0.0_wp .and. .not. problem%square) then
+      call solve_damped(problem%linearised, shift, g, da, predicted, report, error)
+   else
+      call solve_equations(problem, linear, shift, -r, da, report, error)
       predicted = -0.5_wp*dot_product(g, da)
-      if (problem%square) return
-      factored = any(report%used == ['normal ', 'refined'])
-      damping%rcond = report%rcond
    end if
 end subroutine find_step
 
+!> Solve (A^T A + shift D) x = -g with the diagonal D of A^T A
+subroutine solve_damped(op, shift, g, x, predicted, report, error)
+   class(row_operator), intent(in) :: op
+   !> Damping in units of the diagonal, > 0 [-]
+   real(wp), intent(in) :: shift
+   !> A^T r, shape (n)
+   real(wp), contiguous, intent(in) :: g(:)
+   !> Step, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   !> Fall of r.r/2 that the quadratic model promises
+   real(wp), intent(out) :: predicted
+   type(lstsq_report), intent(out) :: report
+   !> Error handling: an unknown that no equation sees, no memory
+   type(error_type), allocatable, intent(out) :: error
+   type(envelope_type) :: factor
+   real(wp) :: image(op%m), left(op%n)
+
+   report%used = 'damped'
+   report%why = 'Gauss-Newton diverged or met a kink: normal equations with a shift of ' &
+      & //to_text(shift, 2)
+   call op%envelope(factor, error)
+   if (allocated(error)) return
+   call factor%equilibrate()
+   if (.not. all(factor%scale > 0.0_wp)) then
+      call fatal_error(error, err_linalg, 'a column of the equations is zero or not finite')
+      return
+   end if
+   call factor%shift(shift)
+   call factor%factorise(error)
+   if (allocated(error)) return
+   x = -g/factor%scale
+   call factor%solve(x)
+   x = x/factor%scale
+   predicted = 0.5_wp*(shift*sum((factor%scale*x)**2) - dot_product(g, x))
+   call op%apply(x, image)
+   call op%apply_transposed(image, left)
+   left = left + shift*factor%scale**2*x + g
+   report%backward_error = norm2(left/factor%scale) &
+      & /max(norm2(factor%scale*x)*sqrt(real(op%n, wp)), tiny(1.0_wp))
+   call shortest(op, factor, left, report%rcond)
+   report%rcond = report%rcond/sqrt(real(op%n, wp))
+end subroutine solve_damped
+
 !> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
-subroutine solve_equations(problem, linear, shift, b, x, report, error, factor)
+subroutine solve_equations(problem, linear, shift, b, x, report, error)
    !> Problem, linearised
    class(problem_type), intent(in) :: problem
    !> Least squares solver, one of solver_names
@@ -106,8 +105,6 @@ subroutine solve_equations(problem, linear, shift, b, x, report, error, factor)
    type(lstsq_report), intent(out) :: report
    !> Error handling: rank deficient, fewer rows than columns
    type(error_type), allocatable, intent(out) :: error
-   !> Factor of A^T A, where the least squares solver makes one
-   type(envelope_type), intent(inout), optional :: factor
 
    if (problem%square) then
       select type (op => problem%linearised)
@@ -115,7 +112,7 @@ subroutine solve_equations(problem, linear, shift, b, x, report, error, factor)
          call op%solve_square(shift, b, x, report%square_report, error)
       end select
    else
-      call solve_lstsq(problem%linearised, b, linear, x, report, error, factor)
+      call solve_lstsq(problem%linearised, b, linear, x, report, error)
    end if
 end subroutine solve_equations
 

@@ -71,7 +71,7 @@ pure subroutine note(self, before, x, done, load, curved)
    call move_alloc(slope, self%slope)
 end subroutine note
 
-!> States that the way is told by, beside the last one
+!> States that determine the way, beside the last one
 pure integer function states(self)
    class(path_type), intent(in) :: self
 

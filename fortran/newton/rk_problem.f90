@@ -8,11 +8,7 @@ module rk_problem
    implicit none
    private
 
-   public :: problem_type, evaluation_type, stage_type, dense_limit
-
-   !> Unknowns up to which the dense matrix of second derivatives pays: beyond, its factorisation
-   !> takes longer than the iterations that it saves
-   integer, parameter :: dense_limit = 8000
+   public :: problem_type, evaluation_type, stage_type
 
    !> What residuals are asked for
    type :: stage_type
@@ -62,8 +58,6 @@ module rk_problem
       logical :: linear = .false.
       !> As many equations as unknowns, which the linearisation solves as they are
       logical :: square = .false.
-      !> The residuals have second derivatives, which hessian finds and apply_curvature applies
-      logical :: curved = .false.
       !> A linearisation costs several evaluations and is not made where residuals are enough
       logical :: costly = .false.
       !> Steps are solved to few digits: the size of an evaluation says what they leave
@@ -79,9 +73,9 @@ module rk_problem
       class(row_operator), pointer :: linearised => null()
    contains
       procedure :: start
-      !> Residuals and, where wanted, their linearisation, of which hessian then knows
+      !> Residuals and, where wanted, their linearisation
       procedure(assemble_interface), deferred :: assemble
-      procedure :: hessian, apply_curvature, rejection
+      procedure :: rejection
       procedure, non_overridable :: evaluate
       procedure, non_overridable :: scaled_norms
       procedure, non_overridable :: advice
@@ -175,36 +169,6 @@ function rejection(self, x) result(reason)
    reason = ''
 end function rejection
 
-!> Second derivatives of r.r/2: A^T A plus the sum of r_i times the second derivatives of r_i
-!> (5.59), which curved problems find and keep. Where residuals are linear, or Newton's step needs
-!> no more than A, there is no such sum.
-subroutine hessian(self, x, load, r, a)
-   !> Problem, linearised at x
-   class(problem_type), target, intent(inout) :: self
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), intent(in) :: load
-   real(wp), contiguous, intent(in) :: r(:)
-   !> Upper triangle, shape (n, n); without it the sum is only found for apply_curvature
-   real(wp), contiguous, intent(inout), optional :: a(:, :)
-
-   associate (unused_x => x, unused_load => load, unused_r => r)
-   end associate
-   if (present(a)) call self%linearised%normal(a)
-end subroutine hessian
-
-!> Product of the sum of r_i times the second derivatives of r_i, as last found, with a vector
-subroutine apply_curvature(self, x, y)
-   class(problem_type), intent(in) :: self
-   !> Vector, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   associate (unused => self, unused_x => x)
-   end associate
-   y = 0.0_wp
-end subroutine apply_curvature
-
 !> What a user can do where steps vanish but the gradient does not, in the words of the deck
 function advice(self) result(text)
    class(problem_type), intent(in) :: self
@@ -216,7 +180,7 @@ function advice(self) result(text)
          & //'smooth functions in place of max, min, abs and comparisons'
    else if (self%scene%method == 'rkcm') then
       text = 'rounding errors dominate, as K is '//text//' times the shear modulus, or residuals ' &
-         & //'remain: use solver.newton = "full" or method "rkcm-mixed"'
+         & //'remain: use method "rkcm-mixed"'
    else
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
          & //'no step reduces the residual; take a smaller K, more points or less load'

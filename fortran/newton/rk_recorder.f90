@@ -36,10 +36,6 @@ module rk_recorder
    type :: carried_type
       !> Halvings of the load step
       integer :: halvings = 0
-      !> Reciprocal condition of the last Gauss-Newton matrix [-]
-      real(wp) :: rcond = 0.0_wp
-      !> Newton's matrix ended the load step
-      logical :: trusted = .false.
       !> Change of the unknowns with the load, not allocated where the next step has no secant,
       !> shape (n)
       real(wp), allocatable :: slope(:)

@@ -18,7 +18,7 @@ module rk_fiber_gradient
    implicit none
    private
 
-   public :: fiber_gradients, fiber_divergence, fiber_divergence_curvature
+   public :: fiber_gradients, fiber_divergence
 
    !> Window of the fit in source spacings: what the unknowns can follow; noise is averaged
    real(wp), parameter :: reach = 1.5_wp
@@ -164,34 +164,5 @@ pure subroutine fiber_divergence(material, at, slope, pull, t)
       end do
    end do
 end subroutine fiber_divergence
-
-!> Second derivatives by F of the pull times a vector
-pure subroutine fiber_divergence_curvature(material, at, slope, rho, ff)
-   class(material_type), intent(in) :: material
-   type(material_point), intent(in) :: at
-   !> Slope N_k,A of its fiber, shape (3, nd) [1/length]
-   real(wp), intent(in) :: slope(:, :)
-   !> Vector with index i
-   real(wp), intent(in) :: rho(3)
-   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
-   real(wp), intent(out) :: ff(9, 9)
-   type(material_point) :: beside
-   real(wp) :: form(9, 9), weighted(3, 3), rate
-   integer :: a, sign
-
-   ff = 0.0_wp
-   do a = 1, size(slope, 2)
-      rate = norm2(slope(:, a))
-      if (.not. rate > 0.0_wp) cycle
-      weighted = 0.0_wp
-      weighted(:, a) = rho
-      do sign = -1, 1, 2
-         beside = material_point(at%f, at%fiber + sign*fiber_gradient/rate*slope(:, a), &
-            & at%activation, .false.)
-         call material%stress_curvature(beside, weighted, form)
-         ff = ff + sign*0.5_wp*rate/fiber_gradient*form
-      end do
-   end do
-end subroutine fiber_divergence_curvature
 
 end module rk_fiber_gradient

@@ -23,7 +23,7 @@ module rk_mixture
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
-   use rk_fiber_gradient, only : fiber_divergence, fiber_divergence_curvature, fiber_gradients
+   use rk_fiber_gradient, only : fiber_divergence, fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, parts_at, shares
    use rk_laminate, only : add_volume, layers_type
    use rk_kernel, only : kernel_quintic, window_product
@@ -86,7 +86,7 @@ module rk_mixture
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal, has_layers
       !> Fraction of a tissue, and its fiber
       procedure :: part_of, beside, activation_jumps
-      procedure :: fiber_of, energy, stress, strong, stress_curvature, strong_curvature
+      procedure :: fiber_of, energy, stress, strong
    end type mixture_type
 
 contains
@@ -592,69 +592,6 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
       end do
    end do
 end subroutine strong
-
-!> Second derivatives of P_iA R_iA by F as a symmetric 9x9 matrix, index j + 3 (B - 1)
-pure subroutine stress_curvature(self, ip, f, r, load, form, volumetric)
-   class(mixture_type), intent(in) :: self
-   integer, intent(in) :: ip
-   real(wp), intent(in) :: f(3, 3)
-   !> Direction R(i,A)
-   real(wp), intent(in) :: r(3, 3)
-   real(wp), intent(in) :: load
-   !> Matrix [stress]
-   real(wp), intent(out) :: form(9, 9)
-   logical, intent(in) :: volumetric
-   real(wp) :: part(9, 9)
-   integer :: e
-
-   form = 0.0_wp
-   do e = self%first(ip) + 1, self%first(ip + 1)
-      associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%stress_curvature(point_of(self, e, f, load, volumetric), r, part)
-      end associate
-      form = form + self%fraction(e)*part
-   end do
-end subroutine stress_curvature
-
-!> Second derivatives of s = r_i P_iA,A by F and by H
-pure subroutine strong_curvature(self, ip, nd, f, h, r, load, ff, fh, volumetric)
-   class(mixture_type), intent(in) :: self
-   integer, intent(in) :: ip
-   integer, intent(in) :: nd
-   real(wp), intent(in) :: f(3, 3)
-   real(wp), intent(in) :: h(3, 3, 3)
-   !> Weighted residual r_i
-   real(wp), intent(in) :: r(3)
-   real(wp), intent(in) :: load
-   !> s_,FF, index k + 3 (C - 1) [stress/length]
-   real(wp), intent(out) :: ff(9, 9)
-   !> s_,FH with indices (kC, jB, A) [stress]
-   real(wp), intent(out) :: fh(9, 9, 3)
-   logical, intent(in) :: volumetric
-   real(wp) :: part(9, 9), part_h(9, 9, 3), direction(3, 3)
-   integer :: a, e
-
-   ff = 0.0_wp
-   fh = 0.0_wp
-   do e = self%first(ip) + 1, self%first(ip + 1)
-      associate (material => self%scene%tissue(self%tissue(e))%material, &
-         & at => point_of(self, e, f, load, volumetric))
-         call material%strong_curvature(nd, at, h, r, part, part_h)
-         ff = ff + self%fraction(e)*part
-         fh = fh + self%fraction(e)*part_h
-         if (allocated(self%fiber_gradient)) then
-            call fiber_divergence_curvature(material, at, self%fiber_gradient(:, :, e), r, part)
-            ff = ff + self%fraction(e)*part
-         end if
-         if (self%first(ip + 1) - self%first(ip) == 1) cycle
-         do a = 1, 3
-            direction(:, a) = r*self%slope(a, e)
-         end do
-         call material%stress_curvature(at, direction, part)
-         ff = ff + part
-      end associate
-   end do
-end subroutine strong_curvature
 
 !> Mixture of one place of a nonlinear problem that self does not have: tissues and fibers are those
 !> of a place near by, an activation by an expression is that of the place itself, by the rule that

@@ -4,7 +4,6 @@ module rk_estimate
    use rk_deck, only : deck_type
    use rk_deck_blocks, only : put_corners
    use rk_precision, only : wp
-   use rk_problem, only : dense_limit
    use rk_shape, only : derivative_count
    use rk_text, only : to_text
    implicit none
@@ -56,7 +55,7 @@ function estimate_cost(deck, model) result(self)
    type(cloud_type) :: points
    real(wp), allocatable :: support(:)
    integer, allocatable :: source(:), collocation(:)
-   character(len=:), allocatable :: method, newton, problem
+   character(len=:), allocatable :: method, problem
    real(wp) :: layers(3), entries, boundary, cells, width, reach, dense, envelope, normal
    integer :: d, equations, fields, nq
 
@@ -92,7 +91,6 @@ function estimate_cost(deck, model) result(self)
    self%neighbours = min(self%neighbours, self%ns)
    nq = derivative_count(self%nd)
    call deck%get('scene.method', method)
-   call deck%get('solver.newton', newton)
    call deck%get('linear.problem', problem)
    fields = merge(1, self%nd, problem == 'poisson')
    if (method(:min(4, len(method))) == 'rkpm') then
@@ -114,10 +112,6 @@ function estimate_cost(deck, model) result(self)
    ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
    entries = (self%nc + cells)*self%neighbours
    self%bytes = 32.0_wp*entries + 8.0_wp*equations*fields*nq*(self%nc + boundary + cells)
-   ! second derivatives of the residuals and the dense matrix they make
-   if (problem == '' .and. (newton == 'full' &
-      & .or. (newton == 'auto' .and. self%unknowns <= dense_limit))) self%bytes = self%bytes &
-      & + 8.0_wp*self%unknowns**2 + 8.0_wp*self%nd**2*fields*nq*(self%nc + cells)
    if (.not. deck%has('geometry.source')) self%bytes = self%bytes + 8.0_wp*nq*entries
    dense = 8.0_wp*self%equations*self%unknowns
    envelope = 8.0_wp*self%unknowns**2*reach*(1.0_wp - 0.5_wp*reach)

@@ -8,7 +8,6 @@ module rk_forecast
    use rk_error, only : error_type
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_precision, only : wp
-   use rk_problem, only : dense_limit
    use rk_scene, only : scene_type
    implicit none
    private
@@ -44,7 +43,7 @@ real(wp) function forecast_solve(scene, cost, halved) result(operations)
    type(estimate_type), intent(in) :: cost
    !> The load steps are halved where they may be
    logical, intent(in) :: halved
-   real(wp) :: counts(9), iterations, steps, dense
+   real(wp) :: counts(9), iterations, steps
    integer :: nd
 
    nd = cost%nd
@@ -52,22 +51,14 @@ real(wp) function forecast_solve(scene, cost, halved) result(operations)
    iterations = first_iterations + step_iterations*steps
    if (halved .and. may_be_halved(scene)) iterations = first_iterations + lost_iterations &
       & + step_iterations*halved_steps
-   dense = 0.0_wp
    counts = 0.0_wp
    if (allocated(scene%equation%problem)) then
       iterations = 1.0_wp
       if (scene%equation%is_known()) counts(7) = cost%ns*norm_rule**nd*cost%neighbours
-   else if (cost%unknowns <= dense_limit) then
-      ! the exact Hessian, where Gauss and Newton's is slow
-      dense = cost%unknowns**3
    end if
    counts(1) = (cost%places + cost%nc)*cost%members*basis_size(nd, scene%approximation%order)
    counts(2) = iterations*cost%places*cost%members*nd
-   if (index(scene%method, 'rkpm') == 1) then
-      counts(3) = iterations*cost%flops
-   else
-      counts(4) = iterations*(cost%flops + dense)
-   end if
+   counts(merge(3, 4, index(scene%method, 'rkpm') == 1)) = iterations*cost%flops
    counts(5) = iterations*cost%entries
    counts(6) = steps*cost%nc*nd**2
    counts(8) = max(iterations, steps)

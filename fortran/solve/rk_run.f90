@@ -193,7 +193,6 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
 
    newton%linear = trim(linear)
    if (linear == '') newton%linear = scene%solver%linear
-   newton%damping%method = scene%solver%newton
    newton%tolerance = scene%solver%tolerance
    newton%max_iterations = scene%solver%max_iterations
    allocate (x(problem%n), source=0.0_wp)

@@ -16,14 +16,13 @@
 !> They fade towards edges between clamped and free faces, where the solution is singular, and are
 !> lower on faces, edges and corners, where a point stands for less.
 !>
-!> The unknowns may be the amplitudes of modes: then rows and second derivatives are those by them.
+!> The unknowns may be the amplitudes of modes: then the rows are those by them.
 module rk_equilibrium
    use rk_basis, only : second_index
    use rk_conditions, only : new_boundary
    use rk_discretisation, only : deformation
    use rk_error, only : error_type
    use rk_matrix, only : matrix_rows
-   use rk_mixed, only : add_pressure, add_pressure_curvature, cofactor_slope
    use rk_mixture, only : new_mixture
    use rk_modes, only : modes_type, new_modes
    use rk_neighbours, only : nearest_points
@@ -33,7 +32,7 @@ module rk_equilibrium
    use rk_rows, only : new_rows
    use rk_scene, only : displacement_weight, scene_type
    use rk_strong, only : strong_problem
-   use rk_tensor, only : cofactor, cross, cross_form, determinant
+   use rk_tensor, only : cofactor, cross_form, determinant
    use rk_text, only : to_text
    implicit none
    private
@@ -64,7 +63,7 @@ module rk_equilibrium
       !> Then the linearised rows times the modes
       type(matrix_rows), private :: projected
    contains
-      procedure :: field, start, assemble, hessian, apply_curvature, rejection, renew
+      procedure :: field, start, assemble, rejection, renew
    end type equilibrium_problem
 
    !> Smallest share of a row's weight, on the edge itself
@@ -95,7 +94,6 @@ subroutine new_equilibrium(self, scene, mixed, error)
    self%scene => scene
    nd = scene%cloud%nd
    self%fields = nd + merge(1, 0, mixed)
-   self%curved = .true.
    self%weighted = mixed .or. .not. scene%solver%weight_essential > 0.0_wp
    self%compares_works = .true.
    allocate (further(nd, 0))
@@ -299,7 +297,6 @@ subroutine reduce_rows(self, modes, copy)
    allocate (copy%modes)
    call new_modes(copy%modes, self%shape, self%fields, modes)
    copy%reduced = .true.
-   copy%curved = .false.
    copy%pressure_first = 0
    copy%n = size(modes, 2)
    copy%projected%m = copy%m
@@ -415,6 +412,46 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
    if (b > 0) call boundary_rows(self, b, u, load, f, p, c4, tangent, r)
 end subroutine point_rows
 
+!> Stress of the pressure p: p cof F, whose divergence is cof F grad p
+pure subroutine add_pressure(nd, u, f, tangent, p, divergence, t, c)
+   integer, intent(in) :: nd
+   !> Displacement and pressure with derivatives, shape (nd + 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> Deformation gradient F(i, A) [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Linearise
+   logical, intent(in) :: tangent
+   !> First Piola-Kirchhoff stress P(i, A)
+   real(wp), intent(inout) :: p(3, 3)
+   !> Its divergence P_iA,A
+   real(wp), intent(inout) :: divergence(3)
+   !> Derivative of the divergence by F(k, C)
+   real(wp), intent(inout) :: t(3, 3, 3)
+   !> Derivatives of the divergence by those of the pressure: cof F
+   real(wp), intent(out) :: c(3, 3)
+   real(wp) :: slope(3)
+
+   c = cofactor(f)
+   p = p + u(nd + 1, 1)*c
+   slope = 0.0_wp
+   slope(:nd) = u(nd + 1, 2:1 + nd)
+   divergence(:nd) = divergence(:nd) + matmul(c(:nd, :nd), slope(:nd))
+   if (tangent) t = t + cofactor_slope(f, slope)
+end subroutine add_pressure
+
+!> Second derivatives of J contracted with a vector on the second index: J_FF(i, A, k, C) v_A
+pure function cofactor_slope(f, v) result(t)
+   !> F(i, A)
+   real(wp), intent(in) :: f(3, 3)
+   !> Vector with index A
+   real(wp), intent(in) :: v(3)
+   real(wp) :: t(3, 3, 3)
+   real(wp) :: form(3, 3, 3, 3)
+
+   form = reshape(cross_form(f), shape(form))
+   t = form(:, 1, :, :)*v(1) + form(:, 2, :, :)*v(2) + form(:, 3, :, :)*v(3)
+end function cofactor_slope
+
 subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    class(equilibrium_problem), intent(inout) :: self
    !> Boundary point
@@ -500,144 +537,5 @@ subroutine volume_row(self, ip, x, tangent, r, volume)
       self%rows%coefficient(1, nd + 1, 1, block) = -w*compliance
    end associate
 end subroutine volume_row
-
-!> Second derivatives of r.r/2, of which those of the residuals, weighted with these, are kept
-subroutine hessian(self, x, load, r, a)
-   class(equilibrium_problem), target, intent(inout) :: self
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), intent(in) :: load
-   real(wp), contiguous, intent(in) :: r(:)
-   real(wp), contiguous, intent(inout), optional :: a(:, :)
-   integer :: ip, nd
-
-   nd = self%scene%cloud%nd
-   if (.not. allocated(self%rows%second)) allocate (self%rows%second(nd*nd, self%fields, &
-      & self%shape%nq, self%shape%np))
-   !$omp parallel do default(none) schedule(static) private(ip) shared(self, x, load, r)
-   do ip = 1, self%shape%np
-      if (ip <= size(self%domain_weight)) then
-         call point_curvature(self, ip, x, load, r, self%rows%second(:, :, :, ip))
-      else
-         call volume_curvature(self, ip, x, r, self%rows%second(:, :, :, ip))
-      end if
-   end do
-   !$omp end parallel do
-   if (.not. present(a)) return
-   if (allocated(self%modes)) then
-      call self%projected%normal(a)
-      call self%modes%add_second(self%rows%second, a)
-   else
-      call self%rows%expand(.true., a)
-   end if
-end subroutine hessian
-
-!> Product of these second derivatives with a vector of the full problem
-subroutine apply_curvature(self, x, y)
-   class(equilibrium_problem), intent(in) :: self
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   call self%rows%apply_second(x, y)
-end subroutine apply_curvature
-
-!> Second derivatives of the residuals at one collocation point, weighted with the residuals
-subroutine point_curvature(self, ip, x, load, r, form)
-   class(equilibrium_problem), intent(in) :: self
-   integer, intent(in) :: ip
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), intent(in) :: load
-   real(wp), contiguous, intent(in) :: r(:)
-   !> Form as in rk_rows, shape (nd*nd, fields, nq)
-   real(wp), contiguous, intent(inout) :: form(:, :, :)
-   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), weighted(3, 3), rho(3)
-   real(wp) :: ff(9, 9), fh(9, 9, 3), second(3, 3)
-   integer :: nd, i, b, row
-
-   nd = self%scene%cloud%nd
-   call self%field(ip, x, self%shape%nq, u)
-   call deformation(nd, u, f, h)
-   row = self%rows%row(ip)
-   rho = 0.0_wp
-   rho(:nd) = self%domain_weight(ip)*r(row + 1:row + nd)
-   form = 0.0_wp
-   call self%mixture%strong_curvature(ip, nd, f, h, rho, load, ff, fh, &
-      & volumetric=.not. self%has_pressure())
-   if (self%has_pressure()) call add_pressure_curvature(nd, u, f, rho, ff, form)
-   call add_curvature(nd, ff, fh, form)
-   b = self%boundary_of(ip)
-   if (b == 0) return
-   weighted = 0.0_wp
-   row = self%rows%row(size(self%boundary_of) + b)
-   do i = 1, nd
-      if (self%boundary%essential(i, b)) cycle
-      weighted(i, :nd) = self%traction_weight(b)*self%scene%solver%weight_traction*r(row + i) &
-         & *self%boundary%normal(:, i, b)
-   end do
-   call self%mixture%stress_curvature(ip, f, weighted, load, ff, &
-      & volumetric=.not. self%has_pressure())
-   if (self%has_pressure()) then
-      ! R_iA p (cof F)_iA
-      ff = ff + u(nd + 1, 1)*cross_form(weighted)
-      second = cross(f, weighted)
-      form(:, nd + 1, 1) = form(:, nd + 1, 1) + reshape(second(:nd, :nd), [nd*nd])
-   end if
-   fh = 0.0_wp
-   call add_curvature(nd, ff, fh, form)
-end subroutine point_curvature
-
-!> Second derivatives of J in a volume row, weighted with the residual
-subroutine volume_curvature(self, ip, x, r, form)
-   class(equilibrium_problem), intent(in) :: self
-   !> Place
-   integer, intent(in) :: ip
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), contiguous, intent(in) :: r(:)
-   !> Form as in rk_rows, shape (nd*nd, nd + 1, nq)
-   real(wp), contiguous, intent(inout) :: form(:, :, :)
-   real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), fh(9, 9, 3)
-   integer :: iv, nd, row
-
-   nd = self%scene%cloud%nd
-   iv = ip - size(self%domain_weight)
-   row = self%rows%row(size(self%boundary%point) + ip) + 1
-   call self%field(ip, x, self%shape%nq, u)
-   call deformation(nd, u, f, h)
-   form = 0.0_wp
-   fh = 0.0_wp
-   call add_curvature(nd, self%volume_weight(iv)*r(row)*cross_form(f), fh, form)
-end subroutine volume_curvature
-
-!> Add second derivatives by F and its derivatives to the form of a place
-pure subroutine add_curvature(nd, ff, fh, form)
-   integer, intent(in) :: nd
-   !> Second derivatives by F_iA and F_jB, index i + 3 (A - 1)
-   real(wp), intent(in) :: ff(9, 9)
-   !> Second derivatives by F_iA and u_j,BC, indices (iA, jB, C)
-   real(wp), intent(in) :: fh(9, 9, 3)
-   real(wp), intent(inout) :: form(:, :, :)
-   integer :: a, b, c, j, q
-
-   do c = 1, nd
-      do j = 1, nd
-         do a = 1, nd
-            associate (rows => form(nd*(a - 1) + 1:nd*a, j, 1 + c))
-               ! the form counts products of first derivatives twice
-               rows = rows + 0.5_wp*ff(3*(a - 1) + 1:3*(a - 1) + nd, j + 3*(c - 1))
-            end associate
-         end do
-      end do
-      do b = c, nd
-         q = second_index(nd, c, b)
-         do j = 1, nd
-            do a = 1, nd
-               associate (rows => form(nd*(a - 1) + 1:nd*a, j, q))
-                  rows = rows + fh(3*(a - 1) + 1:3*(a - 1) + nd, j + 3*(b - 1), c)
-                  if (b /= c) rows = rows + fh(3*(a - 1) + 1:3*(a - 1) + nd, j + 3*(c - 1), b)
-               end associate
-            end do
-         end do
-      end do
-   end do
-end subroutine add_curvature
 
 end module rk_equilibrium

@@ -18,7 +18,7 @@ module rk_modes
       !> Fields and derivatives of each mode at each place, shape (fields, nq, r, np)
       real(wp), allocatable :: value(:, :, :, :)
    contains
-      procedure :: field, project, add_second
+      procedure :: field, project
    end type modes_type
 
 contains
@@ -86,40 +86,5 @@ subroutine project(self, rows, a)
    end do
    !$omp end parallel do
 end subroutine project
-
-!> Add second derivatives of the residuals by the amplitudes
-subroutine add_second(self, second, a)
-   class(modes_type), intent(in) :: self
-   !> Second derivatives of each place as in rk_rows, shape (nd*nd, fields, nq, np)
-   real(wp), intent(in) :: second(:, :, :, :)
-   !> Upper triangle, shape (r, r)
-   real(wp), intent(inout) :: a(:, :)
-   real(wp), allocatable :: half(:, :)
-   real(wp) :: y
-   integer :: c, i, ip, k, l, nd, q
-
-   nd = nint(sqrt(real(size(second, 1))))
-   allocate (half(nd*nd, size(a, 2)))
-   do ip = 1, size(second, 4)
-      half = 0.0_wp
-      do k = 1, size(a, 2)
-         do q = 1, size(second, 3)
-            do c = 1, size(second, 2)
-               half(:, k) = half(:, k) + second(:, c, q, ip)*self%value(c, q, k, ip)
-            end do
-         end do
-      end do
-      do k = 1, size(a, 2)
-         do l = 1, size(a, 2)
-            y = 0.0_wp
-            do i = 1, nd
-               y = y + sum(self%value(:nd, 1 + i, l, ip)*half(nd*(i - 1) + 1:nd*i, k))
-            end do
-            if (l <= k) a(l, k) = a(l, k) + y
-            if (l >= k) a(k, l) = a(k, l) + y
-         end do
-      end do
-   end do
-end subroutine add_second
 
 end module rk_modes

@@ -4,11 +4,6 @@
 !> are the unknown fields and D_q value, first and second derivatives. With shape functions this is
 !> a tall sparse matrix; it is multiplied, squared or written out, but never stored.
 !>
-!> Where the rows depend on the unknowns, the Hessian of r.r/2 also holds second derivatives of the
-!> residuals. At each place they are a quadratic form of derivatives of the fields, in which one of
-!> the two factors is always a first derivative of one of the leading nd fields (the displacement):
-!> value x^T S y + y^T S x, with x the first derivatives alone and y all of them.
-!>
 !> Reference: George, Liu, Computer Solution of Large Sparse Positive Definite Systems,
 !>            Prentice-Hall (1981), chapter 4 (the elimination order)
 module rk_rows
@@ -16,7 +11,7 @@ module rk_rows
    use rk_cuthill, only : order_along
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
-   use rk_lapack, only : matmat, syrk
+   use rk_lapack, only : syrk
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
@@ -41,11 +36,6 @@ module rk_rows
       integer, allocatable :: range(:, :)
       !> Coefficients, shape (max rows, nc, nq, nblock)
       real(wp), allocatable :: coefficient(:, :, :, :)
-      !> Second derivatives of each place, S with first factor D_A u_i as i + nd (A - 1), second
-      !> factor D_q u_c, shape (nd*nd, nc, nq, np)
-      real(wp), allocatable :: second(:, :, :, :)
-      !> First block of each place, shape (np)
-      integer, allocatable, private :: lead(:)
       !> Blocks in groups of near places, group g is order(group(g)+1 : group(g+1))
       integer, allocatable, private :: order(:), group(:)
       !> Places that see each source point, and the column of its shape function there
@@ -57,8 +47,7 @@ module rk_rows
       !> point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
-      procedure :: apply, apply_transposed, envelope, normal, expand, apply_second
-      procedure :: dense, compressed, unknown
+      procedure :: apply, apply_transposed, envelope, dense, compressed, unknown
    end type rows_type
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
@@ -98,10 +87,6 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
       self%row(b + 1) = self%row(b) + rows(b)
    end do
    self%m = self%row(size(place) + 1)
-   allocate (self%lead(shape%np), source=0)
-   do b = size(place), 1, -1
-      self%lead(place(b)) = b
-   end do
    allocate (self%coefficient(maxval(rows), nc, shape%nq, size(place)), source=0.0_wp)
    call gather(position, place, spacing, self%order, self%group)
    call shape%transposed(self%seen, self%seen_value)
@@ -144,7 +129,9 @@ subroutine apply_transposed(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
    real(wp), allocatable :: dual(:, :, :)
-   integer :: b, c, i, ip, q
+   real(wp) :: total(self%nc)
+   integer(i8) :: k
+   integer :: b, c, i, ip, is, q
 
    allocate (dual(self%shape%nq, self%nc, self%shape%np), source=0.0_wp)
    do b = 1, size(self%place)
@@ -157,56 +144,7 @@ subroutine apply_transposed(self, x, y)
          end do
       end do
    end do
-   call collect(self, dual, y)
-end subroutine apply_transposed
-
-!> Product of the second derivatives with a vector
-subroutine apply_second(self, x, y)
-   !> Rows with second derivatives
-   class(rows_type), intent(in) :: self
-   !> Coefficients of the unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-   real(wp), allocatable :: dual(:, :, :)
-   real(wp) :: u(self%nc, self%shape%nq)
-   integer :: a, c, i, ip, nd, q
-
-   nd = self%shape%nd
-   allocate (dual(self%shape%nq, self%nc, self%shape%np), source=0.0_wp)
-   !$omp parallel do default(none) schedule(static) private(a, c, i, ip, q, u) &
-   !$omp shared(self, x, dual, nd)
-   do ip = 1, self%shape%np
-      call self%shape%interpolate(ip, x, 1, self%shape%nq, u)
-      do q = 1, self%shape%nq
-         do c = 1, self%nc
-            do a = 1, nd
-               do i = 1, nd
-                  associate (s => self%second(i + nd*(a - 1), c, q, ip))
-                     dual(q, c, ip) = dual(q, c, ip) + s*u(i, 1 + a)
-                     dual(1 + a, i, ip) = dual(1 + a, i, ip) + s*u(c, q)
-                  end associate
-               end do
-            end do
-         end do
-      end do
-   end do
-   !$omp end parallel do
-   call collect(self, dual, y)
-end subroutine apply_second
-
-!> Coefficients of what acts on the derivatives at the places; every source point sums over the
-!> places that see it, so threads never meet
-subroutine collect(self, dual, y)
-   class(rows_type), intent(in) :: self
-   !> Factor of each derivative, shape (nq, nc, np)
-   real(wp), intent(in) :: dual(:, :, :)
-   !> Coefficients, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-   real(wp) :: total(self%nc)
-   integer(i8) :: k
-   integer :: c, is
-
+   ! every source point sums over the places that see it, so threads never meet
    !$omp parallel do default(none) schedule(dynamic, 16) private(is, k, c, total) &
    !$omp shared(self, dual, y)
    do is = 1, self%shape%ns
@@ -220,82 +158,44 @@ subroutine collect(self, dual, y)
       y(self%nc*(is - 1) + 1:self%nc*is) = total
    end do
    !$omp end parallel do
-end subroutine collect
+end subroutine apply_transposed
 
-!> A^T A in its envelope
+!> A^T A in its envelope, summed over groups of near places
 subroutine envelope(self, a, error)
    class(rows_type), intent(in) :: self
-   type(envelope_type), intent(inout) :: a
-   type(error_type), allocatable, intent(out) :: error
-
-   call accumulate(self, .false., a, error)
-end subroutine envelope
-
-!> Upper triangle of A^T A
-subroutine normal(self, a)
-   class(rows_type), intent(in) :: self
-   !> Matrix, shape (n, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-
-   call expand(self, .false., a)
-end subroutine normal
-
-!> Upper triangle of A^T A, with the second derivatives where wanted
-subroutine expand(self, curved, a)
-   class(rows_type), intent(in) :: self
-   !> Include second derivatives
-   logical, intent(in) :: curved
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   type(envelope_type) :: matrix
-   type(error_type), allocatable :: error
-
-   call accumulate(self, curved, matrix, error)
-   if (allocated(error)) then
-      ! no memory beside the larger matrix of the caller: a matrix that nothing accepts
-      a = 0.0_wp
-   else
-      call matrix%expand(a)
-   end if
-end subroutine expand
-
-!> Matrix summed over groups of near places
-subroutine accumulate(self, curved, a, error)
-   class(rows_type), intent(in) :: self
-   logical, intent(in) :: curved
-   type(envelope_type), intent(inout) :: a
+   type(envelope_type), intent(out) :: a
    !> Error handling: no memory
    type(error_type), allocatable, intent(out) :: error
    type :: piece_type
-      integer, allocatable :: node(:), row(:), run(:)
+      integer, allocatable :: row(:), run(:)
       real(wp), allocatable :: rows(:, :), product(:, :)
-      integer :: m = 0
-      integer :: n = 0
    end type piece_type
    type(piece_type), allocatable :: piece(:)
-   integer :: first, last, c, g, is, j, groups
+   integer :: reach(self%n)
+   integer :: first, last, c, g, is, j, m, n, groups
 
-   if (.not. allocated(a%value)) then
-      call new_envelope(a, [((self%nc*(self%position(is) - 1) + c, c=1, self%nc), is=1, &
-         & self%shape%ns)], by_position(self), error)
-      if (allocated(error)) return
-   end if
+   do c = 1, self%nc
+      reach(self%nc*(self%position - 1) + c) = self%nc*(self%reach - 1) + 1
+   end do
+   call new_envelope(a, [((self%nc*(self%position(is) - 1) + c, c=1, self%nc), is=1, &
+      & self%shape%ns)], reach, error)
+   if (allocated(error)) return
    call a%clear()
    groups = size(self%group) - 1
    allocate (piece(min(batch, groups)))
    do first = 1, groups, batch
       last = min(first + batch - 1, groups)
-      !$omp parallel default(none) shared(self, curved, piece, first, last, a) private(g, j)
+      !$omp parallel default(none) shared(self, piece, first, last, a) private(g, j, m, n)
       !$omp do schedule(dynamic, 1)
       do g = first, last
          associate (p => piece(g - first + 1))
-            call group_rows(self, g, p%node, p%row, p%run, p%rows, p%m)
-            p%n = size(p%row)
+            call group_rows(self, g, p%row, p%run, p%rows, m)
+            n = size(p%row)
             if (allocated(p%product)) then
-               if (size(p%product, 1) < p%n) deallocate (p%product)
+               if (size(p%product, 1) < n) deallocate (p%product)
             end if
-            if (.not. allocated(p%product)) allocate (p%product(p%n, p%n))
-            call syrk(p%rows, p%m, p%n, p%product)
-            if (curved) call add_second(self, g, p%node, p%product)
+            if (.not. allocated(p%product)) allocate (p%product(n, n))
+            call syrk(p%rows, m, n, p%product)
          end associate
       end do
       !$omp end do
@@ -309,86 +209,13 @@ subroutine accumulate(self, curved, a, error)
       !$omp end do
       !$omp end parallel
    end do
-end subroutine accumulate
-
-!> Add the second derivatives of the places of a group to its product
-subroutine add_second(self, g, node, product)
-   class(rows_type), intent(in) :: self
-   !> Group
-   integer, intent(in) :: g
-   !> Source points the group sees, by their place in the elimination order, ascending
-   integer, intent(in) :: node(:)
-   !> Upper triangle, shape (>= nc*nodes, >= nc*nodes)
-   real(wp), intent(inout) :: product(:, :)
-   !> First derivatives of shape functions; S y for each displacement; their product
-   real(wp), allocatable :: first(:, :), sy(:, :, :), total(:, :)
-   !> S y of one place
-   real(wp), allocatable :: local(:, :)
-   real(wp), pointer, contiguous :: values(:, :)
-   integer, pointer, contiguous :: near(:)
-   integer :: i, j, a, b, c, d, k, nd, ip, at, row, column, places
-
-   nd = self%shape%nd
-   places = 0
-   do i = self%group(g) + 1, self%group(g + 1)
-      if (self%lead(self%place(self%order(i))) == self%order(i)) places = places + 1
-   end do
-   allocate (first(size(node), nd*places), sy(nd*places, self%nc*size(node), nd), source=0.0_wp)
-   allocate (total(size(node), self%nc*size(node)))
-   at = 0
-   do i = self%group(g) + 1, self%group(g + 1)
-      b = self%order(i)
-      ip = self%place(b)
-      if (self%lead(ip) /= b) cycle
-      call self%shape%row(ip, near, values)
-      allocate (local(nd*nd*self%nc, size(near)))
-      call matmat(reshape(self%second(:, :, :, ip), [nd*nd*self%nc, size(values, 1)]), values, &
-         & local)
-      do k = 1, size(near)
-         j = findloc(node, self%position(near(k)), dim=1)
-         first(j, at + 1:at + nd) = values(2:1 + nd, k)
-         do c = 1, self%nc
-            do a = 1, nd
-               do d = 1, nd
-                  sy(at + a, self%nc*(j - 1) + c, d) = local(d + nd*(a - 1 + nd*(c - 1)), k)
-               end do
-            end do
-         end do
-      end do
-      deallocate (local)
-      at = at + nd
-   end do
-   do d = 1, nd
-      call matmat(first, sy(:, :, d), total)
-      do column = 1, self%nc*size(node)
-         do k = 1, size(node)
-            row = self%nc*(k - 1) + d
-            if (row <= column) product(row, column) = product(row, column) + total(k, column)
-            if (row >= column) product(column, row) = product(column, row) + total(k, column)
-         end do
-      end do
-   end do
-end subroutine add_second
-
-!> First row of each column of the normal matrix, both in elimination order
-pure function by_position(self) result(reach)
-   class(rows_type), intent(in) :: self
-   integer :: reach(self%n)
-   integer :: c, is
-
-   do is = 1, self%shape%ns
-      do c = 1, self%nc
-         reach(self%nc*(self%position(is) - 1) + c) = self%nc*(self%reach(is) - 1) + 1
-      end do
-   end do
-end function by_position
+end subroutine envelope
 
 !> Dense rows of a group over the unknowns it sees
-subroutine group_rows(self, g, node, unknown, run, rows, m)
+subroutine group_rows(self, g, unknown, run, rows, m)
    class(rows_type), intent(in) :: self
    integer, intent(in) :: g
-   !> Source points and unknowns by their place in the elimination order, ascending
-   integer, allocatable, intent(inout) :: node(:)
+   !> Unknowns by their place in the elimination order, ascending
    integer, allocatable, intent(inout) :: unknown(:)
    !> Where runs of consecutive unknowns begin, and the end
    integer, allocatable, intent(inout) :: run(:)
@@ -396,7 +223,7 @@ subroutine group_rows(self, g, node, unknown, run, rows, m)
    real(wp), allocatable, intent(inout) :: rows(:, :)
    !> Rows in use
    integer, intent(out) :: m
-   integer, allocatable :: column(:)
+   integer, allocatable :: column(:), node(:)
    integer :: b, c, i, k, n, ip, low, high
    integer(i8) :: e
 

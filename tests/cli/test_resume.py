@@ -107,7 +107,6 @@ def test_killed_at_random_moments_and_resumed_it_is_the_same_run(tmp_path, write
 
 
 CARRIED = {
-    # whose Newton iteration knows whether it was trusted
     "mixed": {"scene": {"dimension": 3, "method": "rkcm-mixed"}},
     "incompressible": {"material": [{**RUBBER["material"][0], "K": float("inf")}]},
     "halved": {"solver": {"max_iterations": 3}},

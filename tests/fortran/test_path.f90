@@ -20,7 +20,7 @@ pure function cubic(load) result(x)
    x = [1.0_wp + load - 2.0_wp*load**2 + 3.0_wp*load**3, 4.0_wp*load - load**3]
 end function cubic
 
-!> Four states at equal distances tell a cubic, at any load and also behind the last state
+!> Four states at equal distances determine a cubic, at any load and also behind the last state
 subroutine test_cubic
    type(path_type) :: path
    real(wp) :: at(4)

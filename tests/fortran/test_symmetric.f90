@@ -98,7 +98,7 @@ subroutine test_indefinite
    call check('and it is right', all(abs(x - right) <= 1.0e-13_wp))
 end subroutine test_indefinite
 
-!> Matrices share the order of elimination, and one without a Cholesky factor spoils nothing
+!> Matrices share the order of elimination, and one without a Cholesky factor does not affect them
 subroutine test_kept_factor
    type(symmetric_matrix) :: matrix
    type(square_report) :: report

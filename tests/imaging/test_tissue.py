@@ -197,7 +197,7 @@ def test_bone_bounds_the_model():
     data = np.select([away < 6, away < 16], [4, 1], 0).astype(np.int32)
     labels = trimmed(select(Labels(data, affine_of((1.0, 1.0, 5.0))), [1], None, [4]))
     assert set(np.unique(labels.data)) == {BONE, 0, 1}
-    sets = boundary_sets(labels, "multiquadric")
+    sets = boundary_sets(labels)
     assert sets.names == ("bottom", "top", "bone", "surface")
     radial = np.argwhere(labels.data > 0)[sets.point][:, :2] - 15.0
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)

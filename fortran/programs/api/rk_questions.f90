@@ -78,8 +78,8 @@ subroutine ask(slot, question, word, given, error)
          k = size(given)/(n + 1)
          call probe_values(slot, reshape(given, [n, k]), given(n*k + 1:), value, error)
          call answer%put('value', shape(value), value)
-      case ('linearise', 'hessian')
-         call linearise(slot, given, question == 'hessian', error)
+      case ('linearise')
+         call linearise(slot, given, error)
       case default
          call ask_galerkin(slot%full, question, given, answer, error)
       end select
@@ -286,43 +286,31 @@ subroutine probe_values(slot, x, load, value, error)
    end do
 end subroutine probe_values
 
-!> Residual and linearised rows times a direction; or the gradient A^T r and the second derivatives
-!> (upper triangle) of r.r/2
-subroutine linearise(slot, given, second, error)
+!> Residual and linearised rows times a direction
+subroutine linearise(slot, given, error)
    type(slot_type), intent(inout) :: slot
    !> 1 for the reduced problem, load; unknowns at the start of the load step, which fix the row
-   !> weights, those of the state and, where it is wanted, the direction
+   !> weights, those of the state, and the direction
    real(wp), contiguous, intent(in) :: given(:)
-   !> Want second derivatives
-   logical, intent(in) :: second
    !> Error handling: no reduced model, J <= 0
    type(error_type), allocatable, intent(out) :: error
    class(problem_type), pointer :: problem
    type(evaluation_type) :: seen
-   real(wp), allocatable :: r(:), y(:), a(:, :)
+   real(wp), allocatable :: r(:), y(:)
    integer :: n
 
-   n = (size(given) - 2)/merge(2, 3, second)
+   n = (size(given) - 2)/3
    call find_problem(slot, given(1) > 0, problem, error)
    if (allocated(error)) return
-   allocate (r(problem%m))
+   allocate (r(problem%m), y(problem%m))
    call problem%start(given(3:2 + n), given(2), .false.)
    call problem%evaluate(given(3 + n:2 + 2*n), given(2), r, seen, tangent=.true.)
    if (.not. seen%valid) call fatal_error(error, err_input, 'the state is not valid: smallest J ' &
       & //to_text(seen%min_j, 4)//' at collocation point '//to_text(seen%worst))
    if (allocated(error)) return
-   if (second) then
-      allocate (y(n), a(n, n), source=0.0_wp)
-      call problem%linearised%apply_transposed(r, y)
-      call problem%hessian(given(3 + n:), given(2), r, a)
-      call slot%answer%put('gradient', [n], y)
-      call slot%answer%put('second', [n, n], a)
-   else
-      allocate (y(problem%m), source=0.0_wp)
-      call problem%linearised%apply(given(3 + 2*n:), y)
-      call slot%answer%put('residual', shape(r), r)
-      call slot%answer%put('product', shape(y), y)
-   end if
+   call problem%linearised%apply(given(3 + 2*n:), y)
+   call slot%answer%put('residual', shape(r), r)
+   call slot%answer%put('product', shape(y), y)
 end subroutine linearise
 
 end module rk_questions

@@ -24,7 +24,7 @@ module rk_journal
    !> Records before those of the first step, and records of a step
    integer, parameter :: before_steps = 3, of_step = 2
    !> Numbers of a step beside its arrays
-   integer, parameter :: numbers_of_step = 14
+   integer, parameter :: numbers_of_step = 13
 
    !> Journal being written
    type :: journal_type
@@ -114,10 +114,9 @@ subroutine add_step(self, step, worst, x)
    if (.not. allocated(own%place)) allocate (own%place(0), own%origin(0))
    associate (numbers => [step%load, real(step%step, wp), real(step%steps, wp), &
       & real(step%iterations, wp), step%gradient, step%step_norm, step%min_j, step%max_j, worst, &
-      & own%rcond, own%held, real(own%halvings, wp), x, own%slope, own%bend, own%place, own%origin])
+      & own%held, real(own%halvings, wp), x, own%slope, own%bend, own%place, own%origin])
       write (self%unit, iostat=stat) size(x), size(own%slope), size(own%bend, 2), &
-         & size(own%place), len(self%lines), allocated(step%carried), own%trusted, sum(numbers), &
-         & sum_of(self%lines)
+         & size(own%place), len(self%lines), allocated(step%carried), sum(numbers), sum_of(self%lines)
       write (self%unit, iostat=stat) numbers, self%lines
    end associate
    flush (self%unit, iostat=stat)
@@ -187,7 +186,7 @@ subroutine read_step(self, unit, stat)
    integer :: changes, length, letters, n, o, places, slopes
    logical :: carries
 
-   read (unit, iostat=stat) n, slopes, changes, places, length, carries, own%trusted, check, letters
+   read (unit, iostat=stat) n, slopes, changes, places, length, carries, check, letters
    if (stat /= 0) return
    allocate (numbers(numbers_of_step + n*(1 + changes) + slopes + 2*places))
    allocate (character(len=length) :: lines)
@@ -202,9 +201,8 @@ subroutine read_step(self, unit, stat)
    step%step_norm = numbers(6)
    step%min_j = numbers(7)
    step%max_j = numbers(8)
-   own%rcond = numbers(12)
-   own%held = numbers(13)
-   own%halvings = nint(numbers(14))
+   own%held = numbers(12)
+   own%halvings = nint(numbers(13))
    o = numbers_of_step + n
    if (slopes > 0) own%slope = numbers(o + 1:o + slopes)
    o = o + slopes

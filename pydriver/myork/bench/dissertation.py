@@ -435,7 +435,7 @@ _PARTS = {
 }
 #: As published: dense QR by LAPACK, Gauss-Newton; the first of ten load steps to 100 % shear
 _FIRST_STEP = ("load.steps=1", "boundary.y1.u_x=0.1")
-_QR = ("solver.linear=dgels", "solver.newton=gauss-newton")
+_QR = ("solver.linear=dgels",)
 _MACHINE = (
     "processor seconds of another machine and program of 2015. Ours evaluates equal neighbourhoods "
     "once and not at every point, and factorises a sparse matrix of the Galerkin form by CHOLMOD "
@@ -643,7 +643,7 @@ _PATH_TABLES = (
         f"activation at the end are not given either and scale the errors. {_TOLERANCE}",
     ),
     *_path(
-        9, "medial gastrocnemius", "mg_muscle", (*_RKCM, 'solver.newton="full"', *_MG_SIZE),
+        9, "medial gastrocnemius", "mg_muscle", (*_RKCM, *_MG_SIZE),
         450, 1868.9,
         {
             5: (19.9, 98.935, 1.365e-2, 1.376e-2),
@@ -669,7 +669,7 @@ _SAME_POINTS = {"weak": Run("states", "mg_muscle", _MG_SIZE, ())}
 #: The deck's own 451 points at the largest activation, with smoothed fibers and those of voxels
 _FULL = {
     name: Run(
-        "states", "mg_muscle", (*_RKCM, 'solver.newton="full"', "load.activation=1", *words), (5,)
+        "states", "mg_muscle", (*_RKCM, "load.activation=1", *words), (5,)
     )
     for name, words in (
         ("smoothed", ()),

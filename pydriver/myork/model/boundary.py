@@ -41,14 +41,13 @@ class Boundary:
     area: F64  #: Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2]
 
 
-def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None = None) -> Boundary:
+def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
     """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
 
     A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
     skin to both. A single slice has no ends; without bone there is no such set.
 
     - `labels`: labels above zero are the body, `BONE` bounds it
-    - `normals`: method of `surface_normals`
     - `around`: labels with one layer more on all four sides, `bone_beside`; without it nothing is
       there
     """
@@ -67,7 +66,7 @@ def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None 
     both = free + bone
     at_wall = body & (both.sum(axis=(-1, -2)) > 0)
     normal = np.zeros((*body.shape, 3))
-    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall], normals)
+    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall])
     parts = []
     for name, facets in (("bone", bone), ("surface", free)):
         here = body & (facets.sum(axis=(-1, -2)) > 0)
@@ -92,9 +91,9 @@ def boundary_sets(labels: Labels, normals: str = "distance", around: I32 | None 
     )
 
 
-def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64, method: str) -> F64:
+def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64) -> F64:
     """Outward normals at voxels of the wall, from their facets where the level set has none."""
-    normal = surface_normals(body, spacing, voxels, method)
+    normal = surface_normals(body, spacing, voxels)
     # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
     # upper ones where both sides are equal.
     lost = _projected(facets, normal) <= 0

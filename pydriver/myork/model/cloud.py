@@ -91,7 +91,7 @@ def build_cloud(
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]
     source = points.source_voxels(body, step)
-    boundary = boundary_sets(coarse, table["normals"], bone_beside(chosen, coarse, block))
+    boundary = boundary_sets(coarse, bone_beside(chosen, coarse, block))
     label = coarse.data[body]
     place = points.positions(coarse, voxels)
     origin = points.positions(coarse, np.zeros(3, np.int32))

@@ -1,8 +1,7 @@
 """Outward normals of voxel bodies from a level set function phi.
 
 phi is positive inside, so the outward normal is -grad phi/|grad phi| (the sign of equation (3.2)
-is the other one). Two ways to a smooth phi: reciprocal multiquadrics around each boundary voxel
-(thesis section 4.1.3, (4.8)), and the signed distance under a Gaussian.
+is the other one). phi is the signed distance under a Gaussian.
 """
 
 import numpy as np
@@ -13,20 +12,11 @@ from myork.types import F64, Index, Mask
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
 # normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
 _SMOOTHING = 2.5
-# Multiquadrics: radius of the window around a voxel [voxel], shape parameter, and the weight of
-# smoothness against the stairs of the voxels, in values of the function at its centre.
-_RADIUS = 4
-_SHAPE = 8.0
-_STIFFNESS = 0.5
-# Standard deviation of the smoothing before the fit [voxel]
-_BLUR = 2.0
-# Windows worked on at a time
-_CHUNK = 4000
 # Layers by which the cut ends are continued, so that they do not bend the normals beside them.
 _LAYERS = 10
 
 
-def surface_normals(body: Mask, spacing: F64, voxels: Index, method: str = "distance") -> F64:
+def surface_normals(body: Mask, spacing: F64, voxels: Index) -> F64:
     """Outward unit normals at voxels of the lateral surface.
 
     The body is taken to go on beyond its first and last slice.
@@ -39,8 +29,6 @@ def surface_normals(body: Mask, spacing: F64, voxels: Index, method: str = "dist
     - `body`: voxels of the body, shape `(ni, nj, nk)`
     - `spacing`: voxel size, shape `(3,)` [length]
     - `voxels`: where, shape `(n, 3)`
-    - `method`: `distance`: the signed distance under a Gaussian; `multiquadric`: reciprocal
-      multiquadrics fitted to it in a window around each voxel
     - returns shape `(n, 3)` [-]; zeros where phi has no gradient (in the middle of a sheet one
       voxel thick)
     """
@@ -53,12 +41,9 @@ def surface_normals(body: Mask, spacing: F64, voxels: Index, method: str = "dist
         ndimage.distance_transform_edt(part, sampling=metric) for part in (whole, ~whole)
     )
     phi = inside - outside
-    if method == "multiquadric":
-        normal = -_multiquadric_gradient(phi, spacing, at)
-    else:
-        phi = ndimage.gaussian_filter(phi, _SMOOTHING / np.sqrt(metric), truncate=3.0)
-        gradient = np.stack(np.gradient(phi, *spacing), axis=-1)
-        normal = -gradient[at[:, 0], at[:, 1], at[:, 2]]
+    phi = ndimage.gaussian_filter(phi, _SMOOTHING / np.sqrt(metric), truncate=3.0)
+    gradient = np.stack(np.gradient(phi, *spacing), axis=-1)
+    normal = -gradient[at[:, 0], at[:, 1], at[:, 2]]
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.where(length > 1e-6, normal / np.maximum(length, 1e-6), 0.0)
 
@@ -75,31 +60,3 @@ def _round_metric(body: Mask, spacing: F64) -> F64:
     ratio = spacing / spacing.min()
     extent = np.maximum(spread * spacing, 1e-12)
     return np.clip(ratio * extent.min() / extent, 1.0, ratio)
-
-
-def _multiquadric_gradient(phi: F64, spacing: F64, at: Index) -> F64:
-    """Gradient of reciprocal multiquadrics fitted to phi around voxels, shape `(n, 3)`.
-
-    The global system of 4.1.3 is cut into one for each boundary voxel: a smoothing fit to the
-    values in a box around it. All boxes are alike, so their system is solved once, for the
-    weights with which the values make the gradient at the centre. Distances count in voxels,
-    along coarse axes times the cube root of the voxel's length ratio: in voxels a sphere would be
-    an ellipsoid, in lengths a box would hold too few slices.
-    """
-    metric = np.cbrt(spacing / spacing.min())
-    phi = ndimage.gaussian_filter(phi, _BLUR / metric, truncate=3.0)
-    radius = np.maximum(np.rint(_RADIUS / metric).astype(int), 1)
-    offsets = np.indices(2 * radius + 1).reshape(3, -1).T - radius
-    place = offsets * metric
-    squared = ((place[:, np.newaxis] - place) ** 2).sum(axis=-1)
-    system = 1.0 / np.sqrt(squared + _SHAPE**2)
-    # Values far from the centre count less.
-    trust = np.exp(-0.5 * ((offsets / (0.6 * radius)) ** 2).sum(axis=1))
-    system[np.diag_indices(len(system))] += _STIFFNESS / _SHAPE / trust
-    slope = place * ((place**2).sum(axis=1) + _SHAPE**2)[:, np.newaxis] ** -1.5
-    weights = np.linalg.solve(system, slope) * metric / spacing
-    gradient = np.empty((len(at), 3))
-    for first in range(0, len(at), _CHUNK):
-        window = at[first : first + _CHUNK, np.newaxis, :] + offsets
-        gradient[first : first + _CHUNK] = phi[tuple(np.moveaxis(window, -1, 0))] @ weights
-    return gradient
