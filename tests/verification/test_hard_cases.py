@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import runs
 from benchmarks.runner import sized_tables
+from benchmarks.runs import METHODS, PUBLISHED_BLOCK
 from benchmarks.truths import exact
 from benchmarks.truths.bodies import stretched
 from benchmarks.truths.exact import along_fibers
 from benchmarks.truths.manufactured import PROBLEMS, solve
 from myork.bench.materials import RUBBER
-from myork.bench.runs import METHODS, lattice, read_deck
+from myork.bench.runs import lattice, read_deck
 from tests.scenes import Answer, solved
 
 pytestmark = pytest.mark.nightly
@@ -105,7 +105,7 @@ MUSCLES = {
 @pytest.mark.parametrize(("form", "stiff"), MUSCLES)
 def test_full_activation_in_one_step(inputs: Path, form: str, stiff: str) -> None:
     stiffer = [stiff] if stiff else []
-    weights = runs.PUBLISHED_BLOCK if form in METHODS else ()
+    weights = PUBLISHED_BLOCK if form in METHODS else ()
     words = (*lattice((4, 4, 7)), "load.steps=1", *weights, *stiffer, f"scene.method={form}")
     found = solved(inputs / "muscle_block.toml", *words, error=True)
     law, doubt = read_deck("muscle_block", stiffer)["material"][0], MUSCLES[form, stiff]

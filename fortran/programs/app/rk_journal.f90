@@ -116,7 +116,8 @@ subroutine add_step(self, step, worst, x)
       & real(step%iterations, wp), step%gradient, step%step_norm, step%min_j, step%max_j, worst, &
       & own%held, real(own%halvings, wp), x, own%slope, own%bend, own%place, own%origin])
       write (self%unit, iostat=stat) size(x), size(own%slope), size(own%bend, 2), &
-         & size(own%place), len(self%lines), allocated(step%carried), sum(numbers), sum_of(self%lines)
+         & size(own%place), len(self%lines), allocated(step%carried), sum(numbers), &
+         & sum_of(self%lines)
       write (self%unit, iostat=stat) numbers, self%lines
    end associate
    flush (self%unit, iostat=stat)
