@@ -23,21 +23,22 @@ BENCHES = (
 def run_benches(
     names: list[str], out: Path, *, quick: bool = False, progress: ProgressCallback = silent
 ) -> dict[str, Any]:
-    """Run benchmarks of the checkout that is the working directory.
+    """Run benchmarks of the checkout that is the working directory, or contains the environment.
 
     - `names`: from `BENCHES`, or `all`
     - `out`: folder of `bench.json` and `bench.html`; made if it is missing
     - `quick`: small cases only
     - returns content of `bench.json`; a benchmark that failed has an entry `ended`
-    - raises InputError: a name is unknown, or the working directory is no checkout
+    - raises InputError: a name is unknown, or there is no checkout
     """
     for name in names:
         if name not in (*BENCHES, "all"):
             raise InputError(
                 f"there is no benchmark {name!r}; there are {', '.join([*BENCHES, 'all'])}"
             )
-    folder = Path.cwd()
-    if not (folder / "benchmarks" / "runner.py").is_file():
+    places = (Path.cwd(), Path(sys.prefix).parent)
+    folder = next((one for one in places if (one / "benchmarks" / "runner.py").is_file()), None)
+    if folder is None:
         raise InputError(
             f"{', '.join(names)}: benchmarks belong to a checkout of MyoRK: call them in the "
             "folder that contains benchmarks/; `myork reproduce` computes the tables of the "
