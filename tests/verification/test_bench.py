@@ -48,9 +48,7 @@ def test_unknown_bench_is_refused(tmp_path: Path) -> None:
         run_benches(["linaer"], tmp_path)
 
 
-def test_without_a_checkout_there_are_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_checkout_there_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither here nor around the environment that runs."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.prefix", str(tmp_path / ".venv"))
