@@ -22,8 +22,10 @@ module rk_acoustic
    integer, parameter :: refinements = 10
    !> First turn of the refinement
    real(wp), parameter :: first_turn = 0.15_wp
-   !> Eliminations of the motion that changes the volume: a fixed point of few
+   !> Eliminations of the motion that changes the volume: a fixed point of few, where its stiffness
+   !> squared is as many times the coupling
    integer, parameter :: eliminations = 3
+   real(wp), parameter :: apart = 10.0_wp
    !> What a bound must clear beyond what is asked, as eliminations end before the last digit, and
    !> stiffness that stands for a kept volume, both of the shear modulus [-]
    real(wp), parameter :: clearance = 0.02_wp, stiffening = 100.0_wp
@@ -223,11 +225,11 @@ pure real(wp) function smallest(form, n, m, rigid)
    ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
    stiff = dot_product(across, matmul(q, across))
    coupling = [(dot_product(across, image(:, i)), i=1, 2)]
+   if (.not. (stiff - smallest)**2 > apart*dot_product(coupling, coupling)) then
+      smallest = least_eigenvalue(q)
+      return
+   end if
    do trial = 1, eliminations
-      if (.not. stiff > smallest) then
-         smallest = min(stiff, smallest)
-         return
-      end if
       share = coupling/sqrt(stiff - smallest)
       smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
    end do
@@ -241,8 +243,7 @@ pure real(wp) function smallest_in_plane(form, n, m, rigid) result(smallest)
    real(wp), intent(in) :: m(3)
    !> There is no such motion
    logical, intent(in) :: rigid
-   real(wp) :: q(2, 2), along(2), side(2), image(2), a, coupling, stiff
-   integer :: trial
+   real(wp) :: q(2, 2), along(2), side(2), image(2), a, coupling, half, stiff
 
    q = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
    along = m(:2)/sqrt(m(1)**2 + m(2)**2)
@@ -254,14 +255,35 @@ pure real(wp) function smallest_in_plane(form, n, m, rigid) result(smallest)
    coupling = along(1)*image(1) + along(2)*image(2)
    image = q(:, 1)*along(1) + q(:, 2)*along(2)
    stiff = along(1)*image(1) + along(2)*image(2)
-   do trial = 1, eliminations
-      if (.not. stiff > smallest) then
-         smallest = min(stiff, smallest)
-         return
-      end if
-      smallest = a - coupling**2/(stiff - smallest)
-   end do
+   ! both ways keep the digits of the smaller one
+   half = 0.5_wp*(stiff - a)
+   if (.not. abs(coupling) > 0.0_wp) then
+      smallest = min(a, stiff)
+   else if (half > 0.0_wp) then
+      smallest = a - coupling**2/(half + hypot(half, coupling))
+   else
+      smallest = stiff - coupling**2/(hypot(half, coupling) - half)
+   end if
 end function smallest_in_plane
+
+!> Smallest eigenvalue of a symmetric 3x3 matrix of entries of like size
+pure real(wp) function least_eigenvalue(q) result(least)
+   real(wp), intent(in) :: q(3, 3)
+   real(wp) :: d(3, 3), middle, size
+   integer :: i
+
+   middle = (q(1, 1) + q(2, 2) + q(3, 3))/3.0_wp
+   d = q
+   do i = 1, 3
+      d(i, i) = d(i, i) - middle
+   end do
+   size = sqrt(sum(d**2)/6.0_wp)
+   least = middle
+   if (.not. size > 0.0_wp) return
+   d = d/size
+   least = middle + 2.0_wp*size*cos((acos(min(max(0.5_wp*dot_product(d(:, 1), &
+      & vector_product(d(:, 2), d(:, 3))), -1.0_wp), 1.0_wp)) + 2.0_wp*acos(-1.0_wp))/3.0_wp)
+end function least_eigenvalue
 
 !> Smaller eigenvalue of a symmetric 2x2 matrix
 pure real(wp) function lower(a, b, c)

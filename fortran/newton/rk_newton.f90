@@ -498,7 +498,8 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
-      & .and. now%first_step >= 1.0_wp .and. self%state%min_j < squeezed) then
+      & .and. now%first_step >= 1.0_wp .and. self%state%min_j < squeezed &
+      & .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &

@@ -120,6 +120,23 @@ def test_hardly_any_displacement_is_no_doubt() -> None:
     assert abs(found.last()["force"] - finer["force"]) < found.bar("force")
 
 
+@pytest.mark.parametrize("bulk", [1.0, 5.0, 15.0])
+def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> None:
+    """Neo-Hookean foam is polyconvex: it cannot lose its ellipticity, and its state is exact."""
+    rollers = [{"set": name, f"u_{name[0]}": 0} for name in ("x0", "x1", "y0", "y1", "z0")]
+    tables = scene(
+        "rkpm-scni", box(4, 4, 4), boundary=[*rollers, {"set": "z1", "u_z": -0.7}],
+        material=[{"name": "foam", "model": "neo-hookean", "mu": 3.0, "K": bulk}],
+        probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
+    )  # fmt: skip
+    states, found = solved(tables)
+    assert states.verdict == "accepted" and not states.warnings
+    # mu/2 (J^(-2/3) (2 + l^2) - 3) + K/2 (J - 1)^2 with J = l
+    stretch = 0.3
+    exact = 1.5 * stretch ** (-2 / 3) * (4 / 3 * stretch - 4 / 3 / stretch) - 0.7 * bulk
+    assert found.last()["force"] == pytest.approx(exact, rel=1e-5)
+
+
 def test_inverted_corners_count_where_volumes_are_off() -> None:
     """Pressed between a glued side and a smooth one, with a bulk modulus 1e4 times the shear
     modulus: bars from fewer points are small, and J is off by 8 % in the mean.

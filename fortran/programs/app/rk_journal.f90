@@ -137,6 +137,7 @@ subroutine read_journal(self, path, folder, error)
    character(len=len(mark)) :: first
    integer(i8) :: bytes
    integer :: length, n(5), stat, step, unit
+   logical :: sound
 
    allocate (self%load(0), self%step(0), self%worst(3, 0))
    self%history = ''
@@ -147,10 +148,16 @@ subroutine read_journal(self, path, folder, error)
    open (newunit=unit, file=path, form='unformatted', status='old', action='read', iostat=stat)
    if (stat /= 0) return
    read (unit, iostat=stat) first
-   if (stat /= 0 .or. first /= mark) call fatal_error(error, err_file, path//': is damaged, or ' &
-      & //'another version wrote it; run again without --resume')
+   sound = stat == 0 .and. first == mark
+   n = 0
+   ! a run that was killed at once has no more
    read (unit, iostat=stat) n
-   if (stat == 0 .and. .not. allocated(error)) then
+   ! what the file has not would hardly fit into memory
+   sound = sound .and. all(n >= 0) &
+      & .and. sum(real(n(:3), wp)) + 24.0_wp*sum(real(n(4:), wp)) <= bytes
+   if (.not. sound) call fatal_error(error, err_file, path//': is damaged, or another version ' &
+      & //'wrote it; run again without --resume')
+   if (stat == 0 .and. sound) then
       allocate (character(len=n(1)) :: self%deck)
       allocate (character(len=n(2)) :: self%overrides)
       allocate (character(len=n(3)) :: self%approximation)
@@ -185,9 +192,14 @@ subroutine read_step(self, unit, stat)
    real(wp), allocatable :: numbers(:)
    real(wp) :: check
    integer :: changes, length, letters, n, o, places, slopes
+   integer(i8) :: bytes
    logical :: carries
 
    read (unit, iostat=stat) n, slopes, changes, places, length, carries, check, letters
+   if (stat /= 0) return
+   inquire (unit=unit, size=bytes)
+   if (min(n, slopes, changes, places, length) < 0 .or. 8.0_wp*(real(n, wp)*(1 + changes) + slopes &
+      & + 2.0_wp*places) + length > bytes) stat = 1
    if (stat /= 0) return
    allocate (numbers(numbers_of_step + n*(1 + changes) + slopes + 2*places))
    allocate (character(len=length) :: lines)
