@@ -434,7 +434,7 @@ def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[st
         "title": title,
         "about": f"{about} A probe that is "
         f"{WRONG:.0%} of its kind off, beyond the truth's doubt, is wrong. Nothing was "
-        "chosen by the other half, which was looked at once. Bars over errors, unknowns and CPU "
+        "chosen by the other half. Bars over errors, unknowns and CPU "
         "times are medians.",
         "tables": [
             table(name, tuple((key, key) for key in shown[0]), shown),

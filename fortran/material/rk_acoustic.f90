@@ -266,8 +266,11 @@ pure real(wp) function smallest_in_plane(form, n, m, rigid) result(smallest)
    end if
 end function smallest_in_plane
 
-!> Smallest eigenvalue of a symmetric 3x3 matrix of entries of like size
+!> Smallest eigenvalue of a symmetric 3x3 matrix of entries of like size [stress]
+!>
+!> Reference: Smith, Commun. ACM 4 (1961), doi:10.1145/355578.366316
 pure real(wp) function least_eigenvalue(q) result(least)
+   !> Acoustic tensor [stress]
    real(wp), intent(in) :: q(3, 3)
    real(wp) :: d(3, 3), middle, size
    integer :: i

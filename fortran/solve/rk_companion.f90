@@ -181,9 +181,9 @@ pure integer function kind_of_companion(self) result(kind)
    if (self%other_form) kind = another_form
 end function kind_of_companion
 
-!> Of two companions take what is farther from an answer, and as much again as the two differ by:
-!> where fewer points make a body as much too stiff as the penalty makes it too soft, that alone
-!> tells what singular rims leave open
+!> Of two companions take the probes that are farther from an answer, moved away by the difference
+!> of the two: fewer points may make a body as much too stiff as the penalty makes it too soft, and
+!> then only this difference shows the error at singular rims
 subroutine take_farther(self, other, bars)
    type(companion_type), intent(inout) :: self
    !> On the same points by the other boundary method
