@@ -145,15 +145,25 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
         journal.write_bytes(torn)
         assert "resumed after load step" in run(deck, tmp_path, "--resume", "--no-error")
         assert datasets(tmp_path) == before
-    # a journal of another version is refused
+    # steps behind a damaged byte are solved again; a damaged head, or another version, is refused
     (other := tmp_path / "other").mkdir()
-    (other / "results.journal").write_bytes(np.arange(1000).tobytes())
-    child = start(deck, other, "--resume")
-    assert "is damaged, or another version wrote it" in child.communicate()[0]
-    assert child.returncode == 2
+    for place, code in ((len(whole) // 3, 0), (14, 2), (16 + 3, 2), (300, 2), (-5, 0)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x80
+        (other / "results.journal").write_bytes(damaged)
+        child = start(deck, other, "--resume", "--no-error")
+        said = child.communicate()[0]
+        assert child.returncode == code, (place, said)
+        assert ("is damaged, or another version wrote it" in said) == (code == 2)
+        if code == 0:
+            assert datasets(other) == before
+            assert "resumed after load step 6" in run(deck, other, "--resume", "--no-error")
+    # a run that was killed before it had solved anything begins anew, and that is no secret
+    (other / "results.journal").write_bytes(whole[:16])
+    assert "no load step to resume" in run(deck, other, "--resume", "--no-error")
 
 
-def test_another_deck_is_told(tmp_path):
+def test_another_deck_is_refused(tmp_path):
     """Where there is nothing to resume a run begins at rest."""
     assert run_deck(RUBBER, tmp_path, threads=1, resume=True, error=False)["converged"]
     said, seven = r"another deck: it was solved without --set", ["load.steps=7"]

@@ -124,6 +124,8 @@ contains
          & //'wrote into it is lost', warning=.true.)
       if (output%repeated > 0) call output%say('resumed after load step ' &
          & //to_text(output%repeated), level=0)
+      if (config%resume .and. output%repeated == 0) call output%say('no load step to resume: ' &
+         & //'starts at the beginning', level=0)
       if (config%start /= '' .and. output%repeated == 0) call output%say('starts from ' &
          & //config%start, level=0)
    end subroutine begin

@@ -1,10 +1,10 @@
 !> Journal of a run: what it needs to go on, in a file that only grows.
 !>
-!> A result file that was being written when its process was killed can be torn. The journal cannot:
-!> it is written step by step, and a reader stops at the first record that is not whole. Fortran
-!> puts its length before a record; a disk that lost power may have kept this and not what is behind
-!> it, so that a step has the sums of its numbers and letters there as well.
+!> A result file that was being written when its process was killed can be torn. The journal is
+!> written record by record, each with a checksum, and a reader stops at the first one that is not
+!> whole: a disk that lost power may have kept the length of a file and not what it contains.
 module rk_journal
+   use, intrinsic :: iso_c_binding, only : c_int64_t, c_size_t
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type, fatal_error, err_file
@@ -20,9 +20,7 @@ module rk_journal
    !> Journal of a run, in its folder
    character(len=*), parameter :: journal_name = '/results.journal'
    !> Mark of the files this module reads
-   character(len=*), parameter :: mark = 'myork-journal 1 '
-   !> Records before those of the first step, and records of a step
-   integer, parameter :: before_steps = 3, of_step = 2
+   character(len=*), parameter :: mark = 'myork-journal 2 '
    !> Numbers of a step beside its arrays
    integer, parameter :: numbers_of_step = 13
 
@@ -49,7 +47,19 @@ module rk_journal
       real(wp), allocatable :: worst(:, :)
       !> Lines of history.csv behind the first, each with its line feed
       character(len=:), allocatable :: history
+      !> Where its journal goes on, counted in bytes from 1
+      integer(i8) :: behind = 0
    end type run_type
+
+   interface
+      !> Checksum of some bytes and of those before them
+      integer(c_int64_t) function rkf_checksum(data, bytes, before) bind(c)
+         import :: c_int64_t, c_size_t
+         type(*), intent(in) :: data(*)
+         integer(c_size_t), value :: bytes
+         integer(c_int64_t), value :: before
+      end function rkf_checksum
+   end interface
 
 contains
 
@@ -65,25 +75,23 @@ subroutine open_journal(self, folder, run, deck, approximation, cloud, error)
    type(cloud_type), intent(in) :: cloud
    !> Error handling: a name that cannot be written to
    type(error_type), allocatable, intent(out) :: error
-   integer :: k, stat
+   integer :: stat
 
    call make_file(folder//journal_name, allocated(run), error)
    if (allocated(error)) return
-   open (newunit=self%unit, file=folder//journal_name, form='unformatted', status='old', &
-      & action='readwrite', iostat=stat)
+   open (newunit=self%unit, file=folder//journal_name, form='unformatted', access='stream', &
+      & status='old', action='readwrite', iostat=stat)
    self%lines = ''
    if (allocated(run)) then
       self%steps = size(run%step)
-      do k = 1, before_steps + of_step*self%steps
-         read (self%unit, iostat=stat)
-      end do
+      read (self%unit, pos=run%behind, iostat=stat)
+      endfile (self%unit, iostat=stat)
       return
    end if
    associate (source => to_space(cloud%source), points => to_space(cloud%points))
       write (self%unit, iostat=stat) mark
-      write (self%unit, iostat=stat) len(deck%text), len(deck%overrides), len(approximation), &
-         & size(source, 2), size(points, 2)
-      write (self%unit, iostat=stat) deck%text, deck%overrides, approximation, source, points
+      call write_record(self%unit, [len(deck%text), len(deck%overrides), size(source, 2)], &
+         & [source, points], deck%text//deck%overrides//approximation)
    end associate
 end subroutine open_journal
 
@@ -105,22 +113,17 @@ subroutine add_step(self, step, worst, x)
    !> Unknowns, shape (n)
    real(wp), intent(in) :: x(:)
    type(carried_type) :: own
-   integer :: stat
 
    if (self%unit == 0 .or. step%step < self%steps .or. .not. step%planned) return
    if (allocated(step%carried)) own = step%carried
    if (.not. allocated(own%slope)) allocate (own%slope(0))
    if (.not. allocated(own%bend)) allocate (own%bend(size(x), 0))
    if (.not. allocated(own%place)) allocate (own%place(0), own%origin(0))
-   associate (numbers => [step%load, real(step%step, wp), real(step%steps, wp), &
-      & real(step%iterations, wp), step%gradient, step%step_norm, step%min_j, step%max_j, worst, &
-      & own%held, real(own%halvings, wp), x, own%slope, own%bend, own%place, own%origin])
-      write (self%unit, iostat=stat) size(x), size(own%slope), size(own%bend, 2), &
-         & size(own%place), len(self%lines), allocated(step%carried), sum(numbers), &
-         & sum_of(self%lines)
-      write (self%unit, iostat=stat) numbers, self%lines
-   end associate
-   flush (self%unit, iostat=stat)
+   call write_record(self%unit, [size(x), size(own%slope), size(own%bend, 2), size(own%place), &
+      & merge(1, 0, allocated(step%carried))], [step%load, real(step%step, wp), &
+      & real(step%steps, wp), real(step%iterations, wp), step%gradient, step%step_norm, &
+      & step%min_j, step%max_j, worst, own%held, real(own%halvings, wp), x, own%slope, own%bend, &
+      & own%place, own%origin], self%lines)
    self%steps = self%steps + 1
    self%lines = ''
 end subroutine add_step
@@ -133,11 +136,13 @@ subroutine read_journal(self, path, folder, error)
    character(len=*), intent(in) :: folder
    !> Error handling: what no journal of this version holds
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: lines
+   character(len=:), allocatable :: lines, text
    character(len=len(mark)) :: first
+   real(wp), allocatable :: numbers(:)
+   integer, allocatable :: n(:)
    integer(i8) :: bytes
-   integer :: length, n(5), stat, step, unit
-   logical :: sound
+   integer :: length, stat, step, unit
+   logical :: whole
 
    allocate (self%load(0), self%step(0), self%worst(3, 0))
    self%history = ''
@@ -145,27 +150,24 @@ subroutine read_journal(self, path, folder, error)
    ! opening a pipe, which has no length, would wait for its other end
    inquire (file=path, size=bytes)
    if (bytes < len(mark)) return
-   open (newunit=unit, file=path, form='unformatted', status='old', action='read', iostat=stat)
+   open (newunit=unit, file=path, form='unformatted', access='stream', status='old', &
+      & action='read', iostat=stat)
    if (stat /= 0) return
    read (unit, iostat=stat) first
-   sound = stat == 0 .and. first == mark
-   n = 0
-   ! a run that was killed at once has no more
-   read (unit, iostat=stat) n
-   ! what the file has not would hardly fit into memory
-   sound = sound .and. all(n >= 0) &
-      & .and. sum(real(n(:3), wp)) + 24.0_wp*sum(real(n(4:), wp)) <= bytes
-   if (.not. sound) call fatal_error(error, err_file, path//': is damaged, or another version ' &
-      & //'wrote it; run again without --resume')
-   if (stat == 0 .and. sound) then
-      allocate (character(len=n(1)) :: self%deck)
-      allocate (character(len=n(2)) :: self%overrides)
-      allocate (character(len=n(3)) :: self%approximation)
-      allocate (self%source(3, n(4)), self%points(3, n(5)))
-      read (unit, iostat=stat) self%deck, self%overrides, self%approximation, self%source, &
-         & self%points
-      do while (stat == 0)
-         call read_step(self, unit, stat)
+   call read_record(unit, n, numbers, text, whole)
+   if (stat /= 0 .or. first /= mark .or. (.not. whole .and. bytes > len(mark))) then
+      call fatal_error(error, err_file, path//': is damaged, or another version ' &
+         & //'wrote it; run again without --resume')
+   else if (whole) then
+      self%deck = text(:n(1))
+      self%overrides = text(n(1) + 1:n(1) + n(2))
+      self%approximation = text(n(1) + n(2) + 1:)
+      self%source = reshape(numbers(:3*n(3)), [3, n(3)])
+      self%points = reshape(numbers(3*n(3) + 1:), [3, size(numbers)/3 - n(3)])
+      do while (whole)
+         inquire (unit=unit, pos=self%behind)
+         call read_record(unit, n, numbers, text, whole)
+         if (whole) call add_read_step(self, n, numbers, text)
       end do
    end if
    close (unit)
@@ -180,32 +182,72 @@ subroutine read_journal(self, path, folder, error)
    end do
 end subroutine read_journal
 
-!> Read a load step
-subroutine read_step(self, unit, stat)
-   class(run_type), intent(inout) :: self
+!> Write a record: sizes and checksum, numbers and a text. A full disk is an error of the results,
+!> which are in the same folder
+subroutine write_record(unit, n, numbers, text)
    integer, intent(in) :: unit
-   !> Not 0 where there is no whole one
-   integer, intent(out) :: stat
+   !> Whole numbers
+   integer, intent(in) :: n(:)
+   !> Numbers
+   real(wp), intent(in) :: numbers(:)
+   character(len=*), intent(in) :: text
+   integer :: stat
+
+   write (unit, iostat=stat) size(n), size(numbers), len(text), checksum(n, numbers, text), n, &
+      & numbers, text
+   flush (unit, iostat=stat)
+end subroutine write_record
+
+!> Read a record
+subroutine read_record(unit, n, numbers, text, whole)
+   integer, intent(in) :: unit
+   !> Whole numbers
+   integer, allocatable, intent(out) :: n(:)
+   !> Numbers
+   real(wp), allocatable, intent(out) :: numbers(:)
+   character(len=:), allocatable, intent(out) :: text
+   !> Whether there is one, and its checksum is right
+   logical, intent(out) :: whole
+   integer(i8) :: bytes, expected, position
+   integer :: sizes(3), stat
+
+   read (unit, iostat=stat) sizes, expected
+   inquire (unit=unit, size=bytes, pos=position)
+   whole = stat == 0 .and. all(sizes >= 0)
+   ! sizes that were damaged would hardly fit into memory
+   if (whole) whole = sum(int(sizes, i8)*[4_i8, 8_i8, 1_i8]) <= bytes - position + 1
+   if (.not. whole) return
+   allocate (n(sizes(1)), numbers(sizes(2)))
+   allocate (character(len=sizes(3)) :: text)
+   read (unit, iostat=stat) n, numbers, text
+   whole = stat == 0 .and. checksum(n, numbers, text) == expected
+end subroutine read_record
+
+!> Checksum of a record
+integer(i8) function checksum(n, numbers, text)
+   integer, intent(in) :: n(:)
+   real(wp), intent(in) :: numbers(:)
+   character(len=*), intent(in) :: text
+
+   checksum = rkf_checksum([size(n), size(numbers), len(text), n], (size(n) + 3)*4_c_size_t, &
+      & 0_i8)
+   checksum = rkf_checksum(numbers, size(numbers)*8_c_size_t, checksum)
+   checksum = rkf_checksum(transfer(text, 'a', len(text)), len(text, c_size_t), checksum)
+end function checksum
+
+!> Add a load step that was read
+subroutine add_read_step(self, n, numbers, lines)
+   class(run_type), intent(inout) :: self
+   !> Unknowns, slopes, changes of state, places, and 1 where the iteration carries something
+   integer, intent(in) :: n(5)
+   !> Numbers as they were written
+   real(wp), intent(in) :: numbers(:)
+   !> Lines of its history
+   character(len=*), intent(in) :: lines
    type(step_type) :: step
    type(carried_type) :: own
-   character(len=:), allocatable :: lines
-   real(wp), allocatable :: numbers(:)
-   real(wp) :: check
-   integer :: changes, length, letters, n, o, places, slopes
-   integer(i8) :: bytes
-   logical :: carries
+   integer :: o
 
-   read (unit, iostat=stat) n, slopes, changes, places, length, carries, check, letters
-   if (stat /= 0) return
-   inquire (unit=unit, size=bytes)
-   if (min(n, slopes, changes, places, length) < 0 .or. 8.0_wp*(real(n, wp)*(1 + changes) + slopes &
-      & + 2.0_wp*places) + length > bytes) stat = 1
-   if (stat /= 0) return
-   allocate (numbers(numbers_of_step + n*(1 + changes) + slopes + 2*places))
-   allocate (character(len=length) :: lines)
-   read (unit, iostat=stat) numbers, lines
-   if (stat == 0 .and. (abs(sum(numbers) - check) > 0.0_wp .or. sum_of(lines) /= letters)) stat = 1
-   if (stat /= 0) return
    step%load = numbers(1)
    step%step = nint(numbers(2))
    step%steps = nint(numbers(3))
@@ -216,28 +258,23 @@ subroutine read_step(self, unit, stat)
    step%max_j = numbers(8)
    own%held = numbers(12)
    own%halvings = nint(numbers(13))
-   o = numbers_of_step + n
-   if (slopes > 0) own%slope = numbers(o + 1:o + slopes)
-   o = o + slopes
-   if (changes > 0) own%bend = reshape(numbers(o + 1:o + n*changes), [n, changes])
-   o = o + n*changes
-   if (places > 0) own%place = numbers(o + 1:o + places)
-   if (places > 0) own%origin = numbers(o + places + 1:o + 2*places)
-   if (carries) step%carried = own
-   self%step = [self%step, step]
-   self%load = [self%load, step%load]
-   if (.not. allocated(self%x)) allocate (self%x(n, 0))
-   self%x = reshape([self%x, numbers(numbers_of_step + 1:numbers_of_step + n)], &
-      & [n, size(self%load)])
+   associate (x => n(1), slopes => n(2), changes => n(3), places => n(4))
+      o = numbers_of_step + x
+      if (slopes > 0) own%slope = numbers(o + 1:o + slopes)
+      o = o + slopes
+      if (changes > 0) own%bend = reshape(numbers(o + 1:o + x*changes), [x, changes])
+      o = o + x*changes
+      if (places > 0) own%place = numbers(o + 1:o + places)
+      if (places > 0) own%origin = numbers(o + places + 1:o + 2*places)
+      if (n(5) == 1) step%carried = own
+      self%step = [self%step, step]
+      self%load = [self%load, step%load]
+      if (.not. allocated(self%x)) allocate (self%x(x, 0))
+      self%x = reshape([self%x, numbers(numbers_of_step + 1:numbers_of_step + x)], &
+         & [x, size(self%load)])
+   end associate
    self%worst = reshape([self%worst, numbers(9:11)], [3, size(self%load)])
    self%history = self%history//lines
-end subroutine read_step
-
-pure integer function sum_of(text)
-   character(len=*), intent(in) :: text
-   integer :: i
-
-   sum_of = sum([(ichar(text(i:i)), i=1, len(text))])
-end function sum_of
+end subroutine add_read_step
 
 end module rk_journal
