@@ -326,7 +326,10 @@ def test_what_voxels_leave_open_is_not_promised() -> None:
     with bar(accuracy=0.05) as opened:
         found = solved(opened, error=True)
     assert found.bar("force") > 0.08 * abs(found.last()["force"])
-    assert "is not met: the voxels leave 8 % open, however many" in found.states.reasons[-1]
+    assert (
+        "is not met: the voxels leave an uncertainty of 8 %, however many"
+        in found.states.reasons[-1]
+    )
 
 
 @pytest.mark.parametrize(

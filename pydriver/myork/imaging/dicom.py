@@ -345,7 +345,7 @@ def dicom_files(folder: Path) -> list[DicomFile]:
         files = [file for file in found if file is not None]
         if files:
             return files
-    raise FileError(f"{folder}: holds no DICOM images")
+    raise FileError(f"{folder}: contains no DICOM images")
 
 
 def _read(dicom: Any, path: Path) -> DicomFile | None:

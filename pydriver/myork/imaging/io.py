@@ -94,7 +94,7 @@ def read_labels(
         if len(broken):
             first = tuple(broken[0].tolist())
             raise InputError(
-                f"{path}: a label map must hold whole numbers, but {len(broken)} voxels hold "
+                f"{path}: a label map must contain integers, but {len(broken)} voxels hold "
                 f"others, first {data[first]:.10g} in voxel {first}; threshold a probability map "
                 "before"
             )
