@@ -525,7 +525,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    else
       associate (bars => self%bars)
          allocate (upper(size(bars%change)))
-         ! what is small among its kind does not speak against the rest
+         ! a probe that is small relative to its kind is no reason against the rest
          upper = most*(bars%kind/max(bars%size, tiny(1.0_wp)))
          ! at the surface the other form may be the one that is off
          if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)

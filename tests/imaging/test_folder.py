@@ -99,9 +99,9 @@ def test_echoes_of_a_tree_and_what_is_refused(tmp_path):
     order = [deck.read_text().index(f"sub-01_echo-{k}_part-mag") for k in (1, 2, 10)]
     assert order == sorted(order) and "water and fat of 3 echoes" in lines[1]
     touched(tmp_path / "sub-02" / "sub-02_T1w.nii.gz", tmp_path / "other" / "scan.nii")
-    said = "holds 2 subjects or visits; name the folder of one"
+    said = "contains 2 subjects or visits; give the folder of one"
     refuses(said, deck_of_folder, tmp_path, tmp_path)
-    said = "holds no image whose name or header says what it is"
+    said = "contains no image that can be identified"
     refuses(said, deck_of_folder, tmp_path / "other", tmp_path)
 
 

@@ -60,7 +60,7 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
     visits = sorted(names - {""})
     if len(visits) > 1:
         raise InputError(
-            f"{folder}: holds {len(visits)} subjects or visits; name the folder of one, such as "
+            f"{folder}: contains {len(visits)} subjects or visits; give the folder of one, such as "
             f"{folder / visits[0]}"
         )
 
