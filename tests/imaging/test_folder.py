@@ -121,7 +121,7 @@ def test_runs_visits_and_tables_of_the_root(tmp_path):
         touched(visit / "anat" / name)
     touched(visit / "anat" / "sub-01_ses-2_run-2_T1w.nii.gz")
     touched(study / "sub-01" / "ses-1" / "anat" / "sub-01_ses-1_T1w.nii.gz")
-    refuses("name the folder of one, such as .*sub-01/ses-1", deck_of_folder, study, tmp_path)
+    refuses("give the folder of one, such as .*sub-01/ses-1", deck_of_folder, study, tmp_path)
     deck, lines = deck_of_folder(visit, tmp_path)
     assert "water and fat of 3 echoes" in lines[1] and "run-1_echo-1" in lines[1]
     assert deck.read_text().count("run-2") == 0

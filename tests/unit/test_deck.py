@@ -398,7 +398,7 @@ def test_arrays_have_limits(write: Write) -> None:
     (b'title = "a"\n# caf\xe9 \n', "case.toml:2:"),
     (b"PK\x03\x04\x00\x00", "case.toml:1:3: not TOML: "),
     (b"[[load]]\nsteps = 3\n", "case.toml:1: load: is a single table: write [load] instead of [[l"),
-    (b"[material]\n", "case.toml:1: material: there may be several, write [[material]] inst"),
+    (b"[material]\n", "case.toml:1: material: is an array of tables: write [[material]] inst"),
     (b"\nload = 3\n", "case.toml:2: load: must be a table [load], not an integer"),
     (b"[load.steps]\nx = 1\n", "case.toml:1: load.steps: must be an integer, not a table"),
     # slips have a cure
