@@ -729,7 +729,7 @@ pure function sentence(self) result(text)
    integer :: i
 
    text = trim(verdict_names(self%state))
-   if (self%state == accepted) text = text//' (numerical error; fibers and attachments are yours)'
+   if (self%state == accepted) text = text//' (numerical error only, not fibers or attachments)'
    if (len(self%reasons) == 0) return
    text = text//': '
    do i = 1, len(self%reasons) - 1

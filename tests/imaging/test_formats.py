@@ -157,7 +157,7 @@ def test_the_list_of_images_is_that_of_the_page(tmp_path):
     for k, (time, word) in enumerate(product((1.23, 2.46), kinds)):
         plain |= {"EchoTime": time, "ImageType": kinds[word]}
         series(folder, np.arange(30.0) * 4, uid, 30 * k, **plain)
-    shown = refuses("holds", read_image, folder).replace(f"{folder}", folder.name)
+    shown = refuses("contains", read_image, folder).replace(f"{folder}", folder.name)
     page = Path(__file__).parents[2] / "docs/imaging.md"
     assert f"```text\n{shown}\n```" in page.read_text(encoding="utf-8")
 
@@ -225,7 +225,9 @@ def test_diffusion_series_of_the_makers(tmp_path, maker):
     stack(tmp_path / "scan", values, OBLIQUE, maker=maker, number=7, weighting=table)
     # a second series beside it has to be chosen
     series(tmp_path / "scan", first=100, SeriesNumber=1)
-    refuses(r"(?s)holds 2 images.*scan:series=7 .*3 slices x 7", read_diffusion, tmp_path / "scan")
+    refuses(
+        r"(?s)contains 2 images.*scan:series=7 .*3 slices x 7", read_diffusion, tmp_path / "scan"
+    )
     keys = {"dwi": "scan:series=7", "gradient_axes": "x y z"}
     found = read_tensors(keys, tmp_path)
     assert sorted(found.tensor.data.shape[:3]) == [3, 12, 16]

@@ -562,5 +562,5 @@ def test_an_accepted_answer_is_not_called_ambiguous(inputs: Path, tmp_path: Path
     assert verdict["state"] == "accepted"
     assert ["loses ellipticity" in text for text in verdict["reasons"]] == [True]
     last = done.stdout.splitlines()[-1]
-    assert last.startswith("accepted (numerical error; fibers and attachments are yours): ")
+    assert last.startswith("accepted (numerical error only, not fibers or attachments): ")
     assert "loses ellipticity" in last and "unique" not in done.stdout

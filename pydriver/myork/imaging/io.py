@@ -94,9 +94,9 @@ def read_labels(
         if len(broken):
             first = tuple(broken[0].tolist())
             raise InputError(
-                f"{path}: a label map must contain integers, but {len(broken)} voxels hold "
-                f"others, first {data[first]:.10g} in voxel {first}; threshold a probability map "
-                "before"
+                f"{path}: a label map must contain integers, but {len(broken)} voxels contain "
+                f"other values, the first is {data[first]:.10g} in voxel {first}; threshold a "
+                "probability map before"
             )
         data = whole
     if data.min() < 0:

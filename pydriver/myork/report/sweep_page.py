@@ -216,7 +216,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
     ]
     if bars:
         lines.append(
-            Markup("Error bars: {} % of the largest value at most").format(
+            Markup("Error bars: at most {} % of the largest value").format(
                 number(100.0 * max(bars), 2)
             )
         )
