@@ -32,7 +32,7 @@ def spread(first: str, last: str) -> set[str]:
     return {f"{chapter}.{i}" for i in range(int(low), int(last.split(".")[1]) + 1)}
 
 
-def rows() -> Iterator[tuple[set[str], str]]:
+def rows() -> Iterator[set[str]]:
     for line in (ROOT / "docs/equations.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 3 and re.match(NUMBER, cells[0]):
@@ -40,38 +40,13 @@ def rows() -> Iterator[tuple[set[str], str]]:
             for part in cells[0].split(","):
                 ends = part.strip().split("-")
                 numbers |= spread(ends[0], ends[-1])
-            yield numbers, cells[2]
-
-
-def cited(path: Path) -> set[str]:
-    """Equations that a file cites: (5.76), (5.78a), (5.1)-(5.5) and (5.1) to (5.5)."""
-    numbers: set[str] = set()
-    text = re.sub(r"\n\s*(!>|!|#)?\s*", " ", path.read_text())
-    one = rf"\(({NUMBER})[a-e]?\)"
-    for first, last in re.findall(rf"{one}(?:(?:-| to | and ){one})?", text):
-        numbers |= spread(first, last or first) if first[0] == (last or first)[0] else {first}
-        numbers.add(last or first)
-    return numbers
+            yield numbers
 
 
 def test_every_equation_has_one_row() -> None:
-    found = [number for numbers, _ in rows() for number in numbers]
+    found = [number for numbers in rows() for number in numbers]
     wanted = {f"{chapter}.{i}" for chapter, n in LAST.items() for i in range(1, n + 1)}
     assert sorted(found) == sorted(wanted)
-
-
-def test_named_files_cite_their_equations() -> None:
-    wrong = []
-    for numbers, where in rows():
-        files = re.findall(r"`([\w/.]+\.(?:f90|py|toml|c))`", where)
-        if not files and not re.match(r"(not needed|open): \w+", where):
-            wrong.append(f"{sorted(numbers)}: no file and no reason in {where!r}")
-        wrong += [
-            f"{name} cites none of {sorted(numbers)}"
-            for name in files
-            if not cited(ROOT / name) & numbers
-        ]
-    assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.slow
