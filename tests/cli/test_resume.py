@@ -15,8 +15,7 @@ from myork.cli import main
 from myork.errors import FileError
 from myork.stations.solve import run_deck
 from myork.summary import read_summary
-from tests.refusals import refuses
-from tests.scenes import box, held, scene, start, stop_behind
+from tests.scenes import box, held, refuses, scene, start, stop_behind
 
 MUSCLE = scene(
     "rkpm-gauss", box(5, 5, 7, size=[1, 1, 2], places=(7, 7, 9)),

@@ -17,8 +17,7 @@ from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.model_file import write_model
 from myork.stations.solve import find_executable
-from tests.refusals import refuses
-from tests.scenes import deck_file, myork
+from tests.scenes import deck_file, myork, refuses
 from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
 
 PATIENCE = 60

@@ -9,7 +9,7 @@ from myork.errors import InputError
 from myork.imaging.dixon import echo, fat_factors, separate, separate_many, water_and_fat
 from myork.records import Image
 from myork.segmentation.scores import dice
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 SPACING = np.array([1.5, 1.5, 6.0])
 

@@ -18,8 +18,7 @@ from benchmarks.truths.compiled import fiber_curves
 from myork.core import material as cm
 from myork.core.deck import load_deck
 from myork.errors import MyorkError
-from tests.refusals import refuses
-from tests.scenes import PLANES, box, derivative, gripped, probes, scene, solved
+from tests.scenes import PLANES, box, derivative, gripped, probes, refuses, scene, solved
 
 
 def made(name, K, model="polynomial", **parameters):

@@ -20,8 +20,18 @@ from myork.model_file import write_model
 from myork.records import PointCloud, Voxels
 from myork.results import Results
 from myork.stations.solve import run_deck
-from tests.refusals import refuses
-from tests.scenes import LINEAR, MUSCLE, box, deck_file, execute, held, scene, start, stop_behind
+from tests.scenes import (
+    LINEAR,
+    MUSCLE,
+    box,
+    deck_file,
+    execute,
+    held,
+    refuses,
+    scene,
+    start,
+    stop_behind,
+)
 
 LOADS = [0.0, 1 / 3, 2 / 3, 1.0]
 DIRECTION = [0.0, 0.6, 0.8]
