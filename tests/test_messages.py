@@ -10,6 +10,7 @@ _SPEC = importlib.util.spec_from_file_location("list_of_messages", _FILE)
 assert _SPEC is not None and _SPEC.loader is not None
 _LIST = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(_LIST)
+_MESSAGES = _LIST.messages()
 
 
 @pytest.mark.parametrize(
@@ -26,7 +27,7 @@ _SPEC.loader.exec_module(_LIST)
     ],
 )
 def test_lists_messages_of_all_languages(file: str, message: str) -> None:
-    assert message in _LIST.messages()[file]
+    assert message in _MESSAGES[file]
 
 
 def test_words_of_the_field_stand_in_messages() -> None:
@@ -34,7 +35,7 @@ def test_words_of_the_field_stand_in_messages() -> None:
     avoided = ("foretold", "led astray", "that is none", "as they are")
     found = [
         f"{file}: {text}"
-        for file, texts in _LIST.messages().items()
+        for file, texts in _MESSAGES.items()
         for text in texts
         if any(word in text for word in avoided)
     ]

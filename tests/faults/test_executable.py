@@ -44,6 +44,7 @@ def limited(size: int) -> dict[str, Callable[[], None]]:
     return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
 
 
+@pytest.mark.slow
 def test_many_names_take_little_memory(model: Path) -> None:
     """20,000 names, each of which took the room of all of them: 4 GB."""
     names = "z0\nz1\n" + "\n".join(f"set {i}" for i in range(20_000))

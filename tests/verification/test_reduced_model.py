@@ -361,6 +361,7 @@ def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path:
     assert float(row["reaction"]) == pytest.approx(state.force, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_not_varied_has_the_end_of_its_amplitude(tmp_path: Path) -> None:
     """Of an activation that falls to half, and of sides that the amplitude of the plate holds."""
     deck = programme(tmp_path / "half.toml", 0.5)

@@ -65,6 +65,7 @@ def test_a_strip_pressed_between_glued_ends_is_within_its_bars() -> None:
     assert found == pytest.approx(-11.3558, abs=states.probe_errors[-1, 0, 0] + 0.0051)
 
 
+@pytest.mark.slow
 def test_part_of_a_side_is_held_to_its_border() -> None:
     """A pad pressed into a sheet: finite elements have a force of 9.197, 9.101 and 9.040 on finer
     and finer meshes that end at its border. Held at source points it was 3 to 9 % low. On points

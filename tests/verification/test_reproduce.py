@@ -118,6 +118,7 @@ def test_wrong_numbers_are_refused(name: str, says: str, tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Constants of the deck, published rates, and times of two iterations, from the command."""
     assert main(["reproduce", "5.2", "4.1", "figure-5.2", "--out", str(tmp_path)]) == 0

@@ -528,6 +528,7 @@ def plates(geometry: Any, layer: str, mu: float = 0.5, ends: str = "y0 y1") -> d
     return gripped("rkpm-gauss", geometry, materials, ends, f"f force_x {ends[-2:]}", u_x=0.05)
 
 
+@pytest.mark.slow
 def test_a_sheet_between_two_planes_is_no_stiffer_than_it_is() -> None:
     # kinks cannot resolve less than 1.5 spacings: with them 9 x 9 points had 1.70, accepted
     found, fine = (
