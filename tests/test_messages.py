@@ -13,19 +13,13 @@ _SPEC.loader.exec_module(_LIST)
 _MESSAGES = _LIST.messages()
 
 
-@pytest.mark.parametrize(
-    ("file", "message"),
-    [
-        (
-            "fortran/scene/rk_cloud.f90",
-            "normal of boundary entry {i} at {points} is not a unit vector",
-        ),
-        ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
-        ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
-        ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),
-        ("pydriver/myork/studies/identify.py", "{path}: standard errors must be above 0"),
-    ],
-)
+@pytest.mark.parametrize(("file", "message"), [
+    ("fortran/scene/rk_cloud.f90", "normal of boundary entry {i} at {points} is not a unit vector"),
+    ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
+    ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
+    ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),
+    ("pydriver/myork/studies/identify.py", "{path}: standard errors must be above 0"),
+])  # fmt: skip
 def test_lists_messages_of_all_languages(file: str, message: str) -> None:
     assert message in _MESSAGES[file]
 

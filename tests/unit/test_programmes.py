@@ -266,15 +266,12 @@ def test_images_on_turned_grids_are_turned() -> None:
     assert cloud.activation[cloud.points[:, 0] > cloud.points[:, 0].mean()].mean() > 0.8
 
 
-@pytest.mark.parametrize(
-    ("tables", "what"),
-    [
-        (grip(CALF | {"activation": "1.5*x"}), "must be between 0 and 1"),
-        (grip(CALF | {"activation": "1/x"}), "is not finite"),
-        (grip(CALF | {"activation": "x +"}), "is not an expression"),
-        (grip(CALF | {"activation": "x"}, "rkcm"), "an expression is only for scene.method ="),
-    ],
-)
+@pytest.mark.parametrize(("tables", "what"), [
+    (grip(CALF | {"activation": "1.5*x"}), "must be between 0 and 1"),
+    (grip(CALF | {"activation": "1/x"}), "is not finite"),
+    (grip(CALF | {"activation": "x +"}), "is not an expression"),
+    (grip(CALF | {"activation": "x"}, "rkcm"), "an expression is only for scene.method ="),
+])  # fmt: skip
 def test_fields_that_cannot_be(tables: dict[str, Any], what: str) -> None:
     said = refused(tables)
     assert what in said and "activation" in said

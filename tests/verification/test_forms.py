@@ -246,10 +246,8 @@ FIBERS = {
     "solid rubber": (3, RUBBER),
     "plane muscle": (2, {**MUSCLE, "fiber": [0.5, 0.8, 0.0]}),
     "fibers leave the plane": (2, {**MUSCLE, "fiber": [0.3, 0.5, 0.8]}),
-    "plane rubber": (2, RUBBER),
-    "solid, infinite K": (3, RIGID),
-    "plane, infinite K": (2, RIGID),
-}
+    "plane rubber": (2, RUBBER), "solid, infinite K": (3, RIGID), "plane, infinite K": (2, RIGID),
+}  # fmt: skip
 
 
 def clamped(nd, method, material, **tables):

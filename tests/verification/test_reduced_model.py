@@ -66,17 +66,13 @@ OTHER = BLOCK["material"][0] | {"name": "other", "activation": 0.2, "where": "x 
 TWO = {**BLOCK, "material": [*BLOCK["material"], OTHER]}
 
 
-@pytest.mark.parametrize(
-    ("tables", "change"),
-    [
-        (BLOCK, []),
-        (TWO, []),
-        (BLOCK, ["scene.method=rkpm-gauss", "approximation.order=1"]),
-        (BLOCK, ["material.muscle.A30=0.3", "material.muscle.A21=0.2", "material.muscle.A12=0.1",
-                 "material.muscle.A03=0.05", "material.muscle.curve=published"]),
-        (BLOCK, ["scene.method=rkpm-gauss", "material.muscle.lambda_o=0.9", "load.activation=0"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tables", "change"), [
+    (BLOCK, []), (TWO, []),
+    (BLOCK, ["scene.method=rkpm-gauss", "approximation.order=1"]),
+    (BLOCK, ["material.muscle.A30=0.3", "material.muscle.A21=0.2", "material.muscle.A12=0.1",
+             "material.muscle.A03=0.05", "material.muscle.curve=published"]),
+    (BLOCK, ["scene.method=rkpm-gauss", "material.muscle.lambda_o=0.9", "load.activation=0"]),
+])  # fmt: skip
 def test_all_cells_are_the_full_model(tables: dict[str, Any], change: list[str]) -> None:
     """Residual, reaction and tangent of all cells are those of the full model, projected."""
     with Scene.from_tables(tables, overrides=change) as scene:
@@ -298,36 +294,30 @@ def test_the_regression_alone_is_rough_and_one_correction_is_better(rom: Reduced
         rom.batch(values, corrections=-1)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"activation": 0.1}, "no value for boundary.z1.u_z"),
-        ({"activation": 0.1, "u_z": 0.0, "K": 3.0}, "K: not a parameter of this reduced model"),
-        ({"material.K": 3.0}, "material.muscle.K: not a parameter of this reduced model"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ({"activation": 0.1}, "no value for boundary.z1.u_z"),
+    ({"activation": 0.1, "u_z": 0.0, "K": 3.0}, "K: not a parameter of this reduced model"),
+    ({"material.K": 3.0}, "material.muscle.K: not a parameter of this reduced model"),
+])  # fmt: skip
 def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         rom.solve(**given)
 
 
-@pytest.mark.parametrize(
-    ("ranges", "change", "message"),
-    [
-        ({}, [], "needs parameters"),
-        ({"material.muscle.lambda_o": (0.9, 1.1)}, [], "cannot vary it"),
-        ({"material.mu": (1.0, 2.0)}, [], "name one material that has it"),
-        ({"boundary.z1.u_q": (0, 1)}, [], "unknown key; did you mean 'u_x'"),
-        ({"boundary.z0.radial": (0, 1)}, [], "prescribes no such value"),
-        ({"load.activation": (0.0, 1.5)}, [], "between 0 and 1"),
-        ({"load.activation": (1.0, 0.0)}, [], "a range needs LOW < HIGH, not 1.0 and 0.0"),
-        ({"material.K": (1e3, 1e4), "material.muscle.K": (1e3, 1e4)}, [], "named twice"),
-        (RANGES, ["scene.method=rkcm-mixed"], "one of the Galerkin forms"),
-        (RANGES, ["material.muscle.K=inf"], "finite bulk moduli"),
-        (RANGES, ["boundary.z1.pressure=1"], "boundary.pressure: reduced models do not support it"),
-        (RANGES, ["galerkin.essential=transformation"], "prescribed by the penalty"),
-    ],
-)
+@pytest.mark.parametrize(("ranges", "change", "message"), [
+    ({}, [], "needs parameters"),
+    ({"material.muscle.lambda_o": (0.9, 1.1)}, [], "cannot vary it"),
+    ({"material.mu": (1.0, 2.0)}, [], "name one material that has it"),
+    ({"boundary.z1.u_q": (0, 1)}, [], "unknown key; did you mean 'u_x'"),
+    ({"boundary.z0.radial": (0, 1)}, [], "prescribes no such value"),
+    ({"load.activation": (0.0, 1.5)}, [], "between 0 and 1"),
+    ({"load.activation": (1.0, 0.0)}, [], "a range needs LOW < HIGH, not 1.0 and 0.0"),
+    ({"material.K": (1e3, 1e4), "material.muscle.K": (1e3, 1e4)}, [], "named twice"),
+    (RANGES, ["scene.method=rkcm-mixed"], "one of the Galerkin forms"),
+    (RANGES, ["material.muscle.K=inf"], "finite bulk moduli"),
+    (RANGES, ["boundary.z1.pressure=1"], "boundary.pressure: reduced models do not support it"),
+    (RANGES, ["galerkin.essential=transformation"], "prescribed by the penalty"),
+])  # fmt: skip
 def test_what_cannot_be_trained(deck, ranges, change, message) -> None:
     with pytest.raises(InputError, match=message):
         ReducedModel.train(deck, ranges, overrides=change)

@@ -139,17 +139,14 @@ STRONG = {**RUBBER, "scene": {"dimension": 3, "method": "rkcm"}}
 RIGID = {**RUBBER, "material": [{**RUBBER["material"][0], "K": float("inf")}]}
 
 
-@pytest.mark.parametrize(
-    ("deck", "projection", "why"),
-    [
-        # modes of displacement and pressure side by side need not be stable
-        (RIGID, "auto", "K = inf.*finite K"),
-        (STRONG, "galerkin", "projection: .*least-squares"),
-        (RUBBER, "least-squares", 'projection: .*by "galerkin"'),
-        (WAVE, "galerkin", "more equations than unknowns"),
-        (WAVE.with_name("poisson_1d.toml"), "auto", "made of nonlinear problems"),
-    ],
-)
+@pytest.mark.parametrize(("deck", "projection", "why"), [
+    # modes of displacement and pressure side by side need not be stable
+    (RIGID, "auto", "K = inf.*finite K"),
+    (STRONG, "galerkin", "projection: .*least-squares"),
+    (RUBBER, "least-squares", 'projection: .*by "galerkin"'),
+    (WAVE, "galerkin", "more equations than unknowns"),
+    (WAVE.with_name("poisson_1d.toml"), "auto", "made of nonlinear problems"),
+])  # fmt: skip
 def test_reductions_that_cannot_be(open_scene, deck, projection, why):
     scene = open_scene(deck)
     with pytest.raises(InputError, match=why):
@@ -289,15 +286,12 @@ def test_a_model_of_few_snapshots_is_judged_at_all_steps(tmp_path) -> None:
     assert min(first["e1"], last["e1"]) > 1e-6 and first["e1"] != last["e1"]
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"every": 7}, r"rom.every = 7: none of the 6 steps is a snapshot"),
-        ({"steps": [2, 9]}, r"rom.steps: 9 is asked for, but there are 6 load steps"),
-        ({"modes": [4], "every": 2}, r"4 modes are asked for, but 3 load steps give at most 3"),
-        ({"projection": "galerkin"}, r"rom.projection: unknown key"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"every": 7}, r"rom.every = 7: none of the 6 steps is a snapshot"),
+    ({"steps": [2, 9]}, r"rom.steps: 9 is asked for, but there are 6 load steps"),
+    ({"modes": [4], "every": 2}, r"4 modes are asked for, but 3 load steps give at most 3"),
+    ({"projection": "galerkin"}, r"rom.projection: unknown key"),
+])  # fmt: skip
 def test_impossible_snapshots_are_refused_before_a_solve(change, message, tmp_path) -> None:
     with pytest.raises(InputError, match=message):
         chosen(change, tmp_path)

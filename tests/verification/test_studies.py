@@ -115,20 +115,17 @@ def test_measurements_with_errors(deck: Path, trained: Path, tmp_path: Path) -> 
 HEAD = "load.activation,u_z,reaction"
 
 
-@pytest.mark.parametrize(
-    ("text", "free", "message"),
-    [
-        ("load.activation,u_z,push\n0.1,0,1\n", "sigma_max", "no column has the name of a probe"),
-        ("load.activation,reaction\n0.1,1\n", "sigma_max", "needed for boundary.z1.u_z"),
-        (f"{HEAD}\n0.1,0,x\n", "sigma_max", "'x' is not a number"),
-        (f"{HEAD}\n0.1,0\n", "sigma_max", "row 1 has 2 fields"),
-        (f"sigma_max,{HEAD}\n30,0.1,0,1\n", "sigma_max", "is fitted"),
-        (f"{HEAD}\n,0,1\n", "sigma_max", "needs a number for each key"),
-        (f"{HEAD},reaction_error\n0.1,0,1,0\n", "sigma_max", "above 0"),
-        (f"{HEAD}\n0.1,0,1\n", "sigma_max=3", "KEY=LOW:HIGH is needed"),
-        (f"{HEAD}\n0.1,0,1\n", "K=1:2", "K: not a parameter"),
-    ],
-)
+@pytest.mark.parametrize(("text", "free", "message"), [
+    ("load.activation,u_z,push\n0.1,0,1\n", "sigma_max", "no column has the name of a probe"),
+    ("load.activation,reaction\n0.1,1\n", "sigma_max", "needed for boundary.z1.u_z"),
+    (f"{HEAD}\n0.1,0,x\n", "sigma_max", "'x' is not a number"),
+    (f"{HEAD}\n0.1,0\n", "sigma_max", "row 1 has 2 fields"),
+    (f"sigma_max,{HEAD}\n30,0.1,0,1\n", "sigma_max", "is fitted"),
+    (f"{HEAD}\n,0,1\n", "sigma_max", "needs a number for each key"),
+    (f"{HEAD},reaction_error\n0.1,0,1,0\n", "sigma_max", "above 0"),
+    (f"{HEAD}\n0.1,0,1\n", "sigma_max=3", "KEY=LOW:HIGH is needed"),
+    (f"{HEAD}\n0.1,0,1\n", "K=1:2", "K: not a parameter"),
+])  # fmt: skip
 def test_wrong_data(trained, tmp_path, text, free, message):
     data = tmp_path / "data.csv"
     data.write_text(text)

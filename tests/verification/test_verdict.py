@@ -212,18 +212,15 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("deck", "overrides", "reference"),
-    [
-        ("uniaxial_tension", ("scene.method=rkcm",), {"stress": 107185.0}),
-        ("uniaxial_tension", GAUSS, {"stress": 107185.0}),
-        ("uniaxial_compression", ("scene.method=rkcm-mixed",), {"stress": -7309.62}),
-        ("shear_2d", ("scene.method=rkcm-mixed", *lattice([17, 5])), {"top_force": 247.93}),
-        ("shear_2d", (*GAUSS, *lattice([17, 5])), {"top_force": 247.93}),
-        ("tube", ("scene.method=rkcm-mixed", *lattice([5, 26]), "material.K=1e3"),
-         {"radial_stress": -15.588823}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("deck", "overrides", "reference"), [
+    ("uniaxial_tension", ("scene.method=rkcm",), {"stress": 107185.0}),
+    ("uniaxial_tension", GAUSS, {"stress": 107185.0}),
+    ("uniaxial_compression", ("scene.method=rkcm-mixed",), {"stress": -7309.62}),
+    ("shear_2d", ("scene.method=rkcm-mixed", *lattice([17, 5])), {"top_force": 247.93}),
+    ("shear_2d", (*GAUSS, *lattice([17, 5])), {"top_force": 247.93}),
+    ("tube", ("scene.method=rkcm-mixed", *lattice([5, 26]), "material.K=1e3"),
+     {"radial_stress": -15.588823}),
+])  # fmt: skip
 def test_right_answers_are_accepted_and_covered(inputs, deck, overrides, reference):
     states, found = solved(inputs / f"{deck}.toml", *overrides)
     assert states.verdict == "accepted", states.reasons
