@@ -9,13 +9,12 @@ import pytest
 
 from myork import Scene, build, load_deck, run_deck
 from myork.core.deck import table_defaults
-from myork.errors import InputError
 from myork.imaging.geometry import canonical
 from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
 from myork.records import Image, Labels, PointCloud
 from tests import scenes
-from tests.scenes import box, gripped, held, refused, scene, voxels
+from tests.scenes import box, gripped, held, refused, refuses, scene, voxels
 
 RAMP = {"name": "pull", "time": [0, 1], "value": [0, 1]}
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0}
@@ -288,8 +287,7 @@ def test_activations_of_points_that_cannot_be() -> None:
     ):
         tables = model_tables(method, activation=1.0)
         assert message in refused(tables, replace(plain, activation=values))
-    with pytest.raises(InputError, match=r"activation must lie between 0 and 1, but is 2"):
-        bar(2.0)
+    refuses(r"activation must lie between 0 and 1, but is 2", bar, 2.0)
 
 
 def steps(deck: Path, out: Path, *overrides: str) -> dict[str, np.ndarray]:

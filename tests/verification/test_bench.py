@@ -24,6 +24,7 @@ from myork.bench.runs import read_deck
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError
+from tests.scenes import refuses
 
 pytestmark = pytest.mark.nightly
 
@@ -44,16 +45,14 @@ def quick(name: str, folder: Path) -> dict[str, Any]:
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no benchmark 'linaer'; there are linear"):
-        run_benches(["linaer"], tmp_path)
+    refuses("no benchmark 'linaer'; there are linear", run_benches, ["linaer"], tmp_path)
 
 
 def test_without_a_checkout_there_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither here nor around the environment that runs."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.prefix", str(tmp_path / ".venv"))
-    with pytest.raises(InputError, match="linear: benchmarks belong to a checkout"):
-        run_benches(["linear"], tmp_path)
+    refuses("linear: benchmarks belong to a checkout", run_benches, ["linear"], tmp_path)
 
 
 def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,11 +14,11 @@ from benchmarks.truths.bodies import box, graded, jittered, stretched
 from myork import Scene
 from myork.bench.materials import MUSCLE, RUBBER
 from myork.core import material as core_material
-from myork.errors import InputError, MyorkError
+from myork.errors import MyorkError
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from tests import scenes
-from tests.scenes import check_strong_rows
+from tests.scenes import check_strong_rows, refuses
 
 CUBE = (1.0, 1.0, 1.0)
 LAW = core_material.Material(**MUSCLE, curve="smooth")
@@ -149,8 +149,7 @@ def test_an_island_that_nothing_holds() -> None:
 def test_more_than_any_memory_holds_is_refused() -> None:
     tables = scenes.scene("rkcm", scenes.box(400, 400, 400), material=[RUBBER],
                           boundary=[scenes.held("x0")])  # fmt: skip
-    with pytest.raises(MyorkError, match=r"the model needs about .* GB"):
-        Scene.from_tables(tables)
+    refuses(r"the model needs about .* GB", Scene.from_tables, tables, kind=MyorkError)
 
 
 def test_spacing_of_scattered_points() -> None:
@@ -162,5 +161,4 @@ def test_spacing_of_scattered_points() -> None:
     np.testing.assert_allclose(spacing[0], 0.5 * np.sqrt(2))
     drawn = source_spacing(lattice * [1.0, 1.0, 20.0], np.array([0.5, 0.5, 10.0]))
     np.testing.assert_allclose(drawn[inside], np.tile([0.5, 0.5, 10.0], (inside.sum(), 1)))
-    with pytest.raises(InputError, match="too few"):
-        source_spacing(lattice[:2])
+    refuses("too few", source_spacing, lattice[:2])

@@ -19,7 +19,7 @@ from myork.rom import projection
 from myork.rom.check import compare
 from myork.rom.map import map_model
 from myork.rom.marks import LOST
-from tests.scenes import contracting, deck_file, probes, rows_of, solved
+from tests.scenes import contracting, deck_file, probes, refuses, rows_of, solved
 
 BLOCK = contracting(
     4, 4, 6,
@@ -106,8 +106,7 @@ def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
     ends = [BLOCK["boundary"][0], BLOCK["boundary"][1] | turned]
     path = deck_file(tmp_path / "turning.toml", {**BLOCK, "boundary": ends})
     key = "boundary.z1.rotation"
-    with pytest.raises(InputError, match=rf"{key}: reduced models support it as a parameter"):
-        ReducedModel.train(path, RANGES)
+    refuses(rf"{key}: reduced models support it as a parameter", ReducedModel.train, path, RANGES)
     ranges = {"load.activation": (0.0, 0.6), key: (-25.0, 25.0), "boundary.z1.u_z": (-0.1, 0.2)}
     rom = ReducedModel.train(path, ranges, full_solves=20, tests=6, threads=1)
     c = rom.certificate
@@ -290,8 +289,7 @@ def test_the_regression_alone_is_rough_and_one_correction_is_better(rom: Reduced
     assert np.abs(once.force - exact.force).max() < 0.02 * np.abs(exact.force).max()
     assert np.isfinite(rough.force).all() and not rough.converged.any()
     assert not once.converged.any() and exact.converged.all()
-    with pytest.raises(InputError, match="corrections must be"):
-        rom.batch(values, corrections=-1)
+    refuses("corrections must be", rom.batch, values, corrections=-1)
 
 
 @pytest.mark.parametrize(("given", "message"), [
@@ -319,8 +317,7 @@ def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) 
     (RANGES, ["galerkin.essential=transformation"], "prescribed by the penalty"),
 ])  # fmt: skip
 def test_what_cannot_be_trained(deck, ranges, change, message) -> None:
-    with pytest.raises(InputError, match=message):
-        ReducedModel.train(deck, ranges, overrides=change)
+    refuses(message, ReducedModel.train, deck, ranges, overrides=change)
 
 
 def programme(path: Path, end: float) -> Path:
@@ -365,8 +362,7 @@ def test_what_is_not_varied_has_the_end_of_its_amplitude(tmp_path: Path) -> None
 
 def test_what_has_no_effect_at_the_end_is_not_varied(tmp_path: Path) -> None:
     deck = programme(tmp_path / "back.toml", 0.0)
-    with pytest.raises(InputError, match=r"z1\.u_z: its amplitude ends at 0.*; leave it out"):
-        ReducedModel.train(deck, RANGES)
+    refuses(r"z1\.u_z: its amplitude ends at 0.*; leave it out", ReducedModel.train, deck, RANGES)
 
 
 @pytest.mark.slow
@@ -393,13 +389,11 @@ def test_where_the_full_model_is_unstable_nothing_is_certified(deck: Path, tmp_p
 
 def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     """Any damage: tests/faults."""
-    with pytest.raises(FileError, match="no such reduced model"):
-        ReducedModel.load(tmp_path / "none.rom.h5")
+    refuses("no such reduced model", ReducedModel.load, tmp_path / "none.rom.h5", kind=FileError)
     damaged = Path(shutil.copy(trained, tmp_path))
     with h5py.File(damaged, "r+") as file:
         file.attrs["format"] = np.bytes_("myork-rom 2")
-    with pytest.raises(InputError, match="'myork-rom 2', not 'myork-rom 7'; train it again"):
-        ReducedModel.load(damaged)
+    refuses("'myork-rom 2', not 'myork-rom 7'; train it again", ReducedModel.load, damaged)
     # numbers, shapes and types are under the checksum
     for change in (np.negative, lambda a: a.reshape(a.shape[::-1]), lambda a: a.view(np.int64)):
         shutil.copy(trained, damaged)
@@ -407,8 +401,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
             values = file["online/h"][()]
             del file["online/h"]
             file["online/h"] = change(values)
-        with pytest.raises(FileError, match="its content is damaged"):
-            ReducedModel.load(damaged)
+        refuses("its content is damaged", ReducedModel.load, damaged, kind=FileError)
 
 
 def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
@@ -432,8 +425,7 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
         (deck, [*given, "material.muscle.K=100"], "not a parameter of this reduced"),
         (other, given, "was trained on another deck"),
     ):
-        with pytest.raises(InputError, match=message):
-            sweep(of, vary, tmp_path / "none", model=trained, overrides=overrides)
+        refuses(message, sweep, of, vary, tmp_path / "none", model=trained, overrides=overrides)
 
 
 @pytest.mark.slow

@@ -16,9 +16,10 @@ from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Run
 from myork.bench.reproduce import FAR, RUNS, find_tables, list_tables, reproduce
 from myork.cli import main
 from myork.console import ProgressCallback, silent
-from myork.errors import ConvergenceError, InputError
+from myork.errors import ConvergenceError
 from myork.files import INPUTS
 from myork.rom.study import gradient_error
+from tests.scenes import refuses
 
 ROOT = Path(__file__).parents[2]
 #: Last numbers of the tables and figures of each chapter, by the lists at the dissertation's front
@@ -110,8 +111,7 @@ def test_numbers_and_names() -> None:
     ("tabel 6.8", r"the nearest are 6\.8, .*`myork reproduce --list`"),
 ])  # fmt: skip
 def test_wrong_numbers_are_refused(name: str, says: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=says):
-        reproduce([name], tmp_path / "out")
+    refuses(says, reproduce, [name], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -15,7 +15,6 @@ from benchmarks.truths.exact import inner_stress
 from myork import Scene
 from myork.bench import materials
 from myork.bench.materials import RUBBER
-from myork.errors import InputError
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud, Voxels
 from tests import scenes
@@ -28,6 +27,7 @@ from tests.scenes import (
     loaded,
     neo,
     probes,
+    refuses,
     scene,
     slip,
     solved,
@@ -278,8 +278,7 @@ def test_tangent_where_only_a_part_has_fibers(open_plates):
 
 
 def test_strong_forms_refuse_fibers_that_jump(open_plates):
-    with pytest.raises(InputError, match="interface_fibers: only for .* rkpm-gauss; here"):
-        open_plates("own", method="rkcm")
+    refuses("interface_fibers: only for .* rkpm-gauss; here", open_plates, "own", method="rkcm")
 
 
 def squeezed(bulk, layers):

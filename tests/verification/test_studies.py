@@ -16,7 +16,7 @@ from myork.records import Labels
 from myork.studies import identify, uncertainty
 from myork.studies.forward import open_forward, ranges_of
 from myork.studies.uncertainty import Doubt, perturbed
-from tests.scenes import contracting, deck_file, held, probes, rows_of, solved
+from tests.scenes import contracting, deck_file, held, probes, refuses, rows_of, solved
 
 BLOCK = contracting(3, 3, 5, probe=probes("reaction force_z z1", "belly u 1 0.5 1"))
 RANGES = {"load.activation": (0.0, 0.8), "boundary.z1.u_z": (-0.1, 0.2)}
@@ -129,8 +129,7 @@ HEAD = "load.activation,u_z,reaction"
 def test_wrong_data(trained, tmp_path, text, free, message):
     data = tmp_path / "data.csv"
     data.write_text(text)
-    with pytest.raises(InputError, match=message):
-        identify(trained, data, [free], tmp_path / "out", threads=1)
+    refuses(message, identify, trained, data, [free], tmp_path / "out", threads=1)
 
 
 def test_ranges(trained: Path, deck: Path) -> None:
@@ -140,11 +139,9 @@ def test_ranges(trained: Path, deck: Path) -> None:
     assert list(ranges_of(full, ["material.K=1:2"])) == ["material.muscle.K"]
     for of, twice in ((forward, ["activation", "load.activation=0:1"]),
                       (full, ["material.K=1:2", "material.1.K=1:2"])):  # fmt: skip
-        with pytest.raises(InputError, match="named twice"):
-            ranges_of(of, twice)
+        refuses("named twice", ranges_of, of, twice)
     full.close()
-    with pytest.raises(InputError, match="is not a number"):
-        open_forward(trained, ["activation=much"])
+    refuses("is not a number", open_forward, trained, ["activation=much"])
 
 
 def cylinder() -> Labels:

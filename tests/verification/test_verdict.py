@@ -33,6 +33,7 @@ from tests.scenes import (
     held,
     neo,
     probes,
+    refuses,
     scene,
 )
 
@@ -183,8 +184,7 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
     assert states.verdict == "refused"
     # they do not converge, or end in another state
     assert any("in smaller load steps it" in reason for reason in states.reasons)
-    with pytest.raises(ConvergenceError, match="did not converge at load 0.6"):
-        solved(tables, "load.steps=3")
+    refuses("did not converge at load 0.6", solved, tables, "load.steps=3", kind=ConvergenceError)
 
 
 def test_a_branch_that_is_lost_ends_the_halving() -> None:
@@ -193,8 +193,7 @@ def test_a_branch_that_is_lost_ends_the_halving() -> None:
     change += ["material.muscle.A10=4.4", "material.muscle.fiber_angle=1", "load.steps=1"]
     lost = "an unstable equilibrium: the branch is lost"
     with Scene.from_tables(scenes.contracting(4, 4, 6), overrides=change) as scene:
-        with pytest.raises(ConvergenceError, match=lost):
-            scene.solve(error=False)
+        refuses(lost, scene.solve, error=False, kind=ConvergenceError)
         done = scene.states.load[-1]
     assert 0.0 < done < 1.0 and done * 2**7 == pytest.approx(round(done * 2**7), abs=1e-9)
 
@@ -292,8 +291,7 @@ def test_material_inside_out_is_said_of_runs_that_end_early(tmp_path: Path) -> N
 @pytest.mark.filterwarnings("ignore:.* not finite")
 def test_a_probe_without_a_value_is_refused(tmp_path: Path) -> None:
     tables = {**PRESSED, "probe": scenes.probes("s cauchy_xx 0 0")}
-    with pytest.raises(RefusedError, match="probe s is not a finite number"):
-        run_deck(tables, tmp_path)
+    refuses("probe s is not a finite number", run_deck, tables, tmp_path, kind=RefusedError)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["steps"][-1]["probes"] == {"s": None}
     assert solved(tables)[0].reasons == summary["verdict"]["reasons"]
