@@ -11,14 +11,14 @@ import pytest
 
 from benchmarks import runner
 from benchmarks.pivots import PIVOTS, cost
-from benchmarks.problems import BY_NAME, DECKS
+from benchmarks.problems import BY_NAME
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
-from myork.bench import BENCHES, run_benches
+from myork.bench import run_benches
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.console import silent
@@ -137,13 +137,6 @@ def test_compiled_peers_get_the_curves_of_the_core() -> None:
         np.testing.assert_allclose(found, part, rtol=1e-9, atol=1e-9)
 
 
-def test_every_benchmark_is_run_by_a_test() -> None:
-    text = "".join(
-        path.read_text(encoding="utf-8") for path in Path(__file__).parent.parent.rglob("test_*.py")
-    )
-    assert not [name for name in BENCHES if f'"{name}"' not in text]
-
-
 def test_trust(tmp_path: Path) -> None:
     """A cantilever and a clamped beam: no wrong answer is accepted, and `auto` is right."""
     bench = quick("trust", tmp_path)
@@ -193,16 +186,6 @@ def test_certify(tmp_path: Path) -> None:
 
 
 # ---- decks of a new user, and finite elements beside them ----------------------------------------
-
-
-def test_there_are_twenty_and_they_name_nothing() -> None:
-    assert len({problem.name for problem in DECKS}) == 20
-    names = "title", "units", "scene", "geometry", "material", "boundary", "load", "probe"
-    for problem in DECKS:
-        tables = problem.tables
-        assert set(tables) == set(names)
-        assert set(tables["scene"]) == {"dimension"} and set(tables["load"]) == {"activation"}
-        assert not any("curve" in material for material in tables["material"])
 
 
 #: Problems of few cells: words, points of the second solution, values of finer ones and the widest

@@ -18,21 +18,7 @@ from myork.bench.materials import RUBBER
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud, Voxels
 from tests import scenes
-from tests.scenes import (
-    annulus,
-    box,
-    check_strong_rows,
-    gripped,
-    held,
-    loaded,
-    neo,
-    probes,
-    refuses,
-    scene,
-    slip,
-    solved,
-    voxels,
-)
+from tests.scenes import box, gripped, held, neo, probes, refuses, scene, slip, solved, voxels
 
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
 COLLOCATION = pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
@@ -208,7 +194,7 @@ def test_two_tissues_of_one_law_are_one_tissue(open_bar, method):
 @COLLOCATION
 def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar, method):
     active = {**MUSCLE, "activation": 0.7}
-    check_strong_rows(open_bar([SOFT, active], method=method))
+    scenes.check_strong_rows(open_bar([SOFT, active], method=method))
 
 
 @pytest.mark.slow
@@ -414,7 +400,7 @@ _ACTIVE = {**materials.MUSCLE, "fiber": [1, 0, 0]}
 def plate(*source: int, push: str) -> dict[str, Any]:
     """A square that is held at one side and pressed on top."""
     end, wanted = {"traction": ["0", push]}, ("reaction force_y x0", "corner u_y 1 1")
-    return loaded("rkpm-gauss", box(*source), neo(10.0, 40.0), "x0 y1", end, *wanted)
+    return scenes.loaded("rkpm-gauss", box(*source), neo(10.0, 40.0), "x0 y1", end, *wanted)
 
 
 def pull(activation: Any, *source: int, size: Any = (2.0, 1.0), beside: Any = ()) -> float:
@@ -477,7 +463,7 @@ def test_stress_has_the_activation_of_its_own_place(activation, quantity) -> Non
 def test_an_activation_may_be_below_zero_by_a_rounding() -> None:
     # the radius of a point on the inner surface is 1 up to roundings
     tables = scene(
-        "rkpm-gauss", annulus(5, 9, radii=(1.0, 1.5)),
+        "rkpm-gauss", scenes.annulus(5, 9, radii=(1.0, 1.5)),
         material=[{**_ACTIVE, "activation": "0.3*(r-1)"}],
         boundary=[{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}],
     )  # fmt: skip

@@ -21,21 +21,7 @@ from myork.core import material as core_material
 from myork.core.states import States
 from myork.errors import ConvergenceError, InputError, MyorkError, RefusedError
 from tests import scenes
-from tests.scenes import (
-    MUSCLE,
-    RUBBER,
-    Answer,
-    annulus,
-    box,
-    cantilever,
-    execute,
-    gripped,
-    held,
-    neo,
-    probes,
-    refuses,
-    scene,
-)
+from tests.scenes import box, cantilever, execute, gripped, held, neo, probes, refuses, scene
 
 GAUSS = (
     "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",
@@ -44,7 +30,7 @@ GAUSS = (
 TIP = 0.9145
 
 
-def solved(deck: Any, *overrides: str) -> tuple[States, Answer]:
+def solved(deck: Any, *overrides: str) -> tuple[States, scenes.Answer]:
     """States, and the whole answer, with error bars."""
     found = scenes.solved(deck, *overrides, error=True)
     return found.states, found
@@ -62,7 +48,7 @@ def test_collocation_that_bends_is_refused(method):
 def ring(radii: tuple[float, float], source: list[int], material: list[Any], **inner: float) -> Any:
     """A quarter of a ring of two materials with a condition on its bore, in one load step."""
     return scene(
-        "auto", annulus(*source, radii=radii, places=source), material=material,
+        "auto", scenes.annulus(*source, radii=radii, places=source), material=material,
         boundary=[*scenes.PLANES[1::-1], {"set": "inner", **inner}],
         load={"steps": 1, "max_halvings": 3}, probe=scenes.probes("inside u inner"),
     )  # fmt: skip
@@ -99,7 +85,7 @@ def test_three_cells_do_not_refuse_six() -> None:
 def test_a_bar_does_not_depend_on_other_probes() -> None:
     """A stress that four cells do not resolve has a bar from a third solution, for itself."""
     body, end = box(9, 5, 5, size=[2, 1, 0.5]), {"traction": [0, 0, -1.0]}
-    plate = scenes.loaded("rkpm-gauss", body, RUBBER, "x0 z1", end, "tip u 2 0.5 0.25")
+    plate = scenes.loaded("rkpm-gauss", body, scenes.RUBBER, "x0 z1", end, "tip u 2 0.5 0.25")
     bars = []
     for lines in (), ("stress cauchy_xx 0.25 0.5 0.4",):
         found = solved(plate | {"probe": plate["probe"] + probes(*lines)})[1]
@@ -112,7 +98,7 @@ def test_hardly_any_displacement_is_no_doubt() -> None:
     """Between held ends a muscle pulls, and moves by hundredths of what the same stress would
     make of a free one: half as many cells have its force, and a third of that less or more.
     """
-    muscle = {**MUSCLE, "K": 5000.0, "fiber": [1, 0, 0], "activation": "0.15*(y < 0.4)"}
+    muscle = {**scenes.MUSCLE, "K": 5000.0, "fiber": [1, 0, 0], "activation": "0.15*(y < 0.4)"}
     body = box(17, 9, size=[2, 1])
     tables = gripped("rkpm-gauss", body, muscle, "x0 x1", "force force_x x1")
     states, found = solved(tables)
