@@ -76,7 +76,7 @@ TABLES = {
     "damage": ("damage",),
     "echoes": ("echoes",),
     "families": ("families",),
-    "forms": ("walls", "mixed", "across"),
+    "forms": ("walls", "mixed"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
@@ -85,8 +85,6 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
     "forecasts": ("forecasts",),
-    "grids": ("grids",),
-    "paths": ("paths", "folders"),
     "walks": ("walks", "outlines"),
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images

@@ -1,4 +1,4 @@
-"""Draw the rooms of the core into docs/rooms.md, from the sources themselves.
+"""Write the rooms of the core into docs/rooms.md, from the sources themselves.
 
     python tests/draw_rooms.py
 
@@ -19,8 +19,7 @@ _HEAD = """\
 Each folder of sources in `fortran/` is a room: a static library with one purpose. A room uses rooms
 below it, never one above or beside it; `tests/test_layers.py` checks that. This page is
 written by `python tests/draw_rooms.py` from the `use` lines of the sources; nobody edits it, and a
-test compares it with them. A line goes down from a room to one that it uses; lines that follow from
-others are left out, as are those to `base`, which every room uses.
+test compares it with them.
 """
 
 
@@ -48,26 +47,10 @@ def purpose(room: str) -> str:
     return found[1]
 
 
-def direct(used: dict[str, set[str]]) -> list[tuple[str, str]]:
-    """Arrows that do not follow from others."""
-
-    def reached(room: str) -> set[str]:
-        return used[room].union(*(reached(other) for other in used[room]))
-
-    return [
-        (room, other)
-        for room in sorted(used)
-        for other in sorted(used[room] - {"base"})
-        if not any(other in reached(third) for third in used[room] - {other})
-    ]
-
-
 def page() -> str:
     """Text of docs/rooms.md."""
     used = rooms()
-    lines = [_HEAD, "```mermaid", "graph TD"]
-    lines += [f"  {room} --- {other}" for room, other in direct(used)]
-    lines += ["```", "", "| room | holds | uses |", "|---|---|---|"]
+    lines = [_HEAD, "| room | holds | uses |", "|---|---|---|"]
     for room in sorted(used):
         names = ", ".join(f"`{name}`" for name in sorted(used[room]))
         lines.append(f"| `{room}` | {purpose(room)} | {names} |")

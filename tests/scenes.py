@@ -299,8 +299,18 @@ def refused(
     tables: Mapping[str, Any], cloud: PointCloud | None = None, overrides: Iterable[str] = ()
 ) -> str:
     """What is said of tables that cannot be opened."""
-    with pytest.raises(InputError) as caught:
-        Scene.from_tables(tables, cloud, overrides=overrides).close()
+    return refuses(".", lambda: Scene.from_tables(tables, cloud, overrides=overrides).close())
+
+
+def refuses(
+    said: str, call: Callable[..., Any], *args: Any, kind: Any = InputError, **keys: Any
+) -> str:
+    """A call with these arguments ends in an error of a kind, or of one of some, that says so.
+
+    Returns all that it says.
+    """
+    with pytest.raises(kind, match=said) as caught:
+        call(*args, **keys)
     return str(caught.value)
 
 

@@ -1,7 +1,4 @@
-"""What README and docs point to is there: pages, headings, files of the tree, benchmarks.
-
-And what they say was measured names what prints it again.
-"""
+"""What README and docs point to is there: pages, headings, files of the tree, benchmarks."""
 
 import re
 from functools import cache
@@ -65,83 +62,6 @@ def test_paths_and_benchmarks_are_there() -> None:
             unknown = {*names.split()} - {*BENCHES, "all"}
             wrong += [f"{name_of(page)}: myork bench {name}" for name in unknown]
     assert not wrong, "\n".join(wrong)
-
-
-#: Pages of keys, equations and rooms, of changes, and of ways that failed and are not kept
-UNMEASURED = {"decks.md", "equations.md", "rooms.md", "decisions.md", "CHANGELOG.md"}
-#: A number that somebody measured: with decimals, a power of ten, a share or a time
-MEASURED = re.compile(
-    r"(?<![\w.])(?:\d*\.\d+|\d+(?:\.\d+)?e[-+]?\d+|\d+(?:\.\d+)? ?(?:%|ms|s\b|us\b))"
-)
-#: The same in prose, where bare decimals may be sizes, bounds or numbers of equations
-FOUND = re.compile(r"\d*\.?\d+(?:e-\d+| ?(?:%|ms\b|s\b|us\b))")
-#: What prints a number again, or is the code of which it is a constant
-SOURCE = re.compile(
-    r"`(?:[^`\n]*\bmyork (?:bench|reproduce|solve|rom|study|segment|build)\b[^`\n]*"
-    r"|(?:python )?(?:tests|benchmarks)/[\w/]+\.(?:py|f90)[^`\n]*"
-    r"|(?:fortran|pydriver|inputs)/[\w/]+(?:\.\w+)?/?)`"
-)
-
-
-def sections(page: Path) -> list[tuple[str, str]]:
-    """Headings of a page and what stands below each, blocks of code but not formulas."""
-    text = re.sub(r"\$\$.*?\$\$|\$[^$\n]+\$", "", page.read_text(encoding="utf-8"), flags=re.S)
-    shown = re.sub(r"^```(?!\{).*?^```$", "", text, flags=re.M | re.S)
-    parts = re.split(r"^(#+ .*)$", shown, flags=re.M)
-    return [("", parts[0]), *zip(parts[1::2], parts[2::2], strict=True)]
-
-
-def tables(text: str) -> list[str]:
-    """Tables of a text."""
-    return re.findall(r"(?:^\|.*\n)+", text + "\n", flags=re.M)
-
-
-def is_free(text: str, found: int) -> bool:
-    """Whether a section is free of measured tables and of prose with more numbers than `found`."""
-    bare = text
-    for table in tables(text):
-        if len(MEASURED.findall(table)) > 2:
-            return False
-        bare = bare.replace(table, "\n")
-    return all(len(FOUND.findall(part)) <= found for part in re.split(r"\n\s*\n|\n(?=[-*] )", bare))
-
-
-def test_measurements_name_what_prints_them() -> None:
-    """In the section of a table or of numbers in prose, or for the page in its first lines.
-
-    A source is a benchmark, a command or a script, a test that holds the number, or the place of
-    the code whose constant it is.
-    """
-    wrong = []
-    for page in PAGES:
-        if page.suffix != ".md" or page.name in UNMEASURED:
-            continue
-        parts = sections(page)
-        first = "".join(text for _, text in parts[:2])
-        if re.search(rf"(?:tables of this page are printed|Written) by {SOURCE.pattern}", first):
-            continue
-        wrong += [
-            f"{name_of(page)}: no source of the numbers in {heading or 'its beginning'}"
-            for heading, text in parts
-            if not SOURCE.search(text) and not is_free(text, 2)
-        ]
-    assert not wrong, "\n".join(wrong)
-
-
-def test_scripts_have_the_tables_that_pages_name() -> None:
-    """What stands behind the name of a script of benchmarks is a table that it prints."""
-    named = {
-        tuple(found)
-        for page in PAGES
-        for found in re.findall(
-            r"`python (benchmarks/\w+\.py)(?: ([a-z]\w*))?", page.read_text("utf-8")
-        )
-    }
-    assert named
-    for script, table in named:
-        text = (ROOT / script).read_text(encoding="utf-8")
-        known = f"\ndef {table}() -> None:" in text or f'"{table}"' in text
-        assert not table or known, f"{script} prints no {table}"
 
 
 def test_numbers_of_the_readme_are_those_of_the_pages() -> None:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from benchmarks.runner import sized_tables
-from benchmarks.truths.deck_parts import deck, force, held, probe
-from benchmarks.truths.finite_elements import Warp, solve_deck, solve_half_block
+from benchmarks.truths.deck_parts import force
+from benchmarks.truths.finite_elements import solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
 from myork import Scene
-from myork.bench.runs import lattice, read_deck
+from myork.bench.runs import lattice
 from myork.core.deck import load_deck
 from myork.errors import MyorkError
 from myork.files import INPUTS
-from myork.types import F64
 
 #: The head of a table, then its rows
 Rows = Iterator[tuple[str, ...]]
@@ -145,111 +143,3 @@ def mixed() -> Rows:
                 none = abs(truth) < 1e-9 * abs(truth).max()
                 shown = ["" if zero else f"{one:+.2g}" for one, zero in zip(off, none, strict=True)]
                 yield name, f"{level:g}", program, *shown, f"{abs(off[~none]).max():.2g}", *ranges
-
-
-#: Points across the thinnest direction, and the bodies: size, far end, probes by name
-ACROSS = range(4, 13)
-_BODIES: dict[str, tuple[tuple[float, ...], dict[str, Any], dict[str, Any]]] = {
-    "cube between plates": (
-        (1.0, 1.0, 1.0),
-        held("z1", u_z=-0.1),
-        {"bulge": ("u_x", (1.0, 0.5, 0.5)), "force": ("z", "z1")},
-    ),
-    "block pulled": (
-        (2.0, 1.0),
-        held("x1", 2, u_x=0.4),
-        {"neck": ("u_y", (1.0, 1.0)), "force": ("x", "x1")},
-    ),
-    "plate bent": (
-        (6.0, 1.0),
-        {"set": "x1", "traction": [0.0, 0.05]},
-        {"tip": ("u_y", (6.0, 0.5)), "way in": ("u_x", (6.0, 0.5))},
-    ),
-    "column leaning": (
-        (3.0, 1.0),
-        {"set": "x1", "traction": [-0.4, 0.15]},
-        {"lean": ("u_y", (3.0, 0.5)), "shortening": ("u_x", (3.0, 0.5))},
-    ),
-}
-#: Elements across a plane body, and across an eighth of the cube
-_FINE = {2: (16, 24), 3: (4, 6)}
-
-
-def across() -> Rows:
-    """Errors by the number of points across a body, and where they rise.
-
-    Default form on even points, shear modulus 10. Errors [%] against finite elements graded towards
-    the rims (in brackets the change from a coarser mesh), and how many times that of one point less
-    they are, where both are above that change; rises: numbers of points where that is above 1.2.
-    """
-    yield "body", "K/mu", "probe", "truth", *map(str, ACROSS), "rises"
-    for name, (size, far, wanted) in _BODIES.items():
-        near = held("x0", 2) if len(size) == 2 else held("z0")
-        for ratio in (30, 1000):
-            law = {"name": "m", "model": "neo-hookean", "mu": 10.0, "K": 10.0 * ratio}
-            tables = deck(name, _box(size), (law,), (near, far), _probes(wanted))
-            errors: dict[str, list[float]] = {key: [] for key in wanted}
-            truths = _graded(tables) if len(size) == 2 else _eighth(law)
-            for n in ACROSS:
-                source = [1 + round(edge * (n - 1)) for edge in size]
-                with Scene.from_tables(sized_tables(tables, source), threads=1) as scene:
-                    states = scene.solve(error=False)
-                    values = scene.probes(states.x[-1:], states.load[-1:])[-1, :, 0]
-                for key, value in zip(wanted, values, strict=True):
-                    errors[key].append(100 * (value / truths[key][0] - 1))
-            for key, own in errors.items():
-                doubt = 100 * abs(truths[key][1] / truths[key][0])
-                cells, rises = [f"{own[0]:+.2g}"], []
-                for n, before, now in zip(ACROSS[1:], own, own[1:], strict=False):
-                    grown = abs(now / before)
-                    known = min(abs(now), abs(before)) > doubt
-                    cells.append(f"{now:+.2g}" + (f" ({grown:.2g})" if known else ""))
-                    if known and grown > 1.2:
-                        rises.append(str(n))
-                yield (name, str(ratio), key, f"{truths[key][0]:.5g} ({doubt:.1g} %)", *cells,
-                       ", ".join(rises))  # fmt: skip
-
-
-def _box(size: tuple[float, ...]) -> dict[str, Any]:
-    return {"kind": "box", "size": list(size)}
-
-
-def _probes(wanted: dict[str, Any]) -> list[dict[str, Any]]:
-    return [
-        probe(key, quantity, at) if quantity.startswith("u") else force(key, quantity, at)
-        for key, (quantity, at) in wanted.items()
-    ]
-
-
-def _graded(tables: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    """Values of a plane body's probes, and their changes from a coarser mesh."""
-    size = np.array(tables["geometry"]["size"])
-
-    def to_ends(x: F64) -> F64:
-        # elements at the ends are a tenth as long as they would be
-        return np.asarray(x - 0.9 * size * np.sin(2 * np.pi * x / size) / (2 * np.pi))
-
-    return _fine(tables, [[2 * round(n * e / 2) for e in size] for n in _FINE[2]], to_ends)
-
-
-def _eighth(law: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    """The same of the cube, by an eighth of it that begins at its centre."""
-    planes = [{"set": f"{axis}0", f"u_{axis}": 0.0} for axis in "xyz"]
-    wanted = {"bulge": ("u_x", (0.5, 0.0, 0.0)), "force": ("z", "z1")}
-    boundary = (*planes, held("z1", u_z=-0.05))
-    tables = deck("eighth", _box((0.5, 0.5, 0.5)), (law,), boundary, _probes(wanted))
-
-    def to_rim(x: F64) -> F64:
-        return np.asarray(x + 0.4 * np.sin(2 * np.pi * x) / np.pi)
-
-    found = _fine(tables, [[n] * 3 for n in _FINE[3]], to_rim)
-    return {**found, "force": (4.0 * found["force"][0], 4.0 * found["force"][1])}
-
-
-def _fine(
-    tables: dict[str, Any], meshes: list[list[int]], warp: Warp
-) -> dict[str, tuple[float, float]]:
-    """Values of probes on the last mesh, and their changes from the first."""
-    whole = read_deck(sized_tables(tables, [2] * len(meshes[0])))
-    coarse, fine = (solve_deck(whole, mesh, warp=warp, symmetric=True)["probes"] for mesh in meshes)
-    return {key: (fine[key][-1], abs(fine[key][-1] - coarse[key][-1])) for key in fine}

@@ -19,7 +19,7 @@ from myork import _core, cli, run_deck
 from myork.bench import BENCHES
 from myork.errors import InstallationError, cure_of
 from myork.stations import solve
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
 #: Longest wait for a process that has nothing to compute; a failure, not a measurement [s]

@@ -15,8 +15,7 @@ from myork.cli import main
 from myork.errors import FileError
 from myork.stations.solve import run_deck
 from myork.summary import read_summary
-from tests.refusals import refuses
-from tests.scenes import box, held, scene, start, stop_behind
+from tests.scenes import box, held, refuses, scene, start, stop_behind
 
 MUSCLE = scene(
     "rkpm-gauss", box(5, 5, 7, size=[1, 1, 2], places=(7, 7, 9)),
@@ -132,6 +131,7 @@ def test_what_an_iteration_carries_is_resumed(tmp_path, write_deck, name):
         assert_equal(out, tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_read_again(tmp_path, write_deck):
     deck = write_deck(RUBBER)
     run(deck, tmp_path)
@@ -172,6 +172,7 @@ def test_another_deck_is_refused(tmp_path):
     refuses(said, run_deck, other, tmp_path, resume=True)
 
 
+@pytest.mark.slow
 def test_a_state_is_where_another_run_starts(tmp_path):
     """A body has no memory: from there and from rest the same state is found."""
     run_deck(RUBBER, tmp_path / "first", threads=1, error=False)

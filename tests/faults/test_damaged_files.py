@@ -32,8 +32,7 @@ from myork.stations.segment import segment
 from myork.stations.solve import find_executable
 from tests.faults.damage import ARRAY, BYTES, SETTINGS, TEXT, Edit, damaged
 from tests.imaging.test_formats import series
-from tests.refusals import refuses
-from tests.scenes import box, held, probes
+from tests.scenes import box, held, probes, refuses
 from tests.scenes import scene as tables_of
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 

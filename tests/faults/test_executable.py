@@ -17,8 +17,7 @@ from myork.core.deck import load_deck
 from myork.core.scene import Scene
 from myork.model_file import write_model
 from myork.stations.solve import find_executable
-from tests.refusals import refuses
-from tests.scenes import deck_file, myork
+from tests.scenes import deck_file, myork, refuses
 from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
 
 PATIENCE = 60
@@ -45,6 +44,7 @@ def limited(size: int) -> dict[str, Callable[[], None]]:
     return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
 
 
+@pytest.mark.slow
 def test_many_names_take_little_memory(model: Path) -> None:
     """20,000 names, each of which took the room of all of them: 4 GB."""
     names = "z0\nz1\n" + "\n".join(f"set {i}" for i in range(20_000))

@@ -1,71 +1,14 @@
-!> Compressed rows: grouping, transposition, order, elimination order; TAP for `meson test`.
+!> Elimination order of Cuthill and McKee; TAP for `meson test`.
 program test_csr
-   use rk_csr, only : csr_type, group_by, sort
+   use rk_csr, only : csr_type
    use rk_cuthill, only : cuthill_mckee
-   use rk_precision, only : i8
    use tap, only : check, finish
    implicit none
 
-
-   call test_group_by
-   call test_transposed
-   call test_sort
    call test_cuthill_mckee
    call finish()
 
 contains
-
-!> Places of numbers in a list
-subroutine test_group_by
-   type(csr_type) :: places
-
-   call group_by(4, [3, 1, 3, 4, 1, 3], places)
-   call check('offsets count smaller numbers, an empty row as well', &
-      & same(int(places%offset), [0, 2, 2, 5, 6]))
-   call check('places ascend within a number', same(places%index, [2, 5, 1, 3, 6, 4]))
-   call group_by(2, [0, 2, -1, 3, 2], places)
-   call check('numbers out of range are left out', &
-      & same(int(places%offset), [0, 0, 2]) .and. same(places%index, [2, 5]))
-   call group_by(3, [integer ::], places)
-   call check('an empty list', same(int(places%offset), [0, 0, 0, 0]) .and. size(places%index) == 0)
-end subroutine test_group_by
-
-!> A small case by hand
-subroutine test_transposed
-   type(csr_type) :: rows, columns, back
-   integer(i8), allocatable :: entry(:)
-
-   ! the second row is empty, no row holds number 4, the order within rows is not ascending
-   rows = csr_type([0_i8, 3_i8, 3_i8, 5_i8, 6_i8], [5, 1, 3, 3, 2, 1])
-   call rows%transposed(5, columns, entry)
-   call check('rows of each number', same(int(columns%offset), [0, 2, 3, 5, 5, 6]) &
-      & .and. same(columns%index, [1, 4, 3, 1, 3, 1]))
-   call check('where the entries come from', same(int(entry), [2, 6, 5, 3, 4, 1]))
-   call columns%transposed(4, back)
-   call check('twice: the same rows', same(int(back%offset), int(rows%offset)))
-   call check('twice: in ascending order', same(back%index, [1, 3, 5, 2, 3, 1]))
-   rows = csr_type([0_i8], [integer ::])
-   call rows%transposed(2, columns)
-   call check('no rows at all', same(int(columns%offset), [0, 0, 0]) .and. size(columns%index) == 0)
-end subroutine test_transposed
-
-!> Numbers in ascending order
-subroutine test_sort
-   integer :: few(7), none(0), one(1)
-
-   few = [4, -2, 9, 4, 0, 9, 1]
-   call sort(few)
-   call check('sorted, equal ones kept', same(few, [-2, 0, 1, 4, 4, 9, 9]))
-   few = [7, 6, 5, 4, 3, 2, 1]
-   call sort(few)
-   call check('from descending order', same(few, [1, 2, 3, 4, 5, 6, 7]))
-   call sort(few)
-   call check('sorted ones stay', same(few, [1, 2, 3, 4, 5, 6, 7]))
-   one = 3
-   call sort(one)
-   call sort(none)
-   call check('one number and none', same(one, [3]))
-end subroutine test_sort
 
 !> A strip of 3 x 12 nodes and one of 3 x 5, numbered without any order, have their nodes along each
 !> strip again
@@ -113,14 +56,5 @@ pure logical function meet(node, across)
    meet = abs(column(1) - column(2)) <= 1 .and. abs(row(1) - row(2)) <= 1 &
       & .and. ((column(1) < 12) .eqv. (column(2) < 12))
 end function meet
-
-!> Equal in length and numbers
-pure logical function same(a, b)
-   !> Lists
-   integer, intent(in) :: a(:), b(:)
-
-   same = size(a) == size(b)
-   if (same) same = all(a == b)
-end function same
 
 end program test_csr

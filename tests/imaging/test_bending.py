@@ -14,7 +14,7 @@ from myork.segmentation.bending import bend_labels
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from tests.images import affine_of, save, segmented
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 
 def one_slice(image):

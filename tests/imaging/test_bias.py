@@ -10,7 +10,7 @@ from myork.records import Image
 from myork.segmentation import shading as module
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import check_positive, joint_variation, shading, variation_doubt
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 
 def shaded(ends, beside, *, slices=slice(1, 2), size=(160, 160, 3), spacing=(0.8, 0.8, 40.0)):

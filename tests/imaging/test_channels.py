@@ -10,7 +10,7 @@ from myork.records import Labels
 from myork.segmentation.channels import noise_level, noise_weight
 from myork.segmentation.scores import dice
 from tests.images import centred, labels_in, save, segmented
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 SIZE = (48, 48, 3)
 AFFINE = np.diag([1.5, 1.5, 6.0, 1.0])

@@ -15,7 +15,7 @@ from myork.imaging.phantom import make_phantom
 from myork.model.fibers import fiber_field
 from myork.records import Image
 from tests.images import angle, phantom_dwi
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from myork.errors import InputError
 from myork.imaging.dixon import echo, fat_factors, separate, separate_many, water_and_fat
 from myork.records import Image
 from myork.segmentation.scores import dice
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 SPACING = np.array([1.5, 1.5, 6.0])
 
@@ -138,6 +138,7 @@ def test_what_cannot_be_separated_is_refused():
         echo(np.ones(2), np.array([0.0, 1e6]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rim", [5.0, 2.0])
 @pytest.mark.parametrize(("times", "strength"), [
     ((1.2, 2.2, 3.2, 4.2, 5.2, 6.2), 3.0), ((1.15, 2.3, 3.45, 4.6, 5.75, 6.9), 1.5),
@@ -165,6 +166,7 @@ def test_many_echoes_part_what_two_do_not(times, strength, rim):
         water_and_fat(images[0][:2], images[1][:1], body)
 
 
+@pytest.mark.slow
 def test_phases_that_wrap_between_echoes_of_a_strong_shim_error():
     """200 Hz either way: turns over the gap of the pair."""
     times = (1.3, 2.9, 4.2, 5.6)

@@ -19,8 +19,7 @@ from myork.model.slices import extruded
 from myork.records import Image, Labels
 from myork.stations.build import build
 from tests.images import affine_of, angle, built, centred, phantom_dwi, save
-from tests.refusals import refuses
-from tests.scenes import held, scene
+from tests.scenes import held, refuses, scene
 
 #: Voxels of thick slices [mm]
 SLICES = (1.5, 1.5, 5.0)

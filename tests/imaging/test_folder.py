@@ -28,7 +28,7 @@ from myork.stations.folder import deck_of_folder
 from myork.stations.new import new_deck
 from myork.summary import read_summary
 from tests.images import affine_of, angle, centred, labels_in, save
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 AFFINE = np.diag([2.0, 2.0, 6.0, 1.0])
 FIBER = np.array([0.0, np.sin(np.radians(20)), np.cos(np.radians(20))])

@@ -18,7 +18,7 @@ from myork.model_file import read_model
 from myork.records import Image, Labels
 from myork.stations.resample import resample
 from tests.images import affine_of, built, save
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 # Turned by 30 degrees about z and with y downwards
 C, S = np.cos(np.radians(30)), np.sin(np.radians(30))

@@ -10,7 +10,7 @@ from myork.segmentation.channels import fiber_channels
 from myork.segmentation.grouping import Muscle, check_seeds, group_by_reference, group_by_rules
 from myork.segmentation.scores import dice, label_scores, pearson
 from myork.stations.segment import segment
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 GRID = Image(np.zeros((8, 4, 1)), np.diag([2.0, 1.0, 1.0, 1.0]), "grid")
 

@@ -17,7 +17,7 @@ from myork.records import Image, Labels
 from myork.stations.build import build
 from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.segment import _times, segment
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 AFFINE = np.array([[-2.0, 0, 0, 10], [0, 3.0, 0, -5], [0, 0, 8.0, 1], [0, 0, 0, 1]])
 

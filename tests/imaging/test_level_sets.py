@@ -12,7 +12,7 @@ from myork.segmentation.regions import otsu, piece_with_seed
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from tests.images import affine_of, centred
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 DEFAULTS = table_defaults("image")
 STEERING = {key: DEFAULTS[key] for key in ("mu", "tolerance", "iterations")}

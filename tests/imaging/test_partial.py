@@ -19,8 +19,7 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.summary import read_summary
 from tests.images import affine_of, save
-from tests.refusals import refuses
-from tests.scenes import scene
+from tests.scenes import refuses, scene
 
 # Anatomy, fat image and image of connective tissue: air, muscle, fat, connective tissue, bone
 SIGNALS = np.array([[0, 0, 0], [400, 40, 250], [1000, 1000, 120], [150, 60, 1000], [60, 20, 700]])

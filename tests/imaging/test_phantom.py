@@ -8,7 +8,7 @@ from benchmarks.truths.scanners import write_gradients
 from myork.errors import FileError
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.phantom import make_phantom
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 
 def mg_area(height, scale=1.0):

@@ -19,7 +19,7 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.summary import read_summary, update_summary
 from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from myork.model.cloud import build_cloud
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.records import Image, Labels
 from tests.images import affine_of, angle, centred
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 TABLE = table_defaults("build")
 MG = {**TABLE, "ids": [1], "collocation_stride": [2, 2, 1], "source_stride": [4, 4, 1]}

@@ -25,7 +25,7 @@ from myork.stations.build import build
 from myork.stations.resample import resample
 from myork.stations.segment import segment
 from tests.images import affine_of, angle, built, save
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
 

@@ -19,7 +19,7 @@ from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import heights_of, random_walk
 from tests.images import affine_of, centred, labels_in, save, segmented
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 SPACING = np.array([1.5, 1.5, 6.0])
 AFFINE = np.diag([*SPACING, 1.0])

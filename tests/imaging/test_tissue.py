@@ -16,7 +16,7 @@ from myork.segmentation.fuzzy import bright_cluster
 from myork.segmentation.leg import _skin, find_bones, leg_tissues
 from myork.segmentation.scores import dice
 from tests.images import affine_of, centred
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 LEAST = 0.8e-3  # of the mean diffusivity of muscle
 

@@ -32,8 +32,8 @@ from myork.report.sources import Deformation, read_folder
 from myork.report.tables import probe_table
 from myork.summary import printed
 from tests.images import affine_of
-from tests.refusals import refuses
 from tests.report.pages import Page, change_summary, grid, lattice_of
+from tests.scenes import refuses
 
 UNITS = {"length": "cm", "stress": "N/cm^2"}
 SECTIONS = ("images", "deformation", "planes", "probes", "rom", "convergence", "run")

@@ -11,8 +11,8 @@ import pytest
 from myork.errors import FileError
 from myork.report import make_report
 from myork.report.sweep_page import Column, trend_figure
-from tests.refusals import refuses
 from tests.report.pages import Page
+from tests.scenes import refuses
 
 
 def force_of(sigma: float, angle: float) -> float:

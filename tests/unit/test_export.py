@@ -13,8 +13,7 @@ from myork import Results, Scene, run_deck
 from myork.errors import InstallationError
 from myork.model_file import write_model
 from myork.stations.export import cells_of, export
-from tests.refusals import refuses
-from tests.scenes import LINEAR, MUSCLE, box, deck_file, gripped, held, scene, staircase
+from tests.scenes import LINEAR, MUSCLE, box, deck_file, gripped, held, refuses, scene, staircase
 
 #: A polynomial of the third order
 THIRD = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 1e3}

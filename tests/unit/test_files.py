@@ -12,7 +12,7 @@ from myork.imaging.io import write_image
 from myork.model_file import write_model
 from myork.records import Image
 from myork.sweeps.store import Store
-from tests.refusals import refuses
+from tests.scenes import refuses
 from tests.unit.test_scene_from_tables import cloud
 
 

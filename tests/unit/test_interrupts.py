@@ -15,7 +15,7 @@ from myork.core.calls import call_in_thread
 from myork.core.scene import Scene
 from myork.errors import StoppedError
 from tests import scenes
-from tests.refusals import refuses
+from tests.scenes import refuses
 
 #: Some tenths of a second in 40 steps: long enough to be interrupted at many places
 LONG = scenes.gripped(
@@ -143,6 +143,7 @@ def test_a_signal_amid_the_import_of_numpy(name):
     code = f"""
 import os, signal, sys
 from myork.cli import main
+from tests.scenes import refuses
 
 class Key:
     def find_spec(self, name, path=None, target=None):

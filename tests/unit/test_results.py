@@ -20,14 +20,14 @@ from myork.model_file import write_model
 from myork.records import PointCloud, Voxels
 from myork.results import Results
 from myork.stations.solve import run_deck
-from tests.refusals import refuses
-from tests.scenes import LINEAR, MUSCLE, box, deck_file, execute, held, scene, start, stop_behind
+from tests import scenes
+from tests.scenes import MUSCLE, box, deck_file, execute, held, refuses, scene, start, stop_behind
 
 LOADS = [0.0, 1 / 3, 2 / 3, 1.0]
 DIRECTION = [0.0, 0.6, 0.8]
 #: A muscle in simple shear u_x = load y, u_z = 2 load y: homogeneous, and F differs from F^T
 DECK = scene(
-    "rkpm-gauss", box(3, 3, 3, size=[1, 2, 3]), title="sample", approximation=LINEAR,
+    "rkpm-gauss", box(3, 3, 3, size=[1, 2, 3]), title="sample", approximation=scenes.LINEAR,
     material=[{**MUSCLE, "fiber": DIRECTION}],
     boundary=[{"set": f"{a}{k}", "u_x": "y", "u_y": 0, "u_z": "2*y"} for a in "xyz" for k in "01"],
     load={"steps": 3, "activation": 0.3}, solver={"tolerance": 1e-10},

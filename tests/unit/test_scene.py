@@ -12,8 +12,7 @@ from benchmarks.truths import bodies
 from myork import Scene
 from myork.errors import ConvergenceError
 from myork.records import PointCloud
-from tests.refusals import refuses
-from tests.scenes import box, held, probes, refused, scene, solved
+from tests.scenes import box, held, probes, refused, refuses, scene, solved
 
 TABLES = scene(
     "rkcm", box(3, 3, 4, size=[1, 1, 2], places=(4, 4, 6)),

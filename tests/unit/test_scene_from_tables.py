@@ -20,8 +20,8 @@ from myork.core.deck import load_deck
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud
 from myork.tables import deck_text
-from tests.refusals import refuses
-from tests.scenes import annulus, box, deck_file, held, loaded, refused, scene, solved, tomllib
+from tests import scenes
+from tests.scenes import box, deck_file, held, loaded, refused, refuses, scene, solved, tomllib
 
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
 CUBE = loaded(
@@ -269,7 +269,7 @@ def test_annulus(inputs: Path) -> None:
     }.items():
         assert any(message in line for line in complaints(inputs / "tube.toml", override)), override
     flat = [{"set": "outer", "radial": 1}, {"set": "y0", "radial": 1}]
-    tables = scene("auto", annulus(3, 5), material=CUBE["material"], boundary=flat)
+    tables = scene("auto", scenes.annulus(3, 5), material=CUBE["material"], boundary=flat)
     assert refused(tables) == "tables: boundary.y0.radial: only on the sets inner and outer"
 
 

@@ -14,8 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse import csr_array
 
 from benchmarks.truths.compiled import shape_functions
-from tests.refusals import refuses
-from tests.scenes import beam, refused
+from tests.scenes import beam, refused, refuses
 
 KERNELS = ("quintic", "cubic")
 WINDOWS = ("product", "radial")

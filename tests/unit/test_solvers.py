@@ -5,8 +5,7 @@ import pytest
 
 from myork.errors import InputError, LinalgError
 from tests.dense import SOLVERS, least_squares
-from tests.refusals import refuses
-from tests.scenes import box, held, scene, solved
+from tests.scenes import box, held, refuses, scene, solved
 
 #: Solvers whose answers are as good as QR's
 ACCURATE = [name for name in SOLVERS if name != "normal"]

@@ -14,8 +14,7 @@ from myork.console import silent
 from myork.core.threads import core_threads
 from myork.errors import MyorkError
 from tests.images import save
-from tests.refusals import refuses
-from tests.scenes import deck_file, scene
+from tests.scenes import deck_file, refuses, scene
 
 
 def test_public_names() -> None:

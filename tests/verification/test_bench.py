@@ -11,19 +11,20 @@ import pytest
 
 from benchmarks import runner
 from benchmarks.pivots import PIVOTS, cost
-from benchmarks.problems import BY_NAME, DECKS
+from benchmarks.problems import BY_NAME
 from benchmarks.runner import WRONG, Truth, Truths, sized_tables
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.peers import _curves
 from benchmarks.voxel_bodies import body_cloud
-from myork.bench import BENCHES, run_benches
+from myork.bench import run_benches
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.console import silent
 from myork.core.material import Material, stress
 from myork.errors import InputError
+from tests.scenes import refuses
 
 pytestmark = pytest.mark.nightly
 
@@ -44,16 +45,14 @@ def quick(name: str, folder: Path) -> dict[str, Any]:
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no benchmark 'linaer'; there are linear"):
-        run_benches(["linaer"], tmp_path)
+    refuses("no benchmark 'linaer'; there are linear", run_benches, ["linaer"], tmp_path)
 
 
 def test_without_a_checkout_there_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither here nor around the environment that runs."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.prefix", str(tmp_path / ".venv"))
-    with pytest.raises(InputError, match="linear: benchmarks belong to a checkout"):
-        run_benches(["linear"], tmp_path)
+    refuses("linear: benchmarks belong to a checkout", run_benches, ["linear"], tmp_path)
 
 
 def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,13 +137,6 @@ def test_compiled_peers_get_the_curves_of_the_core() -> None:
         np.testing.assert_allclose(found, part, rtol=1e-9, atol=1e-9)
 
 
-def test_every_benchmark_is_run_by_a_test() -> None:
-    text = "".join(
-        path.read_text(encoding="utf-8") for path in Path(__file__).parent.parent.rglob("test_*.py")
-    )
-    assert not [name for name in BENCHES if f'"{name}"' not in text]
-
-
 def test_trust(tmp_path: Path) -> None:
     """A cantilever and a clamped beam: no wrong answer is accepted, and `auto` is right."""
     bench = quick("trust", tmp_path)
@@ -194,16 +186,6 @@ def test_certify(tmp_path: Path) -> None:
 
 
 # ---- decks of a new user, and finite elements beside them ----------------------------------------
-
-
-def test_there_are_twenty_and_they_name_nothing() -> None:
-    assert len({problem.name for problem in DECKS}) == 20
-    names = "title", "units", "scene", "geometry", "material", "boundary", "load", "probe"
-    for problem in DECKS:
-        tables = problem.tables
-        assert set(tables) == set(names)
-        assert set(tables["scene"]) == {"dimension"} and set(tables["load"]) == {"activation"}
-        assert not any("curve" in material for material in tables["material"])
 
 
 #: Problems of few cells: words, points of the second solution, values of finer ones and the widest

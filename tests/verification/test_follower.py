@@ -201,17 +201,13 @@ def test_a_spring_whose_other_end_moves():
     assert 0 < found["down"] < g
 
 
-@pytest.mark.parametrize(
-    ("ends", "seen", "value"),
-    [
-        # a bed under an even load moves by traction over stiffness
-        (({"set": "x0", "u_x": 0}, {"set": "y0", "spring": [0, 3]},
-          {"set": "y1", "traction": [0, -0.5]}), "u_y 0 0", -0.5 / 3),
-        # nothing is prescribed at all: the springs bear the whole load
-        (({"set": "x0", "spring": [50, 50]}, {"set": "x1", "traction": [0.5, 0]}),
-         "force_x x0", -0.5),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("ends", "seen", "value"), [
+    # a bed under an even load moves by traction over stiffness
+    (({"set": "x0", "u_x": 0}, {"set": "y0", "spring": [0, 3]},
+      {"set": "y1", "traction": [0, -0.5]}), "u_y 0 0", -0.5 / 3),
+    # nothing is prescribed at all: the springs bear the whole load
+    (({"set": "x0", "spring": [50, 50]}, {"set": "x1", "traction": [0.5, 0]}), "force_x x0", -0.5),
+])  # fmt: skip
 def test_springs_are_supports(ends, seen, value):
     """Springs may be all that holds a body, in a direction or at all."""
     tables = scene(
@@ -234,18 +230,15 @@ def test_a_spring_is_as_stiff_whatever_its_amplitude():
     assert abs(ramp[0]) < 0.7 * abs(ramp[-1])
 
 
-@pytest.mark.parametrize(
-    ("tables", "message"),
-    [
-        (tendon({"set": "z1", "u_z": 0, "tendon": 20, "direction": [0, 0, 1]}),
-         "boundary.z1.u_z: cannot be given"),
-        (pressed({"amplitude": "a", "spring": [1, 1, 1]},
-                 amplitude=[{"name": "a", "time": [0, 1], "value": [0, 1]}]),
-         "nothing here varies with it: the stiffness of a spring or tendon"),
-        # a bed across the way does not keep a body from sliding along it
-        (scene("rkpm-gauss", box(5, 3), material=[neo(2, 200)],
-               boundary=[{"set": "y0", "spring": [0, 3]}]), "free to slide along x"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tables", "message"), [
+    (tendon({"set": "z1", "u_z": 0, "tendon": 20, "direction": [0, 0, 1]}),
+     "boundary.z1.u_z: cannot be given"),
+    (pressed({"amplitude": "a", "spring": [1, 1, 1]},
+             amplitude=[{"name": "a", "time": [0, 1], "value": [0, 1]}]),
+     "nothing here varies with it: the stiffness of a spring or tendon"),
+    # a bed across the way does not keep a body from sliding along it
+    (scene("rkpm-gauss", box(5, 3), material=[neo(2, 200)],
+           boundary=[{"set": "y0", "spring": [0, 3]}]), "free to slide along x"),
+])  # fmt: skip
 def test_conditions_that_cannot_be(tables, message):
     assert message in scenes.refused(tables)

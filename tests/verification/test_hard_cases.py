@@ -113,14 +113,11 @@ def test_full_activation_in_one_step(inputs: Path, form: str, stiff: str) -> Non
     check(found, along_fibers(law, 1.0, 1.0), doubt=doubt, stray=stray)
 
 
-@pytest.mark.parametrize(
-    ("form", "height", "source", "jitter"),
-    [
-        *((form, 1.0, (5, 5, 5), 0.4) for form in FORMS),
-        *((form, 20.0, (5, 5, 5), jitter) for form, jitter in product(WEAK, (0.0, 0.4))),
-        *((form, 0.2, (5, 5, 2), 0.4) for form in WEAK),
-    ],
-)
+@pytest.mark.parametrize(("form", "height", "source", "jitter"), [
+    *((form, 1.0, (5, 5, 5), 0.4) for form in FORMS),
+    *((form, 20.0, (5, 5, 5), jitter) for form, jitter in product(WEAK, (0.0, 0.4))),
+    *((form, 0.2, (5, 5, 2), 0.4) for form in WEAK),
+])  # fmt: skip
 def test_points_off_their_lattice_in_flat_cells_and_two_layers(form, height, source, jitter):
     """Homogeneous tension."""
     law = exact.Polynomial.from_deck(RUBBER)

@@ -34,11 +34,10 @@ def last(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.
     return np.array([value[-1] for value in solved(tables, cloud=cloud).probes.values()])
 
 
-@pytest.mark.parametrize(
-    ("method", "border"),
+@pytest.mark.parametrize(("method", "border"), [
     # facets of nodal cells have two points each: they meet a border to a quarter of a spacing only
-    [("rkpm-gauss", 0.5), ("rkpm-gauss", 0.43), ("rkpm-scni", 0.5)],
-)
+    ("rkpm-gauss", 0.5), ("rkpm-gauss", 0.43), ("rkpm-scni", 0.5),
+])  # fmt: skip
 def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float) -> None:
     """Beam theory holds away from the ends: N = p (1 - b), M = N e, u = -M y^2 / (2 E I)."""
     pad = {"name": "pad", "side": "y1", "where": f"x > {border}"}
@@ -60,19 +59,16 @@ def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float
     assert found["end"] == pytest.approx(-moment * 8**2 / (2 * E / 12), rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("what", "method"),
-    [
-        ({"u_x": 0.1, "u_y": 0.3}, "rkpm-gauss"),
-        ({"u_x": 0.1, "u_y": 0.3}, "rkcm-mixed"),
-        ({"traction": [0.01, 0.02]}, "rkpm-gauss"),
-        ({"traction": [0.01, "0.02*x"]}, "rkcm"),
-        ({"pressure": 0.01}, "rkpm-gauss"),
-        ({"u_x": 0.1, "spring": [0, 2]}, "rkpm-scni"),
-        ({"rotation": 10, "about": [0.5, 8]}, "rkpm-gauss"),
-        ({"u_x": 0.1, "tendon": 2, "direction": [0, 1], "pull": 0.1}, "rkpm-gauss"),
-    ],
-)
+@pytest.mark.parametrize(("what", "method"), [
+    ({"u_x": 0.1, "u_y": 0.3}, "rkpm-gauss"),
+    ({"u_x": 0.1, "u_y": 0.3}, "rkcm-mixed"),
+    ({"traction": [0.01, 0.02]}, "rkpm-gauss"),
+    ({"traction": [0.01, "0.02*x"]}, "rkcm"),
+    ({"pressure": 0.01}, "rkpm-gauss"),
+    ({"u_x": 0.1, "spring": [0, 2]}, "rkpm-scni"),
+    ({"rotation": 10, "about": [0.5, 8]}, "rkpm-gauss"),
+    ({"u_x": 0.1, "tendon": 2, "direction": [0, 1], "pull": 0.1}, "rkpm-gauss"),
+])  # fmt: skip
 def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: str) -> None:
     """To the last bit, for all conditions."""
     points = "geometry.source=[4,13]", "geometry.collocation=[7,25]"
@@ -210,25 +206,22 @@ SIDE = {"name": "pad", "side": "y1"}
 HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
 
 
-@pytest.mark.parametrize(
-    ("sets", "boundary", "what"),
-    [
-        ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
-        ([SIDE, SIDE], {}, "taken already"),
-        ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
-        ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
-        ([SIDE | {"where": "ny < -0.7"}], {}, "`where` leaves 0; coordinates are those of the bod"),
-        ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
-        ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
-        ([SIDE], {"set": "y0", "u_x": 0}, "taken already"),
-        ([HALF], {"set": "pad", "u_x": 0.1},
-         "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
-        ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
-         "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
-        ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
-         "set pad: it holds 1 boundary points, but none of the"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("sets", "boundary", "what"), [
+    ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
+    ([SIDE, SIDE], {}, "taken already"),
+    ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
+    ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
+    ([SIDE | {"where": "ny < -0.7"}], {}, "`where` leaves 0; coordinates are those of the bod"),
+    ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
+    ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
+    ([SIDE], {"set": "y0", "u_x": 0}, "taken already"),
+    ([HALF], {"set": "pad", "u_x": 0.1},
+     "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
+    ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
+     "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
+    ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
+     "set pad: it holds 1 boundary points, but none of the"),
+])  # fmt: skip
 def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: str) -> None:
     tables = column("rkpm-gauss", sets, [boundary] if boundary else [])
     assert what in refused(tables)

@@ -35,16 +35,11 @@ def block(method: str, source: list[int], bulk: float) -> dict:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("method", "bulk", "tolerance"),
-    [
-        ("rkpm-gauss", 50.0, 1e-5),
-        ("rkpm-gauss", float("inf"), 1e-5),
-        ("rkpm-scni", 50.0, 1e-5),
-        # least squares balance forces as well as they can: 4 % on this cloud
-        ("rkcm-mixed", 50.0, 0.06),
-    ],
-)
+@pytest.mark.parametrize(("method", "bulk", "tolerance"), [
+    ("rkpm-gauss", 50.0, 1e-5), ("rkpm-gauss", float("inf"), 1e-5), ("rkpm-scni", 50.0, 1e-5),
+    # least squares balance forces as well as they can: 4 % on this cloud
+    ("rkcm-mixed", 50.0, 0.06),
+])  # fmt: skip
 def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, tolerance):
     found = solved(block(method, [4, 4, 5], bulk)).ends()
     force = found["force1"]
@@ -155,20 +150,16 @@ CUT = {"quantity": "section_force", "normal": [0, 0, 1]}
 OF_FIELDS = {"quantity": "expression", "point": [0.5, 0.5, 1]}
 
 
-@pytest.mark.parametrize(
-    ("tables", "probe", "message"),
-    [
-        (BLOCK, {**CUT, "point": [0.5, 0.5, 3]}, "outside"),
-        (BLOCK, {"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
-        (BLOCK, {**OF_FIELDS, "expression": "u_w + 1"},
-         "unknown name 'u_w' at position 1; names are x, "),
-        (BLOCK, {**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
-        (BLOCK, {**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
-        (SHEET, {"quantity": "torque_x", "set": "x1"}, "torque_x is always zero in two dimensions"),
-        (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]},
-         "unknown name 'J'"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tables", "probe", "message"), [
+    (BLOCK, {**CUT, "point": [0.5, 0.5, 3]}, "outside"),
+    (BLOCK, {"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
+    (BLOCK, {**OF_FIELDS, "expression": "u_w + 1"},
+     "unknown name 'u_w' at position 1; names are x, "),
+    (BLOCK, {**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
+    (BLOCK, {**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
+    (SHEET, {"quantity": "torque_x", "set": "x1"}, "torque_x is always zero in two dimensions"),
+    (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]}, "unknown name 'J'"),
+])  # fmt: skip
 def test_what_a_body_does_not_have_is_no_probe(tables, probe, message):
     assert message in refused(tables | {"probe": [{"name": "p", **probe}]})
 
@@ -237,11 +228,9 @@ def factor(unit: str) -> float:
     return value
 
 
-@pytest.mark.parametrize(
-    ("make", "dimension", "quantities"),
-    [(body, 3, [QUANTITIES]), (body, 2, [PLANE]), (bar, 1, []), (bar, 2, [])],
-    ids=["space", "plane", "line", "linear"],
-)
+@pytest.mark.parametrize(("make", "dimension", "quantities"), [
+    (body, 3, [QUANTITIES]), (body, 2, [PLANE]), (bar, 1, []), (bar, 2, []),
+], ids=["space", "plane", "line", "linear"])  # fmt: skip
 def test_units_tell_how_numbers_change(make, dimension: int, quantities) -> None:
     one, units = numbers(make(dimension, *quantities))
     other, _ = numbers(make(dimension, *quantities, FORCE, LENGTH))

@@ -65,6 +65,7 @@ def test_a_strip_pressed_between_glued_ends_is_within_its_bars() -> None:
     assert found == pytest.approx(-11.3558, abs=states.probe_errors[-1, 0, 0] + 0.0051)
 
 
+@pytest.mark.slow
 def test_part_of_a_side_is_held_to_its_border() -> None:
     """A pad pressed into a sheet: finite elements have a force of 9.197, 9.101 and 9.040 on finer
     and finer meshes that end at its border. Held at source points it was 3 to 9 % low. On points
@@ -201,16 +202,13 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     assert found["reason"] in make_report(tmp_path).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("conditions", "sides"),
-    [
-        ([held("x0", 2)], ["x0", "y0", "y1"]),
-        ([held("patch", 2)], ["x0", "y0", "y1"]),
-        ([held("x0", 2), {"set": "y0", "u_y": 0.0}], ["x0", "y1"]),
-        (scenes.PLANES[:2], []),
-        ([{"set": "y1", "rotation": 0.0, "about": [0, 0]}], ["x0", "x1", "y1"]),
-    ],
-)
+@pytest.mark.parametrize(("conditions", "sides"), [
+    ([held("x0", 2)], ["x0", "y0", "y1"]),
+    ([held("patch", 2)], ["x0", "y0", "y1"]),
+    ([held("x0", 2), {"set": "y0", "u_y": 0.0}], ["x0", "y1"]),
+    (scenes.PLANES[:2], []),
+    ([{"set": "y1", "rotation": 0.0, "about": [0, 0]}], ["x0", "x1", "y1"]),
+])  # fmt: skip
 def test_points_that_are_searched_for_lie_closer_where_clamped_and_free_sides_meet(
     conditions, sides
 ):
@@ -332,13 +330,10 @@ def test_what_voxels_leave_open_is_not_promised() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"refine": {"accuracy": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
-        ({"probe": []}, "refine: needs a probe"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"refine": {"accuracy": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
+    ({"probe": []}, "refine: needs a probe"),
+])  # fmt: skip
 def test_what_cannot_be_refined_is_refused(change, message) -> None:
     assert message in scenes.refused({**cantilever(accuracy=0.01), **change})
 

@@ -25,7 +25,7 @@ from myork.report.sweep_page import read_sweep
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
 from tests import scenes
-from tests.scenes import box, gripped, neo, solved, wait_for
+from tests.scenes import box, gripped, neo, refuses, solved, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 #: A strip that is pulled; quick to solve
@@ -69,28 +69,19 @@ def test_keys_are_those_of_set(deck: Path, tmp_path: Path) -> None:
         (["material.mu=5", f"{MU}=6"], "material.mu and material.rubber.mu are both material"),
         (["material.mv=5"], r"strip.toml: material.mv: unknown key; did you mean"),
     ):
-        with pytest.raises(InputError, match=message):
-            sweep(deck, vary, tmp_path / "out")
+        refuses(message, sweep, deck, vary, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("vary", "message"),
-    [
-        ([], "needs a key to vary"),
-        (["a"], "is needed"),
-        (["a=0:1"], "is needed"),
-        (["a=0:x:3"], "'x' is not a number"),
-        (["a=1,,2"], "a value is missing"),
-        (["a=1,2", "a=3"], "a is given twice"),
-        (["a=lhs(2,1)"], "2 is not below 1"),
-        (["a=lhs(0,1)", "b=sobol(0,1)"], "cannot be mixed"),
-        (["a=0:1:2000", "b=0:1:2000"], "at most 1000000"),
-    ],
-)
+@pytest.mark.parametrize(("vary", "message"), [
+    ([], "needs a key to vary"), (["a"], "is needed"), (["a=0:1"], "is needed"),
+    (["a=0:x:3"], "'x' is not a number"), (["a=1,,2"], "a value is missing"),
+    (["a=1,2", "a=3"], "a is given twice"), (["a=lhs(2,1)"], "2 is not below 1"),
+    (["a=lhs(0,1)", "b=sobol(0,1)"], "cannot be mixed"),
+    (["a=0:1:2000", "b=0:1:2000"], "at most 1000000"),
+])  # fmt: skip
 def test_wrong_plans(vary: list[str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        make_plan(vary)
+    refuses(message, make_plan, vary)
 
 
 @pytest.mark.slow
@@ -263,8 +254,7 @@ def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, de
         sweep(made / deck, vary, out, progress=stop_after_one)
     (made / file).write_bytes(changed)
     name = "deck" if file == deck else rf".*{file}"
-    with pytest.raises(InputError, match=rf"from before {name} changed: put the earlier file"):
-        sweep(made / deck, vary, out)
+    refuses(rf"from before {name} changed: put the earlier file", sweep, made / deck, vary, out)
     assert len(rows_of(out)) == 1
     # the same contents in another place
     (made / file).write_bytes(before)
@@ -282,8 +272,7 @@ def test_files_that_are_varied_are_known_by_their_contents(tmp_path, monkeypatch
     sweep(made / "block.toml", vary, out)
     assert len(rows_of(out)) == 2
     (made / "other.h5").write_bytes(content + b"\n")
-    with pytest.raises(InputError, match=r"before geometry\.file = other\.h5 changed"):
-        sweep(made / "block.toml", vary, out)
+    refuses(r"before geometry\.file = other\.h5 changed", sweep, made / "block.toml", vary, out)
 
 
 #: Of a point that is there already, of none that the sweep has, and of no number

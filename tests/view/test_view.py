@@ -26,8 +26,7 @@ from myork.cli import main
 from myork.stations.solve import run_deck
 from myork.view import still
 from myork.view.answers import FIELDS, Answers, verdict_of
-from tests.refusals import refuses
-from tests.scenes import contracting, deck_file, probes
+from tests.scenes import contracting, deck_file, probes, refuses
 
 pytestmark = pytest.mark.nightly
 
