@@ -55,7 +55,7 @@ module rk_deck
       character(len=:), allocatable :: overrides
    contains
       procedure :: has, given, count => count_entries
-      procedure :: where => where_written, told, complain, locate
+      procedure :: where => where_written, citation, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
@@ -298,7 +298,7 @@ pure recursive function where_written(self, key) result(place)
 end function where_written
 
 !> Where a key was written and its name, as messages begin
-pure function told(self, key) result(text)
+pure function citation(self, key) result(text)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
    character(len=:), allocatable :: text
@@ -313,7 +313,7 @@ pure function told(self, key) result(text)
       if (table > 0) text = self%entry(table)%address//key(index(key, '.', back=.true.):)
    end if
    text = self%where(key)//': '//text
-end function told
+end function citation
 
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
 subroutine complain(self, key, what, error)
@@ -327,7 +327,7 @@ subroutine complain(self, key, what, error)
 
    lines = ''
    if (allocated(error)) lines = error%message//new_line('a')
-   call fatal_error(error, err_input, lines//self%told(key)//': '//what)
+   call fatal_error(error, err_input, lines//self%citation(key)//': '//what)
 end subroutine complain
 
 !> Say where a key stands that an error speaks of, unless the error does so itself
@@ -444,7 +444,7 @@ subroutine set_expression(self, key, text, expression)
    integer :: k
 
    expression%text = text
-   expression%where = self%told(key)
+   expression%where = self%citation(key)
    do k = 1, self%count('table')
       at = 'table.'//to_text(k)
       call self%get(at//'.name', name)

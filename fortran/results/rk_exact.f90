@@ -1,14 +1,13 @@
 !> Exact homogeneous solutions for finite K: the deformation gradient, whatever the material.
 module rk_exact
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_deck_records, only : exact_keys
-   use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_point, material_type
    use rk_precision, only : wp
    use rk_probes, only : quantity
    use rk_scene, only : scene_type
    use rk_states, only : point_state
    use rk_tensor, only : determinant
-   use rk_text, only : to_text
    implicit none
    private
 
@@ -16,30 +15,28 @@ module rk_exact
 
 contains
 
-!> Value of a probe at full load in an exact solution with the material of the first point
-subroutine exact_value(scene, exact, value, error)
+!> Value of a probe at full load in an exact solution with the material of the first point; not a
+!> number where there is none: a change of volume that K = inf does not allow, or no free stretch
+real(wp) function exact_value(scene, exact) result(value)
    type(scene_type), intent(in) :: scene
    !> Solution
    type(exact_keys), intent(in) :: exact
-   real(wp), intent(out) :: value
-   !> Error handling: no root
-   type(error_type), allocatable, intent(out) :: error
    type(point_state) :: local
    real(wp) :: pressure, values(3)
    integer :: i
 
    call exact_deformation(scene%tissue(scene%tissue_of(1))%material, exact%solution, &
-      & exact%amount, scene%cloud%nd, local%f, error)
-   if (allocated(error)) return
+      & exact%amount, scene%cloud%nd, local%f)
    local%j = determinant(local%f)
+   value = local%j
+   if (ieee_is_nan(value)) return
    associate (material => scene%tissue(scene%tissue_of(1))%material, nd => scene%cloud%nd)
       call material%stress(material_point(local%f, scene%cloud%fiber(:, 1), &
          & scene%activation_at(scene%tissue_of(1), 1.0_wp), .not. material%incompressible()), &
          & local%p)
       if (material%incompressible()) then
          if (abs(local%j - 1.0_wp) > sqrt(epsilon(1.0_wp))) then
-            call fatal_error(error, err_input, exact%solution//' changes the volume, which an ' &
-               & //'infinite K does not allow')
+            value = ieee_value(value, ieee_quiet_nan)
             return
          end if
          ! the pressure that frees the last direction, as finite K does; simple shear has none
@@ -54,10 +51,10 @@ subroutine exact_value(scene, exact, value, error)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
    values = quantity(scene%probe(exact%probe)%quantity, local)
    value = values(1)
-end subroutine exact_value
+end function exact_value
 
 !> Deformation gradient of a homogeneous solution
-subroutine exact_deformation(material, solution, amount, nd, f, error)
+subroutine exact_deformation(material, solution, amount, nd, f)
    class(material_type), intent(in) :: material
    !> simple_shear, uniaxial, equibiaxial or dilation
    character(len=*), intent(in) :: solution
@@ -67,7 +64,6 @@ subroutine exact_deformation(material, solution, amount, nd, f, error)
    integer, intent(in) :: nd
    !> F(i, A) [-]
    real(wp), intent(out) :: f(3, 3)
-   type(error_type), allocatable, intent(out) :: error
    integer :: i
 
    f = 0.0_wp
@@ -79,11 +75,11 @@ subroutine exact_deformation(material, solution, amount, nd, f, error)
       f(1, 2) = amount
    case ('uniaxial')
       f(1, 1) = amount
-      call free_stretch(material, f, 2, nd, error)
+      call free_stretch(material, f, 2, nd)
    case ('equibiaxial')
       f(1, 1) = amount
       f(2, 2) = amount
-      if (nd == 3) call free_stretch(material, f, 3, nd, error)
+      if (nd == 3) call free_stretch(material, f, 3, nd)
    case ('dilation')
       do i = 1, nd
          f(i, i) = amount
@@ -91,8 +87,9 @@ subroutine exact_deformation(material, solution, amount, nd, f, error)
    end select
 end subroutine exact_deformation
 
-!> Stretch of directions first..nd that makes them free of stress, by bisection in its logarithm
-subroutine free_stretch(material, f, first, nd, error)
+!> Stretch of directions first..nd that makes them free of stress, by bisection in its logarithm;
+!> not a number where none does
+subroutine free_stretch(material, f, first, nd)
    class(material_type), intent(in) :: material
    !> Diagonal deformation gradient; the free entries are set [-]
    real(wp), intent(inout) :: f(3, 3)
@@ -100,7 +97,6 @@ subroutine free_stretch(material, f, first, nd, error)
    integer, intent(in) :: first
    !> Last free direction
    integer, intent(in) :: nd
-   type(error_type), allocatable, intent(out) :: error
    real(wp) :: low, high, middle
    integer :: k
 
@@ -115,8 +111,7 @@ subroutine free_stretch(material, f, first, nd, error)
    low = middle - 1.0_wp
    high = middle + 1.0_wp
    if (stress_at(low)*stress_at(high) > 0.0_wp) then
-      call fatal_error(error, err_input, 'no stretch makes the free directions stress free at ' &
-         & //to_text(f(1, 1)))
+      f(first, first) = ieee_value(middle, ieee_quiet_nan)
       return
    end if
    do k = 1, 80

@@ -1,6 +1,6 @@
 !> summary.json of a solve.
 module rk_summary
-   use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
    use rk_bars, only : bars_type, printed
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -434,7 +434,6 @@ subroutine write_exact(json, problem, output)
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem
    type(output_type), intent(in) :: output
-   type(error_type), allocatable :: no_root
    real(wp) :: exact, value
    integer :: k
 
@@ -442,9 +441,7 @@ subroutine write_exact(json, problem, output)
    call json%begin_object('exact')
    do k = 1, size(problem%scene%exact)
       associate (item => problem%scene%exact(k))
-         ! without a root there is no exact value, which is no reason to lose the summary
-         call exact_value(problem%scene, item, exact, no_root)
-         if (allocated(no_root)) exact = ieee_value(exact, ieee_quiet_nan)
+         exact = exact_value(problem%scene, item)
          value = output%record(size(output%record))%probe(1, item%probe)
          call json%begin_object(problem%scene%probe(item%probe)%name)
          call json%put('solution', item%solution)
