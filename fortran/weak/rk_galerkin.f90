@@ -474,8 +474,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
             call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             if (.not. self%linear) call add_cross_form(own &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
-            do k = 1, 3
-               do i = 1, 3
+            do k = 1, nd
+               do i = 1, fields
                   c4(:, :, i, k, q) = self%cells%weight(o + q)*(c4(:, :, i, k, q) &
                      & + self%local_bulk(nc + o + q)*(cofactor*cofactor(i, k)))
                end do
