@@ -28,8 +28,11 @@ module rk_newton
    !> arrived missed it 4 times, and those that failed in the end had it after 9 iterations of 24.
    integer, parameter :: pace = 3, settled = 6
    real(wp), parameter :: share = 0.3_wp
-   !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand [-]
+   !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
+   !> that at which the load step starts [-]
    real(wp), parameter :: squeezed = 0.2_wp
+   !> Step, and residual of the first one, with which a state on the way is near enough [-]
+   real(wp), parameter :: near = 1.0e-3_wp
 
    !> Where an iteration began
    type :: beginning_type
@@ -53,6 +56,9 @@ module rk_newton
       logical :: impatient = .false.
       !> The load is one by which answers are judged: the last, or one where its rate changes
       logical :: settles = .false.
+      !> The load is on the way to the one that is asked for: nothing but the next start is taken
+      !> from its state
+      logical :: passes = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
@@ -71,6 +77,8 @@ module rk_newton
       type(evaluation_type) :: state
       !> Load of what was prescribed in the last linearisation [-]
       real(wp), private :: prescribed = 0.0_wp
+      !> Smallest volume ratio of the state at which the load step starts [-]
+      real(wp), private :: least_j = 1.0_wp
       !> Where the matrix of a costly problem was taken, shape (n), and where the iteration to there
       !> and the one that runs began
       real(wp), allocatable, private :: place(:)
@@ -101,6 +109,9 @@ module rk_newton
       logical :: still = .false.
       !> The problem is linearised at the last state
       logical :: linearised = .true.
+      !> The state is one on the way, whose residual |r| needs to fall no farther than this
+      logical :: passes = .false.
+      real(wp) :: enough = 0.0_wp
       !> Steps rejected in a row
       integer :: rejected = 0
       !> Times that row weights were taken in this load step, and from which state, shape (n)
@@ -168,6 +179,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end if
    do
       call assess()
+      if (now%passes .and. now%whole .and. self%step_norm < near .and. merit < now%enough) exit
       if (converged(self, now)) then
          if (off_weight()) then
             call iterate_on()
@@ -215,6 +227,9 @@ contains
       call system_clock(clock)
       if (problem%weighted) now%weighed = a
       call begin(self, problem, load, a, r, g, now%first_gradient)
+      ! steps that are solved to few digits, or have row weights, need the full way
+      now%passes = self%passes .and. problem%costly .and. .not. problem%inexact
+      now%enough = near*norm2(r)
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 
@@ -303,8 +318,8 @@ contains
       moved = problem%scaled_norms(da)
       ! a small step ends the iteration, as a rule, and its gradient is that of the last matrix
       last = .false.
-      if (self%iterations > 1) last = problem%costly &
-         & .and. maxval(moved/now%extent) < self%tolerance
+      if (self%iterations > 1) last = problem%costly .and. maxval(moved/now%extent) &
+         & < merge(near, self%tolerance, now%passes)
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & imposed > 0.0_wp, last, trial, new, scale, gain, self%state)
       now%linearised = .not. last .or. .not. scale > 0.0_wp
@@ -445,6 +460,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    ! the last converged state has a matrix yet; that of the start will be another one
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
       & tangent=.not. (problem%costly .and. self%path%states() > 0))
+   self%least_j = self%state%min_j
    self%prescribed = self%done
    call problem%start(a, load, .true.)
    call problem%linearised%apply_transposed(r, g)
@@ -498,8 +514,7 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
-      & .and. now%first_step >= 1.0_wp .and. self%state%min_j < squeezed &
-      & .and. self%gradient > now%balance) then
+      & .and. self%state%min_j < squeezed*self%least_j .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &

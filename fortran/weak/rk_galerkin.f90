@@ -790,7 +790,7 @@ pure subroutine deform_group(self, g, x, at, lift, excess)
 end subroutine deform_group
 
 !> Stress and deformation at a place from the displacement and the pressure there
-subroutine at_place(self, state, ip, x, u, local)
+subroutine at_place(self, state, ip, x, u, local, other)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state
    integer, intent(in) :: ip
@@ -798,6 +798,7 @@ subroutine at_place(self, state, ip, x, u, local)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
+   logical, intent(in), optional :: other
    type(point_state) :: at_point
    type(mixture_type) :: here
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
@@ -828,7 +829,7 @@ subroutine at_place(self, state, ip, x, u, local)
    slope = local%f - identity
    call self%faces%smooth(i, state%x, slope)
    call self%faces%release(i, here, state%load, identity + slope, local)
-   if (.not. norm2(identity + slope - local%f) > 0.0_wp) return
+   if (.not. (present(other) .and. norm2(identity + slope - local%f) > 0.0_wp)) return
    at_point = local
    call self%faces%release(i, here, state%load, local%f, at_point)
    local%other = at_point%cauchy
