@@ -29,7 +29,7 @@ module rk_newton
    integer, parameter :: pace = 3, settled = 6
    real(wp), parameter :: share = 0.3_wp
    !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
-   !> that at which the load step starts [-]
+   !> that at which the load step starts; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
    !> Step, and residual of the first one, with which a state on the way is near enough [-]
    real(wp), parameter :: near = 1.0e-3_wp
@@ -77,8 +77,8 @@ module rk_newton
       type(evaluation_type) :: state
       !> Load of what was prescribed in the last linearisation [-]
       real(wp), private :: prescribed = 0.0_wp
-      !> Smallest volume ratio of the state at which the load step starts [-]
-      real(wp), private :: least_j = 1.0_wp
+      !> Smallest and largest volume ratio of the state at which the load step starts [-]
+      real(wp), private :: least_j = 1.0_wp, largest_j = 1.0_wp
       !> Where the matrix of a costly problem was taken, shape (n), and where the iteration to there
       !> and the one that runs began
       real(wp), allocatable, private :: place(:)
@@ -461,6 +461,7 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
       & tangent=.not. (problem%costly .and. self%path%states() > 0))
    self%least_j = self%state%min_j
+   self%largest_j = self%state%max_j
    self%prescribed = self%done
    call problem%start(a, load, .true.)
    call problem%linearised%apply_transposed(r, g)
@@ -514,7 +515,8 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
-      & .and. self%state%min_j < squeezed*self%least_j .and. self%gradient > now%balance) then
+      & .and. self%gradient > now%balance .and. (self%state%min_j < squeezed*self%least_j &
+      & .or. self%state%max_j*squeezed > self%largest_j)) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &
