@@ -539,7 +539,8 @@ subroutine solve_with(self, given, b, x, report, error)
       if (allocated(error)) then
          if (error%code == err_memory) return
          report%indefinite = error%code /= err_input
-         if (report%indefinite .and. self%near%far .and. self%near%operations > hopeless) then
+         if (report%indefinite .and. self%near%far .and. (self%impatient &
+            & .or. self%near%operations > hopeless)) then
             error%message = 'the tangent is far from positive definite: take more load.steps or ' &
                & //'points, or less load'
             return

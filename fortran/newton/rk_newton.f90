@@ -13,6 +13,7 @@ module rk_newton
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
    use rk_newton_step, only : find_step
+   use rk_operator, only : square_operator
    use rk_path, only : path_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -201,6 +202,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       now%past = [merit, now%past(:pace - 1)]
       imposed = now%damping%lambda
       call system_clock(clock)
+      call set_patience()
       call find_step(problem, self%linear, imposed, r, g, da, predicted, it%solver, error)
       timer%solve = timer%solve + tick(clock)
       if (allocated(error)) return
@@ -232,6 +234,14 @@ contains
       now%enough = near*norm2(r)
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
+
+   !> Where the start is far from an equilibrium a smaller load step is better than a costly solve
+   subroutine set_patience()
+      select type (matrix => problem%linearised)
+      class is (square_operator)
+         matrix%impatient = self%impatient .and. self%iterations == 0
+      end select
+   end subroutine set_patience
 
    !> Whether the state is not the one from which the row weights are: states would depend on the
    !> way to them
