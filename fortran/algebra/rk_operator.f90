@@ -44,6 +44,8 @@ module rk_operator
 
    !> A square matrix that solves its equations
    type, abstract, extends(row_operator) :: square_operator
+      !> Another start is at hand: a matrix that is costly to solve need not be
+      logical :: impatient = .false.
    contains
       !> Solve (A + shift |D|) x = b with a diagonal D like that of A
       procedure(square_interface), deferred :: solve_square

@@ -11,7 +11,7 @@ module rk_symmetric
    use rk_lapack, only : largest_eigenpair, solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
-   use rk_precision, only : i8, wp
+   use rk_precision, only : i8, sp, wp
    use rk_single_envelope, only : envelope_type, new_envelope
    use rk_sparse, only : solve_sparse, sparse_factor
    implicit none
@@ -457,7 +457,8 @@ subroutine solve_with(self, given, b, x, report, error)
       if (allocated(error)) then
          if (error%code == err_memory) return
          report%indefinite = error%code /= err_input
-         if (report%indefinite .and. self%near%far .and. self%near%operations > hopeless) then
+         if (report%indefinite .and. self%near%far .and. (self%impatient &
+            & .or. self%near%operations > hopeless)) then
             error%message = 'the tangent is far from positive definite: take more load.steps or ' &
                & //'points, or less load'
             return
@@ -739,6 +740,7 @@ subroutine factorise(self, given, share)
    real(wp), intent(in) :: share
    type(error_type), allocatable :: error
    real(wp) :: root(self%n)
+   integer(i8), allocatable :: before(:)
    integer(i8) :: k, l
    integer :: b, c, i, j, stat
 
@@ -755,6 +757,7 @@ subroutine factorise(self, given, share)
          if (stat /= 0) return
       end if
       call near%matrix%clear()
+      before = near%matrix%columns()
       b = self%block
       do c = 1, self%n
          k = self%start(c)
@@ -762,12 +765,12 @@ subroutine factorise(self, given, share)
          do l = self%above%offset(j) + 1, self%above%offset(j + 1)
             do i = (self%above%index(l) - 1)*b + 1, min(self%above%index(l)*b, c)
                k = k + 1
-               call near%matrix%put(min(position(i), position(c)), max(position(i), position(c)), &
-                  & given(k)/(root(i)*root(c)))
+               near%matrix%value(before(max(position(i), position(c))) + min(position(i), &
+                  & position(c))) = real(given(k)/(root(i)*root(c)), sp)
             end do
          end do
-         call near%matrix%put(position(c), position(c), 1.0_wp + share)
       end do
+      call near%matrix%shift(share)
       call near%matrix%factorise(error)
       near%ready = .not. allocated(error)
    end associate

@@ -15,7 +15,8 @@ module rk_gradient
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
-   use rk_solid_products, only : plane_force, plane_gradient, solid_force, solid_gradient
+   use rk_solid_products, only : plane_force, plane_gradient, plane_work, solid_force, &
+      & solid_gradient, solid_work
    implicit none
    private
 
@@ -43,6 +44,8 @@ module rk_gradient
       !> Part of the gradient that essential values make, for each load factor, shape (fields, nd,
       !> np, factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
+      !> Points where any is, shape (np)
+      logical, allocatable, private :: lifts(:)
    contains
       procedure :: at => gradient_at
       !> Part of it that essential values make
@@ -341,11 +344,14 @@ subroutine set_essential(self, cells, essential, value)
    real(wp), intent(in) :: value(:, :, :)
    integer :: a, c, k, s
 
-   if (allocated(self%given)) deallocate (self%given)
+   if (allocated(self%given)) deallocate (self%given, self%lifts)
+   allocate (self%lifts(size(self%start) - 1), source=.false.)
    allocate (self%given(self%fields, self%nd, size(self%start) - 1, size(value, 1)), source=0.0_wp)
    do a = 1, size(value, 1)
       do s = 1, size(cells%set)
          do k = cells%lift_first(s) + 1, cells%lift_first(s + 1)
+            self%lifts(cells%lift_point(k)) = self%lifts(cells%lift_point(k)) &
+               & .or. any(essential(:, s))
             associate (given => self%given(:, :, cells%lift_point(k), a))
                do c = 1, self%fields
                   if (essential(c, s)) given(c, :) = given(c, :) &
@@ -435,8 +441,8 @@ pure function lifted(self, q, factor) result(h)
    integer :: a
 
    h = 0.0_wp
-   if (size(factor) > 0) h = factor(1)*self%given(:, :, q, 1)
-   do a = 2, size(factor)
+   if (.not. self%lifts(q)) return
+   do a = 1, size(factor)
       h = h + factor(a)*self%given(:, :, q, a)
    end do
 end function lifted
@@ -488,6 +494,17 @@ pure subroutine add_work(self, q, p, factor, work)
    integer(i8) :: e
    integer :: i, k
 
+   if (self%fields == 3 .and. self%first(1, q) == self%first(self%fields, q)) then
+      call solid_work(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
+         & self%value(:, self%first(1, q) + 1:), p(:3, :3), factor, work)
+      return
+   end if
+   if (self%fields == 2) then
+      call plane_work(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) + 1:), &
+         & self%value(:, self%first(1, q) + 1:), self%value(:, self%first(2, q) + 1:), &
+         & p(:2, :2), factor, work)
+      return
+   end if
    do e = self%start(q) + 1, self%start(q + 1)
       k = int(e - self%start(q))
       do i = 1, self%fields

@@ -1,12 +1,12 @@
 !> Products of gradients with displacements and stresses, with lengths and strides that the compiler
 !> knows: they are most of the work of solids whose tangent is never formed, and much of that of
-!> plane bodies.
+!> plane bodies. Volumes of a group are rows of the tangent: a force for each polynomial.
 module rk_solid_products
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: plane_force, plane_gradient, solid_force, solid_gradient
+   public :: plane_force, plane_gradient, plane_work, solid_force, solid_gradient, solid_work
 
 contains
 
@@ -102,5 +102,55 @@ pure subroutine plane_force(n, local, first, second, p, force)
       force(2, local(e)) = force(2, local(e)) + p(2, 1)*second(1, e) + p(2, 2)*second(2, e)
    end do
 end subroutine plane_force
+
+!> Add the work of a stress in a plane body by its displacements, with several factors
+pure subroutine plane_work(n, local, first, second, p, factor, work)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions for both components, shape (2, n) each [1/length]
+   real(wp), intent(in) :: first(2, *), second(2, *)
+   !> Stress times weight, shape (2, 2), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(2, 2)
+   !> Factors
+   real(wp), intent(in) :: factor(4)
+   !> Work by the displacements of the group's source points, shape (4, 2, members)
+   real(wp), intent(inout) :: work(4, 2, *)
+   real(wp) :: force(2)
+   integer :: e
+
+   do e = 1, n
+      force(1) = p(1, 1)*first(1, e) + p(1, 2)*first(2, e)
+      force(2) = p(2, 1)*second(1, e) + p(2, 2)*second(2, e)
+      work(:, 1, local(e)) = work(:, 1, local(e)) + force(1)*factor
+      work(:, 2, local(e)) = work(:, 2, local(e)) + force(2)*factor
+   end do
+end subroutine plane_work
+
+!> Add the work of a stress in a solid where nothing is lifted, with several factors
+pure subroutine solid_work(n, local, value, p, factor, work)
+   !> Source points in sight
+   integer, intent(in) :: n
+   !> Their places among those of the group, shape (n)
+   integer, intent(in) :: local(*)
+   !> Gradients of their shape functions, shape (3, n) [1/length]
+   real(wp), intent(in) :: value(3, *)
+   !> Stress times weight, shape (3, 3), index (i, A) [stress length^nd]
+   real(wp), intent(in) :: p(3, 3)
+   !> Factors
+   real(wp), intent(in) :: factor(4)
+   !> Work by the displacements of the group's source points, shape (4, 3, members)
+   real(wp), intent(inout) :: work(4, 3, *)
+   real(wp) :: force
+   integer :: e, i
+
+   do e = 1, n
+      do i = 1, 3
+         force = p(i, 1)*value(1, e) + p(i, 2)*value(2, e) + p(i, 3)*value(3, e)
+         work(:, i, local(e)) = work(:, i, local(e)) + force*factor
+      end do
+   end do
+end subroutine solid_work
 
 end module rk_solid_products

@@ -273,18 +273,26 @@ pure subroutine interpolate(self, ip, x, first, last, field)
    integer, intent(in) :: first, last
    !> Value and derivatives of each field, zero where not wanted, shape (fields, nq)
    real(wp), intent(out) :: field(:, :)
+   !> Fields side by side, a number that the compiler knows
+   integer, parameter :: wide = 4
+   real(wp) :: sums(wide, size(field, 2)), u(wide)
    integer(i8) :: k, to_value
-   integer :: q, c, at
+   integer :: q, c, at, n
 
    field = 0.0_wp
    to_value = self%first(self%stencil(ip)) - self%neighbour%offset(ip)
-   do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
-      at = size(field, 1)*(self%neighbour%index(k) - 1)
-      do q = first, last
-         do c = 1, size(field, 1)
-            field(c, q) = field(c, q) + x(at + c)*self%value(q, k + to_value)
+   do c = 1, size(field, 1), wide
+      n = min(wide, size(field, 1) - c + 1)
+      u = 0.0_wp
+      sums = 0.0_wp
+      do k = self%neighbour%offset(ip) + 1, self%neighbour%offset(ip + 1)
+         at = size(field, 1)*(self%neighbour%index(k) - 1) + c
+         u(:n) = x(at:at + n - 1)
+         do q = first, last
+            sums(:, q) = sums(:, q) + u*self%value(q, k + to_value)
          end do
       end do
+      field(c:c + n - 1, first:last) = sums(:n, first:last)
    end do
 end subroutine interpolate
 

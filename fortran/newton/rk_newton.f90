@@ -13,6 +13,7 @@ module rk_newton
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
    use rk_newton_step, only : find_step
+   use rk_operator, only : square_operator
    use rk_path, only : path_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -28,8 +29,11 @@ module rk_newton
    !> arrived missed it 4 times, and those that failed in the end had it after 9 iterations of 24.
    integer, parameter :: pace = 3, settled = 6
    real(wp), parameter :: share = 0.3_wp
-   !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand [-]
+   !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
+   !> that at which the load step starts; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
+   !> Step, and residual of the first one, with which a state on the way is near enough [-]
+   real(wp), parameter :: near = 1.0e-3_wp
 
    !> Where an iteration began
    type :: beginning_type
@@ -53,6 +57,9 @@ module rk_newton
       logical :: impatient = .false.
       !> The load is one by which answers are judged: the last, or one where its rate changes
       logical :: settles = .false.
+      !> The load is on the way to the one that is asked for: nothing but the next start is taken
+      !> from its state
+      logical :: passes = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
@@ -71,6 +78,8 @@ module rk_newton
       type(evaluation_type) :: state
       !> Load of what was prescribed in the last linearisation [-]
       real(wp), private :: prescribed = 0.0_wp
+      !> Smallest and largest volume ratio of the state at which the load step starts [-]
+      real(wp), private :: least_j = 1.0_wp, largest_j = 1.0_wp
       !> Where the matrix of a costly problem was taken, shape (n), and where the iteration to there
       !> and the one that runs began
       real(wp), allocatable, private :: place(:)
@@ -101,6 +110,9 @@ module rk_newton
       logical :: still = .false.
       !> The problem is linearised at the last state
       logical :: linearised = .true.
+      !> The state is one on the way, whose residual |r| needs to fall no farther than this
+      logical :: passes = .false.
+      real(wp) :: enough = 0.0_wp
       !> Steps rejected in a row
       integer :: rejected = 0
       !> Times that row weights were taken in this load step, and from which state, shape (n)
@@ -168,6 +180,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end if
    do
       call assess()
+      if (now%passes .and. now%whole .and. self%step_norm < near .and. merit < now%enough) exit
       if (converged(self, now)) then
          if (off_weight()) then
             call iterate_on()
@@ -189,6 +202,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       now%past = [merit, now%past(:pace - 1)]
       imposed = now%damping%lambda
       call system_clock(clock)
+      call set_patience()
       call find_step(problem, self%linear, imposed, r, g, da, predicted, it%solver, error)
       timer%solve = timer%solve + tick(clock)
       if (allocated(error)) return
@@ -215,8 +229,19 @@ contains
       call system_clock(clock)
       if (problem%weighted) now%weighed = a
       call begin(self, problem, load, a, r, g, now%first_gradient)
+      ! steps that are solved to few digits, or have row weights, need the full way
+      now%passes = self%passes .and. problem%costly .and. .not. problem%inexact
+      now%enough = near*norm2(r)
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
+
+   !> Where the start is far from an equilibrium a smaller load step is better than a costly solve
+   subroutine set_patience()
+      select type (matrix => problem%linearised)
+      class is (square_operator)
+         matrix%impatient = self%impatient .and. self%iterations == 0
+      end select
+   end subroutine set_patience
 
    !> Whether the state is not the one from which the row weights are: states would depend on the
    !> way to them
@@ -303,8 +328,8 @@ contains
       moved = problem%scaled_norms(da)
       ! a small step ends the iteration, as a rule, and its gradient is that of the last matrix
       last = .false.
-      if (self%iterations > 1) last = problem%costly &
-         & .and. maxval(moved/now%extent) < self%tolerance
+      if (self%iterations > 1) last = problem%costly .and. maxval(moved/now%extent) &
+         & < merge(near, self%tolerance, now%passes)
       call search(problem, load, a, da, r, dot_product(g, da), blind, &
          & imposed > 0.0_wp, last, trial, new, scale, gain, self%state)
       now%linearised = .not. last .or. .not. scale > 0.0_wp
@@ -445,6 +470,8 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    ! the last converged state has a matrix yet; that of the start will be another one
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
       & tangent=.not. (problem%costly .and. self%path%states() > 0))
+   self%least_j = self%state%min_j
+   self%largest_j = self%state%max_j
    self%prescribed = self%done
    call problem%start(a, load, .true.)
    call problem%linearised%apply_transposed(r, g)
@@ -498,8 +525,8 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
-      & .and. now%first_step >= 1.0_wp .and. self%state%min_j < squeezed &
-      & .and. self%gradient > now%balance) then
+      & .and. self%gradient > now%balance .and. (self%state%min_j < squeezed*self%least_j &
+      & .or. self%state%max_j*squeezed > self%largest_j)) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
    else if (self%impatient .and. problem%costly .and. self%iterations >= settled &

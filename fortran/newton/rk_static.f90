@@ -143,6 +143,7 @@ contains
       if (aside) newton%done = fitting_load(x, load)
       newton%impatient = halvings < min(early, max_halvings)
       newton%settles = .false.
+      newton%passes = load < target_load
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
          & .or. planned%knot(step)
    end subroutine choose_load

@@ -130,7 +130,8 @@ subroutine place_state(problem, probes, i, state, local)
 
    associate (nd => problem%scene%cloud%nd)
       call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
-      call problem%at_place(state, probes%nearest(i), problem%scene%probe(i)%point(:nd), u, local)
+      call problem%at_place(state, probes%nearest(i), problem%scene%probe(i)%point(:nd), u, local, &
+         & other=.true.)
    end associate
 end subroutine place_state
 

@@ -473,8 +473,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
             call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             if (.not. self%linear) call add_cross_form(own &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
-            do k = 1, 3
-               do i = 1, 3
+            do k = 1, nd
+               do i = 1, fields
                   c4(:, :, i, k, q) = self%cells%weight(o + q)*(c4(:, :, i, k, q) &
                      & + self%local_bulk(nc + o + q)*(cofactor*cofactor(i, k)))
                end do
@@ -788,7 +788,7 @@ pure subroutine deform_group(self, g, x, at, lift, excess)
 end subroutine deform_group
 
 !> Stress and deformation at a place from the displacement and the pressure there
-subroutine at_place(self, state, ip, x, u, local)
+subroutine at_place(self, state, ip, x, u, local, other)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state
    integer, intent(in) :: ip
@@ -796,6 +796,7 @@ subroutine at_place(self, state, ip, x, u, local)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
+   logical, intent(in), optional :: other
    type(point_state) :: at_point
    type(mixture_type) :: here
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
@@ -826,7 +827,7 @@ subroutine at_place(self, state, ip, x, u, local)
    slope = local%f - identity
    call self%faces%smooth(i, state%x, slope)
    call self%faces%release(i, here, state%load, identity + slope, local)
-   if (.not. norm2(identity + slope - local%f) > 0.0_wp) return
+   if (.not. (present(other) .and. norm2(identity + slope - local%f) > 0.0_wp)) return
    at_point = local
    call self%faces%release(i, here, state%load, local%f, at_point)
    local%other = at_point%cauchy
