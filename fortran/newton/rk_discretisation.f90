@@ -43,6 +43,9 @@ module rk_discretisation
       !> The work of the stress says whether a state is in equilibrium; weak forms keep it equal to
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
+      !> Tangents resist changes of volume within groups of cells as well: which of their negative
+      !> eigenvalues are of the material, and which of its pressures
+      logical :: resists = .false.
    contains
       procedure :: field, state, at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment

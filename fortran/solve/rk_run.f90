@@ -337,6 +337,13 @@ subroutine find_stability(problem, outcome)
    end select
    if (tangent%indefinite .or. allocated(tangent%skew)) return
    outcome%unstable = .not. tangent%definite()
+   if (problem%linear .or. .not. outcome%unstable) return
+   ! of a group of cells pressures resist the mean volume and its slopes: under large compression
+   ! the parts of a free face may exchange volume, which no body does
+   problem%resists = .true.
+   call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
+   problem%resists = .false.
+   outcome%unstable = .not. tangent%definite()
 end subroutine find_stability
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that

@@ -38,7 +38,7 @@ module rk_galerkin
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_split_cells, only : split_cells
-   use rk_stabilisation, only : share_bulk
+   use rk_stabilisation, only : bulk_within, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : symmetric_matrix
@@ -424,7 +424,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: part(:, :)
    real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :), work(:, :, :)
    real(wp) :: basis(4), h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
-   real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1))
+   real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1)), within, taken
    integer :: fields, nc, nd, n, q, o, i, k, members, b
    logical :: formed, jumps, stacked
 
@@ -451,6 +451,10 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
       return
    end if
    jump = 0.0_wp
+   within = 0.0_wp
+   taken = 0.0_wp
+   if (self%resists) taken = minval([(bulk_within(self%mixture, nc + o + q) &
+      & /self%mixture%bulk_at_one_pressure(nc + o + q), q=1, n)])
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
       if (self%matrix%pressures%carrying .and. .not. self%multiplier%free(g)) then
@@ -473,10 +477,11 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
             call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             if (.not. self%linear) call add_cross_form(own &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
+            if (self%resists) within = taken*self%mixture%bulk_at_one_pressure(nc + o + q)
             do k = 1, nd
                do i = 1, fields
                   c4(:, :, i, k, q) = self%cells%weight(o + q)*(c4(:, :, i, k, q) &
-                     & + self%local_bulk(nc + o + q)*(cofactor*cofactor(i, k)))
+                     & + (self%local_bulk(nc + o + q) + within)*(cofactor*cofactor(i, k)))
                end do
             end do
          else
@@ -518,8 +523,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
       part = 0.0_wp
       call self%multiplier%set_stiffness(g, volume, part)
    else
-      call dsyrk('u', 'n', fields*members, b, self%bulk(g), volume, fields*members, 0.0_wp, part, &
-         & fields*members)
+      call dsyrk('u', 'n', fields*members, b, (1.0_wp - taken)*self%bulk(g), volume, &
+         & fields*members, 0.0_wp, part, fields*members)
    end if
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part

@@ -19,7 +19,7 @@ module rk_stabilisation
    implicit none
    private
 
-   public :: stabilise, share_bulk
+   public :: stabilise, share_bulk, bulk_within
 
    !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
    real(wp), parameter :: local_share = 3.0_wp
@@ -94,9 +94,7 @@ subroutine share_bulk(mixture, cells, nc, local, projected, softness)
    allocate (local(nc + size(cells%weight)), source=0.0_wp)
    if (cells%smoothed) then
       do i = 1, size(local)
-         ! pressures need a modulus of their own
-         local(i) = min(0.5_wp*mixture%bulk_at_one_pressure(i), &
-            & local_share*mixture%shear_modulus(i, identity))
+         local(i) = bulk_within(mixture, i)
       end do
    end if
    bulk = [(mixture%bulk_at_one_pressure(nc + i) - local(nc + i), i=1, size(bulk))]
@@ -116,5 +114,16 @@ subroutine share_bulk(mixture, cells, nc, local, projected, softness)
       end associate
    end do
 end subroutine share_bulk
+
+!> Bulk modulus that a place may resist with what its group's pressure leaves free: no more than a
+!> material that does not lock has, and pressures need a modulus of their own [stress]
+real(wp) function bulk_within(mixture, i)
+   type(mixture_type), intent(in) :: mixture
+   !> Collocation or integration point
+   integer, intent(in) :: i
+
+   bulk_within = min(0.5_wp*mixture%bulk_at_one_pressure(i), &
+      & local_share*mixture%shear_modulus(i, identity))
+end function bulk_within
 
 end module rk_stabilisation

@@ -124,6 +124,31 @@ def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> Non
     assert found.last()["force"] == pytest.approx(exact, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("points", "pressed", "unstable"),
+    [
+        ((9, 9), 0.43, False), ((8, 10), 0.43, False), ((9, 9), 0.49, True),
+        ((5, 5, 5), 0.4, False), ((6, 5, 6), 0.4, False), ((6, 6, 6), 0.54, True),
+    ],
+)  # fmt: skip
+def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(points, pressed, unstable):
+    """Wrinkles of a free face grow below the stretch .544 in the plane (Biot 1963,
+    doi:10.1007/BF03184638); in space quadratic finite elements have a negative eigenvalue at .525,
+    and those of half the size at .49. Pressures of groups have some from .7 on.
+    """
+    nd = len(points)
+    tables = scene(
+        "rkpm-gauss", box(*points), material=[neo(1.0, 33.0)],
+        boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xyz"[:nd]),
+                  {"set": f"{'xyz'[nd - 1]}1", f"u_{'xyz'[nd - 1]}": -pressed}],
+        probe=[{"name": "bulge", "quantity": "u_x", "point": [1.0] + [0.5] * (nd - 1)}],
+    )  # fmt: skip
+    tables["scene"]["dimension"] = nd
+    states, _ = solved(tables)
+    assert states.unstable is unstable
+    assert states.verdict == ("doubtful" if unstable else "accepted")
+
+
 def test_inverted_corners_count_where_volumes_are_off() -> None:
     """Pressed between a glued side and a smooth one, with a bulk modulus 1e4 times the shear
     modulus: bars from fewer points are small, and J is off by 8 % in the mean.
