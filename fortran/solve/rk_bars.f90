@@ -34,8 +34,8 @@ module rk_bars
    !> Bar over the difference from fewer points, of displacements, forces, stresses inside and at
    !> the surface. Errors of order two are a third of it, of order one as large: stresses inside are
    !> nearer the former, those at the surface the latter, and singular edges make displacements and
-   !> forces converge in between. Of 2484 probes of random bodies 97 % are covered
-   real(wp), parameter :: factor_coarse = 0.56_wp, factor_force = 0.8_wp, factor_inside = 0.45_wp, &
+   !> forces converge in between. Of 1260 probes of random bodies 98.6 % are covered
+   real(wp), parameter :: factor_coarse = 0.7_wp, factor_force = 0.8_wp, factor_inside = 0.45_wp, &
       & factor_surface = 1.0_wp
    !> The same in annuli by a basis of order two, whose errors are of order three, a seventh of the
    !> difference, and of order two at the surface
