@@ -262,7 +262,7 @@ subroutine svd(a, u, s, vt, error)
    call dgesdd('s', m, n, copy, m, s, u, m, vt, k, work, size(work), iwork, info)
    call release_threads(kept)
    if (info /= 0) call fatal_error(error, err_linalg, 'singular value decomposition failed, info ' &
-      & //to_text(info)//': are there numbers that are not finite?')
+      & //to_text(info)//': check for NaN or infinite values')
 end subroutine svd
 
 !> Largest eigenvalue of a symmetric tridiagonal matrix and its vector

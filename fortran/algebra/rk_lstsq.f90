@@ -471,7 +471,7 @@ subroutine check_columns(op, scale, error)
          call fatal_error(error, err_input, op%unknown(j)//' appears in no equation: its support ' &
             & //'contains no collocation point; use more collocation points')
       else
-         call fatal_error(error, err_linalg, 'equations contain numbers that are not finite')
+         call fatal_error(error, err_linalg, 'the equations contain NaN or infinite values')
       end if
       return
    end do

@@ -247,7 +247,7 @@ static void check_groups(Deck &deck, const Section &section, const std::set<std:
    for (const KeySpec &key : section.spec->keys) {
       for (const std::string &other : key.not_beside) {
          if (is_there(key.name) && is_there(other))
-            deck.refuse(section, key.name, "cannot be given beside " + other);
+            deck.refuse(section, key.name, "cannot be combined with " + other);
       }
    }
 }
@@ -312,7 +312,7 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
          for (Section *entry : deck.is_full() ? std::vector<Section *>{} : deck.entries(key.refers_to))
             there.push_back(entry->text(entry->spec->named_by));
          deck.refuse(section, key.name,
-                     "no [[" + key.refers_to + "]] is called " + quoted(value.text) +
+                     "no [[" + key.refers_to + "]] is named " + quoted(value.text) +
                         suggest(value.text, there, "there are:"));
       }
    }
@@ -320,7 +320,7 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
       const auto [earlier, first] = names.taken[&key].emplace(value.plain(), value.origin);
       if (!first)
          deck.refuse(section, key.name,
-                     value.described() + " is taken already, by " + deck.where(earlier->second));
+                     value.described() + " is already used by " + deck.where(earlier->second));
    }
 }
 

@@ -30,7 +30,7 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
    if (!spec.many) {
       if (!middle.empty()) {
          deck.complain(origin, address,
-                       "[" + spec.name + "] comes once, write " + spec.name + ".key=value");
+                       "[" + spec.name + "] is a single table: write " + spec.name + ".key=value");
          return nullptr;
       }
       if (entries.empty()) {
@@ -63,7 +63,7 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
          return entry;
    }
    deck.complain(origin, address,
-                 "no [[" + spec.name + "]] is called " + quoted(middle) +
+                 "no [[" + spec.name + "]] is named " + quoted(middle) +
                      suggest(middle, names, "there are:"));
    return nullptr;
 }

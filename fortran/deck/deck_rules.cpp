@@ -23,7 +23,7 @@ static void check_materials(Deck &deck) {
                      "cannot be given where materials are placed by `where`: only a model has labels");
       if (regions && material != materials.front() && !where)
          deck.refuse(*material, "where",
-                     "missing, only the first material may leave it out and fill the rest");
+                     "missing: only the first material may omit it and fill the rest");
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.refuse(*material, "K",
@@ -60,7 +60,7 @@ static void check_tendon(Deck &deck, Section &section) {
       const Value *held = section.find(component[i]);
       if (held && direction->items[i].number() != 0.0)
          deck.refuse(section, component[i],
-                     "cannot be given beside a tendon whose direction has a component along it");
+                     "cannot be combined with a tendon whose direction has a component along it");
    }
 }
 

@@ -75,18 +75,19 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
       deck.misshapen.insert(spec.name);
       deck.complain(origin_of(key), spec.name,
                     "has " + std::to_string(array->size()) + " entries, but at most " +
-                       std::to_string(spec.most) + " are possible; join those that are alike");
+                       std::to_string(spec.most) + " are allowed; merge equal ones");
    } else if (spec.many && tables) {
       int index = 0;
       for (const toml::node &entry : *array)
          add(entry, ++index);
    } else if (spec.many && node.is_table()) {
       deck.complain(origin_of(key), spec.name,
-                    "there may be several, write " + many + " instead of " + one);
+                    "is an array of tables: write " + many + " instead of " + one);
    } else if (!spec.many && node.is_table()) {
       add(node, 0);
    } else if (!spec.many && tables) {
-      deck.complain(origin_of(key), spec.name, "comes once, write " + one + " instead of " + many);
+      deck.complain(origin_of(key), spec.name,
+                    "is a single table: write " + one + " instead of " + many);
    } else {
       deck.complain(origin_of(key), spec.name,
                     "must be a table " + (spec.many ? many : one) + ", not " +

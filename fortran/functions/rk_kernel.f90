@@ -48,7 +48,7 @@ subroutine find_name(names, what, name, number, error)
    do i = 1, size(names)
       known = known//' '//trim(names(i))
    end do
-   call fatal_error(error, err_input, what//" '"//trim(name)//"' is unknown; known are:"//known)
+   call fatal_error(error, err_input, what//" '"//trim(name)//"' is unknown; available:"//known)
 end subroutine find_name
 
 !> One-dimensional window w(z) and derivatives; w1z is w'(z)/z, finite at z = 0

@@ -243,7 +243,7 @@ subroutine march(body, motion, method, x, recorder, timer, error)
       end if
       ! a comparison that a NaN fails; loads make motions grow in proportion to time
       if (.not. maxval(abs(next)) <= blown_up*largest) then
-         call fatal_error(error, err_convergence, 'the motion blows up at time ' &
+         call fatal_error(error, err_convergence, 'the motion diverges at time ' &
             & //to_text(k*motion%time_step)//': take a smaller dynamics.time_step, or method ' &
             & //'"rkpm-gauss", whose limit is known')
          return

@@ -487,14 +487,14 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    self%pinned = self%step_norm < self%tolerance &
       & .and. (now%rejected == max_rejected .or. now%damping%stalled())
    if (self%pinned .and. .not. self%gradient <= huge(1.0_wp)) then
-      call fatal_error(error, err_convergence, 'the gradient is not a finite number: constants ' &
-         & //'of the materials are too large, such as a K of 1E100'//reached)
+      call fatal_error(error, err_convergence, 'the gradient is not finite: material constants ' &
+         & //'are too large, such as K = 1E100'//reached)
    else if (self%pinned) then
-      call fatal_error(error, err_convergence, 'the steps vanish, but the gradient does not: ' &
-         & //problem%advice()//reached)
+      call fatal_error(error, err_convergence, 'the Newton steps vanish but the gradient does ' &
+         & //'not: '//problem%advice()//reached)
    else if (now%rejected == max_rejected) then
-      call fatal_error(error, err_convergence, 'no step length reduces the residual or keeps ' &
-         & //'J > 0'//reached)
+      call fatal_error(error, err_convergence, 'the line search found no step that ' &
+         & //'reduces the residual with J > 0'//reached)
    else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
    else if (self%impatient .and. problem%costly .and. self%iterations == 1 &

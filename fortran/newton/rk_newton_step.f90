@@ -149,8 +149,8 @@ subroutine solve_linear(problem, method, x, recorder, timer, error)
    if (allocated(error)) return
    ! comparisons that a NaN fails
    if (.not. all(abs(x) <= huge(1.0_wp))) then
-      call fatal_error(error, err_linalg, 'the solution holds numbers that are not finite: loads ' &
-         & //'or stiffnesses leave the range of numbers; compare them and their unit')
+      call fatal_error(error, err_linalg, 'the solution contains NaN or infinite values: loads ' &
+         & //'or stiffnesses exceed the floating-point range; check them and their units')
       return
    end if
    call problem%evaluate(x, 1.0_wp, r, state)

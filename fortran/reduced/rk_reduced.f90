@@ -65,8 +65,8 @@ subroutine new_reduced(reduced, full, modes, projection, assembled, error)
    nullify (reduced)
    if (full%linear) then
       if (.not. allocated(full%scene%motion)) then
-         call fatal_error(error, err_input, 'reduced models are made of nonlinear problems and ' &
-            & //'of motions: a linear problem at rest is solved once, which leaves nothing to save')
+         call fatal_error(error, err_input, 'reduced models are for nonlinear problems and ' &
+            & //'of motions: a static linear problem takes one solve, so there is nothing to gain')
          return
       end if
       call new_motion(body, full, error)

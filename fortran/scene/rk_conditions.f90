@@ -203,7 +203,7 @@ subroutine mean_normals(self, cloud, number, fixed, traction, error)
          if (.not. length > 1.0e-6_wp) then
             call fatal_error(error, err_input, 'boundary point '//to_text(self%point(b))//' at ' &
                & //to_text(cloud%points(:, self%point(b)))//' has opposite normals: the body is ' &
-               & //'one point thin there')
+               & //'only one point thick there')
             return
          end if
          self%normal(:, i, b) = self%normal(:, i, b)/length

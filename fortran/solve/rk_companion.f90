@@ -41,7 +41,7 @@ module rk_companion
    !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
    !> its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
-   !> Cells across a body that are too few to speak against a finer answer: two, and three, of which
+   !> Cells across a body that are too few to refute a finer answer: two, and three, of which
    !> one has its pressure alone
    integer, parameter :: few_cells = 3
    !> Cells across a body that are left at least where three of four are

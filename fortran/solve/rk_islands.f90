@@ -58,7 +58,7 @@ subroutine check_islands(shape, link, place, point, supported, error)
       if (any(supported(:, mine))) then
          where_ = 'the body'
          if (members < size(place, 2)) where_ = 'the '//to_text(members)//' collocation points ' &
-            & //'around '//to_text(place(:, ip))//', which are not connected to the others,'
+            & //'around '//to_text(place(:, ip))//', which are not connected to the rest,'
          call fatal_error(error, err_input, 'prescribed displacements and springs leave '//where_ &
             & //' free to '//motions//'; prescribe components that prevent it, as on a ' &
             & //'symmetry plane')

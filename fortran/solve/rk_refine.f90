@@ -168,7 +168,7 @@ subroutine refine(self, deck, model, receiver, error)
          if (allocated(self%start)) then
             ! the answer before stands
             self%reason = self%target()//'not met: the next points, '//list(cells)//' cells, ' &
-               & //'have no answer within refine.cost: '//error%message
+               & //'have no solution within refine.cost: '//error%message
             deallocate (error)
             self%points = joined(words_of(coarser, scene%cloud, before_cells))
             deck = coarser
@@ -193,7 +193,7 @@ subroutine refine(self, deck, model, receiver, error)
       line = 'refine '//to_text(level)//': '//list(merge(cells + 1, cells, &
          & allocated(scene%cloud%lattice)))//merge(' points', ' blocks', &
          & allocated(scene%cloud%lattice))//', '//scene%probe(maxloc(relative(bars), dim=1, &
-         & mask=counts))%name//' known to '//to_text(100.0_wp*worst, 2)//' %, '// &
+         & mask=counts))%name//' within '//to_text(100.0_wp*worst, 2)//' %, '// &
          & to_text(now - before, 2)//' CPU s'
       self%levels = self%levels//line//new_line('a')
       call receiver%note(line, warning=.false.)
@@ -204,8 +204,8 @@ subroutine refine(self, deck, model, receiver, error)
          return
       end if
       if (.not. any(counts .and. left > self%wanted)) then
-         self%reason = self%target()//'not met: the voxels leave ' &
-            & //to_text(100.0_wp*maxval(bars%open, mask=counts), 2)//' % open, however many ' &
+         self%reason = self%target()//'not met: the voxels leave an uncertainty of ' &
+            & //to_text(100.0_wp*maxval(bars%open, mask=counts), 2)//' %, however many ' &
             & //'points there are; give a label map of finer voxels'
          return
       end if
@@ -255,9 +255,9 @@ contains
          self%companion = companion
          self%reason = self%target()//'not met: '
          if (within%late()) then
-            self%reason = self%reason//'refine.cost = '//to_text(self%cost, 3)//' CPU s is used ' &
-               & //'up by the first points, '//list(cells)//' cells'
-            self%companion%why_not = self%companion%why_not//': refine.cost is used up'
+            self%reason = self%reason//'refine.cost = '//to_text(self%cost, 3)//' CPU s was ' &
+               & //'used up by the first points, '//list(cells)//' cells'
+            self%companion%why_not = self%companion%why_not//': refine.cost was used up'
          else
             self%reason = self%reason//'the first points, '//list(cells)//' cells, have no ' &
                & //'second solution'
@@ -268,8 +268,8 @@ contains
       if (.not. any(error%code == [err_convergence, err_linalg, err_stopped])) return
       if (within%late()) then
          error%message = 'the first points of the search, '//list(cells)//' cells, have no ' &
-            & //'answer within refine.cost = '//to_text(self%cost, 3)//' CPU s: '//error%message &
-            & //'; allow more cost, give fewer points (geometry.source) or less load'
+            & //'solution within refine.cost = '//to_text(self%cost, 3)//' CPU s: '//error%message &
+            & //'; raise the cost limit, give fewer points (geometry.source) or reduce the load'
          error%code = err_convergence
       end if
       self%reason = self%target()//'not met: the first points, '//list(cells)//' cells, have no ' &

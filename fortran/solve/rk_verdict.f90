@@ -132,7 +132,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       ! roundings would be compared with roundings
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
-         & //'sets do not balance: # of the largest is left', curable=.true.)
+         & //'sets do not balance: the residual is # of the largest', curable=.true.)
       if (outcome%unstable) then
          call self%object(doubtful, 'the equilibrium is unstable, its tangent is not positive ' &
             & //'definite: a small disturbance takes the body to another state; reduce the load ' &
@@ -144,8 +144,8 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    end if
    outcome%warnings = outcome%warnings//self%reasons
    if (problem%scene%thin_layers) then
-      call self%object(doubtful, 'a material is a layer between two planes less than 1.5 ' &
-         & //'spacings of the source points apart, and may be too stiff across it')
+      call self%object(doubtful, 'a material layer is thinner than 1.5 spacings of the source ' &
+         & //'points and may be too stiff across its thickness')
       self%curable = .true.
    end if
    call judge_broken(self, problem, off, outcome)
@@ -160,7 +160,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       answer%x = outcome%x
       call judge_by_others(self, answer, with_companion, search, outcome)
    end if
-   if (self%curable .and. .not. search%searched) self%reasons = self%reasons//'what helps: ' &
+   if (self%curable .and. .not. search%searched) self%reasons = self%reasons//'remedy: ' &
       & //cure_of(problem, self%bars)//new_line('a')
 end subroutine judge
 
@@ -282,7 +282,7 @@ subroutine judge_norms(self, outcome)
    if (.not. allocated(outcome%norms)) return
    associate (norms => outcome%norms)
       call self%compare(norms%largest_l2/max(norms%largest_l2_solution, tiny(1.0_wp)), of_error, &
-         & 'the norm of the error is # of that of the known solution')
+         & 'the norm of the error is # of the norm of the known solution')
    end associate
 end subroutine judge_norms
 
@@ -303,7 +303,7 @@ subroutine judge_works(self, problem, outcome)
    end associate
    call self%compare(abs(outcome%work_mismatch), bounds, 'the ' &
       & //'stress does # '//merge('less', 'more', outcome%work_mismatch < 0.0_wp)//' work than ' &
-      & //'the forces: the state is off equilibrium, and displacements may be as far off', &
+      & //'the forces: the state is not in equilibrium, and displacements may be as far off', &
       & curable=.true.)
 end subroutine judge_works
 
@@ -328,8 +328,8 @@ subroutine judge_volume(self, problem, state)
          if (abs(determinant(f) - wanted) > off_pressure) off = off + volume(ip)
       end do
    end associate
-   call self%compare(off/max(total, tiny(1.0_wp)), of_volume, 'in # of the volume J is ' &
-      & //'more than '//to_text(off_pressure)//' away from what the pressure allows', &
+   call self%compare(off/max(total, tiny(1.0_wp)), of_volume, 'in # of the volume J differs by ' &
+      & //'more than '//to_text(off_pressure)//' from the value given by the pressure', &
       & curable=.true.)
 end subroutine judge_volume
 
@@ -352,9 +352,9 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
    end do
    off = sqrt(off/max(count(.not. outcome%broken), 1))
    if (off <= of_point_volume) return
-   call outcome%warn('J at points is '//to_text(100.0_wp*off, 2)//' % (root mean square) off ' &
-      & //'what the pressure allows: stresses and forces use its mean over cells; take more ' &
-      & //'points before you read J or F', receiver)
+   call outcome%warn('J at points differs by '//to_text(100.0_wp*off, 2)//' % (root mean square) ' &
+      & //'from the value given by the pressure: stresses and forces use its mean over cells; ' &
+      & //'take more points before you use J or F', receiver)
 end subroutine warn_of_volume
 
 !> Places of output that are turned inside out or whose stress is not finite. Corners of fixed faces
@@ -379,8 +379,8 @@ subroutine judge_broken(self, problem, off, outcome)
       if (off <= of_point_volume .and. .not. matters(problem, outcome%broken) .and. &
          & all([(rim_near(problem, cloud%points(:, bad(i)), rim_spacings(2) &
          & *cloud%mean_spacing()) > 0, i=1, size(bad))])) then
-         self%reasons = self%reasons//'not counted, as it is at the rim of a fixed set and far ' &
-            & //'from the probes: '//found//new_line('a')
+         self%reasons = self%reasons//'not counted, since it is at the rim of a fixed set and ' &
+            & //'far from the probes: '//found//new_line('a')
       else
          call self%object(doubtful, found)
       end if
@@ -412,10 +412,10 @@ subroutine judge_lost(self, problem, outcome)
    found = outcome%lost//extent_of(problem, worst%lost)
    ! what was lost on the way may have led to another branch
    if (matters(problem, worst%lost) .or. .not. any(worst%lost)) then
-      call self%object(doubtful, found//': the answer is not unique; less activation or load, an ' &
-         & //'end that can move, or a stiffer matrix helps, more points do not')
+      call self%object(doubtful, found//': the solution is not unique; reduce activation or ' &
+         & //'load, let an end move, or stiffen the matrix; more points do not help')
    else
-      self%reasons = self%reasons//'not counted, as it is small and far from the probes: ' &
+      self%reasons = self%reasons//'not counted, since it is small and far from the probes: ' &
          & //found//new_line('a')
    end if
 end subroutine judge_lost
@@ -521,11 +521,11 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
       & .or. self%companion%other_form)) then
       ! the difference from another branch is no measure of an error
       call withhold(self%bars)
-      call found%object(refused, 'no error bars: a solution this far away is on another branch')
+      call found%object(refused, 'no error bars: a solution this different is on another branch')
    else
       associate (bars => self%bars)
          allocate (upper(size(bars%change)))
-         ! what is small among its kind does not speak against the rest
+         ! a probe that is small relative to its kind is no reason against the rest
          upper = most*(bars%kind/max(bars%size, tiny(1.0_wp)))
          ! at the surface the other form may be the one that is off
          if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
@@ -535,8 +535,8 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
          if (any(bars%change >= 0.0_wp)) then
             reference = trim(from(worst))
-            if (bars%source(worst) == 'J of the pressure') reference = ' from what the pressure ' &
-               & //'allows'
+            if (bars%source(worst) == 'J of the pressure') reference = ' from the value given ' &
+               & //'by the pressure'
             if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
                & //'of the same displacements'
             rim = rim_of(problem, worst)
@@ -546,8 +546,8 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
                   & //rim, curable=len(rim) == 0)
             else
                call found%compare(bars%open(worst), [0.0_wp, huge(1.0_wp)], 'the surface of the ' &
-                  & //'voxels leaves # of the size of probe '//problem%scene%probe(worst)%name &
-                  & //' open', curable=.true.)
+                  & //'voxels leaves probe '//problem%scene%probe(worst)%name &
+                  & //' uncertain by # of its size', curable=.true.)
             end if
          end if
          do i = 1, size(bars%change)
@@ -729,7 +729,7 @@ pure function sentence(self) result(text)
    integer :: i
 
    text = trim(verdict_names(self%state))
-   if (self%state == accepted) text = text//' (numerical error; fibers and attachments are yours)'
+   if (self%state == accepted) text = text//' (numerical error only, not fibers or attachments)'
    if (len(self%reasons) == 0) return
    text = text//': '
    do i = 1, len(self%reasons) - 1

@@ -25,8 +25,8 @@ from myork.files import json_text, write_json, write_text
 from myork.summary import asked
 
 _EXIT_STATUS = """\
-exit status: 0 done; 1 ended without convergence, the last state is written, or the answer is
-refused; 2 bad input; 3 a missing or broken part of the installation"""
+exit status: 0 done; 1 did not converge (the last state is written) or the answer was
+refused; 2 bad input; 3 part of the installation is missing or broken"""
 
 _KINDS = "box, annulus, muscle, labels, images, leg or reduced"
 
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if result:
             print(result)
     except KeyboardInterrupt:
-        status = _complain("stopped; what was finished is written", 1)
+        status = _complain("stopped; finished results have been written", 1)
         if arguments is None:
             # a library that was stopped while it loaded may crash when Python takes it down
             sys.stderr.flush()
@@ -106,7 +106,7 @@ def _explanation(error: Exception) -> tuple[str, int]:
     if isinstance(error, MyorkError):
         return str(error), error.exit_code
     if isinstance(error, ImportError):
-        return f"a part of the installation does not load: {error}; {cure_of(str(error))}", 3
+        return f"part of the installation cannot be loaded: {error}; {cure_of(str(error))}", 3
     if isinstance(error, OSError):
         # an exception without errno has nothing but its arguments, which may be a bare path
         what = error.strerror or f"{type(error).__name__}: {error}"
@@ -176,7 +176,7 @@ def _check(options: argparse.Namespace, console: Console) -> None:
     )  # fmt: skip
     failed = [check.name for check in found if check.passed is False]
     if failed:
-        raise ConvergenceError(f"checks that failed: {', '.join(failed)}")
+        raise ConvergenceError(f"failed checks: {', '.join(failed)}")
 
 
 def _bench(options: argparse.Namespace, console: Console) -> None:
@@ -192,7 +192,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
     if options.list:
         return str(_load("bench.reproduce:list_tables")())
     if not options.names:
-        raise InputError("name tables or figures, such as 6.8, or all; --list names them")
+        raise InputError("name a table or figure, such as 6.8, or all; --list prints them")
     content = _load("bench.reproduce:reproduce")(
         options.names, options.out, progress=console,
         show=silent if options.verbosity < 0 else print,
@@ -249,7 +249,7 @@ def _rom_solve(options: argparse.Namespace, console: Console) -> None:
     state = _model(options, threads=1).solve(**_load("rom.parameters:numbers_of")(options.set))
     print(json_text(state.as_dict()) if options.json else state.describe())
     if not state.converged:
-        raise ConvergenceError("the reduced model found no state for these parameters")
+        raise ConvergenceError("the reduced model did not converge for these parameters")
 
 
 def _rom_map(options: argparse.Namespace, console: Console) -> str:
@@ -257,7 +257,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
     found = _load("rom.map:map_model")(_model(options), options.vary, fixed, out)
     return (
         f"{found['states']} states, {found['failed']} failed, {found['full']['lost']} near full "
-        f"solves that are unstable or found none, {found['certified']} within the tolerance, "
+        f"solves that are unstable or did not converge, {found['certified']} within the tolerance, "
         f"{found['cpu_us_per_state']:.0f} us each: {out / 'map.csv'}, {out / 'map.png'}"
     )
 
@@ -319,7 +319,7 @@ def _override(text: str) -> str:
     """Text KEY=VALUE of an option."""
     key, sign, value = text.partition("=")
     if not (sign and key.strip() and value.strip()):
-        raise argparse.ArgumentTypeError(f"KEY=VALUE is needed, as in load.steps=20, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected KEY=VALUE, as in load.steps=20, not {text!r}")
     return text
 
 
@@ -328,9 +328,7 @@ def _whole(least: int, most: int) -> Callable[[str], int]:
 
     def number(text: str) -> int:
         if not (text.strip().isdecimal() and least <= int(text) <= most):
-            raise argparse.ArgumentTypeError(
-                f"at least {least} and at most {most} are possible, not {text!r}"
-            )
+            raise argparse.ArgumentTypeError(f"must be between {least} and {most}, not {text!r}")
         return int(text)
 
     return number
@@ -338,7 +336,7 @@ def _whole(least: int, most: int) -> Callable[[str], int]:
 
 def _folder(text: str) -> Path:
     if not text.strip():
-        raise argparse.ArgumentTypeError("the name of a folder is needed; . is the current one")
+        raise argparse.ArgumentTypeError("expected the name of a folder; . is the current one")
     return Path(text)
 
 
@@ -378,18 +376,18 @@ _SET = _set("override a key of the deck, such as load.steps=20 or material.fat.K
 _DECK = (
     _option(
         "deck", "DECK",
-        "deck file (TOML); run, segment and build take a folder of images as well, a BIDS tree or "
-        "DICOM, which makes the deck", Path,
+        "deck file (TOML); run, segment and build also accept a folder of images, a BIDS tree or "
+        "DICOM, from which a deck is made", Path,
     ),
     _SET,
 )
 _IMAGES = (
     *_DECK,
-    _option("--data", "DIR", "where the files that the deck names lie, in any folders of it",
+    _option("--data", "DIR", "folder that contains the files named in the deck, at any depth",
             _folder),
 )
 _NO_ERROR = _flag(
-    "--no-error", "no second solution, so no error bars of the probes",
+    "--no-error", "skip the second solution, and with it the error bars of the probes",
     dest="error", action="store_false",
 )
 _FILE = _option("file", "FILE", "reduced model (.rom.h5)", Path)
@@ -410,7 +408,7 @@ class _Command(NamedTuple):
 _COMMANDS = {
     "demo": _Command(
         _call("demo:run_demo", "{found}", "out", threads="threads", progress="console"),
-        "phantom images to a muscle force, a trained reduced model, a report, a page with sliders",
+        "phantom images to muscle force, trained reduced model, report and a page with sliders",
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         default="out/demo",
     ),
@@ -435,8 +433,8 @@ _COMMANDS = {
             _option(
                 "--how", "WAY",
                 "nearest, linear (volume by volume) or tensor-wise (tensors, fibers); default "
-                "nearest for labels (whole numbers of at most 128 kinds, none below zero), linear "
-                "for all else",
+                "nearest for labels (integers of at most 128 kinds, none negative), linear "
+                "for everything else",
             ),
         ),
         "",
@@ -480,21 +478,21 @@ _COMMANDS = {
             ),
             _option(
                 "--start-from", "FILE[:STEP]",
-                "start from a state in a result file instead of at rest",
+                "start from a state in a result file instead of from rest",
             ),
             _NO_ERROR,
         ),
     ),
     "rom": _Command(
         _station("rom:run_rom", "reduced models in {out}"),
-        "snapshots to reduced models, with errors and timings against the full solution",
+        "snapshots to reduced models, with errors and timings relative to the full solution",
         "  myork rom inputs/muscle_block.toml\n"
         "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
         _DECK,
     ),
     "rom train": _Command(
         _rom_train,
-        "train a reduced model of a deck that answers for any values of its parameters",
+        "train a reduced model of a deck, valid for any values of its parameters in their ranges",
         "  myork rom train inputs/muscle_block.toml --vary load.activation=0:1 \\\n"
         "      --vary boundary.z1.u_z=-0.2:0.3 -o block.rom.h5",
         (
@@ -509,14 +507,14 @@ _COMMANDS = {
     ),
     "rom solve": _Command(
         _rom_solve,
-        "the state of a reduced model for values of its parameters",
+        "evaluate a reduced model at given parameter values",
         "  myork rom solve block.rom.h5 --set load.activation=0.4 --set u_z=0.1 --json",
         (_FILE, _VALUE, _flag("--json", "print JSON")),
         default="out/<model>",
     ),
     "rom map": _Command(
         _rom_map,
-        "a reduced model over a grid of its parameters: a table and a picture",
+        "evaluate a reduced model on a grid of its parameters: table and figure",
         "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
         (
             _FILE,
@@ -527,7 +525,7 @@ _COMMANDS = {
     ),
     "rom check": _Command(
         _rom_check,
-        "a reduced model against full solves at parameters that it was not trained on",
+        "compare a reduced model with full solves at parameter values not used in training",
         "  myork rom check block.rom.h5 --points 20 --out out/block",
         (
             _FILE,
@@ -538,7 +536,7 @@ _COMMANDS = {
     ),
     "sweep": _Command(
         _sweep,
-        "solve a deck at many values of its keys: one table, resumed where it stopped",
+        "solve a deck for many values of its keys: one table; an interrupted sweep is resumed",
         "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
         "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
         "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
@@ -555,15 +553,15 @@ _COMMANDS = {
             _seed(),
             _option("--workers", "N", "processes; default all cores", _THREADS),
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
-            _option("--model", "FILE", "reduced model that answers (.rom.h5)", Path),
-            _flag("--dry-run", "print what would be solved and what it costs, and exit"),
+            _option("--model", "FILE", "reduced model (.rom.h5) to use instead of the deck", Path),
+            _flag("--dry-run", "print what would be solved and its estimated cost, and exit"),
             _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         default="out/<deck>_sweep",
     ),
     "study identify": _Command(
         _identify,
-        "parameters that fit measured forces or displacements, with intervals",
+        "fit parameters to measured forces or displacements, with confidence intervals",
         "  myork study identify block.rom.h5 --data measured.csv --free sigma_max\n"
         "  myork study identify deck.toml --data measured.csv \\\n"
         "      --free material.muscle.sigma_max=20:60 --free material.muscle.A10=4:9",
@@ -575,12 +573,12 @@ _COMMANDS = {
             _set("value of another parameter, or override of the deck"), _seed(),
             _option(
                 "--data", "FILE",
-                "CSV: a column for each key that was set and each probe, NAME_error for its error",
+                "CSV: a column for each varied key and each probe; NAME_error for standard errors",
                 Path, required=True,
             ),
             _several(
                 "--free", "KEY=LOW:HIGH",
-                "parameter to be fitted; KEY alone takes the range of the training",
+                "parameter to be fitted; KEY alone uses the range of the training",
                 required=True,
             ),
         ),
@@ -588,21 +586,21 @@ _COMMANDS = {
     ),
     "study uncertainty": _Command(
         _uncertainty,
-        "uncertainty of a force from that of the segmentation: label maps moved, rebuilt, solved",
+        "uncertainty of a force due to the segmentation: solves of perturbed label maps",
         "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
         (
             _option("deck", "DECK", "DECK of a model from a label map", Path), _SET, _seed(),
             _option(
-                "--probe", "NAME", "probe, such as reaction or pull_x; default the first force"
+                "--probe", "NAME", "probe, such as reaction or pull_x; default: the first force"
             ),
             _option("--samples", "N", "maps; default 12", int, default=12),
             *(
                 _option(f"--{name}", "MM", f"{what} [mm]; default {value:g}", float, default=value)
                 for name, value, what in (
-                    ("bias", 0.0, "move of all boundaries outwards"),
-                    ("shift", 0.5, "standard deviation of the move of a whole boundary"),
-                    ("noise", 0.5, "standard deviation of a move that varies along it"),
-                    ("length", 10.0, "distance over which that varies"),
+                    ("bias", 0.0, "outward shift of all boundaries"),
+                    ("shift", 0.5, "standard deviation of the shift of a whole boundary"),
+                    ("noise", 0.5, "standard deviation of a shift that varies along it"),
+                    ("length", 10.0, "correlation length of that shift"),
                 )
             ),
         ),
@@ -623,7 +621,7 @@ _COMMANDS = {
             _flag("--no-browser", "print the address without opening a browser"),
             _option(
                 "--still", "PAGE.html",
-                "start no server: write a page of sampled states that opens anywhere, interpolated "
+                "start no server: write a self-contained page of sampled states, interpolated "
                 "in between; at most 4 MB of states", Path,
             ),
         ),
@@ -631,7 +629,7 @@ _COMMANDS = {
     ),
     "bench": _Command(
         _bench,
-        "in a checkout, solve the reference problems again: their tables and curves",
+        "in a checkout, solve the reference problems again and write their tables and curves",
         "  myork bench nonlinear\n  myork bench trust --quick\n"
         "  myork bench linear rom --out out/bench\n"
         "  myork bench all --quick",
@@ -654,7 +652,7 @@ _COMMANDS = {
                 "6.8, figure-5.2 or all; a bare number is the table, or the figure where there is "
                 "no such table", nargs="*",
             ),
-            _flag("--list", "name all, with their decks and costs, and end"),
+            _flag("--list", "list all with their decks and costs, and exit"),
         ),
         "folder of reproduce.json, reproduce.md, reproduce.html and pictures",
         "out/reproduce",
@@ -686,7 +684,7 @@ _COMMANDS = {
     ),
     "explain": _Command(
         _call("stations.explain:explain_deck", "", "deck", out="out", overrides="set"),
-        "print what a deck models: sizes, memory and cost; refuse what does not fit",
+        "print what will be solved: sizes, memory, cost; refuse what does not fit into memory",
         "  myork explain inputs/muscle_block.toml",
         _DECK,
     ),
@@ -694,7 +692,7 @@ _COMMANDS = {
         _check,
         "self-checks of a deck: tangent, materials, fibers, balance, restart, threads",
         "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
-        (*_DECK, _flag("--quick", "without those that solve the deck")),
+        (*_DECK, _flag("--quick", "skip the checks that solve the deck")),
         "put check.json there", "",
     ),
     "new": _Command(
@@ -715,7 +713,7 @@ def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
         prog="myork",
-        description="From an image to a muscle force and its reduced model.",
+        description="From images to muscle force and a reduced model.",
         epilog=f"examples:\n  myork demo\n  myork solve --help\n\n{_EXIT_STATUS}",
         formatter_class=raw,
     )
@@ -730,7 +728,7 @@ def _parser() -> argparse.ArgumentParser:
     loudness = common.add_mutually_exclusive_group()
     for names, value, what in (
         (("-q", "--quiet"), -1, "no progress"),
-        (("-v", "--verbose"), 1, "a line for every iteration, a traceback with an error"),
+        (("-v", "--verbose"), 1, "a line for every iteration, and a traceback on error"),
     ):
         loudness.add_argument(
             *names, dest="verbosity", action="store_const", const=value, default=0, help=what

@@ -101,7 +101,7 @@ def _reduced(
         deck, _VARIED, full_solves=_SOLVES, tests=0, out=out, overrides=overrides,
         threads=threads, progress=progress,
     )  # fmt: skip
-    progress(f"check by {_CHECKS} full solves that the training does not see")
+    progress(f"checking against {_CHECKS} full solves not used in training")
     found = compare(rom, rom.full_model(), _CHECKS, 1, progress)
     write_json(out / "check.json", found)
     rom.set_certificate(found)

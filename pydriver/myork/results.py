@@ -187,7 +187,7 @@ class Results:
         """
         if name not in self.fields:
             raise InputError(
-                f"{self.path}: no field {name!r}; there are {', '.join(sorted(self.fields))}"
+                f"{self.path}: no field {name!r}; available: {', '.join(sorted(self.fields))}"
             )
         step = self._step(step)
         with _damage(self.path, f"field {name}"):
@@ -330,7 +330,7 @@ class Results:
                 return missing
             values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":
-                raise TypeError("it does not hold numbers")
+                raise TypeError("it does not contain numbers")
         return values
 
 

@@ -281,7 +281,7 @@ ONCE: list[tuple[str, list[Edit], str]] = [
     ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "of numbers"),
     ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "must be integers"),
     ("tracts/sound.npz", lines(LINES, [0, 70]), "offsets must rise"),
-    ("tracts/sound.npz", lines(LINES[:0], [0]), "holds no line"),
+    ("tracts/sound.npz", lines(LINES[:0], [0]), "contains no lines"),
     ("tracts/sound.npz", lines(LINES * 0, [0, 7]), "all points of each line coincide"),
 ]  # fmt: skip
 

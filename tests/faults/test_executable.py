@@ -107,11 +107,11 @@ def test_little_memory_answers_questions(word: str) -> None:
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["-t", "100000"], "-t 100000: a number of threads is needed, from 1 to 1024"),
-    (["--threads", "0"], "--threads 0: a number of threads is needed, from 1 to 1024"),
+    (["-t", "100000"], "-t 100000: the number of threads must be between 1 and 1024"),
+    (["--threads", "0"], "--threads 0: the number of threads must be between 1 and 1024"),
     (["--threads"], "--threads needs a value"),
     (["--out"], "--out needs a value"),
-    (["--set", "load.steps=2\nload.activation=1"], "an override is a single line"),
+    (["--set", "load.steps=2\nload.activation=1"], "an override must be a single line"),
 ])  # fmt: skip
 def test_words_of_the_executable(model: Path, words: list[str], message: str) -> None:
     done = explain(model, *words)

@@ -103,7 +103,7 @@ def test_mixed_or_broken_series_are_refused(tmp_path):
     said = r"made 2 images of its 4 .*\(2x3x3x1\); .*\(2x4x1x1\)"
     refuses(said, read_image, tmp_path / "size")
     (tmp_path / "empty").mkdir()
-    refuses("holds no DICOM images", read_image, tmp_path / "empty", kind=FileError)
+    refuses("contains no DICOM images", read_image, tmp_path / "empty", kind=FileError)
 
 
 def mixed(folder):
@@ -122,7 +122,7 @@ def mixed(folder):
 def test_images_of_a_dicom_folder_are_listed_and_chosen(tmp_path):
     folder = tmp_path / "scan"
     uid, lone = mixed(folder)
-    listed = refuses("scan: holds 6 images; write one of these", read_image, folder)
+    listed = refuses("scan: contains 6 images; write one of these", read_image, folder)
     rows = [line.split("  ") for line in listed.splitlines()[1:]]
     rows = [[word.strip() for word in row if word.strip()] for row in rows]
     echoes = product((1, 2), ("magnitude", "phase"))
@@ -140,8 +140,8 @@ def test_images_of_a_dicom_folder_are_listed_and_chosen(tmp_path):
     again = read_image(tmp_path / f"scan:kind=Phase, series={uid}, echo=2")
     assert np.array_equal(again.data, values[4])
     for choice, said in (
-        ("series=5,echo=1", r"(?s)holds 2 images with series=5,echo=1;.*=phase"),
-        ("series=7", r"(?s)holds no image with series=7; write.*series=1 "),
+        ("series=5,echo=1", r"(?s)contains 2 images with series=5,echo=1;.*=phase"),
+        ("series=7", r"(?s)contains no image with series=7; write.*series=1 "),
         ("serie=5", r"scan:serie=5: 'serie=5' chooses nothing; write DIR:"),
     ):
         refuses(said, read_image, tmp_path / f"scan:{choice}")
@@ -157,7 +157,7 @@ def test_the_list_of_images_is_that_of_the_page(tmp_path):
     for k, (time, word) in enumerate(product((1.23, 2.46), kinds)):
         plain |= {"EchoTime": time, "ImageType": kinds[word]}
         series(folder, np.arange(30.0) * 4, uid, 30 * k, **plain)
-    shown = refuses("holds", read_image, folder).replace(f"{folder}", folder.name)
+    shown = refuses("contains", read_image, folder).replace(f"{folder}", folder.name)
     page = Path(__file__).parents[2] / "docs/imaging.md"
     assert f"```text\n{shown}\n```" in page.read_text(encoding="utf-8")
 
@@ -166,7 +166,7 @@ def test_series_of_one_uid_differ_by_their_numbers(tmp_path):
     """As they are where names were taken out."""
     uid = series(tmp_path / "s", heights=(1.0, 5.0), SeriesNumber=2)
     series(tmp_path / "s", heights=(9.0, 13.0), uid=uid, first=5, SeriesNumber=3)
-    refuses(r"(?s)holds 2 images; .*s:series=2 .*s:series=3 ", read_image, tmp_path / "s")
+    refuses(r"(?s)contains 2 images; .*s:series=2 .*s:series=3 ", read_image, tmp_path / "s")
     for name in ("s:series=3", "s/:series=3"):
         assert read_image(tmp_path / name).data[0, 0, 0] == 1801.0
 
@@ -225,7 +225,9 @@ def test_diffusion_series_of_the_makers(tmp_path, maker):
     stack(tmp_path / "scan", values, OBLIQUE, maker=maker, number=7, weighting=table)
     # a second series beside it has to be chosen
     series(tmp_path / "scan", first=100, SeriesNumber=1)
-    refuses(r"(?s)holds 2 images.*scan:series=7 .*3 slices x 7", read_diffusion, tmp_path / "scan")
+    refuses(
+        r"(?s)contains 2 images.*scan:series=7 .*3 slices x 7", read_diffusion, tmp_path / "scan"
+    )
     keys = {"dwi": "scan:series=7", "gradient_axes": "x y z"}
     found = read_tensors(keys, tmp_path)
     assert sorted(found.tensor.data.shape[:3]) == [3, 12, 16]

@@ -175,7 +175,7 @@ def test_labels_nearly_whole_and_without_a_number(tmp_path):
     assert "1 voxels are not a number and count as background" in note
     data[2, 2, 2] = 1.0015
     path = save(tmp_path / "l.nii", data)
-    refuses(r"1 voxels hold others, first 1\.0015 in voxel", read_labels, path)
+    refuses(r"1 voxels contain other values, the first is 1\.0015 in voxel", read_labels, path)
 
 
 def test_vectors_with_an_axis_of_time(tmp_path):

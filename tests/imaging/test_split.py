@@ -240,7 +240,7 @@ SEED = bone(39, 34, 0)
     ([bone(-9, 34, 0)], {"split": "walk"}, "muscle.bone: .* lies outside"),
     ([], {"seeds": "seeds.nii.gz"}, "image.seeds: only for split = walk"),
     ([], {"split": "walk", "seeds": "seeds.nii.gz", "reference": "old.nii.gz"},
-     "image.reference: only for|cannot be given beside"),
+     "image.reference: only for|cannot be combined with"),
     ([], {"seed": [1, 1, 0]}, "image.seed = .* does not lie"),
     *(([], {"split": split, "reference": "old.nii.gz", key: 1},
        f"{key}: only for split = .*; here split = {split}")

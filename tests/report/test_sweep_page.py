@@ -66,7 +66,7 @@ def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
     first = file.read_text().splitlines()[0]
     for text in ("", "{}", '{"sweep": {"keys": 3}}', "[]"):
         file.write_text(text)
-        with pytest.raises(FileError, match=r"points\.jsonl: is not what myork sweep writes"):
+        with pytest.raises(FileError, match=r"points\.jsonl: is not a table written by"):
             make_report(swept)
     file.write_text(first + "\n")
     refuses("no point is finished", make_report, swept, kind=FileError)

@@ -236,9 +236,9 @@ def test_hash_of_any_length(write: Write, length: int) -> None:
     ("load.stepz=3", "load.stepz: unknown key; did you mean 'steps'?"),
     ("load.steps=0", "load.steps: must be at least 1 and at most 1000000, not 0"),
     ("load.steps=x", "load.steps: must be an integer, not the text 'x'"),
-    ("material.fatt.K=3", "material.fatt.K: no [[material]] is called 'fatt'; did you mean"),
-    ("exact.4.amount=3", "exact.4.amount: no [[exact]] is called '4'"),
-    ("load.first.steps=3", "load.first.steps: [load] comes once, write load.key=value"),
+    ("material.fatt.K=3", "material.fatt.K: no [[material]] is named 'fatt'; did you mean"),
+    ("exact.4.amount=3", "exact.4.amount: no [[exact]] is named '4'"),
+    ("load.first.steps=3", "load.first.steps: [load] is a single table: write load.key=value"),
     ("geometry.source=[5,5", "geometry.source: must be an array of integers, not the text"),
     ("scene=3", "scene: is a table; write scene.key=value"),
     ("nothing", "nothing: write table.key=value"),
@@ -276,8 +276,8 @@ WRONG = [
     ("size = [1, 1, 2]", "size = [1, 2]", "geometry.size: must have 3 items (scene.dimension"),
     # where other keys decide
     ("K = 4e3", "K = 1\ngamma1 = 1", "material.fat.gamma1: only for model = muscle; here mod"),
-    ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is taken already, by case.t"),
-    ("label = 2", "label = 1", "material.fat.label: 1 is taken already, by case.toml:14"),
+    ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is already used by case.t"),
+    ("label = 2", "label = 1", "material.fat.label: 1 is already used by case.toml:14"),
     ("fiber = [0, 0, 1]", "fiber = [0, 0, 1]\nfiber_angle = 3", "material.muscle.fiber_angle: "),
     ("u_x = 0", "u_x = 0\npull = 1", "boundary.z0.pull: needs tendon beside it"),
     # what is missing
@@ -376,7 +376,7 @@ def test_counts_have_limits(write: Write, table: str) -> None:
         file.write("no = 1\n")
     assert f": {address}.no: unknown key" in complaints(Path("case.toml"))[0]
     lines = complaints(deck_of(most + 1))
-    assert f": {table}: has {most + 1} entries, but at most {most} are possible" in lines[0]
+    assert f": {table}: has {most + 1} entries, but at most {most} are allowed" in lines[0]
 
 
 @pytest.mark.slow
@@ -397,8 +397,8 @@ def test_arrays_have_limits(write: Write) -> None:
     (b"[load.\n", "case.toml:1:7: not TOML: "),
     (b'title = "a"\n# caf\xe9 \n', "case.toml:2:"),
     (b"PK\x03\x04\x00\x00", "case.toml:1:3: not TOML: "),
-    (b"[[load]]\nsteps = 3\n", "case.toml:1: load: comes once, write [load] instead of [[l"),
-    (b"[material]\n", "case.toml:1: material: there may be several, write [[material]] inst"),
+    (b"[[load]]\nsteps = 3\n", "case.toml:1: load: is a single table: write [load] instead of [[l"),
+    (b"[material]\n", "case.toml:1: material: is an array of tables: write [[material]] inst"),
     (b"\nload = 3\n", "case.toml:2: load: must be a table [load], not an integer"),
     (b"[load.steps]\nx = 1\n", "case.toml:1: load.steps: must be an integer, not a table"),
     # slips have a cure
@@ -485,7 +485,7 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
         if "choices" in own:
             wrong.append((97 if own["type"] == "integer" else "nonsense", "must be"))
         if "refers_to" in own:
-            wrong.append(("nobody", r"no \[\[\w+\]\] is called 'nobody'"))
+            wrong.append(("nobody", r"no \[\[\w+\]\] is named 'nobody'"))
         for value, said in wrong:
             yield key, deck(own, **{key: [value] * len(right) if many else value}), said
         if "length" in own:
@@ -498,7 +498,7 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
             yield key, deck(own, **{key: None}), "missing"
         for other in own.get("not_beside", []):
             both = {key: right, other: valid(keys[other])}
-            yield f"({key}|{other})", deck(own, **both), "cannot be given beside|only for"
+            yield f"({key}|{other})", deck(own, **both), "cannot be combined with|only for"
         for condition in own.get("only_if", {}):
             yield key, deck(own, condition, **{key: right}), "only for|needs"
 

@@ -154,4 +154,5 @@ assert "numpy" not in sys.modules
 sys.exit(main(["explain", "deck.toml"]))
 """
     done = ended(code)
-    assert done.returncode == 1 and done.stderr == "myork: stopped; what was finished is written\n"
+    assert done.returncode == 1
+    assert done.stderr == "myork: stopped; finished results have been written\n"

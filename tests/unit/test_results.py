@@ -169,7 +169,7 @@ def test_summary_beside_the_results(sample: Path, tmp_path: Path) -> None:
 
 def test_refuses_what_is_not_there(sample: Path, tmp_path: Path) -> None:
     with Results(sample) as results:
-        refuses("no field 'stress'; there are F, J, cauchy", results.field, "stress")
+        refuses("no field 'stress'; available: F, J, cauchy", results.field, "stress")
         refuses("no step 4; the last one is 3", results.field, "u", 4)
         refuses("no step 9", results.to_pyvista, 9)
     (tmp_path / "cut.h5").write_bytes(sample.read_bytes()[:-1000])

@@ -260,7 +260,7 @@ def test_a_body_that_nothing_holds(write_deck: Write) -> None:
 def test_annulus(inputs: Path) -> None:
     for override, message in {
         "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
-        "boundary.inner.u_x=1": "cannot be given beside u_x",
+        "boundary.inner.u_x=1": "cannot be combined with u_x",
         "scene.dimension=3": "annulus needs scene.dimension = 2, not 3",
         "probe.radial_stress.quantity=u_z": "u_z is always zero in two dimensions",
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",

@@ -30,7 +30,7 @@ def test_new_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[st
     path = tmp_path / "mine.toml"
     path.write_text("precious")
     assert main(["new", "box", "-o", str(path)]) == 2
-    assert "is there already" in capsys.readouterr().err and path.read_text() == "precious"
+    assert "already exists" in capsys.readouterr().err and path.read_text() == "precious"
     assert main(["new", "sphere", "-o", str(tmp_path / "s.toml")]) == 2
     assert "there are box, annulus" in capsys.readouterr().err
 
@@ -69,4 +69,4 @@ def test_check_finds_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["check", str(deck), "--quick"]) == 1
     captured = capsys.readouterr()
     assert "passive matrix softens" in captured.out
-    assert "checks that failed: material muscle" in captured.err
+    assert "failed checks: material muscle" in captured.err

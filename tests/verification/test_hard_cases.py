@@ -90,7 +90,7 @@ def test_a_volume_ratio_that_is_off_is_not_accepted(inputs: Path, form: str, pla
     assert abs(found.last()["shear_stress"] - 1.0) > 0.05
     states = found.states
     assert states.verdict != "accepted"
-    assert "what the pressure allows" in " ".join([*states.reasons, *states.warnings])
+    assert "given by the pressure" in " ".join([*states.reasons, *states.warnings])
 
 
 #: Activation in one step, and active stress far above the passive stiffness, where the material

@@ -83,7 +83,7 @@ def test_part_of_a_side_is_held_to_its_border() -> None:
 
 def test_a_search_that_its_cost_ends_writes_how_far_it_came(tmp_path: Path) -> None:
     """A microsecond is over before the first iteration."""
-    ended = r"the first points of the search, \[8,2\] cells, have no answer within refine\.cost = "
+    ended = r"the first points of the search, \[8,2\] cells, have no solution within refine\.cost"
     with pytest.raises(ConvergenceError, match=ended + r".*on the way to load 1; .*\(written to"):
         run_deck(cantilever(accuracy=0.01, cost=1e-6), tmp_path)
     assert (tmp_path / "results.vtkhdf").exists()
@@ -326,7 +326,10 @@ def test_what_voxels_leave_open_is_not_promised() -> None:
     with bar(accuracy=0.05) as opened:
         found = solved(opened, error=True)
     assert found.bar("force") > 0.08 * abs(found.last()["force"])
-    assert "is not met: the voxels leave 8 % open, however many" in found.states.reasons[-1]
+    assert (
+        "is not met: the voxels leave an uncertainty of 8 %, however many"
+        in found.states.reasons[-1]
+    )
 
 
 @pytest.mark.parametrize(

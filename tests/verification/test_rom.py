@@ -147,7 +147,7 @@ RIGID = {**RUBBER, "material": [{**RUBBER["material"][0], "K": float("inf")}]}
         (STRONG, "galerkin", "projection: .*least-squares"),
         (RUBBER, "least-squares", 'projection: .*by "galerkin"'),
         (WAVE, "galerkin", "more equations than unknowns"),
-        (WAVE.with_name("poisson_1d.toml"), "auto", "made of nonlinear problems"),
+        (WAVE.with_name("poisson_1d.toml"), "auto", "for nonlinear problems"),
     ],
 )
 def test_reductions_that_cannot_be(open_scene, deck, projection, why):
@@ -159,7 +159,7 @@ def test_reductions_that_cannot_be(open_scene, deck, projection, why):
 def test_one_solve_leaves_nothing_to_save(tmp_path):
     with pytest.raises(InputError, match="at least one state that is not zero"):
         proper_orthogonal_modes(np.zeros((3, 6)))
-    with pytest.raises(InputError, match="nothing to save"):
+    with pytest.raises(InputError, match="nothing to gain"):
         myork.run_rom(WAVE.with_name("poisson_1d.toml"), tmp_path)
 
 
@@ -293,8 +293,8 @@ def test_a_model_of_few_snapshots_is_judged_at_all_steps(tmp_path) -> None:
     ("change", "message"),
     [
         ({"every": 7}, r"rom.every = 7: none of the 6 steps is a snapshot"),
-        ({"steps": [2, 9]}, r"rom.steps: 9 is asked for, but there are 6 load steps"),
-        ({"modes": [4], "every": 2}, r"4 modes are asked for, but 3 load steps give at most 3"),
+        ({"steps": [2, 9]}, r"rom.steps: 9 is requested, but there are 6 load steps"),
+        ({"modes": [4], "every": 2}, r"4 modes are requested, but 3 load steps give at most 3"),
         ({"projection": "galerkin"}, r"rom.projection: unknown key"),
     ],
 )

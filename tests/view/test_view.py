@@ -186,7 +186,7 @@ def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
 def test_no_number_without_a_state(address: str) -> None:
     facts, numbers = asked(f"{address}state?p=0.8,-1.9,40&field=J")
     assert facts["verdict"] == "refused" and not facts["converged"] and not facts["inside"]
-    assert facts["reasons"][0] == "no state was found for these values"
+    assert facts["reasons"][0] == "the reduced model did not converge for these values"
     assert len(numbers) % 4 == 0
 
 
@@ -387,7 +387,7 @@ def test_a_page_without_a_server(open_page, answers, trained, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("name", "message"), [
-    ("block.rom.h5", "--still TMP/block.rom.h5: the name of a page ends in .html"),
+    ("block.rom.h5", "--still TMP/block.rom.h5: the name must end in .html"),
     ("none/block.html", "TMP/none/block.html: cannot be written: No such file or directory"),
 ])  # fmt: skip
 def test_where_no_page_is_written(trained, tmp_path, capsys, name, message):

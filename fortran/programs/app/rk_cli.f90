@@ -88,7 +88,7 @@ subroutine read_arguments(config, error)
                return
             end if
             if (scan(value, new_line('a')//achar(13)) > 0) then
-               call fatal_error(error, err_input, '--set '//value//': an override is a ' &
+               call fatal_error(error, err_input, '--set '//value//': an override must be a ' &
                   & //'single line')
                return
             end if
@@ -97,8 +97,8 @@ subroutine read_arguments(config, error)
             read (value, *, iostat=stat) config%threads
             if (stat /= 0 .or. config%threads < 1 .or. config%threads > most_threads &
                & .or. verify(value, '0123456789') > 0) then
-               call fatal_error(error, err_input, word//' '//value//': a number of threads ' &
-                  & //'is needed, from 1 to 1024')
+               call fatal_error(error, err_input, word//' '//value//': the number of threads ' &
+                  & //'must be between 1 and 1024')
                return
             end if
          end select
@@ -112,12 +112,12 @@ subroutine read_arguments(config, error)
       end select
    end do
    if (len(config%deck) == 0) then
-      call fatal_error(error, err_input, 'which deck?'//new_line('a')//usage_text())
+      call fatal_error(error, err_input, 'no deck given'//new_line('a')//usage_text())
       return
    end if
    if (config%threads == 0 .and. omp_get_max_threads() > most_threads) then
       call fatal_error(error, err_input, 'OMP_NUM_THREADS is '//to_text(omp_get_max_threads()) &
-         & //': from 1 to 1024 threads are possible')
+         & //': the number of threads must be between 1 and 1024')
       return
    end if
    if (len(config%out) == 0) config%out = 'out/'//stem(config%deck)

@@ -44,7 +44,7 @@ subroutine explain(deck, model, scene)
    end if
    print '(a)', '  method        '//scene%method//', basis of order ' &
       & //to_text(scene%approximation%order)//', about '//to_text(nint(cost%neighbours)) &
-      & //' neighbours a point'
+      & //' neighbours per point'
    print '(a)', '  points        '//to_text(nint(cost%ns))//' source, '//to_text(nint(cost%nc)) &
       & //' collocation, '//to_text(size(scene%cloud%boundary_point))//' boundary entries'
    if (allocated(scene%cloud%block)) call explain_blocks(deck, model, scene)
@@ -55,7 +55,7 @@ subroutine explain(deck, model, scene)
       call deck%get('refine.accuracy', wanted)
       call deck%get('refine.cost', most)
       print '(a)', '  search        these points are the first; more are added until the probes ' &
-         & //'are known to '//to_text(100.0_wp*wanted, 3)//' %, within '//to_text(most, 3) &
+         & //'are accurate to '//to_text(100.0_wp*wanted, 3)//' %, within '//to_text(most, 3) &
          & //' CPU s'
    end if
    print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
@@ -77,7 +77,7 @@ subroutine explain(deck, model, scene)
    end do
    if (.not. allocated(scene%equation%problem)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
-      & //' Gflop a solution'
+      & //' Gflop per solution'
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
    speed = rate()

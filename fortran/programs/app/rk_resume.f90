@@ -93,7 +93,7 @@ subroutine start_from(words, deck, problem, start, error)
 
    if (problem%linear) then
       call fatal_error(error, err_input, '--start-from '//words//': a linear problem is solved ' &
-         & //'or marched from its own start; leave the option out')
+         & //'or integrated from its own initial state; omit the option')
       return
    end if
    path = words
@@ -141,7 +141,7 @@ subroutine compare_decks(found, deck, path, error)
    else
       what = 'it was solved without --set'
    end if
-   call fatal_error(error, err_input, path//': holds a run of another deck: '//what &
+   call fatal_error(error, err_input, path//': contains a run of another deck: '//what &
       & //'; resume with the deck as it was, or run again without --resume')
 end subroutine compare_decks
 

@@ -103,7 +103,7 @@ subroutine lock_folder(path, error)
    if (.not. c_associated(why)) return
    if (owner > 0) then
       call fatal_error(error, err_file, 'folder '//path//' is in use by another run (process ' &
-         & //to_text(int(owner))//'): wait until it ends or name another folder')
+         & //to_text(int(owner))//'): wait until it finishes or choose another folder')
    else
       call fatal_error(error, err_file, path//'/.lock: cannot be written: ' &
          & //to_fortran(why))

@@ -168,8 +168,8 @@ subroutine read_restart(self, path, error)
    call file%open_read(path, error)
    if (allocated(error)) return
    if (.not. file%has(own//'/coefficients')) then
-      call fatal_error(error, err_input, path//': holds no state to start from: it was written ' &
-         & //'by an earlier version, or by another program')
+      call fatal_error(error, err_input, path//': contains no state to start from: it was ' &
+         & //'written by an earlier version, or by another program')
    else
       call file%read(own//'/approximation', self%approximation, error)
       call file%read(own//'/source', self%source, error)

@@ -34,7 +34,7 @@ def run_benches(
     for name in names:
         if name not in (*BENCHES, "all"):
             raise InputError(
-                f"there is no benchmark {name!r}; there are {', '.join([*BENCHES, 'all'])}"
+                f"unknown benchmark {name!r}; choose one of {', '.join([*BENCHES, 'all'])}"
             )
     places = (Path.cwd(), Path(sys.prefix).parent)
     folder = next((one for one in places if (one / "benchmarks" / "runner.py").is_file()), None)

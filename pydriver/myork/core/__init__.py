@@ -11,5 +11,6 @@ except ImportError as reason:
 
 if thread_count() > MOST_THREADS:
     raise InputError(
-        f"OMP_NUM_THREADS is {thread_count()}: from 1 to {MOST_THREADS} threads are possible"
+        f"OMP_NUM_THREADS is {thread_count()}: the number of threads must be between "
+        f"1 and {MOST_THREADS}"
     )

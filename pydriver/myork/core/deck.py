@@ -101,7 +101,7 @@ def deck_values(
     """Values of a deck, from its text where there is one."""
     for item in overrides:
         if any(letter in item for letter in "\n\r\0"):
-            raise errors.InputError(f"--set {item!r}: an override is a single line")
+            raise errors.InputError(f"--set {item!r}: an override must be a single line")
     given = os.fsencode(path), text.encode() or b" ", as_texts(overrides), command.encode()
     capacity, length = 0, _CAPACITY
     while length > capacity:

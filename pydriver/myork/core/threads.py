@@ -19,7 +19,9 @@ os.register_at_fork(after_in_child=_core.work_alone)
 def core_threads(number: int | None) -> Iterator[None]:
     """Let the core use so many threads inside a block, None for as many as before."""
     if number is not None and not 0 <= number <= MOST_THREADS:
-        raise InputError(f"a number of threads from 1 to {MOST_THREADS} is needed, not {number}")
+        raise InputError(
+            f"the number of threads must be between 1 and {MOST_THREADS}, not {number}"
+        )
     before = _core.set_threads(number or 0)
     try:
         yield

@@ -119,9 +119,9 @@ def series_files(folder: Path, choice: str = "") -> list[DicomFile]:
         "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    what = f"holds {len(shown)} images" + (f" with {choice}" if choice else "")
+    what = f"contains {len(shown)} images" + (f" with {choice}" if choice else "")
     if not fitting:
-        what = f"holds no image with {choice}"
+        what = f"contains no image with {choice}"
     raise InputError("\n  ".join([f"{folder}: {what}; write one of these in its place:", *lines]))
 
 
@@ -345,7 +345,7 @@ def dicom_files(folder: Path) -> list[DicomFile]:
         files = [file for file in found if file is not None]
         if files:
             return files
-    raise FileError(f"{folder}: holds no DICOM images")
+    raise FileError(f"{folder}: contains no DICOM images")
 
 
 def _read(dicom: Any, path: Path) -> DicomFile | None:

@@ -413,7 +413,7 @@ def _rim_decides(
             result[mine] *= -1
         if max(contrast) < _UNLIKE:
             doubt = (
-                "dixon: there is no more fat next to the skin than inside (fractions differ by "
+                "dixon: there is no more fat under the skin than inside (fractions differ by "
                 f"{max(contrast):.2f}); check whether water and fat are swapped"
             )
     return result, doubt

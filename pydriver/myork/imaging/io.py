@@ -94,9 +94,9 @@ def read_labels(
         if len(broken):
             first = tuple(broken[0].tolist())
             raise InputError(
-                f"{path}: a label map must hold whole numbers, but {len(broken)} voxels hold "
-                f"others, first {data[first]:.10g} in voxel {first}; threshold a probability map "
-                "before"
+                f"{path}: a label map must contain integers, but {len(broken)} voxels contain "
+                f"other values, the first is {data[first]:.10g} in voxel {first}; threshold a "
+                "probability map before"
             )
         data = whole
     if data.min() < 0:
@@ -281,7 +281,7 @@ def read_rois(path: Path, like: Image | Labels | None) -> Labels:
     shape = screen.data.shape
     wrong = [name for name, mask in masks.items() if mask.shape != (shape[1], shape[0], shape[2])]
     if wrong or not masks:
-        what = f"mask {wrong[0]} has shape {masks[wrong[0]].shape}" if wrong else "holds no mask"
+        what = f"mask {wrong[0]} has shape {masks[wrong[0]].shape}" if wrong else "contains no mask"
         raise InputError(
             f"{path}: {what}; rows, columns and slices of {like.name} are "
             f"{(shape[1], shape[0], shape[2])}: give the image that they were drawn in"

@@ -29,7 +29,7 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
     """
     skin = _read_mesh(path)[1]
     if not skin.n_cells:
-        raise InputError(f"{path}: holds no surface")
+        raise InputError(f"{path}: contains no surface")
     if skin.n_open_edges:
         raise InputError(
             f"{path}: the surface is not closed ({skin.n_open_edges} open edges); close its holes "
@@ -99,7 +99,7 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
         lines = list(mesh.points.astype(float).reshape(nk, nj * ni, 3).swapaxes(0, 1))
     lines = [line * to_mm for line in lines if len(line) > 1]
     if not lines or not all(np.isfinite(line).all() for line in lines):
-        raise InputError(f"{path}: holds no line, or a point that is not finite")
+        raise InputError(f"{path}: contains no lines, or a point that is not finite")
     if not any(np.ptp(line, axis=0).any() for line in lines):
         raise InputError(f"{path}: all points of each line coincide; write the lines again")
     return lines

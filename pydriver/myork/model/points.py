@@ -54,7 +54,9 @@ def select(
         )
     part = data[:, :, low : high + 1]
     if not (part > 0).any():
-        raise InputError(f"{labels.name}: slices {low} to {high} hold none of the model's labels")
+        raise InputError(
+            f"{labels.name}: slices {low} to {high} contain none of the model's labels"
+        )
     return _moved(labels, part, np.array([0, 0, low]), np.ones(3))
 
 

@@ -14,8 +14,8 @@ from myork.summary import printed
 #: Volume ratios further than this from 1 are counted
 _OFF = 0.1
 _VERDICTS = {
-    "accepted": "Accepted: no check found a reason to doubt the numerical error; fibers, "
-    "materials and attachments are yours",
+    "accepted": "Accepted: no check found a reason to doubt the numerical solution; fibers, "
+    "materials and attachments are not checked",
     "doubtful": "Doubtful",
     "refused": "Refused: do not use these numbers",
 }
@@ -157,8 +157,8 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
     if "converged" not in summary:
         if summary.get("rom"):
             yield (
-                "The error is that against the full model, at the states that the modes were made "
-                "of. The error of the full model comes on top: myork solve estimates it"
+                "The error is relative to the full model, at the states from which the modes were "
+                "made. The error of the full model adds to it: myork solve estimates it"
             )
         return
     steps = summary.get("steps", [])
@@ -172,14 +172,14 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         reasons = "; ".join(verdict.get("reasons", []))
         yield _VERDICTS[verdict["state"]] + (f": {reasons}" if reasons else "")
     else:
-        yield "No verdict: nothing was checked"
+        yield "No verdict: no checks were made"
     refined = summary.get("refine", {})
     if refined.get("met"):
         yield str(refined["reason"])
     bars = list(_relative_bars(last))
     if bars:
         worst, name = max(bars)
-        yield Markup("Error bars: {} % of the value at most ({})").format(
+        yield Markup("Error bars: at most {} % of the value ({})").format(
             number(100.0 * worst, 2), name
         )
     second = summary.get("companion", {})
@@ -230,7 +230,7 @@ def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         source = build.get("labels") or build.get("surface")
         yield f"Body: {source or deck['geometry'].get('file', 'a model file')}"
     elif deck.get("geometry"):
-        yield "No images: the body is given by numbers of the deck"
+        yield "No images: the body is defined by the deck"
     scores = [
         (name, own["dice"])
         for name, own in segmentation.get("scores", {}).items()

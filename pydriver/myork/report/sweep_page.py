@@ -139,7 +139,7 @@ def read_sweep(path: Path) -> SweepFolder:
         )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as reason:
         raise FileError(
-            f"{file}: is not what myork sweep writes: {reason!r}; run the sweep again"
+            f"{file}: is not a table written by myork sweep: {reason!r}; run the sweep again"
         ) from None
     if not sweep.verdicts:
         raise FileError(f"{file}: no point is finished; run the same line of myork sweep again")
@@ -216,7 +216,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
     ]
     if bars:
         lines.append(
-            Markup("Error bars: {} % of the largest value at most").format(
+            Markup("Error bars: at most {} % of the largest value").format(
                 number(100.0 * max(bars), 2)
             )
         )

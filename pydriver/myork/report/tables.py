@@ -140,7 +140,7 @@ def reference_table(reference: Mapping[str, Any], units: Mapping[str, str]) -> M
         ),
         "source of the reference": lambda own: str(own.get("source", DASH)),
     }
-    return _listed(_named(reference), columns, "Distance from reference values", 6)
+    return _listed(_named(reference), columns, "Differences from reference values", 6)
 
 
 def _named(entries: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -162,7 +162,7 @@ def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
         "stress error [-]": _of("stress_error", 2),
         "force error [-]": _of("force_error", 2),
         "offline [s]": _of("offline_s", 3),
-        "online, a state [ms]": lambda own: number(
+        "online, per state [ms]": lambda own: number(
             None if own.get("online_s_per_state") is None else 1e3 * own["online_s_per_state"], 3
         ),
         "speed-up over full": _of("speedup_vs_full", 3),
@@ -180,8 +180,8 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
         f"volume [{unit}]": _of("volume"),
         "Dice [-]": _of("dice", 3),
         "PCC [-]": _of("pcc", 3),
-        "fraction of fat [-]": _of("fat_fraction", 3),
-        f"volume of parts [{unit}]": _of("volume_of_parts"),
+        "fat fraction [-]": _of("fat_fraction", 3),
+        f"volume by fractions [{unit}]": _of("volume_of_parts"),
     }
     caption = "Labels of the segmentation (a dash: no truth to score against)"
     if maps := segmentation.get("maps"):
@@ -213,7 +213,7 @@ def resampled_table(moved: Sequence[Mapping[str, Any]]) -> Markup:
         "how": lambda own: str(own["how"]),
         "corners of the grids apart [mm]": _of("shift", 3),
     }
-    return _listed(moved, columns, "Images that had another grid", 4)
+    return _listed(moved, columns, "Images resampled to another grid", 4)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
@@ -228,4 +228,4 @@ def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
     rows.append(("total", number(total, 3), number(100 if total else None)))
     if memory is not None:
         rows.append(("memory, largest", Markup("{} MiB").format(number(memory / 2**20, 3)), ""))
-    return table(("stage", "wall time [s]", "share [%]"), rows, "Where the time went")
+    return table(("stage", "wall time [s]", "share [%]"), rows, "Timings by stage")

@@ -207,7 +207,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     ratio = estimate / np.maximum(relative, np.finfo(float).tiny)
     good = answer.converged
     if not good.any():
-        raise ConvergenceError("the reduced model finds no state of the test")
+        raise ConvergenceError("the reduced model did not converge at any test state")
     # as the tolerance takes it; a hundredth of the tolerance says nothing about a ratio
     absolute = estimate * np.linalg.norm(answer.amplitudes, axis=1) / rom.largest
     over = np.maximum(of_largest, wrong) / np.maximum(absolute, 0.01 * rom.head["tolerance"])

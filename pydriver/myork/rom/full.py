@@ -138,7 +138,7 @@ class FullModel:
             states = scene.solve(error=False)
         cpu = time.process_time() - begin
         if len(states.load) == 0 or states.load[-1] < 1.0:
-            raise ConvergenceError("the full model ended before its full load")
+            raise ConvergenceError("the full model stopped before full load")
         mark = ACCEPTED if states.verdict == "accepted" else DOUBTFUL
         if states.unstable or states.verdict == "refused":
             mark = LOST

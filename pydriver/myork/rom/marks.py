@@ -13,7 +13,7 @@ ACCEPTED, DOUBTFUL, LOST = 1, 2, 3
 #: Their names; no solve has the first one
 NAMES = ("unknown", "accepted", "doubtful", "lost")
 #: Why an answer near lost states is doubtful
-NEAR_LOST = "full solves nearby are unstable or found no state"
+NEAR_LOST = "full solves nearby are unstable or did not converge"
 
 
 class Marks(NamedTuple):

@@ -61,13 +61,13 @@ class Batch(NamedTuple):
         """Why an answer, which has its indicator, is doubtful, a sentence each."""
         lost = self.full[k] == LOST
         found = {
-            "the reduced model found no state": not self.converged[k],
-            "outside the range of the training": not self.inside[k],
+            "the reduced model did not converge": not self.converged[k],
+            "outside the training range": not self.inside[k],
             NEAR_LOST: lost,
             "full solves nearby are doubtful": self.full[k] == DOUBTFUL,
         }
         if self.converged[k] and self.inside[k] and not lost:
-            error = f"the estimated error of {self.indicator[k]:.1e} does not assure the tolerance"
+            error = f"the estimated error of {self.indicator[k]:.1e} is too large to be certified"
             found[error if self.tested[k] else NOT_TESTED] = not self.certified[k]
         return [reason for reason, holds in found.items() if holds]
 
@@ -228,7 +228,8 @@ class ReducedModel:
             return cls(arrays, threads)
         except (LookupError, ValueError, TypeError) as reason:
             raise FileError(
-                f"{path}: is not what `myork rom train` writes: {type(reason).__name__}: {reason}"
+                f"{path}: is not a file written by `myork rom train`: "
+                f"{type(reason).__name__}: {reason}"
             ) from None
 
     def save(self, path: str | Path) -> Path:

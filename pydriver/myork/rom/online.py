@@ -49,7 +49,7 @@ class Regression:
                 break
             except np.linalg.LinAlgError:
                 if degree == 0:
-                    raise InputError("states of the training are the same") from None
+                    raise InputError("all training states are the same") from None
                 degree -= 1
 
     def __call__(self, points: F64) -> F64:

@@ -100,7 +100,7 @@ def as_parameters(
     - raises InputError: a key that no reduced model can vary, or an empty range
     """
     if not ranges:
-        raise InputError("a reduced model needs parameters: name a key and its range")
+        raise InputError("a reduced model needs parameters: give a key and its range")
     found = []
     for name, (low, high) in ranges.items():
         if not (np.isfinite([low, high]).all() and low < high):
@@ -110,18 +110,18 @@ def as_parameters(
         end, *others = ends_of(deck).get(parameter.key, {1.0})
         if others:
             raise InputError(
-                f"{parameter.key}: its muscles follow amplitudes that end at different values; "
+                f"{parameter.key}: its muscles follow amplitudes with different final values; "
                 "give each of them an activation of its own"
             )
         if end == 0.0:
             raise InputError(
                 f"{parameter.key}: its amplitude ends at 0, and a reduced model answers for the "
-                "end of a programme: there it changes nothing; leave it out"
+                "end of a programme, where it has no effect; leave it out"
             )
         found.append(parameter._replace(end=end))
     keys = [parameter.key for parameter in found]
     if len(set(keys)) < len(keys):
-        raise InputError(f"a parameter is named twice: {', '.join(keys)}")
+        raise InputError(f"a parameter is given twice: {', '.join(keys)}")
     return tuple(found)
 
 
@@ -218,7 +218,7 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
         known = [f"boundary.{b['set']}.{u}" for b in deck["boundary"] for u in PRESCRIBED if u in b]
         if name not in known:
             raise InputError(
-                f"{name}: the deck prescribes no such value; it has {', '.join(known)}"
+                f"{name}: the deck prescribes no such value; it prescribes {', '.join(known)}"
             )
         return Parameter(name, low, high, "rotation" if key == "rotation" else "load", ())
     if table not in ("material", "") or key not in _OF_MATERIALS:
@@ -244,7 +244,7 @@ def _of_material(
         )
     material = materials[own[0]]
     if isinstance(material.get(key), str):
-        raise InputError(f"{name}: it is an expression, a reduced model varies numbers")
+        raise InputError(f"{name}: it is an expression; a reduced model can only vary numbers")
     check_possible(name, np.array([low, high]))
     kind = key if key in ("activation", "sigma_max", "fiber_angle") else "modulus"
     return Parameter(f"material.{material['name']}.{key}", low, high, kind, tuple(own))

@@ -99,8 +99,8 @@ def _with_steps(
         return overrides
     steps, wanted = step_count(tables), max(tables["rom"]["modes"])
     progress(
-        f"rom.modes: one load step gives one snapshot, but {wanted} modes are asked for: "
-        f"{steps} steps are taken"
+        f"rom.modes: one load step gives one snapshot, but {wanted} modes are requested:  "
+        f"using {steps} steps"
     )
     return [*overrides, f"load.steps={steps}"]
 
@@ -109,8 +109,8 @@ def _check_modes(scene: Scene) -> None:
     """Refuse more modes than there can be, and what has no states, before anything is solved."""
     if "linear" in scene.deck and "dynamics" not in scene.deck:
         raise InputError(
-            "reduced models are made of nonlinear problems and of motions: a linear problem at "
-            "rest is solved once, which leaves nothing to save"
+            "reduced models are for nonlinear problems and motions: a static linear "
+            "problem takes one solve, so there is nothing to gain"
         )
     chosen = snapshot_steps(scene.deck["rom"], scene.steps)
     if not chosen.size:
@@ -120,12 +120,12 @@ def _check_modes(scene: Scene) -> None:
         )
     if chosen[-1] >= scene.steps:
         raise InputError(
-            f"rom.steps: {chosen[-1] + 1} is asked for, but there are {scene.steps} load steps"
+            f"rom.steps: {chosen[-1] + 1} is requested, but there are {scene.steps} load steps"
         )
     wanted, limit = max(scene.deck["rom"]["modes"]), min(chosen.size, scene.dofs)
     if wanted > limit:
         raise InputError(
-            f"rom.modes: {wanted} modes are asked for, but {chosen.size} load steps give at most "
+            f"rom.modes: {wanted} modes are requested, but {chosen.size} load steps give at most "
             f"{limit}: take more load.steps or fewer modes"
         )
 

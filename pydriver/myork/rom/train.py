@@ -121,8 +121,8 @@ def train(
     for probe in values["probe"]:
         if probe.get("set") in named:
             raise InputError(
-                f"{deck}: probe.{probe['name']}.set: reduced models have forces of sides, not of "
-                f"the [[set]] {probe['set']}: leave the probe out"
+                f"{deck}: probe.{probe['name']}.set: reduced models support forces on sides, not "
+                f"on the [[set]] {probe['set']}: leave the probe out"
             )
     overrides = [*overrides, *_ramps(values)]
     if values.get("galerkin", {}).get("essential") == "transformation" or "refine" in values:
@@ -139,7 +139,7 @@ def train(
             # each of its states would be searched for points of its own
             raise InputError(
                 f"{deck}: accuracy, [refine]: reduced models are trained on one set of points: "
-                "leave both out; without geometry.source 2 % are met"
+                "leave both out; without geometry.source the target is 2 %"
             )
         if first is not None:
             overrides = [*overrides, override_text("galerkin.essential", "penalty")]
@@ -215,7 +215,8 @@ class _Training:
         self.solve(_corners(kinds, self.full_solves, self.seed), RAY_STEPS)
         if self.snapshots is None:
             raise ConvergenceError(
-                "no full solve of the corners of the range converged to a stable state: narrow it"
+                "no full solve at a corner of the range converged to a stable state: narrow "
+                "the range"
             )
         at = np.flatnonzero(self.snapshots.share >= 1.0)[:_LIFT_STATES]
         self.lifts = _lift_fields(
@@ -242,7 +243,7 @@ class _Training:
             self.draft = None
         if len(self.snapshots.x) < 4:
             raise ConvergenceError(
-                "the full model has fewer than four stable states in the range: narrow it"
+                "the full model has fewer than four stable states in the range: narrow the range"
             )
         self.draft = self.draft or self.make_draft(final=True)
         if tests and self.tests is None:
@@ -307,7 +308,7 @@ class _Training:
 
     def solve_tests(self, count: int) -> None:
         """Full states of the test."""
-        self.progress(f"test on {count} states that the training does not see")
+        self.progress(f"testing on {count} states not used in training")
         seed = self.seed + 7919
         values = spread_points(self.setting.parameters, count, seed)
         values = values[self.marks.least(values, widths_of(self.setting.parameters)) < LOST]

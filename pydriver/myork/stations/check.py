@@ -80,7 +80,7 @@ def check_deck(
 def _tangent(scene: Scene) -> tuple[bool | None, str]:
     """The linearised rows against differences of the residual, along a random direction."""
     if "linear" in scene.deck:
-        return None, "a linear problem has no tangent of its own"
+        return None, "a linear problem has no tangent to check"
     random = np.random.default_rng(0)
     size = float(np.ptp(scene.points(), axis=0).max())
     spacing = size / max(scene.source_points ** (1.0 / scene.dimension) - 1.0, 1.0)
@@ -91,7 +91,7 @@ def _tangent(scene: Scene) -> tuple[bool | None, str]:
     if scene.deck["scene"]["method"].startswith("rkpm") and scene.dofs > displacements:
         # among the pressures are places without an unknown, whose rows are only filled
         direction[displacements:] = 0.0
-        left = "; along pressures of infinite K not checked, because their rows are padded"
+        left = "; along pressures of infinite K not checked: their rows are padded"
     try:
         product = scene.linearise(x, 0.0, direction)[1]
         ahead, behind = (

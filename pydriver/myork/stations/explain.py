@@ -61,7 +61,7 @@ def _states(deck: str | Path, values: Mapping[str, Any], overrides: Sequence[str
         chosen = snapshot_steps(table, count) + 1
         modes = ", ".join(str(r) for r in table["modes"])
         kind = ", each divided by its norm" if table["snapshots"] == "unit" else ""
-        few = " (more modes than that are refused)" if len(chosen) < max(table["modes"]) else ""
+        few = " (more modes are refused)" if len(chosen) < max(table["modes"]) else ""
         lines.append(
             f"  rom           modes {modes} of {len(chosen)} of {count} states{kind}"
             f"{few}: `myork rom`"
@@ -136,7 +136,7 @@ def _images(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"  diffusion     {image.get('tensor') or image.get('dwi')}")
     else:
         lines = [
-            f"  image         none is named: a phantom calf of {_by(phantom['size'])} voxels of "
+            f"  image         none given: a phantom calf of {_by(phantom['size'])} voxels of "
             f"{_by(phantom['spacing'])} mm with its diffusion tensors"
         ]
     what = f"{len(values['muscle'])} muscles" if values["muscle"] else image["label"]

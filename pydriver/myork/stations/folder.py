@@ -40,9 +40,9 @@ def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
     tables, lines = _tables(found)
     if not tables["image"] and "dixon" not in tables and not found.labels:
         raise InputError(
-            f"{folder}: holds no image whose name or header says what it is; names end as those "
-            f"of BIDS do, in _{', _'.join(_ANATOMY)}, _dwi or _dseg; or write a deck (myork new "
-            "images)"
+            f"{folder}: contains no image that can be identified by its name or header; "
+            f"BIDS names end in _{', _'.join(_ANATOMY)}, _dwi or _dseg; or write a deck "
+            "(myork new images)"
         )
     lines.insert(0, f"{folder}: what its names and headers say")
     tables["title"] = f"Images of {folder.name}"
@@ -60,7 +60,7 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
     visits = sorted(names - {""})
     if len(visits) > 1:
         raise InputError(
-            f"{folder}: holds {len(visits)} subjects or visits; name the folder of one, such as "
+            f"{folder}: contains {len(visits)} subjects or visits; give the folder of one, such as "
             f"{folder / visits[0]}"
         )
 
@@ -153,7 +153,7 @@ def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
         lines.append(f"diffusion: {_one_of(found.dwi)}")
     if found.labels:
         tables |= _model(found)
-        lines.append(f"muscles: {_one_of(found.labels)}, held at both ends, activation 0.2")
+        lines.append(f"muscles: {_one_of(found.labels)}, fixed at both ends, activation 0.2")
     else:
         tables["tissue"] = {"find": True}
         tables["build"] = {

@@ -31,10 +31,10 @@ def new_deck(kind: str, path: Path | None = None) -> Path:
     - raises InputError: an unknown kind, or a file that is there already
     """
     if kind not in KINDS:
-        raise InputError(f"there is no deck of kind {kind!r}; there are {', '.join(KINDS)}")
+        raise InputError(f"unknown kind of deck {kind!r}; choose one of {', '.join(KINDS)}")
     path = path or Path(f"{kind}.toml")
     if path.exists():
-        raise InputError(f"{path}: is there already; name another file with -o")
+        raise InputError(f"{path}: already exists; choose another file with -o")
     path.parent.mkdir(parents=True, exist_ok=True)
     source, changes = _LIKE.get(kind, (_FOLDER / f"{kind}.toml", {}))
     text = source.read_text(encoding="utf-8")

@@ -231,7 +231,7 @@ def _check_status(status: int, message: str, stopped: bool, progress: ProgressCa
     if status == 2:
         raise InputError(message or "the input was refused")
     if status == -signal.SIGKILL:
-        raise MyorkError(f"{_NAME} was killed; was the memory exhausted? (myork explain) {message}")
+        raise MyorkError(f"{_NAME} was killed: out of memory? (myork explain) {message}")
     if status == _DOES_NOT_LOAD:
         raise InstallationError(f"{_NAME} does not start: {message}; {cure_of(message)}")
     ending = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"

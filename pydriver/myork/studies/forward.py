@@ -126,6 +126,6 @@ def ranges_of(forward: Forward, items: Sequence[str]) -> dict[str, tuple[float, 
         if not low < high:
             raise InputError(f"--free {item}: KEY=LOW:HIGH is needed, LOW below HIGH")
         if key in found:
-            raise InputError(f"--free {item}: the key is named twice; give it once")
+            raise InputError(f"--free {item}: the key is given twice; give it once")
         found[key] = (low, high)
     return found

@@ -63,7 +63,7 @@ def identify(
     with closing(open_forward(source, fixed, threads, progress, out)) as forward:
         ranges = ranges_of(forward, free)
         if not ranges:
-            raise InputError("name the parameters to fit: --free KEY=LOW:HIGH")
+            raise InputError("give the parameters to fit: --free KEY=LOW:HIGH")
         measured = _read(Path(data), forward, list(ranges))
         summary, fitted = _fit(forward, measured, ranges, seed, progress)
     out.mkdir(parents=True, exist_ok=True)
@@ -127,7 +127,7 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     errors = None
     if any(f"{name}_error" in head for name in names):
         if not all(f"{name}_error" in head for name in names):
-            raise InputError(f"{path}: standard errors are needed of all probes or of none")
+            raise InputError(f"{path}: give standard errors for all probes or for none")
         errors = table[:, [head.index(f"{name}_error") for name in names]]
         if not (errors[np.isfinite(values)] > 0.0).all():
             raise InputError(f"{path}: standard errors must be above 0")
@@ -249,10 +249,12 @@ def _warnings(
     """What the data do not say."""
     found = []
     if freedom <= 0:
-        found.append("there are not more measurements than parameters: no interval can be given")
+        found.append(
+            "there are no more measurements than parameters: no confidence interval can be given"
+        )
     if not determined:
         found.append(
-            "the data do not determine all parameters: some have no effect on what was measured"
+            "the data do not determine all parameters: some have no effect on the measurements"
         )
     for k, key in enumerate(keys):
         if best.active_mask[k]:

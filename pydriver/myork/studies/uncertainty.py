@@ -186,7 +186,7 @@ def _summary(rows: Sequence[dict[str, Any]], doubt: Doubt, name: str, seed: int)
     good = np.isfinite(value)
     good[0] = False
     if good.sum() < 2:
-        raise InputError(f"fewer than two maps have an answer: {rows[-1]['message']}")
+        raise InputError(f"fewer than two maps could be solved: {rows[-1]['message']}")
     spread = value[good]
     volume = np.array([row.get("volume", np.nan) for row in rows])[good]
     slope = np.polyfit(volume / volume.mean() - 1.0, spread / spread.mean() - 1.0, 1)[0]

@@ -72,7 +72,7 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         if not (key and sign and text):
             raise InputError(f"--vary {item}: {_FORMS} is needed")
         if key in grids or key in ranges:
-            raise InputError(f"--vary {item}: {key} is named twice")
+            raise InputError(f"--vary {item}: {key} is given twice")
         if sampled := re.fullmatch(r"(lhs|sobol)\(([^,]+),([^,]+)\)", text):
             kinds.add(sampled[1])
             low, high = number_in(item, sampled[2]), number_in(item, sampled[3])
@@ -87,12 +87,10 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
             if "" in grids[key]:
                 raise InputError(f"--vary {item}: a value is missing between two commas")
     if len(kinds) > 1:
-        raise InputError(
-            "lhs and sobol cannot be mixed: the samples of all keys are drawn together"
-        )
+        raise InputError("lhs and sobol cannot be mixed: all sampled keys are drawn together")
     count = int(np.prod([len(values) for values in grids.values()])) * (samples if ranges else 1)
     if not 1 <= count <= _MOST:
-        raise InputError(f"{count} points: at least 1 and at most {_MOST} are possible")
+        raise InputError(f"{count} points: the number must be between 1 and {_MOST}")
     keys = (*grids, *ranges)
     drawn = _samples(ranges, kinds.pop(), samples, seed) if ranges else [()]
     points = [(*on_grid, *row) for on_grid in product(*grids.values()) for row in drawn]

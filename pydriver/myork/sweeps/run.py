@@ -39,7 +39,7 @@ from myork.types import F64
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: What may have ended the process of a point
 _DIED = (
-    "the process of this point ended (out of memory, or a script that calls a sweep outside "
+    "the process of this point died (out of memory, or a script that calls a sweep outside "
     "`if __name__ == '__main__':`)"
 )
 #: Points that a dry run shows
@@ -99,7 +99,7 @@ def sweep(
             )
     one, *_ = (plan.tables(number) for number in (0, -1, len(plan.points) // 2))
     if model is not None and dask is not None:
-        raise InputError("a reduced model needs no workers of Dask")
+        raise InputError("--model and --dask cannot be combined: a reduced model needs no workers")
     workers = workers or os.cpu_count() or 1
     where = "the reduced model" if model else f"Dask at {dask}" if dask else f"{workers} processes"
     progress(f"{len(plan.points)} points of {', '.join(plan.keys)} by {where}")
@@ -127,7 +127,7 @@ def sweep(
         store = Store(out, head, about)
         left = [number for number in range(len(plan.points)) if number not in store.rows]
         if store.rows:
-            progress(f"{len(store.rows)} points are done already")
+            progress(f"{len(store.rows)} points are already done")
         try:
             if rom is not None:
                 _reduced(rom, values, left, store)
@@ -145,7 +145,7 @@ def sweep(
     for verdict in sorted(counts.keys() - {"accepted"}):
         number, row = next((n, r) for n, r in sorted(store.rows.items()) if r["verdict"] == verdict)
         place = ", ".join(plan.settings(plan.points[number]))
-        more = "; of the others see the column message" if counts[verdict] > 1 else ""
+        more = "; for the others see the column message" if counts[verdict] > 1 else ""
         progress(f"{verdict} at {place}: {row['message']}{more}")
     if not has_parquet():
         progress("no sweep.parquet without pyarrow: pip install 'myork[parquet]'")
@@ -172,8 +172,8 @@ def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
         return []
     hours = count * float(found[1]) / 3600.0
     return [
-        f"  about {found[1]} CPU s per point, {hours:.2g} CPU hours in all, by counts alone (myork "
-        "explain); finished points give a better estimate"
+        f"  about {found[1]} CPU s per point, {hours:.2g} CPU hours in all, estimated from counts "
+        "(myork explain); finished points give a better estimate"
     ]
 
 
@@ -265,7 +265,7 @@ def _model_values(plan: Plan, rom: ReducedModel, path: Path) -> F64:
     trained = list(rom.head["overrides"])
     if load_deck(plan.deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
         raise InputError(
-            f"{path}: was trained on another deck than {plan.deck}; sweep that one, or train it "
+            f"{path}: was trained on a deck other than {plan.deck}; sweep that one, or train it "
             "again"
         )
     fixed = [item.partition("=") for item in plan.overrides if item not in trained]

@@ -223,7 +223,7 @@ class Answers:
             names = probe_columns(probe, self._full.scene.dimension)
             found += [{"name": n, "unit": probe["unit"], "of": probe["name"]} for n in names]
         if not found:
-            raise InputError("the reduced model has no probe that could be shown")
+            raise InputError("the reduced model has no probe to show")
         first = {p["name"] for p in self.rom.head["probes"] if p["quantity"].startswith("force")}
         return sorted(found, key=lambda p: p["of"] not in first)
 
@@ -299,7 +299,7 @@ class Answers:
             for name in FIELDS:
                 found[name].append(_field(fields, name)[self._corners])
         if not found["J"]:
-            raise InputError("the reduced model finds no state in its own range: train it again")
+            raise InputError("the reduced model did not converge in its range: train it again")
         ranges = {}
         for name, values in found.items():
             every = np.concatenate(values)
@@ -323,7 +323,7 @@ def verdict_of(
     - `outside`: what lies outside the range of the training or near lost states, a sentence each
     """
     if not converged:
-        return "refused", ["no state was found for these values", *outside]
+        return "refused", ["the reduced model did not converge for these values", *outside]
     reasons = list(outside)
     if smallest_j <= 0.0:
         reasons.insert(0, f"the material is inverted at a point: J = {smallest_j:.3g}")

@@ -58,7 +58,9 @@ def serve(
         if reason.errno not in (errno.EADDRINUSE, errno.EACCES):
             raise
         taken = "is in use" if reason.errno == errno.EADDRINUSE else "is not allowed"
-        raise InputError(f"--port {port}: {taken}; name another, or none for a free one") from None
+        raise InputError(
+            f"--port {port}: {taken}; choose another, or omit --port to use a free one"
+        ) from None
     with server, Answers(Path(path), threads) as server.answers:
         progress(f"view: {server.address}  (Ctrl-C ends it)")
         if browser:

@@ -36,7 +36,7 @@ def still_page(
     - raises InputError: the page has no name of one, or the states of the body do not fit into it
     """
     if page.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--still {page}: the name of a page ends in .html")
+        raise InputError(f"--still {page}: the name must end in .html")
     states = sample(path, threads=threads, progress=progress)
     write_text(page, render("view.html", **states))
     return page

@@ -42,7 +42,7 @@ const source = {
     const found = this.around(values), n = held.corners;
     if (!found)
       return [{converged: false, verdict: "refused", indicator: null, probes: about.probes.map(() => null),
-        reasons: ["no state was found for these values"]}, null, null];
+        reasons: ["the reduced model did not converge for these values"]}, null, null];
     const which = about.fields.findIndex((f) => f.name === field), [low, high] = about.fields[which].range;
     const states = found.map(([, k]) => held.states[k]), order = ["accepted", "doubtful", "refused"];
     const pair = (of) => [0, 1].map((end) => this.mixed(found, (state) => of(state)[end]));
