@@ -138,10 +138,9 @@ def _trust(rows: Rows) -> dict[str, Any]:
     judged = [row for row in rows if not row.get("rival")]
     return {
         "title": "Which answers can be trusted",
-        "about": "Each problem as it stands, which `auto` solves, and by each other form, at "
-        "three sizes, and each body of voxels at two, from label maps. An answer that is more than "
-        f"{WRONG:.0%} off and accepted is a fault of the verdict; what failed is wrong and "
-        "refused.",
+        "about": "Each problem solved by `auto` and by each other form, at three sizes, and each "
+        f"voxel model at two, from label maps. An accepted answer that is more than {WRONG:.0%} "
+        "off is a fault of the verdict; a failed solve counts as wrong and refused.",
         "tables": [
             _sums(
                 {
@@ -211,9 +210,9 @@ def _methods(rows: Rows) -> dict[str, Any]:
         counted.append({"form": form, **none, **counts, **kinds, "CPU [s]": seconds})
     return {
         "title": "Which method when",
-        "about": f"The rows of `trust` by form: right is within {WRONG:.0%} of the truth in all "
-        "probes. Median errors and the geometric mean of CPU times are of different sizes and "
-        "problems, as collocation is not solved at the finest.",
+        "about": "The rows of `trust` by form: an answer is right if all probes are within "
+        f"{WRONG:.0%} of the truth. Median errors and geometric means of CPU times cover "
+        "different sizes and problems, because collocation is not solved at the finest size.",
         "tables": [
             table(
                 "Verdicts, and median errors of the probes",
@@ -238,9 +237,10 @@ def _curves(rows: Rows) -> dict[str, Any]:
     ]
     return {
         "title": "Error over time",
-        "about": "The rows of `trust`: largest relative errors of the probes of a kind, a figure a "
-        "problem. `auto` is the default. Times are those of a whole run, with set-up, results and "
-        "the second solution that makes error bars; of felupe those of the solve alone.",
+        "about": "The rows of `trust`: largest relative errors of the probes of each kind, one "
+        "figure per problem. `auto` is the default. Times are those of a whole run, including "
+        "set-up, output and the second solution for error bars; those of felupe are of the solve "
+        "alone.",
         "tables": [table("Each solve", _EACH, rows)],
         "plots": [drawn for drawn in plots if drawn["series"]],
     }
@@ -279,9 +279,9 @@ def _newcomer(rows: Rows) -> dict[str, Any]:
     held, bars, (_, sharp, _) = _bars(rows)
     return {
         "title": "Twenty decks of a new user",
-        "about": "Only the body, its materials, what holds and moves it and the number of points "
-        f"are named. A verdict is right where an answer within {WRONG:.0%} in all probes is "
-        "accepted, or one farther off is doubtful or refused.",
+        "about": "Only the body, its materials, its supports and loads and the number of points "
+        f"are given. A verdict is right if an answer within {WRONG:.0%} in all probes is "
+        "accepted, or if a less accurate one is doubtful or refused.",
         "tables": [
             table("Each deck", tuple((key, key) for key in shown[0]), shown),
             _sums(
@@ -358,8 +358,9 @@ def _certify(rows: Rows) -> dict[str, Any]:
     return {
         "title": "Error bars",
         "about": "Boxes of three proportions under loads of four kinds, each at two sizes and in "
-        "two forms. A probe is covered where its error is within its bar and the doubt of the "
-        "reference; sharpness is the bar over the error, where that is above twice this doubt.",
+        "two forms. A probe is covered if its error is within its bar plus the uncertainty of "
+        "the reference; sharpness is the bar over the error, where the error is above twice that "
+        "uncertainty.",
         "coverage": {e["form"]: e["covered"] for e in sums if e["covered"] is not None},
         "sharpness": {entry["form"]: entry["bar over error, median"] for entry in sums},
         "tables": [
@@ -376,7 +377,7 @@ def _unseen(rows: Rows) -> dict[str, Any]:
     return _halves(
         rows,
         "Decks without points",
-        "Random boxes and rings that name neither form nor points, a target error and "
+        "Random boxes and rings without given form or points, with a target error and "
         "15 s of CPU time; finite elements of three meshes are the truth.",
     )
 
@@ -387,7 +388,7 @@ def _layers(rows: Rows) -> dict[str, Any]:
         "Bodies of two materials",
         "Random sheets whose materials meet across, along or at a corner, and boxes in space with "
         "plates, bars and blocks, anywhere between points, moduli 1:20 to 20:1; no points are "
-        "named, and finite elements of two meshes that end at the interface are the truth.",
+        "given, and finite elements of two meshes fitted to the interface are the truth.",
     )
     boxes = [row for row in rows if ": box, " in row["problem"]]
     sheets = [row for row in rows if row not in boxes]
@@ -401,8 +402,8 @@ def _maps(rows: Rows) -> dict[str, Any]:
         rows,
         "Random label maps",
         "Random ellipsoids, cylinders and spindles, whole or half, of one tissue or two, with 10 "
-        "to 20 voxels across; their decks name neither form nor points nor blocks. Finite elements "
-        "of the true shape, of two meshes, are the truth.",
+        "to 20 voxels across; their decks give no form, points or blocks. Finite elements of the "
+        "true shape on two meshes are the truth.",
     )
 
 
@@ -432,10 +433,9 @@ def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[st
             )
     return {
         "title": title,
-        "about": f"{about} A probe that is "
-        f"{WRONG:.0%} of its kind off, beyond the truth's doubt, is wrong. Nothing was "
-        "chosen by the other half. Bars over errors, unknowns and CPU "
-        "times are medians.",
+        "about": f"{about} A probe is wrong if it is off by more than {WRONG:.0%} of the size of "
+        "its kind, beyond the uncertainty of the truth. The other half was not used for tuning. "
+        "Bars over errors, unknowns and CPU times are medians.",
         "tables": [
             table(name, tuple((key, key) for key in shown[0]), shown),
         ],
@@ -502,13 +502,13 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
     below = sum(ratio < 1.0 for ratio in known)
     return {
         "title": "CPU time for a target error",
-        "about": "Each problem by all at rising sizes, without error bars: ours and felupe in one "
-        "load step to the full load, dolfinx and CalculiX in the fewest that end, whose time alone "
-        "counts; compilation and import are left out, of CalculiX the process counts. The best "
-        f"form of a peer is its time. {_absent(rows)}The time for an error is read off the "
-        "work-precision curve between the last size that misses it and the next one, so that no "
-        "lucky size counts; beyond the finest size nothing is extrapolated. Errors below what is "
-        "not known of the truth have no line.",
+        "about": "Each problem solved by all programs at increasing sizes, without error bars: "
+        "MyoRK and felupe in one load step, dolfinx and CalculiX in the fewest load steps that "
+        "converge, whose time alone counts. Compilation and import are excluded; for CalculiX "
+        f"the whole process counts. For each program the best form is used. {_absent(rows)}The "
+        "time for an error is read off the work-precision curve between the last size that "
+        "misses it and the next one, so that no lucky size counts; nothing is extrapolated "
+        "beyond the finest size. Errors below the uncertainty of the truth have no line.",
         "cases": rows,
         "races": races,
         "tables": [

@@ -125,15 +125,16 @@ def outliers(data: F64) -> set[int]:
 
 
 def damage(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
-    """Damaged slices in series of five parts of the body, and false alarms in whole ones.
+    """Damaged slices in series of five parts of the body, and false alarms in undamaged series.
 
     Series of 7 to 31 slices that taper, turn, drift and bend, in any sequence, SNR 8 to 40, with
-    the coil's fall at their ends, a fifth of them phantoms of a calf and, with the folder `data`,
-    a fifth parts of a real series of thighs. Into as many a slice is planted that is empty,
-    repeated, displaced by 5 to 15 mm, of 1.6 to 3 times another signal, or has a ghost of 8 to
-    30 %; of the last three also all slices from there on. Bounds were chosen on `tuned`. Beside it
-    what a few lines find: slices whose mean, or correlation with both neighbours, is 3.5 robust
-    standard deviations (by the median of deviations) off the median of all.
+    the coil's fall at their ends, a fifth of them phantoms of a calf and, with the folder `data`, a
+    fifth parts of a real series of thighs. In as many series one slice is made faulty: empty,
+    repeated, displaced by 5 to 15 mm, with a signal off by a factor of 1.6 to 3, or with a
+    ghost of 8 to 30 %; the last three also in all slices from there on. Bounds were chosen on
+    `tuned`. For comparison, a script of a few lines: it reports slices whose mean, or correlation
+    with both neighbours, is more than 3.5 robust standard deviations (from the median absolute
+    deviation) off the median of all.
     """
     yield "fault", "series", "found", "also another fault", "by outliers", "CPU s"
     thighs = None

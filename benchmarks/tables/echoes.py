@@ -79,11 +79,11 @@ def ideal(signals: list[C128], times: list[float], strength: float) -> F64:
 def echoes(half: str) -> Iterator[tuple[str, ...]]:
     """Water and fat of `[dixon]` in legs under fat of 2 to 14 mm, by their number of echoes.
 
-    1.5 and 3 T, SNR 12 to 40, echoes 0.7 to 3.2 ms apart, a field that runs over up to some hundred
-    hertz, R2* of 20 to 80 /s. Right is a Dice of water and of fat of 0.95 at least (more of the one
-    or of the other); mean of the lesser of both of ours, of the first two echoes alone, and of
-    IDEAL, which fits each voxel by itself, from three echoes. Refused are echoes that do not part
-    both. Constants were chosen on `tuned`.
+    1.5 and 3 T, SNR 12 to 40, echoes 0.7 to 3.2 ms apart, field inhomogeneities up to some hundred
+    hertz, R2* of 20 to 80 /s. A case is right if the Dice coefficients of water and of fat are 0.95
+    or more. The columns give the mean of the smaller coefficient for all echoes, for the first two
+    echoes alone, and for IDEAL, which fits each voxel by itself, from three echoes. Echoes that
+    cannot separate water and fat are refused. Constants were chosen on `tuned`.
     """
     yield ("echoes", "cases", "right, no doubt", "right, doubt", "wrong, doubt", "wrong, no doubt",
            "refused", "ours", "two", "IDEAL", "CPU s")  # fmt: skip

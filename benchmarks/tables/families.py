@@ -28,10 +28,10 @@ HALVES: dict[str, tuple[dict[str, Any], ...]] = {
 
 
 def families(half: str) -> Iterator[tuple[str, ...]]:
-    """Mean angle of fibers to the true ones where the six muscles of a phantom have one label.
+    """Mean angle between computed and true fibers if the six muscles of a phantom share one label.
 
-    By the width and the families that predict tensors best, by Gaussians of 1.5 and 3 mm over the
-    label, and by the width of its own where each muscle has its label; 95 % in brackets.
+    With the width and the families that predict tensors best, with Gaussians of 1.5 and 3 mm over
+    the label, and with a label for each muscle; 95th percentile in brackets.
     """
     yield ("phantom", "one label", "1.5 mm", "3 mm", "labels of the muscles", "CPU s")
     for keys in HALVES[half]:

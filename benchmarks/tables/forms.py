@@ -83,8 +83,8 @@ BLOCK = INPUTS / "muscle_fibers.toml"
 def mixed() -> Rows:
     """Mixed form of the inclined block: differences from finite elements [%], and J off its edges.
 
-    FEBio's values are those of the deck, by the published curves; felupe solves half of the block
-    with the curves of the deck. J: range, and the share of points within 2 % of 1.
+    FEBio's values are those in the deck, computed with the published curves; felupe solves half of
+    the block with the curves of the deck. J: range, and the share of points within 2 % of 1.
     """
 
     def sized(n: int) -> tuple[str, str]:

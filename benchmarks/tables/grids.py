@@ -94,14 +94,14 @@ def save(path: Path, image: Image, random: np.random.Generator, masks: bool) -> 
 def grids(half: str) -> Iterator[tuple[str, ...]]:
     """Masks, maps, tensors and fibers on other grids of one world, by `myork resample`.
 
-    Three bent muscles side by side, known as functions of the place, drawn on grids of 1 to 2 mm
+    Three bent muscles side by side, known as functions of position, drawn on grids of 1 to 2 mm
     and slices of 3 to 6 mm whose axes have any order and direction, turned against each other by
     up to 20 degrees about each axis; masks as floating point numbers or under the header of an
     image (whole numbers spread over all values of its type). Score on the other grid against the
     functions there: least Dice of the three, or mean error in the muscles, of all cases, the worst
     in brackets; beside it nibabel's `resample_from_to` (order 0 for masks, which are rounded, 1 for
     all else, each component by itself), and the array stretched to the size of the other grid,
-    headers ignored. Of worlds that do not overlap: how many are refused.
+    headers ignored. For images that do not overlap: how many are refused.
     """
     yield "what", "cases", "score", "`myork resample`", "nibabel", "array as it lies"
     with TemporaryDirectory() as folder:

@@ -31,11 +31,11 @@ def options(across: int, steps: int) -> list[str]:
 
 
 def large_leg(steps: str = "1", threads: str = "2", *sizes: str) -> Iterator[tuple[str, ...]]:
-    """Legs whose tangent is never formed: iterations and cost.
+    """Legs solved matrix-free: iterations and cost.
 
-    A size is any number of voxels across the phantom of `inputs/leg_section.toml`, 54 where none is
-    named, as 36 do not resolve the bones; every voxel is a point. Load steps are those of
-    ten to activation 0.95.
+    A size is the number of voxels across the phantom of `inputs/leg_section.toml`, by default 54,
+    since 36 do not resolve the bones; every voxel is a point. The load steps are the first of ten
+    to activation 0.95.
     """
     yield "points", "unknowns", "iterations, solves a step", "CPU [s]", "wall [s]", "memory [GB]"
     deck, number = INPUTS / "leg_section.toml", int(steps)

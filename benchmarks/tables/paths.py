@@ -39,14 +39,15 @@ def paths(half: str) -> Iterator[tuple[str, ...]]:
     """Files as they leave scanners, converters and other programs: read right, or refused.
 
     BIDS trees with visits, runs, acquisitions, derivatives, echoes and tables of gradients beside
-    the images or in a folder above; trees of several subjects, which are to be refused; masks of
+    the images or in a folder above; trees of several subjects, which must be refused; masks of
     Dafne, half of them for images whose axes are stored in another order; diffusion series of DICOM
     as Siemens, Philips and GE write b values and directions, and as the standard has them, in any
     oblique planes; files that a deck names, below `--data`, where another subject may have files of
-    the same names, which is to be refused. Right is: the files meant, tensors to the rounding of
-    their signals, echo times and labels exactly. Beside it what a script of a few lines does: the
-    first file whose name ends so and the tables beside it, arrays as they lie with rows and columns
-    exchanged, DICOM's standard elements, the first file of a name.
+    the same names, which must be refused. A case is right if the intended files are read, with
+    tensors to the rounding of their signals, and echo times and labels exactly. For comparison, a
+    script of a few lines: it takes the first file with the right ending and the tables beside it,
+    arrays as stored with rows and columns exchanged, DICOM's standard elements, the first file of a
+    name.
     """
     yield "files", "cases", "right", "refused", "wrong", "script right"
     for place, (kind, case) in enumerate(CASES.items()):
@@ -292,11 +293,11 @@ CASES: dict[str, Callable[[Path, np.random.Generator], Answers]] = {
 
 
 def folders() -> Iterator[tuple[str, ...]]:
-    """A folder of images in place of a deck, run from an empty folder: what it said and used.
+    """A folder of images instead of a deck, run from an empty folder: its output and cost.
 
     A calf (the phantom, 96 x 96 x 15 voxels, T1 image and twelve diffusion directions, SNR 25): as
     a BIDS tree with a label map of its six muscles in `derivatives`, and as DICOM files of two
-    Siemens series in one folder. Said is what became what, forces and the verdict.
+    Siemens series in one folder. The output lists how each file was used, forces and the verdict.
     """
     yield "typed", "exit", "said", "wall [s]", "CPU [s]", "memory [MB]"
     leg, table = make_phantom(), gradient_table(12)

@@ -174,8 +174,8 @@ def seeds_inside(truth: Labels) -> list[Muscle]:
 def scores(name: str, data: Path) -> dict[str, dict[str, Any]]:
     """Scores of a run of `RUNS` by muscle, with the deck's files in a folder.
 
-    Without `image.start = "seeds"` each piece of a region goes to the muscle that most of it is,
-    which is the best that grouping by hand can do.
+    Without `image.start = "seeds"` each component of a region is assigned to the muscle that most
+    of it belongs to, which is the best that manual grouping can do.
     """
     (stem, *words), snr = RUNS[name]
     path = DECKS / f"{stem}.toml"
@@ -197,12 +197,12 @@ def scores(name: str, data: Path) -> dict[str, dict[str, Any]]:
 def real_anatomy(data: str) -> Iterator[tuple[str, ...]]:
     """Medial gastrocnemius of real anatomy by level sets against its outline (figures 4.5, 4.6).
 
-    `data` holds the files that the decks mg_tracts and calf_reference name. Means over the slices
+    `data` contains the files named in the decks mg_tracts and calf_reference. Means over the slices
     of Dice and Pearson's coefficient, and both in the slices at 15/33 and 30/33 of the height.
-    Tensors are simulated along measured fibers or the phantom's, noise is their mean diffusivity
-    over the SNR, 5 where none is said: a voxel's direction is off by 28° in the median before
-    smoothing, at 25 by 6°. `seeds` has a region for each muscle, started at five seeds, and for
-    fat.
+    Tensors are simulated along measured fibers or the phantom's; the noise is their mean
+    diffusivity over the SNR, by default 5: the median error of a voxel's direction before smoothing
+    is then 28°, and 6° at an SNR of 25. `seeds` has a region for each muscle, started at five
+    seeds, and for fat.
     """
     yield "run", "muscle", "Dice", "PCC", "Dice of slices 15, 30", "PCC of slices 15, 30"
     yield "published", "", "0.874", "0.874", "0.90, 0.84", "0.89, 0.84"

@@ -77,11 +77,11 @@ def earlier(image: Image, labels: Labels, places: Places) -> tuple[Image, Labels
 def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
     """Real legs and arms through `segment`, `build`, `solve` and `report`.
 
-    `data` holds the files that the decks of inputs/images name, in any folders of it; `out` gets a
-    folder a deck with its report (pictures). Volumes and Dice coefficients with the manual labels
-    of the calf are printed before the table. That has these coefficients, mean and least, again for
-    references that are displaced, as those of a neighbour slice or an earlier visit are: as they
-    lie, moved onto edges, and bent by the image of that visit.
+    `data` contains the files named in the decks of inputs/images, at any depth; `out` gets one
+    folder per deck with its report (figures). Volumes and Dice coefficients with the manual labels
+    of the calf are printed before the table. The table has the mean and least coefficient for
+    displaced references, like those of a neighbouring slice or an earlier visit: as given, moved
+    onto edges, and registered by the image of that visit.
     """
     for path in sorted(DECKS.glob("*.toml")):
         print(f"{path.stem}:")
@@ -142,11 +142,11 @@ def measured_run(words: Sequence[str], folder: Path) -> Run:
 
 
 def real_muscles(data: str) -> Iterator[tuple[str, ...]]:
-    """Public muscles by one deck each, from the files in a folder to a force and a report.
+    """Public data of muscles, one deck each, from the files in a folder to a force and a report.
 
-    `myork run inputs/images/DECK.toml --data data` in an empty folder, one thread; `data` holds the
-    files that the decks name, in any folders of it. The estimate is activation x PCSA x sigma_max;
-    times and memory are of the whole command, with error bar and report.
+    `myork run inputs/images/DECK.toml --data data` in an empty folder, one thread; `data` contains
+    the files named in the decks, at any depth. The estimate is activation x PCSA x sigma_max; times
+    and memory are of the whole command, with error bar and report.
     """
     yield ("deck", "points, sources", "volume [cm³]", "fiber [cm], angle", "PCSA [cm²]", "force",
            "estimate", "verdict", "wall [s]", "CPU [s]", "memory [MB]")  # fmt: skip

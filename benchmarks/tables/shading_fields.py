@@ -146,19 +146,19 @@ def n4(values: F64, mask: Mask, spacing: F64) -> F64:
 
 
 def shading_fields(half: str, *real: str) -> Iterator[tuple[str, ...]]:
-    """Bias fields of known shape on images of known truth: what is found of them.
+    """Estimation of known bias fields on images of known truth.
 
     Fields of three families (coils beside the body, polynomials, sines), strong and weak, on
     phantom slices, stacks and a calf of 32 cm (coil and sines) that is half as thick at its ankle;
-    behind `half` a T1 slice of two calves and its manual muscle labels, its own shading taken out
+    after `half` a T1 slice of two calves and its manual muscle labels, its own shading taken out
     first by a quadratic field fitted to the labelled muscle of each leg. Settings were chosen on
     `tuned`. Correlation of the field in the body and seconds, by `auto` and by N4 (SimpleITK, full
     width 0.3, tolerance 1e-4, every third pixel); of `auto` the coefficient of joint variation
     (scatter of bright and of dark tissue over their difference) before and after, whether the field
-    is doubted, and the correlation at the skin (what lies beyond the mask that the field is
+    is doubtful, and the correlation at the skin (what lies beyond the mask that the field is
     estimated in, and its rim) and in the two first and last slices of a stack. In brackets, the
-    standard deviation of the logarithm of the field found over the true one: where a field hardly
-    varies, as in the last slices under a weak coil, the correlation says nothing.
+    standard deviation of the logarithm of the field found over the true one: if a field hardly
+    varies, as in the last slices under a weak coil, the correlation is meaningless.
     """
     random = np.random.default_rng(1 if half == "tuned" else 2)
     yield ("images", "field", "factor", "`auto`", "N4", "joint variation", "doubt", "skin",
@@ -199,12 +199,12 @@ def shading_fields(half: str, *real: str) -> Iterator[tuple[str, ...]]:
 
 
 def shading_doubts(half: str) -> Iterator[tuple[str, ...]]:
-    """Bias fields in sections of five parts of the body in any sequence: which are doubted.
+    """Bias fields in sections of five parts of the body in any sequence, and doubts about them.
 
     Sections of the table of tissues (T1, PD, T2, out of phase, fat suppressed, water and fat),
-    muscle at SNR 10 to 40, under fields of three families, two of three weak (0.75 to 1.3) and one
-    strong (0.4 to 2). Error is the standard deviation of the logarithm of the field found over the
-    true one in the body; bounds of doubts were chosen on `tuned`.
+    muscle at SNR 10 to 40, under fields of three families, two thirds of them weak (0.75 to 1.3)
+    and one third strong (0.4 to 2). Error is the standard deviation of the logarithm of the field
+    found over the true one in the body; bounds of doubts were chosen on `tuned`.
     """
     groups = {"below 5 %": 0.05, "5 to 10 %": 0.1, "10 % and more": np.inf}
     rows = {name: np.zeros((2, 4)) for name in groups}

@@ -195,10 +195,11 @@ def tissues(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
     skin, between and in muscles, bones, vessels and organs, in T1, PD, T2, opposed phase and fat
     suppressed images, water and fat or a fat image beside; 0.8 to 2 mm, muscle at SNR 10 to 40,
     shading taken out by `auto`. Bounds were chosen on `tuned`, and on the two real images that
-    `data` names (T1 calves, of whose labelled muscle the part that is muscle is the score, and
-    thighs out of phase). A section is right where the Dice of muscle and of fat is 0.95 at least;
-    mean of the lesser of both of ours, of k-means (two clusters) and of scikit-image's walks from
-    the middle of these clusters (bone being none of both for all).
+    `data` names (T1 calves, scored by the fraction of labelled muscle that is found, and thighs in
+    opposed phase). A section is right if the Dice coefficients of muscle and of fat are 0.95 or
+    more. The table gives the mean of the smaller coefficient for MyoRK, for k-means (two clusters)
+    and for scikit-image's random walker from the middle of these clusters (bone counts as neither
+    for all).
     """
     yield ("part", "sections", "right, no doubt", "right, doubt", "wrong, doubt", "wrong, no doubt",
            "ours", "k-means", "walks", "CPU s")  # fmt: skip

@@ -54,11 +54,12 @@ MODELS = {
 
 
 def trained(points: str = "20", full_solves: str = "40") -> Iterator[tuple[str, ...]]:
-    """Reduced models beside full solves of the same form, as `myork rom train` and `check` do.
+    """Reduced models compared with full solves of the same form, by `myork rom train` and `check`.
 
-    Medians and largest errors at random points of the ranges: of the first force relative, of the
-    displacement in L2 over the body relative to the state; the estimate over this error. A second
-    row of a model is at sigma_max 70 and activation 0.3 to 1, beyond the range of its training.
+    Median and largest errors at random points of the ranges: relative error of the first force,
+    error of the displacement in L2 over the body relative to that state, and the ratio of estimate
+    to this error. A second row of a model is at sigma_max 70 and activation 0.3 to 1, beyond the
+    range of its training.
     """
     yield (
         "model", "cells, kept", "modes", "points", "failed", "force, median, most",

@@ -169,7 +169,7 @@ def walks(half: str, *real: str) -> Iterator[tuple[str, ...]]:
 
     Two calves of the phantom side by side with six muscles each, septa from 0.6 to 2.6 mm, streaks
     of fat and sheets in muscles, several amounts of noise, as T1 and as PD images, shading taken
-    out by `auto` for both; behind `half` a T1 slice of two calves and its twelve manual labels,
+    out by `auto` for both; after `half` a T1 slice of two calves and its twelve manual labels,
     where deep muscles are background. Seeds: three clicks a muscle (and 24 of the background) in
     every other slice, the middle of each muscle, and all but 2.5 mm along borders. Settings
     (`image.edge_weight` here, `beta` there) were chosen by the mean on `tuned`. Mean and least Dice
@@ -194,7 +194,7 @@ def walks(half: str, *real: str) -> Iterator[tuple[str, ...]]:
 
 
 def outlines(half: str) -> Iterator[tuple[str, ...]]:
-    """Twelve muscles of which every fourth or eighth slice is drawn: walks without and with shapes.
+    """Twelve muscles drawn in every fourth or eighth slice: random walks without and with shapes.
 
     Two calves of the phantom with six muscles each in 17 slices of 6 mm, bent in each slice by up
     to 4 to 6 mm, otherwise every 90 to 150 mm along the stack; shading is taken out by `auto`.
