@@ -19,10 +19,19 @@ from benchmarks.runs import METHODS, PUBLISHED_BLOCK
 from benchmarks.shown import plot, table
 from benchmarks.truths import exact
 from myork.bench.dissertation import TABLES, Row, Run, Table
-from myork.bench.linear import PUBLISHED_STUDIES, Study, study_of
+from myork.bench.linear import PUBLISHED_STUDIES, Sizes, Study
 from myork.bench.reproduce import compute, rows_of
 from myork.bench.runs import lattice, read_deck
 from myork.console import ProgressCallback
+
+
+def study_of(
+    problem: str, deck: str, source: Sizes, factor: int = 2, order: int = 2, **rest: Any
+) -> Study:
+    """A study with so many collocation points a source point, and a support of order + 1."""
+    points = tuple(tuple(factor * n for n in size) for size in source)
+    return Study(problem, deck, source, points, order, **{"support": order + 1.0, **rest})
+
 
 #: Seconds that a table may take where small cases are wanted
 _QUICK = 3.0

@@ -33,14 +33,6 @@ class Study(NamedTuple):
         return label if self.traction == 1.0 else f"{label}, traction weight {self.traction:g}"
 
 
-def study_of(
-    problem: str, deck: str, source: Sizes, factor: int = 2, order: int = 2, **rest: Any
-) -> Study:
-    """A study with so many collocation points a source point, and a support of order + 1."""
-    points = tuple(tuple(factor * n for n in size) for size in source)
-    return Study(problem, deck, source, points, order, **{"support": order + 1.0, **rest})
-
-
 _LINE = tuple((n,) for n in (10, 15, 20, 25, 30))
 _SQUARE = tuple((n, n) for n in (10, 15, 20, 25, 30))
 _CUBE = tuple((n, n, n) for n in (6, 8, 11))
@@ -51,8 +43,8 @@ _BEAM_COLLOCATION = ((35, 11), (51, 15), (67, 19), (83, 23), (99, 27), (115, 31)
 PUBLISHED_STUDIES = {
     study.problem: study
     for study in (
-        study_of("Poisson 1-D", "poisson_1d", _LINE),
-        study_of("Poisson 2-D", "poisson_2d", _SQUARE),
+        Study("Poisson 1-D", "poisson_1d", _LINE, tuple((2 * n,) for (n,) in _LINE)),
+        Study("Poisson 2-D", "poisson_2d", _SQUARE, tuple((2 * n,) * 2 for (n, _) in _SQUARE)),
         Study("Poisson 3-D", "poisson_3d", _CUBE, tuple((2 * n - 1,) * 3 for (n, _, _) in _CUBE)),
         Study("cantilever", "cantilever", _BEAM, _BEAM_COLLOCATION),
     )
