@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,14 +46,9 @@ def inputs() -> Path:
 @pytest.fixture
 def write_deck(tmp_path: Path) -> Callable[[dict[str, Any]], Path]:
     """Write tables as a deck; units and title need not be given."""
-    from myork.core.deck import text_of_tables
+    from tests.scenes import deck_file
 
-    def write(tables: dict[str, Any]) -> Path:
-        path = tmp_path / "deck.toml"
-        path.write_text(text_of_tables(tables), encoding="utf-8")
-        return path
-
-    return write
+    return partial(deck_file, tmp_path / "deck.toml")
 
 
 @pytest.fixture

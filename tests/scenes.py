@@ -270,11 +270,9 @@ class Answer(NamedTuple):
 
 
 def solved(
-    deck: Mapping[str, Any] | Path | Scene,
-    *overrides: str,
-    cloud: PointCloud | None = None,
+    deck: Mapping[str, Any] | Path | Scene, *overrides: str, cloud: PointCloud | None = None,
     error: bool = False,
-) -> Answer:
+) -> Answer:  # fmt: skip
     """Solve tables, a deck or a scene that is open; error bars only where they are asked for."""
     if isinstance(deck, Scene):
         states = deck.solve(error=error)
@@ -388,13 +386,9 @@ def wait_for(met: Callable[[], Any], seconds: float = 120.0) -> None:
 
 
 def voxels(
-    data: Any,
-    edge: Any = 10.0,
-    unit: str = "cm",
-    said: list[str] | None = None,
-    activation: Any = None,
-    **build: Any,
-) -> PointCloud:
+    data: Any, edge: Any = 10.0, unit: str = "cm", said: list[str] | None = None,
+    activation: Any = None, **build: Any,
+) -> PointCloud:  # fmt: skip
     """Points of a label map with voxels of such edges [mm], each a source point by default.
 
     `activation` is the part of the activation that each voxel has.

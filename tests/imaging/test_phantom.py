@@ -70,13 +70,9 @@ def test_materials_fill_the_asked_parts_of_every_muscle(old_leg):
 
 def test_each_contrast_shows_its_tissue(old_leg):
     """Muscle, fat and connective tissue in muscles; the shading is not the subject here."""
+    bias, tissue, inside = old_leg.bias.data, old_leg.tissue.data, old_leg.truth.data > 0
     fat, connective, anatomy = (
-        [
-            (image.data / old_leg.bias.data)[
-                (old_leg.tissue.data == tissue) & (old_leg.truth.data > 0)
-            ].mean()
-            for tissue in (1, 2, 3)
-        ]
+        [(image.data / bias)[(tissue == n) & inside].mean() for n in (1, 2, 3)]
         for image in (old_leg.fat, old_leg.connective, old_leg.anatomy)
     )
     assert fat[1] > 2 * fat[0] and fat[1] > 2 * fat[2] and connective[2] > 2 * connective[0]

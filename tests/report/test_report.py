@@ -16,15 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from benchmarks.truths.scanners import reordered
 from myork.errors import FileError
 from myork.records import Image, Labels
-from myork.report import make_report
-from myork.report.bodies import (
-    NO_VALUE,
-    _plane,
-    limits_of,
-    plane_figure,
-    slices_figure,
-    surface_figure,
-)
+from myork.report import bodies, make_report
 from myork.report.figures import Series, history_figure, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
@@ -220,7 +212,7 @@ def block(plane: bool = False) -> Deformation:
 
 @pytest.mark.slow
 def test_bodies_are_to_scale_and_in_one_frame() -> None:
-    figure = surface_figure(block(), MM)
+    figure = bodies.surface_figure(block(), MM)
     boards = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
     assert len(boards) == 6 and any("N/mm²" in axes.get_title() for axes in boards)
     for axes in boards:
@@ -242,7 +234,7 @@ def test_bodies_without_a_surface_are_drawn_as_points(folder: Path) -> None:
 
 
 def test_plane_body_is_drawn_where_it_is() -> None:
-    displacement, stress = plane_figure(block(plane=True), MM).axes[:2]
+    displacement, stress = bodies.plane_figure(block(plane=True), MM).axes[:2]
     assert displacement.get_aspect() == 1.0 and "N/mm²" in stress.get_title()
     # edges of the undeformed body and points of the map
     (shape,) = [c._triangulation for c in displacement.collections if hasattr(c, "_triangulation")]
@@ -255,13 +247,13 @@ def test_planes_show_what_lies_in_them() -> None:
     """Fibers up, in the coronal plane; tissues by their names."""
     body = block()
     body = replace(body, fiber=np.tile([0.0, 0.0, 1.0], (len(body.points), 1)))
-    figure = slices_figure(body, MM)
+    figure = bodies.slices_figure(body, MM)
     assert "plane z = 1 mm" in figure.axes[0].get_ylabel()
     strokes = figure.axes[4].collections[-1]
     assert np.all(np.asarray(strokes.U) == 0.0) and np.all(np.asarray(strokes.V) == 1.0)
     assert not figure.legends
     two = replace(body, label=(body.points[:, 2] > 1).astype(np.int32))
-    (legend,) = slices_figure(two, MM, ["muscle"]).legends
+    (legend,) = bodies.slices_figure(two, MM, ["muscle"]).legends
     assert [text.get_text() for text in legend.get_texts()] == ["muscle", "label 1"]
 
 
@@ -269,13 +261,16 @@ def test_the_plane_drawn_lies_in_a_body_and_not_between_two() -> None:
     """Two limbs of unequal size with a gap in the middle; of planes alike the middle one."""
     lattice = np.stack(np.meshgrid(np.arange(9), np.arange(4), np.arange(5), indexing="ij"), -1)
     limbs = np.concatenate([lattice[:2].reshape(-1, 3), lattice[6:, :, :3].reshape(-1, 3)])
-    kept, triangles = _plane(limbs.astype(np.int32), 0)
+    kept, triangles = bodies._plane(limbs.astype(np.int32), 0)
     assert set(limbs[kept, 0]) == {1} and len(triangles) == 2 * 3 * 4
     whole = lattice.reshape(-1, 3).astype(np.int32)
-    assert set(whole[_plane(whole, 2)[0], 2]) == {2} and set(whole[_plane(whole, 1)[0], 1]) == {1}
+    for axis in (1, 2):
+        assert set(whole[bodies._plane(whole, axis)[0], axis]) == {axis}
 
 
-@pytest.mark.parametrize(("draw", "plane"), [(plane_figure, True), (slices_figure, False)])
+@pytest.mark.parametrize(
+    ("draw", "plane"), [(bodies.plane_figure, True), (bodies.slices_figure, False)]
+)
 def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
     """Where J <= 0: a cross in place of a colour, and all others keep theirs."""
     body = block(plane=plane)
@@ -283,7 +278,7 @@ def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
     figure = draw(replace(body, stress=stress), MM)
     lines = [line for axes in figure.axes for line in axes.lines]
     crosses = [line for line in lines if line.get_marker() == "x" and len(line.get_xdata())]
-    assert crosses and all(line.get_color() == NO_VALUE for line in crosses)
+    assert crosses and all(line.get_color() == bodies.NO_VALUE for line in crosses)
     bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
     assert np.isfinite([axes.get_ylim() for axes in bars]).all()
 
@@ -301,9 +296,9 @@ def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path:
 
 def test_colours_reach_the_largest_value_but_for_one_far_out() -> None:
     values = np.linspace(0.0, 1.0, 1001)
-    assert limits_of(values)[1] == pytest.approx(1.0, abs=1e-5)
+    assert bodies.limits_of(values)[1] == pytest.approx(1.0, abs=1e-5)
     values[0] = 50.0
-    low, high, ends = limits_of(values)
+    low, high, ends = bodies.limits_of(values)
     assert high < 1.1 and ends == "max" and low < 1e-2
 
 

@@ -46,18 +46,6 @@ def cloud() -> PointCloud:
     return replace(body, **ends, boundary_set=number, set_names=("z0", "z1"))
 
 
-def test_a_dict_is_the_deck_that_it_spells(tmp_path: Path) -> None:
-    """Solved with the same bits, whether from a file or not; and nothing is written."""
-    path = deck_file(tmp_path / "cube.toml", CUBE)
-    with (
-        Scene(path, ["load.steps=1"]) as one,
-        Scene.from_tables(CUBE, overrides=["load.steps=1"]) as two,
-    ):
-        assert one.solve(error=False).x.tobytes() == two.solve(error=False).x.tobytes()
-        assert two.steps == 1
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_values_of_all_kinds() -> None:
     tables = {
         "text": 'a "b" \\ \n\t\x01\x7f é 筋', "path": Path("folder") / "file",

@@ -41,13 +41,8 @@ def last(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.
 def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float) -> None:
     """Beam theory holds away from the ends: N = p (1 - b), M = N e, u = -M y^2 / (2 E I)."""
     pad = {"name": "pad", "side": "y1", "where": f"x > {border}"}
-    wanted = probes(
-        "N force_y pad",
-        "R force_y y0",
-        "u u_x 0.5 4",
-        "end u_x pad",
-        {"name": "M", "quantity": "torque_z", "set": "pad", "about": [0.5, 8]},
-    )
+    turn = {"name": "M", "quantity": "torque_z", "set": "pad", "about": [0.5, 8]}
+    wanted = probes("N force_y pad", "R force_y y0", "u u_x 0.5 4", "end u_x pad", turn)
     load = [{"set": "pad", "traction": [0, PULL]}]
     found = solved(column(method, [pad], load, probe=wanted)).last()
     force = PULL * (1 - border)

@@ -431,10 +431,6 @@ def in_memory(deck: Path, overrides: tuple[str, ...]) -> tuple[States, type[Myor
             return scene.states, type(ended)
 
 
-def by_executable(deck: Path, overrides: tuple[str, ...], out: Path) -> dict[str, Any]:
-    return execute(deck, out, "-q", sets=overrides)[0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) -> None:
@@ -447,7 +443,7 @@ def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) ->
     assert states.verdict == verdict, states.reasons
     assert len(warnings) == len(parts), warnings
     assert all(part in text for part, text in zip(parts, warnings, strict=True)), warnings
-    summary = by_executable(deck, overrides, tmp_path / "executable")
+    summary = execute(deck, tmp_path / "executable", "-q", sets=overrides)[0]
     assert summary["warnings"] == warnings
     assert summary["verdict"] == {"state": verdict, "reasons": states.reasons}
     with pytest.raises(error) if error else nullcontext() as ended:
@@ -470,7 +466,7 @@ def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) ->
 def test_errors_of_a_linear_problem(inputs: Path, tmp_path: Path) -> None:
     overrides = lattice([9, 9])
     states, _ = in_memory(inputs / "poisson_2d.toml", overrides)
-    summary = by_executable(inputs / "poisson_2d.toml", overrides, tmp_path)
+    summary = execute(inputs / "poisson_2d.toml", tmp_path, "-q", sets=overrides)[0]
     assert states.warnings == summary["warnings"] == []
     assert set(states.errors) == {"L2", "H1", "relative_L2", "relative_H1"}
     assert states.errors == summary["errors"]
