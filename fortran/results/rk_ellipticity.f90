@@ -3,6 +3,7 @@ module rk_ellipticity
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_acoustic, only : least_acoustic, surely_above
    use rk_discretisation, only : discretisation_type
+   use rk_laminate, only : layers_type
    use rk_precision, only : wp
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cross
@@ -28,18 +29,20 @@ module rk_ellipticity
 
 contains
 
-!> Find the worst point. The mixed form takes the material as incompressible,
-!> all forms where K is infinite.
+!> Find the worst point. The mixed form takes the material as incompressible, all forms where K is
+!> infinite. Where two tissues are layers, of which the body has one interface and no more, each is
+!> asked by itself: many thin layers buckle where their tissues are elliptic
 subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
    type(ellipticity_type), intent(out) :: worst
    type(point_state) :: local
+   type(layers_type) :: layers
    real(wp), allocatable :: least(:), j(:)
    real(wp) :: p(3, 3), c4(3, 3, 3, 3), modulus, floor
-   logical :: fixed, mixed
-   integer :: ip, nd
+   logical :: fixed, mixed, layered
+   integer :: ip, k, nd
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
@@ -48,18 +51,29 @@ subroutine find_ellipticity(problem, state, worst)
    least = huge(1.0_wp)
    floor = huge(1.0_wp)
    ! what is surely above a thread's least is neither lost nor the worst: nothing depends on threads
-   !$omp parallel do default(none) schedule(static) private(ip, local, p, c4, fixed, modulus) &
+   !$omp parallel do default(none) schedule(static) private(ip, k, local, layers, layered, p, c4, &
+   !$omp& fixed, modulus) &
    !$omp firstprivate(floor) shared(problem, state, worst, least, j, nd, mixed)
    do ip = 1, size(least)
       call problem%at_point(state, ip, local)
       j(ip) = local%j
       worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))
       fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
-      call problem%mixture%stress(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
       modulus = problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
-      if (surely_above(nd, c4, local%f, fixed, max(floor, 0.0_wp), modulus)) cycle
-      least(ip) = least_acoustic(nd, c4, 0.5_wp*cross(local%f, local%f), fixed)/modulus
-      floor = min(floor, least(ip))
+      layered = problem%mixture%is_layered(ip)
+      if (layered) then
+         call problem%mixture%find_layers(ip, local%f, state%load, layers)
+         layered = all(layers%j > 0.0_wp)
+      end if
+      if (layered) then
+         do k = 1, 2
+            call look(nd, layers%c4(:, :, :, :, k), layers%f(:, :, k), fixed, modulus, floor, &
+               & least(ip))
+         end do
+      else
+         call problem%mixture%stress(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
+         call look(nd, c4, local%f, fixed, modulus, floor, least(ip))
+      end if
    end do
    !$omp end parallel do
    worst%point = minloc(least, dim=1)
@@ -68,5 +82,25 @@ subroutine find_ellipticity(problem, state, worst)
    worst%min_j = minval(j)
    worst%max_j = maxval(j)
 end subroutine find_ellipticity
+
+!> Look at a material in a place
+subroutine look(nd, c4, f, fixed, modulus, floor, least)
+   !> Space dimension
+   integer, intent(in) :: nd
+   !> Tangent [stress]
+   real(wp), intent(in) :: c4(3, 3, 3, 3)
+   !> Deformation gradient [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> Whether the volume is kept
+   logical, intent(in) :: fixed
+   !> Shear modulus at rest [stress]
+   real(wp), intent(in) :: modulus
+   !> Smallest eigenvalue of the places so far, and of this one, of the modulus [-]
+   real(wp), intent(inout) :: floor, least
+
+   if (surely_above(nd, c4, f, fixed, max(floor, 0.0_wp), modulus)) return
+   least = min(least, least_acoustic(nd, c4, 0.5_wp*cross(f, f), fixed)/modulus)
+   floor = min(floor, least)
+end subroutine look
 
 end module rk_ellipticity

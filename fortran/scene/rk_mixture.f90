@@ -84,6 +84,7 @@ module rk_mixture
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal, has_layers
+      procedure :: is_layered, find_layers
       !> Fraction of a tissue, and its fiber
       procedure :: part_of, beside, activation_jumps
       procedure :: fiber_of, energy, stress, strong
