@@ -471,9 +471,8 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
     ]
     plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
     for problem, plots in plots_of:
-        picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.svg"
-        metadata = {"Date": None}
-        draw_curves(list(plots)).savefig(options.out / picture, metadata=metadata)
+        picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.png"
+        draw_curves(list(plots)).savefig(options.out / picture, dpi=75)
         lines += ["", f"![error over CPU time: {problem}]({picture})"]
     for table in shown["tables"]:
         lines += ["", f"{table['caption']}:", "", f"| {' | '.join(table['head'])} |"]
