@@ -173,9 +173,8 @@ def test_methods_and_curves_are_views_of_the_same_rows(tmp_path, monkeypatch):
     (line,) = [line for line in page.splitlines() if line.startswith("| auto |")]
     assert line.split(" | ")[1:4] == ["2", "0", "0"]
     page = (tmp_path / "curves.md").read_text("utf-8")
-    pictures = re.findall(r"^!\[.+\]\((.+\.svg)\)$", page, re.M)
+    pictures = re.findall(r"^!\[.+\]\((.+\.png)\)$", page, re.M)
     assert len(pictures) == 2 and all((tmp_path / name).is_file() for name in pictures)
-    assert "auto" in (tmp_path / pictures[0]).read_text("utf-8")
 
 
 def test_certify(tmp_path: Path) -> None:
