@@ -349,8 +349,8 @@ def test_wrong_decks_are_refused(tables: Any, words: str) -> None:
                             "of which error bars 0", "!load steps", "!  rom ", "!  motion "]),
         ("bar_1d", (), ["motion        30 time steps of 0.2 to time 6",
                         "rom           modes 1, 5, 25 of 30 of 30 states:"]),
-        # a step that is taken in ten, of which every third gives a snapshot
-        ("muscle_block", ("rom.every=3", "rom.modes=[2]"),
+        # a step that is taken in ten, of which three give snapshots
+        ("muscle_block", ("rom.steps=[3,6,9]", "rom.modes=[2]"),
          ["rom           modes 2 of 3 of 10 states"]),
     ],
 )  # fmt: skip

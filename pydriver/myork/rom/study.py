@@ -113,11 +113,6 @@ def _check_modes(scene: Scene) -> None:
             "rest is solved once, which leaves nothing to save"
         )
     chosen = snapshot_steps(scene.deck["rom"], scene.steps)
-    if not chosen.size:
-        raise InputError(
-            f"rom.every = {scene.deck['rom'].get('every')}: none of the {scene.steps} steps is a "
-            "snapshot; lower it, or raise rom.first"
-        )
     if chosen[-1] >= scene.steps:
         raise InputError(
             f"rom.steps: {chosen[-1] + 1} is asked for, but there are {scene.steps} load steps"

@@ -103,8 +103,8 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
       as having no direction
     - `region`: voxels that count, shape `(ni, nj, nk)`
     - `kind`: `dyad`: the six components of v v^T, those off the diagonal times the square root of
-      two, so that squared differences are 2 sin^2 of the angle; `absolute`: |v_x|, |v_y|, |v_z|;
-      `aligned`: v turned to point up, (4.2)
+      two, so that squared differences are 2 sin^2 of the angle; `aligned`: v turned to point up,
+      (4.2)
     - returns shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-]
     """
     values, vectors = np.linalg.eigh(full_tensors(finite_tensors(tensor.data)))
@@ -115,8 +115,6 @@ def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
         )
     typical = np.median(spread[region & (spread > otsu(spread[region]))])
     strength = np.clip(spread / typical, 0.0, 1.0)[..., np.newaxis]
-    if kind == "absolute":
-        return strength * np.abs(lead)
     if kind == "aligned":
         return strength * np.where(lead[..., 2:] < 0, -lead, lead)
     return strength * np.sqrt(SQUARES) * dyads_of(lead)

@@ -35,9 +35,6 @@ class LevelSets:
     #: `otsu` (threshold of the first channel, two regions) or `kmeans`, without a map to start from
     start: str
     mu: float | Sequence[float]  #: Weight of the length of each contour, or one for all [-]
-    #: Weight of the misfit of each region, or of each channel in each region, all channels of the
-    #: first region first, or one for all [-]
-    lambdas: Sequence[float]
     #: At rest, this part of the voxels changes its region in ten iterations at most
     tolerance: float
     iterations: int  #: Largest number of iterations
@@ -49,10 +46,7 @@ class LevelSets:
     @classmethod
     def of_table(cls, table: Mapping[str, Any], **changes: Any) -> "LevelSets":
         """What the `[image]` table of a deck says, with some fields changed."""
-        named = {
-            field.name: "lambda" if field.name == "lambdas" else field.name for field in fields(cls)
-        }
-        own = {name: table[key] for name, key in named.items() if key in table}
+        own = {field.name: table[field.name] for field in fields(cls) if field.name in table}
         return cls(**own | changes)
 
 
@@ -113,7 +107,7 @@ def segment_regions(
         dt=choice.dt,
         tolerance=choice.tolerance,
         iterations=choice.iterations,
-        lambdas=_misfits(choice, weights),
+        lambdas=np.broadcast_to(weights, (choice.regions, weights.size)).T,
         volume=choice.volume,
     )
     found = np.where(region, regions_of(result["phi"], choice.regions), -1).astype(np.int32)
@@ -148,18 +142,6 @@ def _contour_weights(mu: float | Sequence[float], regions: int) -> F64:
             f"{regions} regions have so many"
         )
     return np.broadcast_to(given, levels)
-
-
-def _misfits(choice: LevelSets, weights: F64) -> F64:
-    """Weights of the misfits, those of the channels included, shape `(channels, regions)`."""
-    given, regions = np.asarray(choice.lambdas, float).ravel(), choice.regions
-    if given.size not in (1, regions, regions * weights.size):
-        raise InputError(
-            f"image.lambda has {given.size} weights; give one for all or {regions}, one a region, "
-            f"or {regions * weights.size}, one a region and channel"
-        )
-    one_each = given.reshape(regions, -1) if given.size > 1 else given
-    return np.broadcast_to(one_each * weights, (regions, weights.size)).T
 
 
 def _first_level_sets(
