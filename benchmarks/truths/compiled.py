@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from myork import _core, errors
 from myork.core.calls import called
 from myork.core.deck import table_defaults
-from myork.core.material import Material
-from myork.types import F64
 
 
 class ShapeFunctions(NamedTuple):
@@ -75,25 +73,3 @@ def as_points(name: str, points: ArrayLike) -> NDArray[np.float64]:
     if array.ndim != 2 or array.shape[1] not in (1, 2, 3) or len(array) == 0:
         raise errors.InputError(f"{name} must have shape (n, 1..3), not {array.shape}")
     return array
-
-
-class FiberCurves(NamedTuple):
-    """Forces of fibers against their stretch."""
-
-    #: Integral of the force from stretch 1, the force and its first three derivatives, shape
-    #: `(5, n)` [-]
-    active: F64
-    passive: F64
-
-
-def fiber_curves(stretch: ArrayLike, **parameters: float | str) -> FiberCurves:
-    """Active and passive force of fibers (4.37), (4.38), as corrected, and their derivatives.
-
-    - `stretch`: normalised stretches lambda*, shape `(n,)` [-]
-    - `**parameters`: `curve`, `gamma1` and `gamma2` of a muscle; the schema's values where absent
-    """
-    muscle = Material("muscle", 1.0, "muscle", **parameters)
-    smooth = int(muscle.curve == "smooth")
-    return FiberCurves(
-        *_core.fiber_curves(smooth, muscle.gamma1, muscle.gamma2, np.atleast_1d(stretch))
-    )

@@ -16,11 +16,11 @@ import sympy as sp
 from numpy.testing import assert_allclose
 
 from benchmarks.truths import exact
-from benchmarks.truths.compiled import fiber_curves
 from myork import load_deck
 from myork.bench.materials import RUBBER
 from myork.files import INPUTS
 from myork.model.normals import surface_normals
+from tests.curves import fiber_curves
 
 PAGE = Path(__file__).parents[2] / "docs/equations.md"
 

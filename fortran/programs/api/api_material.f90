@@ -42,21 +42,3 @@ subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activa
    end do
    !$omp end parallel do
 end subroutine material_at_points
-
-!> Force of fibers against their stretch: integral, force and three slopes
-subroutine fiber_curves(smooth, gamma1, gamma2, n, stretch, active, passive)
-   use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
-   implicit none
-   !f2py threadsafe
-   integer, intent(in) :: smooth, n
-   double precision, intent(in) :: gamma1, gamma2, stretch(n)
-   double precision, intent(out) :: active(5, n), passive(5, n)
-   type(curve_type) :: curve(2)
-   integer :: i
-
-   curve = [active_curve(smooth /= 0), passive_curve(smooth /= 0, gamma1, gamma2)]
-   do i = 1, n
-      call evaluate_curve(curve(1), stretch(i), 4, active(:, i))
-      call evaluate_curve(curve(2), stretch(i), 4, passive(:, i))
-   end do
-end subroutine fiber_curves
