@@ -20,7 +20,6 @@ from tests.scenes import CASES
 PROGRAM = """
 import hashlib, json, sys
 import numpy as np
-from tests.dense import SOLVERS, least_squares
 from myork.core.level_sets import evolve_level_sets
 from myork.core.scene import Scene
 from benchmarks.truths.compiled import shape_functions
@@ -59,9 +58,6 @@ def all_cases(threads):
                 scene.reduce(np.linalg.qr(states.x.T)[0])
                 yield "reduced", digest(scene.solve_reduced("").x)
     rng = np.random.default_rng(2)
-    a, b = rng.standard_normal((500, 300)), rng.standard_normal(500)
-    for solver in SOLVERS:
-        yield f"matrix, {solver}", digest(least_squares(a, b, solver).x)
     yield "level sets", level_sets()
     points = rng.uniform(0, 1, (600, 3))
     shape = shape_functions(points, 0.35, points[::2], order=2)
@@ -91,11 +87,11 @@ def run(program: str, *words: object, **environment: str) -> list[str]:
 
 @pytest.mark.slow
 def test_python(inputs: Path, tmp_path: Path) -> None:
-    """Scenes, reduced models, least squares, level sets and shape functions in one process."""
+    """Scenes, a reduced model, level sets and shape functions in one process."""
     cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
     (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
     one, two = map(json.loads, run(PROGRAM, tmp_path / "cases.json"))
-    assert len(one) == len(CASES) + 10
+    assert len(one) == len(CASES) + 3
     assert [name for name in one if one[name] != two[name]] == []
 
 
