@@ -143,7 +143,7 @@ def test_ranges(trained: Path, deck: Path) -> None:
     assert list(ranges_of(full, ["material.K=1:2"])) == ["material.muscle.K"]
     for of, twice in ((forward, ["activation", "load.activation=0:1"]),
                       (full, ["material.K=1:2", "material.1.K=1:2"])):  # fmt: skip
-        with pytest.raises(InputError, match="named twice"):
+        with pytest.raises(InputError, match="given twice"):
             ranges_of(of, twice)
     full.close()
     with pytest.raises(InputError, match="is not a number"):
