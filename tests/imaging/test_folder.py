@@ -252,7 +252,7 @@ def test_every_deck_of_real_images_goes_on_to_a_force(path):
 def test_the_attachments_that_the_deck_of_labels_shows_are_right(tmp_path):
     """Its last comment is a deck as well: a surface by its normals and bone, on springs."""
     path = new_deck("labels", tmp_path / "deck.toml")
-    before, shown = path.read_text().split("aponeuroses as well", 1)
+    before, shown = path.read_text().split("aponeuroses, which are compliant", 1)
     shown, after = shown.split("[load]", 1)
     lines = [line.removeprefix("# ").removeprefix("#") for line in shown.splitlines()[1:]]
     path.write_text("\n".join([before, *lines, "[load]" + after]))

@@ -199,7 +199,7 @@ def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
         assert summary["model"]["volume"][name] == pytest.approx(labels[name]["volume_of_parts"])
     parts = read_image(out / "fractions.nii.gz", values=2).data
     np.testing.assert_allclose(parts.sum(axis=-1), body, atol=1e-6)
-    assert "volume of parts [cm³]" in (out / "report.html").read_text()
+    assert "volume by fractions [cm³]" in (out / "report.html").read_text()
     with pytest.raises(InputError, match="build.slice_thickness interpolates the shapes"):
         build(deck, out, overrides=["build.slice_thickness=1.5"])
     # the same by name, and none of it after a segmentation without parts

@@ -291,7 +291,7 @@ def test_reduced_models_alone_say_what_was_asked_and_what_they_are_off(tmp_path:
     (tmp_path / "summary.json").write_text(json.dumps(content))
     text = Page(make_report(tmp_path)).text
     assert "A sheet of 2 × 1 cm of rubber" in text
-    assert "The error of the full model comes on top" in text
+    assert "The error of the full model adds to it" in text
 
 
 def test_colours_reach_the_largest_value_but_for_one_far_out() -> None:

@@ -310,7 +310,7 @@ def test_wrong_values(rom: ReducedModel, given: dict[str, float], message: str) 
     ({"boundary.z0.radial": (0, 1)}, [], "prescribes no such value"),
     ({"load.activation": (0.0, 1.5)}, [], "between 0 and 1"),
     ({"load.activation": (1.0, 0.0)}, [], "a range needs LOW < HIGH, not 1.0 and 0.0"),
-    ({"material.K": (1e3, 1e4), "material.muscle.K": (1e3, 1e4)}, [], "named twice"),
+    ({"material.K": (1e3, 1e4), "material.muscle.K": (1e3, 1e4)}, [], "given twice"),
     (RANGES, ["scene.method=rkcm-mixed"], "one of the Galerkin forms"),
     (RANGES, ["material.muscle.K=inf"], "finite bulk moduli"),
     (RANGES, ["boundary.z1.pressure=1"], "boundary.pressure: reduced models do not support it"),

@@ -139,7 +139,7 @@ def test_ranges(trained: Path, deck: Path) -> None:
     assert list(ranges_of(full, ["material.K=1:2"])) == ["material.muscle.K"]
     for of, twice in ((forward, ["activation", "load.activation=0:1"]),
                       (full, ["material.K=1:2", "material.1.K=1:2"])):  # fmt: skip
-        refuses("named twice", ranges_of, of, twice)
+        refuses("given twice", ranges_of, of, twice)
     full.close()
     refuses("is not a number", open_forward, trained, ["activation=much"])
 
