@@ -94,19 +94,22 @@ module rk_operator
 
 contains
 
-!> A itself, column by column
+!> A itself
 subroutine dense(self, a)
    class(row_operator), intent(in) :: self
    !> Entries, shape (m, n)
    real(wp), contiguous, intent(inout) :: a(:, :)
-   real(wp) :: unit(self%n)
-   integer :: j
+   integer(i8), allocatable :: start(:), column(:)
+   real(wp), allocatable :: value(:)
+   integer(i8) :: k
+   integer :: i
 
-   unit = 0.0_wp
-   do j = 1, self%n
-      unit(j) = 1.0_wp
-      call self%apply(unit, a(:, j))
-      unit(j) = 0.0_wp
+   call self%compressed(start, column, value)
+   a = 0.0_wp
+   do i = 1, self%m
+      do k = start(i) + 1, start(i + 1)
+         a(i, column(k) + 1) = value(k)
+      end do
    end do
 end subroutine dense
 

@@ -15,7 +15,6 @@ module rk_rows
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
-   use rk_sort, only : sort
    use rk_text, only : to_text
    implicit none
    private
@@ -47,7 +46,7 @@ module rk_rows
       !> point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
-      procedure :: apply, apply_transposed, envelope, dense, compressed, unknown
+      procedure :: apply, apply_transposed, envelope, compressed, unknown
    end type rows_type
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
@@ -294,22 +293,6 @@ subroutine write_block(self, b, column, rows, row)
       end do
    end do
 end subroutine write_block
-
-subroutine dense(self, a)
-   class(rows_type), intent(in) :: self
-   !> Matrix, shape (m, n)
-   real(wp), contiguous, intent(inout) :: a(:, :)
-   integer, allocatable :: column(:)
-   integer :: b, k
-
-   a = 0.0_wp
-   column = [(k, k=1, self%shape%ns)]
-   !$omp parallel do default(none) schedule(static) private(b) shared(self, column, a)
-   do b = 1, size(self%place)
-      call write_block(self, b, column, a, self%row(b))
-   end do
-   !$omp end parallel do
-end subroutine dense
 
 !> A in compressed rows
 subroutine compressed(self, start, column, value)
