@@ -8,7 +8,6 @@
 !>
 !> Reference: Vanek, Mandel, Brezina, Computing 56 (1996), doi:10.1007/BF02238511
 module rk_multigrid
-   use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_lapack, only : cholesky, solve_triangular
    use rk_precision, only : i8, wp
@@ -136,6 +135,7 @@ subroutine coarsen(level, least)
    logical, allocatable :: couples(:)
    integer, allocatable :: aggregate(:), at(:), column(:)
    real(wp) :: bound, best, factor
+   integer(i8), allocatable :: entry(:)
    integer(i8) :: entries, k
    integer :: i, j, n, number
 
@@ -216,7 +216,8 @@ subroutine coarsen(level, least)
          end do
          p%place%index = p%place%index(:entries)
          p%value = p%value(:entries)
-         call transpose_rows(p, number, level%restriction)
+         call p%place%transposed(number, level%restriction%place, entry)
+         level%restriction%value = p%value(entry)
       end associate
    end associate
 
@@ -240,16 +241,6 @@ contains
    end subroutine add_entry
 
 end subroutine coarsen
-
-subroutine transpose_rows(a, columns, b)
-   type(sparse_rows), intent(in) :: a
-   integer, intent(in) :: columns
-   type(sparse_rows), intent(out) :: b
-   integer(i8), allocatable :: entry(:)
-
-   call a%place%transposed(columns, b%place, entry)
-   b%value = a%value(entry)
-end subroutine transpose_rows
 
 subroutine multiply(a, b, c)
    !> Factors

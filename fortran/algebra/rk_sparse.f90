@@ -9,7 +9,6 @@ module rk_sparse
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
    use rk_operator, only : factor_type, row_operator
    use rk_precision, only : i8, wp
-   use rk_text, only : to_text
    use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    private
@@ -23,8 +22,10 @@ module rk_sparse
       type(c_ptr), private :: handle = c_null_ptr
       !> Place of each unknown in the matrix that was factorised, where they have others, shape (n)
       integer, allocatable, private :: position(:)
+      !> An order of elimination for Cholesky was found
+      logical :: ordered = .false.
    contains
-      procedure :: solve, has_order
+      procedure :: solve
       final :: free
    end type sparse_factor
 
@@ -58,10 +59,6 @@ module rk_sparse
          type(c_ptr), value :: handle
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
-      integer(c_int) function rk_sparse_ordered(handle) bind(c)
-         import :: c_int, c_ptr
-         type(c_ptr), value :: handle
-      end function rk_sparse_ordered
       subroutine rk_sparse_free(handle) bind(c)
          import :: c_ptr
          type(c_ptr), value :: handle
@@ -204,6 +201,9 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
       & merge(1, 0, again), b, x, rcond, kept%handle)
    call release_threads(threads)
    call complain(stat, error)
+   if (.not. definite) return
+   kept%ordered = .true.
+   if (allocated(error)) kept%ordered = error%code == err_linalg
 end subroutine solve_sparse
 
 !> What the shim's answer means
@@ -246,12 +246,5 @@ subroutine free(self)
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)
    self%handle = c_null_ptr
 end subroutine free
-
-!> Whether a solve has found an order of elimination for Cholesky
-logical function has_order(self)
-   class(sparse_factor), intent(in) :: self
-
-   has_order = rk_sparse_ordered(self%handle) /= 0
-end function has_order
 
 end module rk_sparse

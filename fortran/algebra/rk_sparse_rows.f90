@@ -85,42 +85,27 @@ end subroutine share
 
 !> y = A x or y + A x
 subroutine product_with(self, x, y, add)
-   class(sparse_rows), intent(in) :: self
+   class(sparse_rows), target, intent(in) :: self
    !> Vectors, entry by entry, shape (k, columns)
    real(wp), contiguous, intent(in) :: x(:, :)
    !> Products, shape (k, rows)
    real(wp), contiguous, intent(inout) :: y(:, :)
    !> Add to y what is there
    logical, intent(in) :: add
+   integer(i8), pointer, contiguous :: first(:)
 
-   if (allocated(self%first)) then
-      call multiply(self%place, self%first, self%value, x, y, add)
-   else
-      call multiply(self%place, self%place%offset, self%value, x, y, add)
-   end if
-end subroutine product_with
-
-!> The same with the places of entries
-subroutine multiply(place, first, value, x, y, add)
-   !> Columns of the entries of each row
-   type(csr_type), intent(in) :: place
-   !> Row i has its entries behind value(first(i)), shape (rows or more)
-   integer(i8), contiguous, intent(in) :: first(:)
-   real(wp), contiguous, intent(in) :: value(:)
-   real(wp), contiguous, intent(in) :: x(:, :)
-   real(wp), contiguous, intent(inout) :: y(:, :)
-   logical, intent(in) :: add
-
+   first => self%place%offset
+   if (allocated(self%first)) first => self%first
    ! lengths that the compiler knows: one loop for all takes 1.2 to 1.6 times as long on rows of
    ! 7 entries
-   associate (offset => place%offset, index => place%index)
+   associate (offset => self%place%offset, index => self%place%index)
       if (size(x, 1) == 3) then
-         call three(size(offset) - 1, offset, first, index, value, x, y, add)
+         call three(size(offset) - 1, offset, first, index, self%value, x, y, add)
       else
-         call some(size(x, 1), size(offset) - 1, offset, first, index, value, x, y, add)
+         call some(size(x, 1), size(offset) - 1, offset, first, index, self%value, x, y, add)
       end if
    end associate
-end subroutine multiply
+end subroutine product_with
 
 !> The same for three vectors
 subroutine three(rows, offset, first, index, value, x, y, add)

@@ -7,7 +7,7 @@
 module rk_symmetric
    use rk_csr, only : csr_type, sort
    use rk_cuthill, only : cuthill_mckee, order_along
-   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
+   use rk_error, only : error_type, err_input, err_memory
    use rk_lapack, only : largest_eigenpair, solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
@@ -17,7 +17,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: kept_columns, symmetric_matrix, new_symmetric, preconditioned_type, solve_near
+   public :: symmetric_matrix, new_symmetric, preconditioned_type, solve_near
 
    !> Factor of half as many digits, of the matrix between the roots of its diagonal
    type :: near_factor
@@ -32,15 +32,6 @@ module rk_symmetric
       !> far from a positive definite one for any factor
       logical :: ready = .false., coarse = .false., far = .false.
    end type near_factor
-
-   !> Entries of a matrix most of whose columns of blocks are zero
-   type :: kept_columns
-      !> Columns of blocks that are not, shape (k)
-      integer, allocatable :: column(:)
-      !> Column k has entries offset(k)+1 : offset(k+1) of these, shape (k + 1)
-      integer(i8), allocatable :: offset(:)
-      real(wp), allocatable :: value(:)
-   end type kept_columns
 
    !> Upper triangle in compressed columns. Unknowns come in blocks of the same size, and so do the
    !> entries: a pair of blocks is there as a whole or not at all.
@@ -70,8 +61,6 @@ module rk_symmetric
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
       procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
-      !> Entries most of whose columns are zero: keep the others, write all, and their product
-      procedure :: keep_columns, spread_columns, kept_product
       final :: free
    end type symmetric_matrix
 
@@ -279,109 +268,38 @@ subroutine product_with(self, value, x, y)
    real(wp), contiguous, intent(in) :: value(:)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
-   integer :: j
+   integer(i8) :: at, k, l, last
+   integer :: b, c, i, j
 
    y = 0.0_wp
-   do j = 1, self%n/self%block
-      call add_block_column(self, j, value(self%start(self%block*(j - 1) + 1) + 1:), x, y)
+   b = self%block
+   do j = 1, self%n/b
+      k = self%above%offset(j) + 1
+      last = self%above%offset(j + 1)
+      at = 0
+      ! blocks k to l stand side by side; reading their rows would take as long as their entries
+      do while (k < last)
+         l = k
+         do while (l + 1 < last)
+            if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
+            l = l + 1
+         end do
+         i = b*(self%above%index(k) - 1)
+         do c = b*(j - 1) + 1, b*j
+            call add_column(b*int(l - k + 1), value(self%start(c) + at + 1:), x(i + 1:), x(c), &
+               & y(i + 1:), y(c))
+         end do
+         at = at + b*(l - k + 1)
+         k = l + 1
+      end do
+      i = b*(j - 1)
+      do c = i + 1, b*j
+         call add_column(c - i - 1, value(self%start(c) + at + 1:), x(i + 1:), x(c), y(i + 1:), &
+            & y(c))
+         y(c) = y(c) + value(self%start(c + 1))*x(c)
+      end do
    end do
 end subroutine product_with
-
-!> Add the product of a column of blocks, and of its row, with a vector
-subroutine add_block_column(self, j, value, x, y)
-   class(symmetric_matrix), intent(in) :: self
-   !> Column of blocks
-   integer, intent(in) :: j
-   !> Its entries, and any others behind them
-   real(wp), contiguous, intent(in) :: value(:)
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), contiguous, intent(inout) :: y(:)
-   integer(i8) :: at, k, l, last, before
-   integer :: b, c, i
-
-   b = self%block
-   k = self%above%offset(j) + 1
-   last = self%above%offset(j + 1)
-   before = self%start(b*(j - 1) + 1)
-   at = 0
-   ! blocks k to l stand side by side; reading their rows would take as long as their entries
-   do while (k < last)
-      l = k
-      do while (l + 1 < last)
-         if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
-         l = l + 1
-      end do
-      i = b*(self%above%index(k) - 1)
-      do c = b*(j - 1) + 1, b*j
-         call add_column(b*int(l - k + 1), value(self%start(c) - before + at + 1:), x(i + 1:), &
-            & x(c), y(i + 1:), y(c))
-      end do
-      at = at + b*(l - k + 1)
-      k = l + 1
-   end do
-   do c = b*(j - 1) + 1, b*j
-      i = b*(j - 1)
-      call add_column(c - i - 1, value(self%start(c) - before + at + 1:), x(i + 1:), x(c), &
-         & y(i + 1:), y(c))
-      y(c) = y(c) + value(self%start(c + 1) - before)*x(c)
-   end do
-end subroutine add_block_column
-
-!> Keep those columns of blocks that are not zero
-subroutine keep_columns(self, value, kept)
-   class(symmetric_matrix), intent(in) :: self
-   !> Entries in the places of the matrix, shape (entries)
-   real(wp), intent(in) :: value(:)
-   type(kept_columns), intent(out) :: kept
-   integer :: b, j, k
-
-   b = self%block
-   kept%column = pack([(j, j=1, self%n/b)], [(any(abs(value(self%start(b*(j - 1) + 1) &
-      & + 1:self%start(b*j + 1))) > 0.0_wp), j=1, self%n/b)])
-   allocate (kept%offset(size(kept%column) + 1))
-   kept%offset(1) = 0
-   do k = 1, size(kept%column)
-      j = kept%column(k)
-      kept%offset(k + 1) = kept%offset(k) + self%start(b*j + 1) - self%start(b*(j - 1) + 1)
-   end do
-   allocate (kept%value(kept%offset(size(kept%offset))))
-   do k = 1, size(kept%column)
-      j = kept%column(k)
-      kept%value(kept%offset(k) + 1:kept%offset(k + 1)) &
-         & = value(self%start(b*(j - 1) + 1) + 1:self%start(b*j + 1))
-   end do
-end subroutine keep_columns
-
-!> All entries, of which but some columns are not zero
-subroutine spread_columns(self, kept, value)
-   class(symmetric_matrix), intent(in) :: self
-   type(kept_columns), intent(in) :: kept
-   !> Entries in the places of the matrix, shape (entries)
-   real(wp), intent(inout) :: value(:)
-   integer :: b, j, k
-
-   b = self%block
-   value = 0.0_wp
-   do k = 1, size(kept%column)
-      j = kept%column(k)
-      value(self%start(b*(j - 1) + 1) + 1:self%start(b*j + 1)) &
-         & = kept%value(kept%offset(k) + 1:kept%offset(k + 1))
-   end do
-end subroutine spread_columns
-
-!> Product of entries of which but some columns are not zero with a vector
-subroutine kept_product(self, kept, x, y)
-   class(symmetric_matrix), intent(in) :: self
-   type(kept_columns), intent(in) :: kept
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), contiguous, intent(inout) :: y(:)
-   integer :: k
-
-   y = 0.0_wp
-   do k = 1, size(kept%column)
-      call add_block_column(self, kept%column(k), kept%value(kept%offset(k) + 1:), x, y)
-   end do
-end subroutine kept_product
 
 !> Some entries of a column above the diagonal, and of its row
 pure subroutine add_column(n, a, x, x_own, y, y_own)
@@ -531,7 +449,7 @@ subroutine solve_with(self, given, b, x, report, error)
    end if
    if (symmetric) then
       ! not allocated it is no argument
-      if (.not. self%kept%has_order()) order = unknowns_along(self)
+      if (.not. self%kept%ordered) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%rows(), given, .true., self%keeps, b, x, &
          & report%rcond, self%kept, error, order)
    end if

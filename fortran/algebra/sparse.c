@@ -14,9 +14,7 @@ enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2, rk_missing = 3 };
 #ifdef HAVE_SUITESPARSE
 #include <suitesparse/SuiteSparseQR_C.h>
 #include <suitesparse/cholmod.h>
-#ifdef HAVE_UMFPACK
 #include <suitesparse/umfpack.h>
-#endif
 
 /* A factor with everything its solves need */
 struct factor {
@@ -32,22 +30,12 @@ struct factor {
     void *symbolic, *lu;      /* or UMFPACK's order of elimination and factor */
 };
 
-static void free_lu(struct factor *f)
-{
-#ifdef HAVE_UMFPACK
-    umfpack_dl_free_numeric(&f->lu);
-#endif
-    f->lu = NULL;
-}
-
 void rk_sparse_free(struct factor *f)
 {
     if (!f)
         return;
-    free_lu(f);
-#ifdef HAVE_UMFPACK
+    umfpack_dl_free_numeric(&f->lu);
     umfpack_dl_free_symbolic(&f->symbolic);
-#endif
     cholmod_l_free_factor(&f->cholesky, &f->common);
     cholmod_l_free_sparse(&f->r, &f->common);
     cholmod_l_free_sparse(&f->permuted, &f->common);
@@ -155,16 +143,9 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Whether a Cholesky factor has an order of elimination */
-int rk_sparse_ordered(const struct factor *f)
-{
-    return f && f->cholesky;
-}
-
 /* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
 void rk_sparse_solve(struct factor *f, double *x)
 {
-#ifdef HAVE_UMFPACK
     if (f->lu) {
         /* refinement would ask for the matrix */
         double control[UMFPACK_CONTROL];
@@ -174,7 +155,6 @@ void rk_sparse_solve(struct factor *f, double *x)
         umfpack_dl_solve(UMFPACK_A, NULL, NULL, NULL, x, f->work, f->lu, control, NULL);
         return;
     }
-#endif
     if (f->cholesky) {
         cholmod_dense b = vector(f->n, x);
         if (cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y, &f->e,
@@ -256,7 +236,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
 {
     *rcond = 0;
     if (*kept)
-        free_lu(*kept);
+        umfpack_dl_free_numeric(&(*kept)->lu);
     if (!*kept)
         *kept = new_factor(n);
     struct factor *f = *kept;
@@ -278,7 +258,6 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         }
         return stat;
     }
-#ifdef HAVE_UMFPACK
     double info[UMFPACK_INFO], control[UMFPACK_CONTROL];
     umfpack_dl_defaults(control);
     /* the pattern is symmetric also where zeros on the diagonal hide it: columns alone would fill */
@@ -302,9 +281,6 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     if (stat == UMFPACK_ERROR_out_of_memory)
         return rk_no_memory;
     return stat == UMFPACK_OK ? rk_done : rk_singular;
-#else
-    return rk_missing;
-#endif
 }
 
 #else
@@ -331,12 +307,6 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     (void)b, (void)x, (void)kept;
     *rcond = 0;
     return rk_missing;
-}
-
-int rk_sparse_ordered(const void *f)
-{
-    (void)f;
-    return 0;
 }
 
 void rk_sparse_solve(void *f, double *x)

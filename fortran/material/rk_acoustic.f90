@@ -10,7 +10,7 @@
 !>            for the directions
 module rk_acoustic
    use rk_precision, only : pi, wp
-   use rk_tensor, only : add_cross_form, cross, vector_product
+   use rk_tensor, only : add_cross_form, cross, principal_values, vector_product
    implicit none
    private
 
@@ -210,6 +210,7 @@ pure real(wp) function smallest(form, n, m, rigid)
    !> There are no such motions
    logical, intent(in) :: rigid
    real(wp) :: q(3, 3), image(3, 2), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
+   real(wp) :: principal(3)
    integer :: i, trial
 
    q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
@@ -226,7 +227,8 @@ pure real(wp) function smallest(form, n, m, rigid)
    stiff = dot_product(across, matmul(q, across))
    coupling = [(dot_product(across, image(:, i)), i=1, 2)]
    if (.not. (stiff - smallest)**2 > apart*dot_product(coupling, coupling)) then
-      smallest = least_eigenvalue(q)
+      principal = principal_values(q)
+      smallest = principal(3)
       return
    end if
    do trial = 1, eliminations
@@ -265,28 +267,6 @@ pure real(wp) function smallest_in_plane(form, n, m, rigid) result(smallest)
       smallest = stiff - coupling**2/(hypot(half, coupling) - half)
    end if
 end function smallest_in_plane
-
-!> Smallest eigenvalue of a symmetric 3x3 matrix of entries of like size [stress]
-!>
-!> Reference: Smith, Commun. ACM 4 (1961), doi:10.1145/355578.366316
-pure real(wp) function least_eigenvalue(q) result(least)
-   !> Acoustic tensor [stress]
-   real(wp), intent(in) :: q(3, 3)
-   real(wp) :: d(3, 3), middle, size
-   integer :: i
-
-   middle = (q(1, 1) + q(2, 2) + q(3, 3))/3.0_wp
-   d = q
-   do i = 1, 3
-      d(i, i) = d(i, i) - middle
-   end do
-   size = sqrt(sum(d**2)/6.0_wp)
-   least = middle
-   if (.not. size > 0.0_wp) return
-   d = d/size
-   least = middle + 2.0_wp*size*cos((acos(min(max(0.5_wp*dot_product(d(:, 1), &
-      & vector_product(d(:, 2), d(:, 3))), -1.0_wp), 1.0_wp)) + 2.0_wp*acos(-1.0_wp))/3.0_wp)
-end function least_eigenvalue
 
 !> Smaller eigenvalue of a symmetric 2x2 matrix
 pure real(wp) function lower(a, b, c)

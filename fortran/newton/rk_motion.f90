@@ -196,11 +196,11 @@ logical function loads_vary(scene)
    end do
 end function loads_vary
 
-subroutine march(body, motion, method, x, recorder, timer, error)
+!> Walk through time and hand over states
+subroutine march(body, motion, x, recorder, timer, error)
    class(moving_type), intent(inout) :: body
    !> Time step, end and states that are written
    type(motion_type), intent(in) :: motion
-   character(len=*), intent(in) :: method
    !> Coefficients at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    class(recorder_type), intent(inout) :: recorder
@@ -253,8 +253,8 @@ subroutine march(body, motion, method, x, recorder, timer, error)
          it%step = k
          it%load = k*motion%time_step
          it%iteration = 1
-         it%solver%used = method
-         it%solver%why = 'central differences'
+         it%solver%used = 'central differences'
+         it%solver%why = it%solver%used
          it%seconds = tick(timer%start)
          it%solver%rcond = 1.0_wp
          call recorder%iteration(it)

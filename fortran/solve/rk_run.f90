@@ -233,12 +233,12 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    select type (problem)
    class is (moving_problem)
       call prepare(problem, linear, error)
-      if (.not. allocated(error)) call march(problem%body, scene%motion, 'central differences', x, &
+      if (.not. allocated(error)) call march(problem%body, scene%motion, x, &
          & recorder, timer, error)
    class is (discretisation_type)
       call new_motion(body, problem, error)
       if (allocated(error)) return
-      call march(body, scene%motion, 'central differences', x, recorder, timer, error)
+      call march(body, scene%motion, x, recorder, timer, error)
       deallocate (body)
    end select
 end subroutine solve_motion

@@ -12,7 +12,7 @@
 !>            doi:10.1017/S0962492904000212
 module rk_constraint
    use rk_csr, only : csr_type
-   use rk_error, only : error_type, fatal_error, err_input, err_linalg
+   use rk_error, only : error_type, fatal_error, err_linalg
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
@@ -209,11 +209,6 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       right = b
       call self%matrix%solve_square(shift, right, x, report, error)
       if (allocated(error)) return
-      if (report%used == 'band') then
-         call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs ' &
-            & //'UMFPACK of SuiteSparse where the tangent is not positive definite')
-         return
-      end if
       compliance%whole => self
       compliance%size = rows%rows
       size_ = norm2(wanted)

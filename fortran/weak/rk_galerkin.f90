@@ -37,11 +37,10 @@ module rk_galerkin
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_split_cells, only : split_cells
    use rk_stabilisation, only : share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
-   use rk_symmetric, only : kept_columns, symmetric_matrix
+   use rk_symmetric, only : symmetric_matrix
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
@@ -74,7 +73,7 @@ module rk_galerkin
       type(surface_type) :: surface, pins
       !> Tangent, and the part of it that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
-      type(kept_columns) :: constant
+      real(wp), allocatable :: constant(:)
       !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
       real(wp), allocatable :: force(:, :)
       !> What is held at source points; not allocated where the penalty holds
@@ -117,10 +116,7 @@ subroutine new_galerkin(self, scene, error)
    allocate (self%shape)
    call scene%shape_at(scene%cloud%points, self%shape, error, first=.not. self%linear)
    if (allocated(error)) return
-   if (allocated(scene%cloud%block)) then
-      call nodal_cells(self%cells, scene%cloud, error)
-      if (.not. allocated(error)) call split_cells(self%cells)
-   else if (scene%method == 'rkpm-gauss') then
+   if (scene%method == 'rkpm-gauss' .and. .not. allocated(scene%cloud%block)) then
       call gauss_cells(self%cells, scene, error)
    else
       call nodal_cells(self%cells, scene%cloud, error)
@@ -198,7 +194,6 @@ subroutine set_constants(self, shear, error)
    type(error_type), allocatable, intent(inout) :: error
 
    if (allocated(self%force)) deallocate (self%force)
-   ! the tangent has room for its sum, most columns of which are zero
    self%matrix%value = 0.0_wp
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
    allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
@@ -211,7 +206,7 @@ subroutine set_constants(self, shear, error)
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
       & allocate (self%matrix%skew, source=0.0_wp*self%matrix%value)
    if (self%linear) call self%pins%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
-   call self%matrix%keep_columns(self%matrix%value, self%constant)
+   self%constant = self%matrix%value
    if (.not. self%linear) return
    call self%pins%add_forces(self%force)
    call add_load(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
@@ -365,7 +360,7 @@ subroutine assemble(self, x, stage, r, seen)
    r = 0.0_wp
    call self%matrix%constant_product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
-   if (tangent) call self%matrix%spread_columns(self%constant, self%matrix%value)
+   if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    if (tangent .and. allocated(self%held)) call self%held%resist(self%matrix)
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)

@@ -4,7 +4,7 @@ program test_symmetric
    use rk_error, only : error_type
    use rk_operator, only : square_report
    use rk_precision, only : i8, wp
-   use rk_symmetric, only : kept_columns, new_symmetric, symmetric_matrix
+   use rk_symmetric, only : new_symmetric, symmetric_matrix
    use tap, only : check, finish
    implicit none
 
@@ -26,7 +26,6 @@ subroutine test_blocks(block)
    !> Unknowns in a block
    integer, intent(in) :: block
    type(symmetric_matrix) :: matrix
-   type(kept_columns) :: kept
    type(csr_type) :: group
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: a(:, :), full(:, :), rows(:, :), value(:), x(:), y(:), part(:, :)
@@ -63,16 +62,6 @@ subroutine test_blocks(block)
    allocate (y(matrix%n))
    call matrix%apply(x, y)
    call check(name//'product', all(abs(y - matmul(full, x)) <= 1.0e-12_wp))
-   ! columns of zeros between others
-   value = matrix%value
-   value(matrix%start(2*block + 1) + 1:matrix%start(4*block + 1)) = 0.0_wp
-   call matrix%keep_columns(value, kept)
-   call check(name//'zero columns are not kept', all(kept%column == [1, 2, 5, 6]))
-   call matrix%kept_product(kept, x, y)
-   call matrix%spread_columns(kept, matrix%value)
-   call check(name//'the others are all there', all(abs(matrix%value - value) <= 0.0_wp))
-   call matrix%dense(a)
-   call check(name//'their product', all(abs(y - matmul(a, x)) <= 1.0e-12_wp))
 end subroutine test_blocks
 
 !> A matrix without a diagonal has no Cholesky factor: LU of its compressed rows solves it
