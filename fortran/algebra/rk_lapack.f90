@@ -13,7 +13,7 @@ module rk_lapack
    private
 
    public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk, matvec
-   public :: largest_eigenpair, reciprocal_condition, solve_band
+   public :: largest_eigenpair, solve_band
 
    interface
       subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
@@ -39,14 +39,6 @@ module rk_lapack
          integer, intent(out) :: rank, info
          real(wp), intent(out) :: work(*)
       end subroutine dgelsy
-      subroutine dtrcon(norm, uplo, diag, n, a, lda, rcond, work, iwork, info)
-         import :: wp
-         character, intent(in) :: norm, uplo, diag
-         integer, intent(in) :: n, lda
-         real(wp), intent(in) :: a(lda, *)
-         real(wp), intent(out) :: rcond, work(*)
-         integer, intent(out) :: iwork(*), info
-      end subroutine dtrcon
       subroutine dgesdd(jobz, m, n, a, lda, s, u, ldu, vt, ldvt, work, lwork, iwork, info)
          import :: wp
          character, intent(in) :: jobz
@@ -75,25 +67,6 @@ subroutine cholesky(a, error)
       & //to_text(info)//' of '//to_text(size(a, 1)))
 end subroutine cholesky
 
-!> Reciprocal condition number (1-norm) of the leading upper triangle of a matrix
-subroutine reciprocal_condition(r, rcond)
-   !> Matrix, shape (>= n, n)
-   real(wp), contiguous, intent(in) :: r(:, :)
-   !> Estimate of 1/(|R| |R^-1|) [-]
-   real(wp), intent(out) :: rcond
-   real(wp), allocatable :: work(:)
-   integer, allocatable :: iwork(:)
-   type(threads_type) :: kept
-   integer :: info, n
-
-   n = size(r, 2)
-   allocate (work(3*n), iwork(n))
-   call hold_threads(kept)
-   call dtrcon('1', 'u', 'n', n, r, size(r, 1), rcond, work, iwork, info)
-   call release_threads(kept)
-   if (info /= 0) rcond = 0.0_wp
-end subroutine reciprocal_condition
-
 !> Solve R x = b or R^T x = b in place
 subroutine solve_triangular(r, b, transposed)
    !> Matrix whose leading upper triangle is R, shape (>= n, n)
@@ -110,13 +83,11 @@ subroutine solve_triangular(r, b, transposed)
 end subroutine solve_triangular
 
 !> Least squares by Householder QR (DGELS)
-subroutine solve_qr(a, b, rcond, error)
-   !> Matrix, destroyed, shape (m, n), m >= n
+subroutine solve_qr(a, b, error)
+   !> Matrix, its R in the leading triangle afterwards, shape (m, n), m >= n
    real(wp), contiguous, intent(inout) :: a(:, :)
    !> Right hand side, shape (m); its first n entries are the solution afterwards
    real(wp), contiguous, intent(inout) :: b(:)
-   !> Reciprocal condition estimate of R [-]
-   real(wp), intent(out) :: rcond
    !> Error handling: rank deficient
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
@@ -131,13 +102,8 @@ subroutine solve_qr(a, b, rcond, error)
    call hold_threads(kept)
    call dgels('n', m, n, 1, a, m, b, m, work, size(work), info)
    call release_threads(kept)
-   rcond = 0.0_wp
-   if (info /= 0) then
-      call fatal_error(error, err_linalg, 'least squares matrix of shape ' &
-         & //to_text(m)//' x '//to_text(n)//' is rank deficient, column '//to_text(info))
-      return
-   end if
-   call reciprocal_condition(a, rcond)
+   if (info /= 0) call fatal_error(error, err_linalg, 'least squares matrix of shape ' &
+      & //to_text(m)//' x '//to_text(n)//' is rank deficient, column '//to_text(info))
 end subroutine solve_qr
 
 !> Solve equations with a square matrix by LU in the band of its entries (DGBSV)
@@ -197,7 +163,7 @@ subroutine solve_band(start, column, value, b, x, rcond, error)
 end subroutine solve_band
 
 !> Smallest least squares solutions by rank revealing QR (DGELSY)
-subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
+subroutine solve_pivoted_qr(a, b, pivot, rank, error)
    !> Matrix, destroyed, shape (m, n), m >= n
    real(wp), contiguous, intent(inout) :: a(:, :)
    !> Right hand sides, shape (m, k); their first n entries are the solutions afterwards
@@ -206,8 +172,6 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
    integer, intent(out) :: pivot(:)
    !> Rank to a relative accuracy of n roundings
    integer, intent(out) :: rank
-   !> Reciprocal condition estimate of the leading triangle of that rank [-]
-   real(wp), intent(out) :: rcond
    !> Error handling: numbers that are not finite
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: work(:)
@@ -220,17 +184,13 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, rcond, error)
    k = size(b, 2)
    tolerance = n*epsilon(1.0_wp)
    pivot = 0
-   rcond = 0.0_wp
    call dgelsy(m, n, k, a, m, b, m, pivot, tolerance, rank, query, -1, info)
    allocate (work(nint(query(1))))
    call hold_threads(kept)
    call dgelsy(m, n, k, a, m, b, m, pivot, tolerance, rank, work, size(work), info)
    call release_threads(kept)
-   if (info /= 0) then
-      call fatal_error(error, err_linalg, 'rank revealing QR failed, info '//to_text(info))
-      return
-   end if
-   if (rank > 0) call reciprocal_condition(a(:, :rank), rcond)
+   if (info /= 0) call fatal_error(error, err_linalg, 'rank revealing QR failed, info ' &
+      & //to_text(info))
 end subroutine solve_pivoted_qr
 
 !> Thin singular value decomposition A = U S V^T

@@ -188,14 +188,13 @@ subroutine solve_dense(op, b, x, report, error)
    type(dense_factor) :: factor
    type(lstsq_report) :: other
    real(wp), allocatable :: y(:)
-   real(wp) :: rcond
    integer :: j
 
    allocate (y, source=b)
    call write_dense(op, factor, y, error)
    if (allocated(error)) return
    factor%pivot = [(j, j=1, op%n)]
-   call solve_qr(factor%a, y, rcond, failure)
+   call solve_qr(factor%a, y, failure)
    if (.not. allocated(failure)) then
       x = y(:op%n)/factor%scale
       call check_rank(op, factor, report%rcond, failure)
@@ -278,7 +277,6 @@ subroutine solve_pivoted(op, b, x, report, error)
    type(error_type), allocatable, intent(out) :: error
    type(dense_factor) :: factor
    real(wp), allocatable :: y(:, :), probe(:), image(:)
-   real(wp) :: rcond
    integer :: j, rank
 
    ! what a solution loses of a vector that lies everywhere is in the null space
@@ -290,7 +288,7 @@ subroutine solve_pivoted(op, b, x, report, error)
    image = matmul(factor%a, probe)
    y(:, 2) = image
    allocate (factor%pivot(op%n))
-   call solve_pivoted_qr(factor%a, y, factor%pivot, rank, rcond, error)
+   call solve_pivoted_qr(factor%a, y, factor%pivot, rank, error)
    if (allocated(error)) return
    x = y(:op%n, 1)/factor%scale
    if (rank < op%n) then

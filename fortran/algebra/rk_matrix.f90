@@ -72,8 +72,11 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    end do
    allocate (factor, source=a)
    x = b
-   call solve_qr(factor, x, report%rcond, error)
+   call solve_qr(factor, x, error)
    if (allocated(error)) return
+   associate (diagonal => [(abs(factor(j, j)), j=1, self%n)])
+      report%rcond = minval(diagonal)/maxval(diagonal)
+   end associate
    report%backward_error = norm2(matmul(a, x) - b) &
       & /max(norm2(a)*norm2(x) + norm2(b), tiny(1.0_wp))
    report%used = 'projected'

@@ -135,7 +135,6 @@ subroutine amplitudes(self, side, x, error)
    !> Error handling: numbers that are not finite
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: a(:, :), b(:, :)
-   real(wp) :: rcond
    integer :: pivot(self%n), rank
 
    if (.not. self%by_qr) then
@@ -146,7 +145,7 @@ subroutine amplitudes(self, side, x, error)
    end if
    a = self%image%a
    b = reshape(side, [size(side), 1])
-   call solve_pivoted_qr(a, b, pivot, rank, rcond, error)
+   call solve_pivoted_qr(a, b, pivot, rank, error)
    if (.not. allocated(error)) x = b(:self%n, 1)
 end subroutine amplitudes
 

@@ -12,6 +12,7 @@ module rk_free_faces
    use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type
+   use rk_lattice, only : lattice_frame
    use rk_mixture, only : mixture_type
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
@@ -60,7 +61,7 @@ subroutine new_free_faces(self, scene, error)
    type(csr_type) :: entry
    real(wp), allocatable :: place(:, :), window(:, :)
    real(wp) :: line(0:maxval(scene%cloud%lattice) - 1, scene%cloud%nd)
-   real(wp) :: normal(scene%cloud%nd), ends(2), near
+   real(wp) :: normal(scene%cloud%nd), ends(2), near, low(3), step(3)
    integer, allocatable :: nearest(:), pair(:, :)
    integer :: d, i, k, n, nc, pairs
    logical :: free
@@ -68,8 +69,11 @@ subroutine new_free_faces(self, scene, error)
    associate (cloud => scene%cloud, nd => scene%cloud%nd)
       nc = size(cloud%points, 2)
       near = on_face*cloud%mean_spacing()
+      call lattice_frame(cloud, low, step)
       do d = 1, nd
-         line(:cloud%lattice(d) - 1, d) = line_of(cloud, d)
+         n = cloud%lattice(d) - 1
+         line(:n, d) = low(d) + step(d)*[(k, k=0, n)]
+         if (allocated(cloud%line)) line(:n, d) = cloud%line(:n, d)
       end do
       call group_by(nc, cloud%boundary_point, entry)
       allocate (self%number(nc + size(scene%probe)), nearest(nc + size(scene%probe)), source=0)
@@ -155,24 +159,6 @@ subroutine find_face(scene, entry, ip, x, near, normal, free)
       end do
    end associate
 end subroutine find_face
-
-!> Places of the source points along a direction, shape (0:n) [length]
-pure function line_of(cloud, d) result(line)
-   type(cloud_type), intent(in) :: cloud
-   !> Direction
-   integer, intent(in) :: d
-   real(wp) :: line(0:cloud%lattice(d) - 1), low, step
-   integer :: k, n
-
-   n = cloud%lattice(d) - 1
-   if (allocated(cloud%line)) then
-      line = cloud%line(:n, d)
-      return
-   end if
-   low = minval(cloud%source(d, :))
-   step = (maxval(cloud%source(d, :)) - low)/n
-   line = [(low + k*step, k=0, n)]
-end function line_of
 
 !> Place that is some spacings of the source points away along a direction
 pure real(wp) function moved(line, x, spacings)

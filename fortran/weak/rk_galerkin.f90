@@ -37,7 +37,6 @@ module rk_galerkin
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_split_cells, only : split_cells
    use rk_stabilisation, only : bulk_within, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
@@ -117,10 +116,7 @@ subroutine new_galerkin(self, scene, error)
    allocate (self%shape)
    call scene%shape_at(scene%cloud%points, self%shape, error, first=.not. self%linear)
    if (allocated(error)) return
-   if (allocated(scene%cloud%block)) then
-      call nodal_cells(self%cells, scene%cloud, error)
-      if (.not. allocated(error)) call split_cells(self%cells)
-   else if (scene%method == 'rkpm-gauss') then
+   if (scene%method == 'rkpm-gauss' .and. .not. allocated(scene%cloud%block)) then
       call gauss_cells(self%cells, scene, error)
    else
       call nodal_cells(self%cells, scene%cloud, error)
