@@ -25,6 +25,7 @@ module rk_bars
 
    public :: bars_type, new_bars, bars_by_other, bars_by_solution, bars_by_earlier, printed
    public :: fewer_points, few_fewer, more_points, another_form, twice_fewer, share_of_kind, size_of
+   public :: holds_part
 
    !> What an answer is compared with: the same form on half as many cells in each direction, on
    !> three quarters of them, or on more, or another form, or both boundary methods on half as many

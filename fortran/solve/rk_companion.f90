@@ -6,8 +6,8 @@
 !> forms do not: where they fail they fail on all clouds alike, so they are compared with the weak
 !> form on their own points.
 module rk_companion
-   use rk_bars, only : another_form, bars_type, few_fewer, fewer_points, more_points, new_bars, &
-      & share_of_kind, size_of, twice_fewer
+   use rk_bars, only : another_form, bars_type, few_fewer, fewer_points, holds_part, more_points, &
+      & new_bars, share_of_kind, size_of, twice_fewer
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
    use rk_coarse_cloud, only : coarse_cloud
@@ -342,8 +342,8 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    ! with more points both ways come too near each other, and a search from points that were given
    ! would pay for what its answer lacks; in space the penalty lets singular rims give way, and bars
    ! of glued bodies would double; few points in a narrow set of one's own hold too little
-   if (can_hold(scene) .and. scene%cloud%nd == 2 .and. deck%count('set') == 0 &
-      & .and. .not. (self%finer .or. deck%has('refine'))) &
+   if (can_hold(scene) .and. scene%cloud%nd == 2 .and. .not. (holds_part(scene) .or. self%finer &
+      & .or. deck%has('refine'))) &
       & words = [character(len=override_length) :: words, exactly]
 end subroutine choose_companion
 

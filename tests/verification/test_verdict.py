@@ -167,6 +167,21 @@ def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     assert found.last()["waist"] == pytest.approx(-0.1599, rel=0.01)
 
 
+def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
+    """The second half acts on a set of its own, which is the same side."""
+    wanted = "u u_y 2 0.5", "s cauchy_xx 1 0.25"
+    end = {"traction": [0.0, 0.2]}
+    whole = scenes.loaded("rkpm-gauss", box(9, 13, size=[2, 1]), neo(10.0, 300.0), "x0 x1", end,
+                          *wanted)  # fmt: skip
+    half = {"traction": [0.0, 0.1]}
+    halves = whole | {"set": [{"name": "again", "where": "x > 1.99999"}]}
+    halves["boundary"] = [whole["boundary"][0], {"set": "x1"} | half, {"set": "again"} | half]
+    one, two = solved(whole)[1], solved(halves)[1]
+    for name in ("u", "s"):
+        assert two.last()[name] == pytest.approx(one.last()[name], rel=1e-9)
+        assert two.bar(name) == pytest.approx(one.bar(name), rel=1e-6)
+
+
 def test_inverted_corners_count_where_volumes_are_off() -> None:
     """Pressed between a glued side and a smooth one, with a bulk modulus 1e4 times the shear
     modulus: bars from fewer points are small, and J is off by 8 % in the mean.
