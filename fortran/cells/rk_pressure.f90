@@ -14,7 +14,7 @@ module rk_pressure
    use rk_kernel, only : window_product, window_radial
    use rk_lapack, only : svd
    use rk_neighbours, only : covers, find_neighbours
-   use rk_place_shape, only : on_plane
+   use rk_place_shape, only : approximation_type, on_plane
    use rk_precision, only : i8, wp
    use rk_tensor, only : cross, determinant
    implicit none
@@ -45,10 +45,10 @@ module rk_pressure
       !> (nd, entries); not allocated where pressures are written as they are [1/length]
       type(csr_type) :: around
       real(wp), allocatable :: share(:, :)
-      !> Planes on which materials meet, where pressures jump: the axis across each, and its place
-      !> [length]; not allocated where there is none
-      integer, allocatable :: axis(:)
-      real(wp), allocatable :: plane(:)
+      !> Planes or circles on which materials meet, where pressures jump, and whether each group
+      !> lies beyond them, shape (planes, groups); not allocated where there is none
+      type(approximation_type) :: planes
+      logical, allocatable :: beyond_plane(:, :)
    contains
       procedure :: value => pressure_value, along_step, at => pressure_at
       procedure, private :: slope, curvature
@@ -68,7 +68,7 @@ module rk_pressure
 contains
 
 !> Set up the polynomials
-subroutine new_pressure(self, cells, softness, place, curved, error, axis, plane)
+subroutine new_pressure(self, cells, softness, place, curved, planes, error)
    type(pressure_type), intent(out) :: self
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group over that of each integration point, shape (np) [-]
@@ -77,18 +77,13 @@ subroutine new_pressure(self, cells, softness, place, curved, error, axis, plane
    real(wp), intent(in) :: place(:, :)
    !> Write pressures with their curvature, in the plane
    logical, intent(in) :: curved
+   !> Approximation, with the planes on which materials meet
+   type(approximation_type), intent(in) :: planes
    type(error_type), allocatable, intent(out) :: error
-   !> Planes on which materials meet: the axis across each, and its place [length]
-   integer, intent(in), optional :: axis(:)
-   real(wp), intent(in), optional :: plane(:)
    real(wp), allocatable :: m(:, :)
    real(wp) :: before, c(1 + size(place, 1)), factor
-   integer :: d, g, i, j, n, nd, groups, trial
+   integer :: d, g, i, j, k, n, nd, groups, trial
 
-   if (present(plane)) then
-      self%axis = axis
-      self%plane = plane
-   end if
    nd = size(place, 1)
    groups = size(cells%first) - 1
    allocate (self%count(groups), self%centre(nd, groups), self%reach(nd, groups))
@@ -141,6 +136,12 @@ subroutine new_pressure(self, cells, softness, place, curved, error, axis, plane
          self%basis(:n, cells%first(g) + 1:cells%first(g + 1)) = transpose(m(:, :n))
       end associate
    end do
+   if (allocated(planes%kink)) then
+      self%planes = planes
+      ! the centre of a curved group may lie outside it
+      self%beyond_plane = reshape([((planes%across(k, cells%point(:, cells%first(g) + 1)) &
+         & > planes%kink(k), k=1, size(planes%kink)), g=1, groups)], [size(planes%kink), groups])
+   end if
    call find_neighbours(self%near, self%centre, list*self%reach, place, window_product, error)
    if (allocated(error) .or. .not. curved) return
    call find_neighbours(self%around, self%centre, beside*self%reach, self%centre, window_radial, &
@@ -301,7 +302,7 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
       associate (g => self%near%index(k))
          s(:nd) = (x - self%centre(:, g))/self%reach(:, g)
          if (.not. covers(s(:nd), blends(:nd), window_product)) cycle
-         if (allocated(self%plane)) then
+         if (allocated(self%beyond_plane)) then
             if (beyond(self, g, x)) cycle
          end if
          weight = product(1.0_wp - abs(s(:nd))/blend)
@@ -331,11 +332,9 @@ pure logical function beyond(self, g, x)
    integer :: k
 
    beyond = .false.
-   do k = 1, size(self%plane)
-      associate (a => self%axis(k), at => self%plane(k))
-         beyond = beyond .or. (x(a) - at > -on_plane*self%reach(a, g) &
-            & .neqv. self%centre(a, g) > at)
-      end associate
+   do k = 1, size(self%beyond_plane, 1)
+      beyond = beyond .or. (self%planes%across(k, x) - self%planes%kink(k) > -on_plane &
+         & *self%reach(self%planes%kink_axis(k), g) .neqv. self%beyond_plane(k, g))
    end do
 end function beyond
 

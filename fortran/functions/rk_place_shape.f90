@@ -6,7 +6,8 @@
 !> Across a plane on which materials meet derivatives jump. Where it parts the neighbours of a place
 !> their distance from it, a ridge |x - c|, joins the basis, so that fields are reproduced that are
 !> linear on each side. A small number on the diagonal of its moment lets it fade where but distant
-!> neighbours lie beyond the plane.
+!> neighbours lie beyond the plane. By windows of radius and angle planes are circles, and ridges
+!> |r - c|.
 !>
 !> References: thesis section 4.2.1 and equations (5.1)-(5.5);
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824;
@@ -15,7 +16,8 @@
 module rk_place_shape
    use rk_basis, only : monomials, second_index
    use rk_error, only : error_type
-   use rk_kernel, only : find_name, kernel_names, polar_window, window, window_names, window_polar
+   use rk_kernel, only : find_name, kernel_names, polar_window, window, window_names, &
+      & window_polar, window_product
    use rk_precision, only : wp
    implicit none
    private
@@ -30,10 +32,12 @@ module rk_place_shape
       integer :: kernel
       !> One of the window_* constants
       integer :: window
-      !> Planes across which derivatives may jump: the axis across each, and its place [length]; not
-      !> allocated where there is none
+      !> Planes across which derivatives may jump: the axis across each, and its place [length]; of
+      !> a window of radius and angle circles: 1, and the radius; not allocated where there is none
       integer, allocatable :: kink_axis(:)
       real(wp), allocatable :: kink(:)
+   contains
+      procedure :: across
    end type approximation_type
 
    !> A pivot below this share of the unit diagonal means a singular moment matrix
@@ -60,6 +64,21 @@ subroutine new_approximation(self, order, kernel, window, error)
    if (.not. allocated(error)) call find_name(window_names, 'window', window, self%window, error)
 end subroutine new_approximation
 
+!> Coordinate of a place across a plane, or its radius across a circle [length]
+pure real(wp) function across(self, k, x)
+   class(approximation_type), intent(in) :: self
+   !> Plane
+   integer, intent(in) :: k
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+
+   if (self%window == window_polar) then
+      across = norm2(x)
+   else
+      across = x(self%kink_axis(k))
+   end if
+end function across
+
 !> Shape functions of all neighbours at one place
 subroutine shape_at_place(approximation, powers, source, support, neighbours, x, value, singular)
    !> Order, kernel and window
@@ -82,7 +101,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    real(wp), allocatable :: m(:, :), phi(:), dphi(:, :), ddphi(:, :, :)
    real(wp), allocatable :: s(:), ds(:, :), dds(:, :), t(:, :), dt(:, :, :)
    real(wp), allocatable :: b(:), db(:, :), ddb(:, :)
-   real(wp), allocatable :: w(:)
+   real(wp), allocatable :: w(:), slope(:, :), bend(:, :)
    real(wp) :: scale(size(x)), r(3), peak
    integer, allocatable :: ridge(:)
    integer :: nd, nb, n, i, j, k, q, seconds, smooth
@@ -102,17 +121,28 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    ! supports of radius and angle have no direction of their own
    if (approximation%window == window_polar) scale = maxval(scale)
 
+   allocate (slope(nd, size(ridge)), bend(nd*(nd + 1)/2, size(ridge)), source=0.0_wp)
+   do i = 1, size(ridge)
+      associate (a => approximation%kink_axis(ridge(i)), at => approximation%kink(ridge(i)), &
+         & here => approximation%across(ridge(i), x))
+         slope(a, i) = sign(1.0_wp, here - at + on_plane*scale(a))/maxval(support(a, neighbours))
+         if (approximation%window /= window_polar) cycle
+         bend(:, i) = slope(a, i)*[x(2)**2, -x(1)*x(2), x(1)**2]/here**3
+         slope(:, i) = slope(a, i)*x/here
+      end associate
+   end do
    m = 0.0_wp
    do k = 1, n
       r(:nd) = x - source(:, neighbours(k))
       call monomials(nd, approximation%order, powers, r(:nd), scale, h(:smooth, k), &
          & dh(:smooth, :, k), ddh(:smooth, :, k))
       do i = 1, size(ridge)
-         associate (a => approximation%kink_axis(ridge(i)), at => approximation%kink(ridge(i)))
-            h(smooth + i, k) = (abs(x(a) - at) - abs(source(a, neighbours(k)) - at))/scale(a)
-            dh(smooth + i, :, k) = 0.0_wp
-            dh(smooth + i, a, k) = sign(1.0_wp, x(a) - at + on_plane*scale(a))/scale(a)
-            ddh(smooth + i, :, k) = 0.0_wp
+         associate (a => approximation%kink_axis(ridge(i)), at => approximation%kink(ridge(i)), &
+            & there => approximation%across(ridge(i), source(:, neighbours(k))))
+            h(smooth + i, k) = (abs(approximation%across(ridge(i), x) - at) - abs(there - at)) &
+               & /maxval(support(a, neighbours))
+            dh(smooth + i, :, k) = slope(:, i)
+            ddh(smooth + i, :, k) = bend(:seconds, i)
          end associate
       end do
       if (approximation%window == window_polar) then
@@ -126,7 +156,8 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
          m(:j, j) = m(:j, j) + phi(k)*h(j, k)*h(:j, k)
       end do
    end do
-   if (size(ridge) > 0) call window(approximation%kernel, approximation%window, nd, 0.0_wp*x, &
+   if (size(ridge) > 0) call window(approximation%kernel, merge(window_product, &
+      & approximation%window, approximation%window == window_polar), nd, 0.0_wp*x, &
       & support(:, neighbours(1)), peak, r(:nd), ddphi(:, :0, 1))
    do j = smooth + 1, nb
       m(j, j) = m(j, j) + fading*peak
@@ -223,14 +254,15 @@ pure function parting(approximation, source, support, neighbours) result(ridge)
    !> Numbers of the planes
    integer, allocatable :: ridge(:)
    real(wp) :: away(size(neighbours))
-   integer :: k
+   integer :: i, k
 
    allocate (ridge(0))
    if (.not. allocated(approximation%kink)) return
    do k = 1, size(approximation%kink)
-      associate (a => approximation%kink_axis(k))
-         away = (source(a, neighbours) - approximation%kink(k))/support(a, neighbours)
-      end associate
+      do i = 1, size(neighbours)
+         away(i) = (approximation%across(k, source(:, neighbours(i))) - approximation%kink(k)) &
+            & /support(approximation%kink_axis(k), neighbours(i))
+      end do
       if (minval(away) < -on_plane .and. maxval(away) > on_plane) ridge = [ridge, k]
    end do
 end function parting

@@ -50,9 +50,14 @@ subroutine parts_at(scene, place, part, error)
 
    x = place
    do k = 1, size(scene%approximation%kink)
-      associate (a => scene%approximation%kink_axis(k), at => scene%approximation%kink(k))
-         if (abs(place(a) - at) < on_plane*maxval(scene%support(a, :))) &
-            & x(a) = at + beyond*maxval(scene%support(a, :))
+      associate (a => scene%approximation%kink_axis(k), at => scene%approximation%kink(k), &
+         & here => scene%approximation%across(k, place))
+         if (.not. abs(here - at) < on_plane*maxval(scene%support(a, :))) cycle
+         if (scene%cloud%polar) then
+            x = place/here*(at + beyond*maxval(scene%support(a, :)))
+         else
+            x(a) = at + beyond*maxval(scene%support(a, :))
+         end if
       end associate
    end do
    part = 0.0_wp

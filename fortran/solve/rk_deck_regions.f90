@@ -7,7 +7,8 @@ module rk_deck_regions
    use rk_deck, only : deck_type
    use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type
-   use rk_lattice, only : place_of
+   use rk_kernel, only : window_polar
+   use rk_lattice, only : lattice_frame, place_of
    use rk_precision, only : pi, wp
    use rk_scene, only : last_part, scene_type, tissue_type
    use rk_text, only : to_text
@@ -29,6 +30,9 @@ module rk_deck_regions
    !> Planes that differ by less, in spacings, are the same, as those beside points: borders of a
    !> map are known to a thousandth of a voxel, and thinner cells have no use [-]
    real(wp), parameter :: same_place = 2.0e-3_wp
+   !> Points on a circle are by rounding on either side of it: all are taken so far beyond, of the
+   !> radius [-]
+   real(wp), parameter :: off_circle = 1.0e-12_wp
 
 contains
 
@@ -69,9 +73,9 @@ subroutine label_regions(scene, deck, error)
    associate (cloud => scene%cloud)
       call fill_points(cloud, scene%tissue, deck, error)
       if (allocated(error) .or. .not. allocated(cloud%fraction)) return
-      if (scene%method == 'rkpm-gauss' .and. .not. (cloud%polar .or. cloud%jittered)) &
-         & call find_planes(cloud, scene%tissue, scene%approximation%kink_axis, &
-         & scene%approximation%kink, close, error)
+      if (scene%method == 'rkpm-gauss' .and. .not. cloud%jittered .and. (.not. cloud%polar &
+         & .or. scene%approximation%window == window_polar)) call find_planes(cloud, scene%tissue, &
+         & scene%approximation%kink_axis, scene%approximation%kink, close, error)
       scene%thin_layers = close .and. cloud%nd == 3
    end associate
 end subroutine label_regions
@@ -265,24 +269,38 @@ contains
 
 end subroutine fill_points
 
-!> Planes across the axes of a box on which materials meet, if these meet nowhere else
+!> Planes across the axes of a box on which materials meet, or circles of an annulus, if these meet
+!> nowhere else
 subroutine find_planes(cloud, tissue, axis, plane, close, error)
    !> Points with fractions
    type(cloud_type), intent(in) :: cloud
    !> Materials with their parts
    type(tissue_type), intent(in) :: tissue(:)
-   !> Axis across each plane, and its place [length]; not allocated where borders are not planes
+   !> Axis across each plane, and its place, of a circle its radius [length]; not allocated where
+   !> borders are not planes
    integer, allocatable, intent(out) :: axis(:)
    real(wp), allocatable, intent(out) :: plane(:)
    !> Borders are planes, but two of them too near each other
    logical, intent(out) :: close
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
-   real(wp) :: near(cloud%nd)
+   real(wp), dimension(cloud%nd) :: near, wide
+   !> Points in the coordinates of the lattice, shape (nd, nc) [length], of angles [radian]
+   real(wp), allocatable :: point(:, :)
+   real(wp) :: low(3), step(3)
    integer, allocatable :: own(:)
    integer :: base(3), counts(3), d, ip
 
    near = same_place*minval(cloud%spacing, dim=2)
+   wide = maxval(cloud%spacing, dim=2)
+   point = cloud%points
+   if (cloud%polar) then
+      call lattice_frame(cloud, low, step)
+      wide = step(:cloud%nd)
+      near = same_place*wide
+      point = reshape([norm2(cloud%points, dim=1), atan2(cloud%points(2, :), cloud%points(1, :))], &
+         & shape(point), order=[2, 1])
+   end if
    counts = 1
    counts(:cloud%nd) = maxval(cloud%place, dim=2) + 1
    allocate (axis(0), plane(0))
@@ -290,7 +308,7 @@ subroutine find_planes(cloud, tissue, axis, plane, close, error)
    do ip = 1, size(cloud%points, 2)
       do d = 1, cloud%nd
          associate (next => beside(ip, d, 1))
-            call look_between(d, cloud%points(:, ip), cloud%points(:, next), &
+            call look_between(d, point(:, ip), point(:, next), &
                & all(maxval(cloud%fraction(:, [ip, next]), dim=1) >= 1.0_wp))
          end associate
          if (allocated(error)) return
@@ -308,10 +326,10 @@ subroutine find_planes(cloud, tissue, axis, plane, close, error)
          if (allocated(error)) return
       end do
    end if
-   close = ip > size(cloud%points, 2) .and. too_close(axis, plane, maxval(cloud%spacing, dim=2))
+   close = ip > size(cloud%points, 2) .and. too_close(axis, plane, wide)
    ! layers in the plane know the way across them; in space nothing better is at hand
-   if (ip <= size(cloud%points, 2) .or. size(plane) == 0 .or. (close .and. cloud%nd == 2)) &
-      & deallocate (axis, plane)
+   if (ip <= size(cloud%points, 2) .or. size(plane) == 0 .or. (close .and. cloud%nd == 2) &
+      & .or. (cloud%polar .and. any(axis == 2))) deallocate (axis, plane)
 
 contains
 
@@ -328,6 +346,17 @@ contains
       beside = place_of(at, counts)
    end function beside
 
+   !> Material at a place in the coordinates of the lattice
+   integer function part_at(q)
+      real(wp), intent(in) :: q(:)
+
+      if (cloud%polar) then
+         part_at = last_part(tissue, (1.0_wp + off_circle)*q(1)*[cos(q(2)), sin(q(2))], error)
+      else
+         part_at = last_part(tissue, q, error)
+      end if
+   end function part_at
+
    !> Planes between two points that follow each other along an axis
    subroutine look_between(d, a, b, whole)
       integer, intent(in) :: d
@@ -340,17 +369,17 @@ contains
 
       parts = merge(1, samples, whole)
       from = a
-      before = last_part(tissue, from, error)
+      before = part_at(from)
       do k = 1, parts
          to = a + (b - a)*k/parts
-         after = last_part(tissue, to, error)
+         after = part_at(to)
          last = to
          new = after /= before
          if (new) new = .not. known(d, from, to, before, after)
          if (new) then
             do i = 1, fine_bisections
                middle = 0.5_wp*(from + to)
-               if (last_part(tissue, middle, error) == before) then
+               if (part_at(middle) == before) then
                   from = middle
                else
                   to = middle
@@ -384,9 +413,9 @@ contains
          if (axis(k) /= d .or. plane(k) < a(d) - near(d) .or. plane(k) > b(d) + near(d)) cycle
          x = a
          x(d) = plane(k) - near(d)
-         known = last_part(tissue, x, error) == before
+         known = part_at(x) == before
          x(d) = plane(k) + near(d)
-         if (known) known = last_part(tissue, x, error) == after
+         if (known) known = part_at(x) == after
          if (known) return
       end do
    end function known
@@ -401,8 +430,8 @@ contains
       n = merge(1, samples, maxval(cloud%fraction(:, ip)) >= 1.0_wp)
       do d = 1, cloud%nd
          ! half way to the neighbours
-         from(d) = 0.5_wp*(cloud%points(d, ip) + cloud%points(d, beside(ip, d, -1)))
-         to(d) = 0.5_wp*(cloud%points(d, ip) + cloud%points(d, beside(ip, d, 1)))
+         from(d) = 0.5_wp*(point(d, ip) + point(d, beside(ip, d, -1)))
+         to(d) = 0.5_wp*(point(d, ip) + point(d, beside(ip, d, 1)))
       end do
       do i = 0, n**cloud%nd - 1
          box = 0
@@ -414,7 +443,7 @@ contains
          ! on a plane
          if (d <= cloud%nd) cycle
          at = place_of(box, base)
-         k = last_part(tissue, x, error)
+         k = part_at(x)
          if (own(at) == 0) own(at) = k
          agrees = agrees .and. own(at) == k
       end do

@@ -148,8 +148,8 @@ subroutine new_galerkin(self, scene, error)
       & self%surface%essential, self%surface%plates%follows)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
-   call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), error, &
-      & scene%approximation%kink_axis, scene%approximation%kink)
+   call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &
+      & scene%approximation, error)
    if (allocated(error)) return
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
    self%n = self%fields*(blocks + self%multiplier%extra)
@@ -268,7 +268,7 @@ subroutine renew(self, materials, error)
       if (materials) then
          call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
          call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &
-            & error, scene%approximation%kink_axis, scene%approximation%kink)
+            & scene%approximation, error)
          if (allocated(error)) return
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
@@ -862,9 +862,11 @@ contains
       real(wp), intent(in) :: place(:)
       logical :: beyond(size(self%scene%approximation%kink))
 
-      associate (axis => self%scene%approximation%kink_axis)
-         beyond = place(axis) - self%scene%approximation%kink &
-            & > -on_plane*maxval(self%scene%cloud%spacing)
+      integer :: k
+
+      associate (approximation => self%scene%approximation)
+         beyond = [(approximation%across(k, place) - approximation%kink(k) &
+            & > -on_plane*maxval(self%scene%cloud%spacing), k=1, size(beyond))]
       end associate
    end function beyond
 

@@ -18,7 +18,21 @@ from myork.bench.materials import RUBBER
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud, Voxels
 from tests import scenes
-from tests.scenes import box, gripped, held, neo, probes, refuses, scene, slip, solved, voxels
+from tests.scenes import (
+    PLANES,
+    annulus,
+    box,
+    gripped,
+    held,
+    loaded,
+    neo,
+    probes,
+    refuses,
+    scene,
+    slip,
+    solved,
+    voxels,
+)
 
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
 COLLOCATION = pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
@@ -562,3 +576,49 @@ def test_a_muscle_beside_a_plane_has_its_own_activation() -> None:
     number = pull(0.3, 9, 9, **gel)
     for field in ("0.3*(y < 0.37)", "0.3*sqrt(max(0.37 - y, 0)/(0.37 - y))"):
         assert pull(field, 9, 9, **gel) == pytest.approx(number, rel=1e-6)
+
+
+def rings(radii, laws, pressure, r):
+    """Displacement and hoop stress at a radius of elastic rings in each other, u = a r + b/r."""
+    n = len(laws)
+    rows, right = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+    right[0] = -pressure
+
+    def radial(at, mu, bulk):
+        return np.array([2.0 * (bulk + mu / 3.0), -2.0 * mu / at**2])
+
+    rows[0, :2] = radial(radii[0], *laws[0])
+    rows[-1, -2:] = radial(radii[-1], *laws[-1])
+    for k, at in enumerate(radii[1:-1]):
+        two = slice(2 * k, 2 * k + 4)
+        rows[2 * k + 1, two] = [at, 1.0 / at, -at, -1.0 / at]
+        rows[2 * k + 2, two] = [*radial(at, *laws[k]), *-radial(at, *laws[k + 1])]
+    constant = np.linalg.solve(rows, right).reshape(n, 2)
+    k = int(np.searchsorted(radii[1:-1], r))
+    return constant[k] @ [r, 1.0 / r], constant[k] @ (radial(r, *laws[k]) * [1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("radii", "mu"),
+    [((2, 2.43, 3), (1, 50)), ((2, 2.5, 3), (50, 1)), ((2, 2.3, 2.7, 3), (20, 1, 9))],
+)
+def test_rings_of_several_materials_have_kinks_along_the_radius(radii, mu):
+    """Circles between and on lines of points; without kinks the second wall moved 3.6 % too far."""
+    laws = [(m, 10.0 * m) for m in mu]
+    beside = radii[1] + np.array([-0.02, 0.02])
+    tables = scene(
+        "rkpm-gauss", annulus(13, 33, radii=(radii[0], radii[-1]), places=False),
+        material=[
+            neo(*law, f"m{k}", **({"where": f"r > {radii[k]}"} if k else {}))
+            for k, law in enumerate(laws)
+        ],
+        boundary=[*PLANES[:2], {"set": "inner", "pressure": 1e-5}],
+        probe=probes(
+            f"u u_x {radii[0]} 0", *(f"s{k} cauchy_yy {r} 0" for k, r in enumerate(beside))
+        ),
+    )  # fmt: skip
+    found = solved(tables).last()
+    wall, _ = rings(radii, laws, 1e-5, radii[0])
+    assert found["u"] == pytest.approx(wall, rel=5e-4)
+    for k, r in enumerate(beside):
+        assert found[f"s{k}"] == pytest.approx(rings(radii, laws, 1e-5, r)[1], rel=0.01)
