@@ -23,17 +23,18 @@ pure subroutine find_alike(first, number, value, same)
    integer, allocatable, intent(out) :: same(:)
    type(csr_type) :: places
    integer, allocatable :: bucket(:)
-   real(wp), allocatable :: key(:)
+   real(wp), allocatable :: key(:), weight(:)
    real(wp) :: unit
    integer(i8) :: k
    integer :: i
 
    allocate (key(size(first)), same(size(first)))
    ! equal rows have equal sums, with any factors, but for rounding
+   weight = [(modulo(0.618_wp*k, 1.0_wp), k=1, maxval([0_i8, number]))]
    do i = 1, size(first)
       key(i) = 0.0_wp
       do k = 1, number(i)
-         key(i) = key(i) + modulo(0.618_wp*k, 1.0_wp)*value(first(i) + k)
+         key(i) = key(i) + weight(k)*value(first(i) + k)
       end do
    end do
    unit = max(100.0_wp*equal*maxval(abs(key)), tiny(1.0_wp))

@@ -3,7 +3,7 @@
 module rk_neighbours
    use rk_csr, only : csr_type, group_by, sort
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_kernel, only : window_product, window_radial
+   use rk_kernel, only : window_product
    use rk_precision, only : i8, wp
    implicit none
    private
@@ -23,6 +23,8 @@ module rk_neighbours
    real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
    !> Distances that differ by less than this share of the spacing of points are the same
    real(wp), parameter :: same = 1.0e-6_wp
+   !> Cells from the first one beyond which their number does not count
+   real(wp), parameter :: far = 1.0e9_wp
    !> Points that may be nearest to one place, the corners of a cell of a lattice
    integer, parameter :: most_ties = 8
 
@@ -189,37 +191,89 @@ subroutine all_nearest(point, place, near)
    integer, allocatable, intent(out) :: near(:, :)
    type(boxes_type) :: cells
    real(wp) :: radius(size(point, 1), size(point, 2)), slack
-   real(wp), allocatable :: distance(:)
-   integer, allocatable :: found(:), ties(:)
-   integer :: ip, k, n
-   logical :: all_in
+   integer :: ip
 
-   ! of points on a lattice those of one spacing around
+   ! of points on a lattice each has a cell
    radius = spacing_of(point)
    slack = same*radius(1, 1)
+   call fill_cells(cells, point, radius)
    allocate (near(most_ties, size(place, 2)), source=0)
-   do
-      call fill_cells(cells, point, radius)
-      all_in = .true.
-      !$omp parallel do default(none) schedule(static) private(ip, k, n, found, distance, ties) &
-      !$omp shared(cells, point, place, radius, near, slack) reduction(.and.: all_in)
-      do ip = 1, size(place, 2)
-         if (near(1, ip) > 0) cycle
-         if (.not. allocated(found)) allocate (found(size(point, 2)))
-         call search(cells, point, radius, place(:, ip), window_radial, n, found)
-         all_in = all_in .and. n > 0
-         if (n == 0) cycle
-         distance = [(norm2(point(:, found(k)) - place(:, ip)), k=1, n)]
-         ties = pack(found(:n), distance <= minval(distance) + slack)
-         call sort(ties)
-         n = min(size(ties), most_ties)
-         near(:n, ip) = ties(:n)
-      end do
-      !$omp end parallel do
-      if (all_in) return
-      radius = 2.0_wp*radius
+   !$omp parallel do default(none) schedule(static) private(ip) &
+   !$omp shared(cells, point, place, near, slack)
+   do ip = 1, size(place, 2)
+      call find_nearest(cells, point, place(:, ip), slack, near(:, ip))
    end do
+   !$omp end parallel do
 end subroutine all_nearest
+
+!> Points nearest to one place, by rings of cells around its own: the next ring is at least as far
+!> away as those that were seen are wide
+subroutine find_nearest(cells, point, x, slack, near)
+   type(boxes_type), intent(in) :: cells
+   !> Points, shape (nd, np) [length]
+   real(wp), intent(in) :: point(:, :)
+   !> Place, shape (nd), and distances that are the same [length]
+   real(wp), intent(in) :: x(:), slack
+   !> Numbers ascending, 0 behind them before and afterwards, shape (most_ties)
+   integer, intent(inout) :: near(:)
+   real(wp) :: least
+   integer :: own(3), lo(3), hi(3), nd, ring
+
+   nd = size(x)
+   own = 1
+   own(:nd) = 1 + floor(max(min((x - cells%low(:nd))/cells%size(:nd), far), -far))
+   least = huge(1.0_wp)
+   ring = maxval(max(1 - own, own - cells%n, 0))
+   do
+      lo = max(own - ring, 1)
+      hi = min(own + ring, cells%n)
+      call look(ring, .false.)
+      if (least + slack <= ring*minval(cells%size(:nd))) exit
+      if (all(lo == 1 .and. hi == cells%n)) exit
+      ring = ring + 1
+   end do
+   call look(0, .true.)
+
+contains
+
+   !> Look at the cells from a ring on: for the least distance, or for the points that have it
+   subroutine look(from, known)
+      integer, intent(in) :: from
+      logical, intent(in) :: known
+      integer :: i, j, k, n
+      integer(i8) :: m
+
+      do k = lo(3), hi(3)
+         do j = lo(2), hi(2)
+            do i = lo(1), hi(1)
+               if (maxval(abs([i, j, k] - own)) < from) cycle
+               n = cell_of(cells, [i, j, k])
+               do m = cells%member%offset(n) + 1, cells%member%offset(n + 1)
+                  associate (distance => norm2(point(:, cells%member%index(m)) - x))
+                     if (.not. known) least = min(least, distance)
+                     if (known .and. distance <= least + slack) &
+                        & call take(near, cells%member%index(m))
+                  end associate
+               end do
+            end do
+         end do
+      end do
+   end subroutine look
+
+end subroutine find_nearest
+
+!> Put a number into an ascending list that keeps the lowest ones
+pure subroutine take(list, number)
+   !> Numbers, 0 behind them
+   integer, intent(inout) :: list(:)
+   integer, intent(in) :: number
+   integer :: at
+
+   at = 1 + count(list > 0 .and. list < number)
+   if (at > size(list)) return
+   list(at + 1:) = list(at:size(list) - 1)
+   list(at) = number
+end subroutine take
 
 !> Whether the support of a source point contains a place
 pure logical function covers(r, a, window)

@@ -174,7 +174,7 @@ subroutine new_galerkin(self, scene, error)
    self%square = .true.
    if (self%multiplier%extra > 0) self%pressure_first = nd*blocks + 1
    self%pressure_extent = self%multiplier%extent
-   if (self%inexact) call self%gradient%share()
+   if (self%inexact .or. allocated(scene%cloud%block)) call self%gradient%share()
    ! minimal residuals cannot have a skew part
    if (self%inexact .and. has_free_rim(scene)) self%caveat = 'the rim of a surface with ' &
       & //'boundary.pressure moves freely, which makes the tangent unsymmetric, and above ' &
