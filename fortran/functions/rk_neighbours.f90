@@ -240,13 +240,22 @@ contains
    subroutine look(from, known)
       integer, intent(in) :: from
       logical, intent(in) :: known
-      integer :: i, j, k, n
+      integer :: first, i, j, k, last, n, stride
       integer(i8) :: m
 
       do k = lo(3), hi(3)
          do j = lo(2), hi(2)
-            do i = lo(1), hi(1)
-               if (maxval(abs([i, j, k] - own)) < from) cycle
+            first = lo(1)
+            last = hi(1)
+            stride = 1
+            ! of a row through the ring its two ends
+            if (max(abs(j - own(2)), abs(k - own(3))) < from) then
+               first = own(1) - from
+               last = own(1) + from
+               stride = 2*from
+            end if
+            do i = first, last, stride
+               if (i < lo(1) .or. i > hi(1)) cycle
                n = cell_of(cells, [i, j, k])
                do m = cells%member%offset(n) + 1, cells%member%offset(n + 1)
                   associate (distance => norm2(point(:, cells%member%index(m)) - x))
