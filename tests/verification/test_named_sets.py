@@ -203,13 +203,13 @@ HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
 
 @pytest.mark.parametrize(("sets", "boundary", "what"), [
     ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
-    ([SIDE, SIDE], {}, "taken already"),
+    ([SIDE, SIDE], {}, "is already used"),
     ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
     ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
     ([SIDE | {"where": "ny < -0.7"}], {}, "`where` leaves 0; coordinates are those of the bod"),
     ([SIDE | {"where": "x > 2"}], {}, "`side` leaves 9, `where` leaves 0; coordinates are"),
     ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
-    ([SIDE], {"set": "y0", "u_x": 0}, "taken already"),
+    ([SIDE], {"set": "y0", "u_x": 0}, "is already used"),
     ([HALF], {"set": "pad", "u_x": 0.1},
      "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
     ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},

@@ -97,7 +97,7 @@ def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> No
     """Also where the points before widened them: its second solution is that of the search."""
     found = run_deck(cantilever(accuracy=0.003, probe="tip"), tmp_path)["refine"]
     assert len(found["levels"]) > 1
-    known = re.search(r"known to (\S+) %", found["levels"][-1])
+    known = re.search(r"within (\S+) %", found["levels"][-1])
     assert known and float(known[1]) == pytest.approx(100 * found["reached"], rel=0.05)
 
 
@@ -195,7 +195,7 @@ def test_a_deck_without_points_meets_two_per_cent(tmp_path: Path) -> None:
     lines = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert len(lines) == summary["steps"][-1]["iterations"] > 0
     # each lattice has its line, the last is that of the answer
-    assert re.match(r"refine 1: \[\d+,\d+\] points, tip known to ", found["levels"][0])
+    assert re.match(r"refine 1: \[\d+,\d+\] points, tip within ", found["levels"][0])
     lattice = [int(n) for n in re.findall(r"\d+", found["levels"][-1].split("]")[0])[1:]]
     assert lattice == found["points"] and summary["source_points"] == np.prod(lattice)
     assert read_summary(tmp_path)["refine"] == found and found["cpu_s"] > 0

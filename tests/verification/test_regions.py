@@ -31,7 +31,7 @@ def test_the_later_material_fills_what_two_hold() -> None:
     (pulled(CORK, OAK), "material.cork.label: missing"),
     (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),
     (pulled(CORK, OAK | {"where": "x > q"}), "material.oak.where: 'x > q' is not an expressio"),
-    (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing, only the first"),
+    (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing: only the first"),
     (pulled(CORK | {"label": 1}, OAK | {"where": "x < 1"}), "material.cork.label: cannot be given"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused(tables: dict[str, Any], what: str) -> None:

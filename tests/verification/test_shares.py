@@ -24,7 +24,6 @@ from tests.scenes import (
     box,
     gripped,
     held,
-    loaded,
     neo,
     probes,
     refuses,
@@ -541,7 +540,7 @@ def test_a_thin_sheet_in_space_is_doubted() -> None:
     tables = plates(box(5, 5, 4), "z > 0.47 and z < 0.53", 5.0, "z0 z1")
     states = solved(tables, error=True).states
     assert states.verdict == "doubtful"
-    assert any("less than 1.5 spacings" in reason for reason in states.reasons)
+    assert any("thinner than 1.5 spacings" in reason for reason in states.reasons)
 
 
 @pytest.mark.parametrize(("plane", "near"), [(0.5, 0.48), (0.51, 0.53)])
