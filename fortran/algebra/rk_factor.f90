@@ -10,6 +10,8 @@ module rk_factor
    type, abstract :: factor_type
       !> Column norms of A, shape (n)
       real(wp), allocatable :: scale(:)
+      !> A has fewer independent columns than unknowns: there is nothing to solve with
+      logical :: singular = .false.
    contains
       !> Solve in place
       procedure(solve_interface), deferred :: solve

@@ -294,8 +294,7 @@ subroutine solve_pivoted(op, b, x, report, error)
    if (rank < op%n) then
       report%why = 'rank '//to_text(rank)//' of '//to_text(op%n)//', undetermined: ' &
          & //names_of(op, abs(y(:op%n, 2) - probe))
-      ! a triangle of lower rank is no factor
-      factor%a = 0.0_wp
+      factor%singular = .true.
       report%rcond = 0.0_wp
    else
       call check_rank(op, factor, report%rcond, error)
@@ -416,9 +415,12 @@ subroutine judge(op, b, x, factor, report)
    residual = b - residual
    call op%apply_transposed(residual, gradient)
    gradient = gradient/factor%scale
-   z = gradient
-   call factor%solve(z)
-   distance = sqrt(abs(dot_product(gradient, z)))
+   distance = huge(1.0_wp)
+   if (.not. factor%singular) then
+      z = gradient
+      call factor%solve(z)
+      distance = sqrt(abs(dot_product(gradient, z)))
+   end if
    norm = norm2(residual)
    length = max(norm2(factor%scale*x), tiny(1.0_wp))
    matrix_norm = sqrt(real(op%n, wp))
@@ -427,8 +429,7 @@ subroutine judge(op, b, x, factor, report)
    report%accepted = .not. norm > 0.0_wp
    if (report%accepted) return
    bound = min(norm2(gradient)/norm, norm/length)
-   ! a comparison that fails where there is no factor
-   if (distance <= huge(1.0_wp)) then
+   if (distance < huge(1.0_wp)) then
       bound = min(bound, distance/length)
       report%misfit = distance/norm
    end if
