@@ -143,7 +143,6 @@ def test_a_signal_amid_the_import_of_numpy(name):
     code = f"""
 import os, signal, sys
 from myork.cli import main
-from tests.scenes import refuses
 
 class Key:
     def find_spec(self, name, path=None, target=None):

@@ -45,7 +45,7 @@ def quick(name: str, folder: Path) -> dict[str, Any]:
 
 
 def test_unknown_bench_is_refused(tmp_path: Path) -> None:
-    refuses("no benchmark 'linaer'; there are linear", run_benches, ["linaer"], tmp_path)
+    refuses("unknown benchmark 'linaer'; choose one of linear", run_benches, ["linaer"], tmp_path)
 
 
 def test_without_a_checkout_there_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

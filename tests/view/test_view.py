@@ -427,7 +427,7 @@ def test_a_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
         other.listen()
         port = other.getsockname()[1]
         assert main(["view", absent, "--no-browser", "--port", str(port)]) == 2
-    assert f"--port {port}: is in use; name another" in capsys.readouterr().err
+    assert f"--port {port}: is in use; choose another" in capsys.readouterr().err
 
 
 def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -435,7 +435,7 @@ def test_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "there is no such reduced model" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["view", "x.rom.h5", "--port", "70000"])
-    assert "at most 65535" in capsys.readouterr().err
+    assert "between 0 and 65535" in capsys.readouterr().err
 
 
 def test_it_ends_accepted(open_page, tmp_path, capsys):
