@@ -459,8 +459,7 @@ subroutine solve_with(self, given, b, x, report, error)
          report%indefinite = error%code /= err_input
          if (report%indefinite .and. self%near%far .and. (self%impatient &
             & .or. self%near%operations > hopeless)) then
-            error%message = 'the tangent is far from positive definite: take more load.steps or ' &
-               & //'points, or less load'
+            error%message = 'the tangent is far from positive definite'
             return
          end if
       end if

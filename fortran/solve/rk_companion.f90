@@ -19,7 +19,7 @@ module rk_companion
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
-   use rk_run, only : solve_problem
+   use rk_run, only : has_few_cells, is_unstable, solve_problem
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
@@ -94,6 +94,9 @@ module rk_companion
       logical :: coarse = .false.
       !> More in each direction: the better answer of the two
       logical :: finer = .false.
+      !> Beside an answer of few cells, with more points in some direction: its last state is no
+      !> stable equilibrium. With a cell or two across a body locks in bending and seems stable
+      logical :: unstable = .false.
       !> Where it has fewer: fewer_points, twice_fewer or few_fewer
       integer :: fewer = fewer_points
       !> Source points and unknowns
@@ -237,6 +240,13 @@ subroutine solve_beside(self, answer, words, points)
          call keeper%begin(second%n, answer%receiver)
          call solve_problem(second, scene, '', keeper, timer, error)
          if (.not. allocated(error)) call look(self, second, keeper%run, answer, error)
+      end if
+      if (.not. (allocated(error) .or. second%linear) .and. has_few_cells(answer%problem%scene) &
+         & .and. allocated(scene%cloud%lattice)) then
+         associate (run => keeper%run, own => answer%problem%scene%cloud%lattice)
+            if (any(scene%cloud%lattice > own)) self%unstable = is_unstable(second, &
+               & run%x(:, size(run%step)), run%step(size(run%step))%load)
+         end associate
       end if
       call free_discretisation(second)
    end if

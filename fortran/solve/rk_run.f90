@@ -26,13 +26,16 @@ module rk_run
    implicit none
    private
 
-   public :: outcome_type, solve_scene, solve_problem
+   public :: outcome_type, solve_scene, solve_problem, is_unstable, has_few_cells
 
    !> Displacements below this share of the body are roundings [-]
    real(wp), parameter :: unmoved = 1.0e-13_wp
    !> States of a motion that are judged. They lie closer together towards the end, where errors are
    !> largest, and not at multiples of any period
    integer, parameter :: looks = 16
+   !> Source points across a body that are few: with two cells what groups exchange is a part of
+   !> bending, so that its tangent is judged as it is
+   integer, parameter :: few_points = 4
 
    !> What a run found out beside its states
    type :: outcome_type
@@ -307,22 +310,34 @@ subroutine find_imbalance(problem, outcome)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
 
-!> Whether the state that is judged is a stable equilibrium. Its tangent is positive definite then,
-!> but for pressures as unknowns and pressures that follow a free rim, with which nothing is found.
+!> Whether the state that is judged is a stable equilibrium
 subroutine find_stability(problem, outcome)
    class(discretisation_type), target, intent(inout) :: problem
    type(outcome_type), intent(inout) :: outcome
-   class(symmetric_matrix), pointer :: tangent
-   type(evaluation_type) :: seen
-   real(wp), allocatable :: r(:)
    integer :: k
 
    if (.not. allocated(outcome%load) .or. outcome%unstrained) return
-   if (index(problem%scene%method, 'rkpm') /= 1) return
    k = judged_state(problem, outcome%x)
    if (outcome%factored .and. k == size(outcome%load)) return
+   outcome%unstable = is_unstable(problem, outcome%x(:, k), outcome%load(k))
+end subroutine find_stability
+
+!> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, but for
+!> pressures as unknowns and pressures that follow a free rim, with which nothing is found.
+logical function is_unstable(problem, x, load)
+   class(discretisation_type), target, intent(inout) :: problem
+   !> Its unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load [-]
+   real(wp), intent(in) :: load
+   class(symmetric_matrix), pointer :: tangent
+   type(evaluation_type) :: seen
+   real(wp), allocatable :: r(:)
+
+   is_unstable = .false.
+   if (index(problem%scene%method, 'rkpm') /= 1) return
    allocate (r(problem%m))
-   call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
+   call problem%evaluate(x, load, r, seen, tangent=.true.)
    tangent => null()
    select type (linearised => problem%linearised)
    class is (constrained_matrix)
@@ -336,15 +351,24 @@ subroutine find_stability(problem, outcome)
       if (.not. tangent%formed) return
    end select
    if (tangent%indefinite .or. allocated(tangent%skew)) return
-   outcome%unstable = .not. tangent%definite()
-   if (problem%linear .or. .not. outcome%unstable) return
+   is_unstable = .not. tangent%definite()
+   if (problem%linear .or. .not. is_unstable) return
+   if (.not. allocated(problem%scene%cloud%lattice) .or. has_few_cells(problem%scene)) return
    ! of a group of cells pressures resist the mean volume and its slopes: under large compression
    ! the parts of a free face may exchange volume, which no body does
    problem%resists = .true.
-   call problem%evaluate(outcome%x(:, k), outcome%load(k), r, seen, tangent=.true.)
+   call problem%evaluate(x, load, r, seen, tangent=.true.)
    problem%resists = .false.
-   outcome%unstable = .not. tangent%definite()
-end subroutine find_stability
+   is_unstable = .not. tangent%definite()
+end function is_unstable
+
+!> Whether a lattice has few cells in some direction
+pure logical function has_few_cells(scene)
+   type(scene_type), intent(in) :: scene
+
+   has_few_cells = .false.
+   if (allocated(scene%cloud%lattice)) has_few_cells = minval(scene%cloud%lattice) <= few_points
+end function has_few_cells
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.

@@ -71,6 +71,10 @@ module rk_verdict
    !> may be right where J at points is not: whoever reads the field is warned, and a probe of J has
    !> it in its bar
    real(wp), parameter :: of_point_volume = 0.05_wp
+   !> What speaks against a state whose tangent is not positive definite
+   character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
+      & //'positive definite: a small disturbance takes the body to another state; reduce the ' &
+      & //'load or constrain the body'
    !> Load steps in place of one where the second solution lost its way
    integer, parameter :: finer_steps = 4
 
@@ -133,11 +137,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: the residual is # of the largest', curable=.true.)
-      if (outcome%unstable) then
-         call self%object(doubtful, 'the equilibrium is unstable, its tangent is not positive ' &
-            & //'definite: a small disturbance takes the body to another state; reduce the load ' &
-            & //'or constrain the body')
-      end if
+      if (outcome%unstable) call self%object(doubtful, unstable)
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
       if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, &
          & receiver, off)
@@ -205,6 +205,9 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
          & self%companion%difference)
       if (outcome%unstrained) return
+      if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
+         & 'with '//self%companion%lattice//' the equilibrium is unstable: few cells across a ' &
+         & //'body that bends are too stiff to buckle; take more points')
       if (self%companion%other_form) then
          from = other_text(self%companion)
          call judge_probes(self, problem, spread(of_forms(1), 1, size(from)), &
@@ -642,7 +645,7 @@ function cure_of(problem, bars) result(text)
             & //'looks for them'
       end if
    else if (allocated(problem%scene%cloud%lattice)) then
-      text = 'more points (geometry.source), or accuracy = 0.02 in its place, which looks for them'
+      text = 'more points (geometry.source); without this key, accuracy = 0.02 finds them'
    else
       text = 'more points (a smaller build.source_stride, or a denser cloud)'
    end if

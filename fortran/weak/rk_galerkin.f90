@@ -37,7 +37,7 @@ module rk_galerkin
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_stabilisation, only : bulk_within, share_bulk
+   use rk_stabilisation, only : bulk_within, judged_share, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : symmetric_matrix
@@ -449,8 +449,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    jump = 0.0_wp
    within = 0.0_wp
    taken = 0.0_wp
-   if (self%resists) taken = minval([(bulk_within(self%mixture, nc + o + q) &
-      & /self%mixture%bulk_at_one_pressure(nc + o + q), q=1, n)])
+   if (self%resists) taken = minval([(bulk_within(self%mixture, nc + o + q, &
+      & judged_share)/self%mixture%bulk_at_one_pressure(nc + o + q), q=1, n)])
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
       if (self%matrix%pressures%carrying .and. .not. self%multiplier%free(g)) then

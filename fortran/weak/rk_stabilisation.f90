@@ -19,10 +19,13 @@ module rk_stabilisation
    implicit none
    private
 
-   public :: stabilise, share_bulk, bulk_within
+   public :: stabilise, share_bulk, bulk_within, judged_share
 
    !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
    real(wp), parameter :: local_share = 3.0_wp
+   !> The same where a tangent is judged: blocks pressed between rollers have false negative modes
+   !> with 0.3 and none from 0.9 on, and more stiffens what bends with few cells across
+   real(wp), parameter :: judged_share = 1.0_wp
    !> Bulk moduli of a group that differ by less, of their mean, are one
    real(wp), parameter :: equal = 1.0e-12_wp
    !> Softness of points beside much softer ones: polynomials that only they distinguish keep a norm
@@ -94,7 +97,7 @@ subroutine share_bulk(mixture, cells, nc, local, projected, softness)
    allocate (local(nc + size(cells%weight)), source=0.0_wp)
    if (cells%smoothed) then
       do i = 1, size(local)
-         local(i) = bulk_within(mixture, i)
+         local(i) = bulk_within(mixture, i, local_share)
       end do
    end if
    bulk = [(mixture%bulk_at_one_pressure(nc + i) - local(nc + i), i=1, size(bulk))]
@@ -117,13 +120,15 @@ end subroutine share_bulk
 
 !> Bulk modulus that a place may resist with what its group's pressure leaves free: no more than a
 !> material that does not lock has, and pressures need a modulus of their own [stress]
-real(wp) function bulk_within(mixture, i)
+real(wp) function bulk_within(mixture, i, share)
    type(mixture_type), intent(in) :: mixture
    !> Collocation or integration point
    integer, intent(in) :: i
+   !> Most of it, of the shear modulus [-]
+   real(wp), intent(in) :: share
 
    bulk_within = min(0.5_wp*mixture%bulk_at_one_pressure(i), &
-      & local_share*mixture%shear_modulus(i, identity))
+      & share*mixture%shear_modulus(i, identity))
 end function bulk_within
 
 end module rk_stabilisation

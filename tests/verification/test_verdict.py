@@ -149,6 +149,28 @@ def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(points, pre
     assert states.verdict == ("doubtful" if unstable else "accepted")
 
 
+@pytest.mark.parametrize(("points", "size", "load", "seen"), [
+    # Euler's load of a strip clamped at one end, mu = 1, nearly incompressible: pi^2/12 (h/L)^2
+    ((2, 11), (1, 10), 0.8, False), ((2, 11), (1, 10), 1.5, True), ((3, 13), (1, 3), 1.15, True),
+    # of a bar of square section: pi^2/16 (h/L)^2
+    ((2, 2, 11), (1, 1, 10), 0.8, False), ((2, 2, 11), (1, 1, 10), 1.3, True),
+])  # fmt: skip
+def test_columns_of_few_cells_are_not_accepted_beyond_their_load(points, size, load, seen):
+    """The straight state is in equilibrium at any load. One cell across locks in bending: only a
+    second solution sees that it buckles; two cells do, if they are not made stiffer.
+    """
+    nd = len(points)
+    critical = np.pi**2 / (12 if nd == 2 else 16) * (size[0] / size[-1]) ** 2
+    end = f"{'xyz'[nd - 1]}1"
+    tables = scenes.loaded(
+        "rkpm-gauss", box(*points, size=list(size)), neo(1.0, 1000.0), f"{end[0]}0 {end}",
+        {"traction": [0.0] * (nd - 1) + [-load * critical]}, "tip u " + " ".join(map(str, size)),
+    )  # fmt: skip
+    states, _ = solved(tables)
+    assert any("equilibrium is unstable" in reason for reason in states.reasons) is seen
+    assert states.verdict == ("doubtful" if seen else "accepted")
+
+
 def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     """A disc 20 times as stiff as what is stretched around it: neo-Hookean materials keep their
     ellipticity, many thin layers of them do not. Truths of quadratic finite elements.

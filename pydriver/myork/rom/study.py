@@ -99,7 +99,7 @@ def _with_steps(
         return overrides
     steps, wanted = step_count(tables), max(tables["rom"]["modes"])
     progress(
-        f"rom.modes: one load step gives one snapshot, but {wanted} modes are requested:  "
+        f"rom.modes: one load step gives one snapshot, but {wanted} modes are requested: "
         f"using {steps} steps"
     )
     return [*overrides, f"load.steps={steps}"]
