@@ -206,8 +206,8 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          & self%companion%difference)
       if (outcome%unstrained) return
       if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
-         & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells across ' &
-         & //'it, the body is too stiff to buckle; take more points')
+         & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
+         & //'across it, the body is too stiff to buckle; take more points')
       if (self%companion%other_form) then
          from = other_text(self%companion)
          call judge_probes(self, problem, spread(of_forms(1), 1, size(from)), &
