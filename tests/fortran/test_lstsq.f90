@@ -135,7 +135,7 @@ subroutine test_undetermined(name)
    end if
 end subroutine test_undetermined
 
-!> A column of zeros, a number that is none, and a name that is none
+!> A column of zeros, a NaN, and a solver that does not exist
 subroutine test_refused(name)
    character(len=*), intent(in) :: name
    real(wp) :: a(60, 20), b(60), x(20), found(20), own(60)
