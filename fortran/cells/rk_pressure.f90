@@ -51,7 +51,9 @@ module rk_pressure
       logical, allocatable :: beyond_plane(:, :)
    contains
       procedure :: value => pressure_value, along_step, at => pressure_at
-      procedure, private :: slope, curvature
+      procedure, private :: slope
+      procedure :: bends
+      procedure, private :: curvature
    end type pressure_type
 
    !> A polynomial that the others explain up to this share of its norm is left out
@@ -246,6 +248,19 @@ pure function curvature(self, g, coefficient) result(h)
    end do
 end function curvature
 
+!> Curvatures of all groups, shape (nd, nd, groups) [stress/length^2]
+pure function bends(self, coefficient) result(bend)
+   !> Polynomials, which are written with them
+   class(pressure_type), intent(in) :: self
+   real(wp), intent(in) :: coefficient(:, :)
+   real(wp) :: bend(size(self%centre, 1), size(self%centre, 1), size(self%count))
+   integer :: g
+
+   do g = 1, size(self%count)
+      bend(:, :, g) = self%curvature(g, coefficient)
+   end do
+end function bends
+
 !> Pressure at a point of a group [stress]
 pure real(wp) function pressure_value(self, g, q, coefficient)
    class(pressure_type), intent(in) :: self
@@ -284,13 +299,16 @@ pure function along_step(self, g, cells, bulk, f, base) result(value)
 end function along_step
 
 !> Blended pressure at a place: a partition of unity of the groups' polynomials
-pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
+pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    class(pressure_type), intent(in) :: self
    !> Collocation point nearest to the place
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp), intent(in) :: coefficient(:, :)
+   !> Their curvatures, which are found where they are absent, shape (nd, nd, groups)
+   !> [stress/length^2]
+   real(wp), intent(in), optional :: bend(:, :, :)
    real(wp) :: s(3), h(3, 3), weight, total, local
    integer(i8) :: k
    integer :: j, nd
@@ -312,7 +330,11 @@ pure real(wp) function pressure_at(self, ip, x, coefficient) result(p)
                & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s(:nd)))
          end do
          if (allocated(self%share)) then
-            h(:nd, :nd) = self%curvature(g, coefficient)
+            if (present(bend)) then
+               h(:nd, :nd) = bend(:, :, g)
+            else
+               h(:nd, :nd) = self%curvature(g, coefficient)
+            end if
             local = local + 0.5_wp*(dot_product(x - self%centre(:, g), matmul(h(:nd, :nd), x &
                & - self%centre(:, g))) - sum(h(:nd, :nd)*self%moment(:, :, g)))
          end if

@@ -32,6 +32,9 @@ module rk_states
       !> Weak forms: coefficients of the pressure, the projected K (J - 1) of each group of points,
       !> shape (1 + nd, groups) [stress length^(nd/2)]
       real(wp), allocatable :: pressure(:, :)
+      !> Where pressures are written with it: its curvature in each group, shape (nd, nd, groups)
+      !> [stress/length^2]
+      real(wp), allocatable :: bend(:, :, :)
    end type field_state
 
    !> State of the material at one place

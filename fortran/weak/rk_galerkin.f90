@@ -650,6 +650,7 @@ recursive subroutine state(self, x, load, at, tissue)
       end do
    end do
    !$omp end parallel do
+   if (allocated(self%pressure%share)) at%bend = self%pressure%bends(at%pressure)
    if (present(tissue)) call move_alloc(part, at%part)
    if (.not. allocated(self%held)) return
    if (present(tissue)) then
@@ -803,7 +804,7 @@ subroutine at_place(self, state, ip, x, u, local, other)
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
    integer :: i
 
-   pressure = self%pressure%at(ip, x, state%pressure)
+   pressure = self%pressure%at(ip, x, state%pressure, state%bend)
    if (self%linear) then
       call self%linear_place(ip, x, u, local, pressure)
       return
