@@ -67,6 +67,19 @@ def fortran_code(path: Path) -> list[str]:
     return re.sub(r"&\s*\n\s*&?", " ", text).splitlines()
 
 
+def functions(code: str) -> list[tuple[str, str, str]]:
+    """Name, result and declarations of each function."""
+    heads = r"\bfunction\s+(\w+)\s*\([^)]*\)(?:.*\bresult\s*\(\s*(\w+)\s*\))?"
+    found = []
+    for head in re.finditer(heads, code):
+        name, result = head.groups()
+        body = re.split(
+            rf"\bend\s+function\s+{name}\b|\n\s*contains\b", code[head.end() :], maxsplit=1
+        )
+        found.append((name, result or name, body[0]))
+    return found
+
+
 def layer_of(room: str, layers: list[set[str]]) -> int:
     for digit, rooms in enumerate(layers):
         if room in rooms:
@@ -157,6 +170,13 @@ def test_fortran_house_rules() -> None:
         prints = r"^\s*(print\b|(error\s+)?stop\b|write\s*\(\s*\*)"
         if room != "app" and re.search(prints, code, re.MULTILINE):
             wrong.append(f"{name_of(path)}: prints or stops")
+        # gfortran keeps the length of such a result in a static variable of the caller, which
+        # threads share: give it a length, or take a subroutine
+        wrong += [
+            f"{name_of(path)}: {name} returns a text of deferred length"
+            for name, result, body in functions(code)
+            if re.search(rf"character\s*\(\s*(len\s*=\s*)?:.*::.*\b{result}\b", body)
+        ]
         text = path.read_text(encoding="utf-8").splitlines()
         wrong += [
             f"{name_of(path)}:{number}: longer than 100 columns"

@@ -135,12 +135,13 @@ subroutine fall_back(op, b, x, report, error)
    type(lstsq_report) :: other
    type(error_type), allocatable :: failure
    real(wp), allocatable :: y(:)
-   character(len=:), allocatable :: story
+   character(len=:), allocatable :: quality, story
 
    if (allocated(error)) then
       story = report%used//': '//error%message
    else
-      story = report%used//' '//quality(report)
+      call get_quality(report, quality)
+      story = report%used//' '//quality
    end if
    allocate (y(op%n))
    other%used = 'dgels'
@@ -168,14 +169,14 @@ subroutine fall_back(op, b, x, report, error)
 end subroutine fall_back
 
 !> What a method reached
-function quality(report) result(text)
+subroutine get_quality(report, text)
    type(lstsq_report), intent(in) :: report
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
    text = 'reached a backward error of '//to_text(report%backward_error, 2)//', '// &
       & to_text(report%misfit, 2)//' of the residual from the best fit, at a reciprocal ' &
       & //'condition of '//to_text(report%rcond, 2)
-end function quality
+end subroutine get_quality
 
 !> Householder QR of the dense, column-scaled matrix
 subroutine solve_dense(op, b, x, report, error)
@@ -277,6 +278,7 @@ subroutine solve_pivoted(op, b, x, report, error)
    type(error_type), allocatable, intent(out) :: error
    type(dense_factor) :: factor
    real(wp), allocatable :: y(:, :), probe(:), image(:)
+   character(len=:), allocatable :: names
    integer :: j, rank
 
    ! what a solution loses of a vector that lies everywhere is in the null space
@@ -292,8 +294,8 @@ subroutine solve_pivoted(op, b, x, report, error)
    if (allocated(error)) return
    x = y(:op%n, 1)/factor%scale
    if (rank < op%n) then
-      report%why = 'rank '//to_text(rank)//' of '//to_text(op%n)//', undetermined: ' &
-         & //names_of(op, abs(y(:op%n, 2) - probe))
+      call get_names(op, abs(y(:op%n, 2) - probe), names)
+      report%why = 'rank '//to_text(rank)//' of '//to_text(op%n)//', undetermined: '//names
       factor%singular = .true.
       report%rcond = 0.0_wp
    else
@@ -304,11 +306,12 @@ subroutine solve_pivoted(op, b, x, report, error)
 end subroutine solve_pivoted
 
 !> Names of the unknowns with the largest part in the null space
-function names_of(op, part) result(text)
+subroutine get_names(op, part, text)
    class(row_operator), intent(in) :: op
    !> Part of each unknown in the null space, shape (n)
    real(wp), intent(in) :: part(:)
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: name
    real(wp) :: rest(size(part))
    integer :: j, k, total
 
@@ -319,11 +322,12 @@ function names_of(op, part) result(text)
       j = maxloc(rest, dim=1)
       rest(j) = -1.0_wp
       if (k > 1) text = text//', '
-      text = text//op%unknown(j)
+      call op%get_name(j, name)
+      text = text//name
    end do
    if (total > max_named) text = text//' and '//to_text(total - max_named)//' more'
    text = text//'; fix rigid motions by displacements, or use more collocation points'
-end function names_of
+end subroutine get_names
 
 subroutine solve_spqr(op, b, x, report, error)
    class(row_operator), intent(in) :: op
@@ -373,6 +377,7 @@ contains
 
    subroutine finish(factor)
       class(factor_type), intent(in) :: factor
+      character(len=:), allocatable :: quality
 
       call check_rank(op, factor, report%rcond, error)
       if (allocated(error)) return
@@ -380,7 +385,8 @@ contains
       if (report%used == 'normal') then
          call judge(op, b, x, factor, report)
          if (report%accepted) return
-         report%why = 'normal '//quality(report)
+         call get_quality(report, quality)
+         report%why = 'normal '//quality
          report%used = 'refined'
       end if
       call refine(op, b, factor, max_refinement, x, report%iterations)
@@ -447,12 +453,14 @@ subroutine check_rank(op, factor, rcond, error)
    !> Error handling: rank deficient to n roundings
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: v(op%n)
+   character(len=:), allocatable :: names
 
    call shortest(op, factor, v, rcond)
    rcond = rcond/sqrt(real(op%n, wp))
    ! a comparison that a factor with zeros on its diagonal fails
-   if (.not. rcond > op%n*epsilon(1.0_wp)) call fatal_error(error, err_linalg, &
-      & 'the equations do not determine '//names_of(op, abs(v))//' (rank below ' &
+   if (rcond > op%n*epsilon(1.0_wp)) return
+   call get_names(op, abs(v), names)
+   call fatal_error(error, err_linalg, 'the equations do not determine '//names//' (rank below ' &
       & //to_text(op%n)//'): prescribe more displacements, or take more collocation points')
 end subroutine check_rank
 
@@ -462,12 +470,14 @@ subroutine check_columns(op, scale, error)
    !> Column norms, shape (n)
    real(wp), intent(in) :: scale(:)
    type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: name
    integer :: j
 
    do j = 1, size(scale)
       if (scale(j) > 0.0_wp) cycle
       if (scale(j) < 1.0_wp) then
-         call fatal_error(error, err_input, op%unknown(j)//' appears in no equation: its support ' &
+         call op%get_name(j, name)
+         call fatal_error(error, err_input, name//' appears in no equation: its support ' &
             & //'contains no collocation point; use more collocation points')
       else
          call fatal_error(error, err_linalg, 'the equations contain NaN or infinite values')

@@ -25,7 +25,7 @@ module rk_operator
       procedure :: envelope, dense
       !> A in compressed rows
       procedure(compressed_interface), deferred :: compressed
-      procedure :: unknown
+      procedure :: get_name
    end type row_operator
 
    !> What a solve reports
@@ -135,14 +135,14 @@ subroutine envelope(self, a, error)
    end do
 end subroutine envelope
 
-function unknown(self, j) result(text)
+subroutine get_name(self, j, text)
    class(row_operator), intent(in) :: self
    !> Column
    integer, intent(in) :: j
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
    text = 'unknown '//to_text(j)//' of '//to_text(self%n)
-end function unknown
+end subroutine get_name
 
 !> Direction that the column-scaled matrix makes shortest, by inverse iteration, and what is left of
 !> its length. The length is taken with A itself: where the factor is singular to rounding it still

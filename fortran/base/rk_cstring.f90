@@ -4,12 +4,12 @@ module rk_cstring
    implicit none
    private
 
-   public :: to_fortran
+   public :: c_strlen, to_fortran
 
    interface
-      function c_strlen(text) result(length) bind(c, name='strlen')
+      pure function c_strlen(text) result(length) bind(c, name='strlen')
          import :: c_ptr, c_size_t
-         type(c_ptr), value :: text
+         type(c_ptr), intent(in), value :: text
          integer(c_size_t) :: length
       end function c_strlen
    end interface
@@ -19,11 +19,10 @@ contains
 function to_fortran(pointer) result(text)
    !> Text that ends with a null character
    type(c_ptr), intent(in) :: pointer
-   character(len=:), allocatable :: text
+   character(len=c_strlen(pointer)) :: text
    character(kind=c_char), pointer :: letters(:)
    integer :: i
 
-   allocate (character(len=c_strlen(pointer)) :: text)
    call c_f_pointer(pointer, letters, [len(text)])
    do i = 1, len(text)
       text(i:i) = letters(i)

@@ -45,7 +45,9 @@ subroutine item(self, key)
    if (.not. self%first) call self%append(',')
    if (self%depth > 0) call self%append(new_line('a')//repeat(' ', self%depth))
    self%first = .false.
-   if (present(key)) call self%append(quoted(key)//': ')
+   if (.not. present(key)) return
+   call append_quoted(self, key)
+   call self%append(': ')
 end subroutine item
 
 subroutine begin_object(self, key)
@@ -104,7 +106,7 @@ subroutine put_value(self, key, value)
    class(*), intent(in) :: value
 
    call self%item(key)
-   call self%append(literal(value))
+   call append_literal(self, value)
 end subroutine put_value
 
 !> List of an object
@@ -120,7 +122,7 @@ subroutine put_list(self, key, value)
    call self%append('[')
    do i = 1, size(value)
       if (i > 1) call self%append(', ')
-      call self%append(literal(value(i)))
+      call append_literal(self, value(i))
    end do
    call self%append(']')
 end subroutine put_list
@@ -150,32 +152,32 @@ subroutine put_lines(self, key, text)
       length = index(text(first:), new_line('a'))
       if (length == 0) exit
       call self%item()
-      call self%append(quoted(text(first:first + length - 2)))
+      call append_quoted(self, text(first:first + length - 2))
       first = first + length
    end do
    call self%end_array()
 end subroutine put_lines
 
-!> A value in JSON
-pure function literal(value) result(text)
+!> Append a value
+subroutine append_literal(self, value)
+   type(json_type), intent(inout) :: self
    class(*), intent(in) :: value
-   character(len=:), allocatable :: text
 
    select type (value)
    type is (integer)
-      text = to_text(value)
+      call self%append(to_text(value))
    type is (integer(i8))
-      text = to_text(value)
+      call self%append(to_text(value))
    type is (real(wp))
-      text = real_text(value)
+      call append_real(self, value)
    type is (logical)
-      text = trim(merge('true ', 'false', value))
+      call self%append(trim(merge('true ', 'false', value)))
    type is (character(len=*))
-      text = quoted(value)
+      call append_quoted(self, value)
    class default
-      text = 'null'
+      call self%append('null')
    end select
-end function literal
+end subroutine append_literal
 
 !> Append to what was written; the room doubles, so that n pieces cost n
 subroutine append(self, piece)
@@ -199,9 +201,8 @@ end subroutine append
 !> What was written so far
 pure function text_so_far(self) result(text)
    class(json_type), intent(in) :: self
-   character(len=:), allocatable :: text
+   character(len=self%length) :: text
 
-   text = ''
    if (self%length > 0) text = self%buffer(:self%length)
 end function text_so_far
 
@@ -214,43 +215,43 @@ subroutine save_json(self, path, error)
    call save_text(path, self%buffer(:self%length), error)
 end subroutine save_json
 
-!> Text in quotation marks, with JSON's escapes
-pure function quoted(value) result(text)
+!> Append a text in quotation marks, with JSON's escapes
+subroutine append_quoted(self, value)
+   type(json_type), intent(inout) :: self
    !> Any text
    character(len=*), intent(in) :: value
-   character(len=:), allocatable :: text
    character(len=6) :: code
    integer :: i
 
-   text = '"'
+   call self%append('"')
    do i = 1, len(value)
       select case (iachar(value(i:i)))
       case (34, 92)
-         text = text//'\'//value(i:i)
+         call self%append('\'//value(i:i))
       case (10)
-         text = text//'\n'
+         call self%append('\n')
       case (0:9, 11:31, 127)
          write (code, '(a, z4.4)') '\u', iachar(value(i:i))
-         text = text//code
+         call self%append(code)
       case default
-         text = text//value(i:i)
+         call self%append(value(i:i))
       end select
    end do
-   text = text//'"'
-end function quoted
+   call self%append('"')
+end subroutine append_quoted
 
-!> Shortest text that reads back the same number
-pure function real_text(value) result(text)
+!> Append the shortest text that reads back the same number
+subroutine append_real(self, value)
+   type(json_type), intent(inout) :: self
    real(wp), intent(in) :: value
-   character(len=:), allocatable :: text
    character(len=32) :: buffer
    character(len=16) :: form
-   character(len=:), allocatable :: digits
+   character(len=:), allocatable :: digits, text
    real(wp) :: back
    integer :: n, exponent, stat, at
 
    if (.not. ieee_is_finite(value)) then
-      text = 'null'
+      call self%append('null')
       return
    end if
    do n = 15, 17
@@ -277,6 +278,7 @@ pure function real_text(value) result(text)
       text = text//'e'//to_text(exponent)
    end if
    if (sign(1.0_wp, value) < 0.0_wp) text = '-'//text
-end function real_text
+   call self%append(text)
+end subroutine append_real
 
 end module rk_json

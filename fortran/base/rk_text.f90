@@ -8,109 +8,179 @@ module rk_text
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
-      module procedure :: integer_text, long_text, real_text, reals_text
+      module procedure :: integer_text, long_text, real_text, digits_text, reals_text, list_text, &
+         & integers_text
    end interface to_text
+
+   !> Significant digits where no number of them is given
+   integer, parameter :: usual_digits = 6
+   !> Longest text of a real number
+   integer, parameter :: longest = 40
 
 contains
 
+!> Digits of an integer, and its sign
+elemental integer function width(value)
+   integer(i8), intent(in) :: value
+   integer(i8) :: rest
+
+   width = merge(2, 1, value < 0)
+   rest = value/10
+   do while (rest /= 0)
+      width = width + 1
+      rest = rest/10
+   end do
+end function width
+
 pure function integer_text(value) result(text)
    integer, intent(in) :: value
-   character(len=:), allocatable :: text
-   character(len=16) :: buffer
+   character(len=width(int(value, i8))) :: text
 
-   write (buffer, '(i0)') value
-   text = trim(buffer)
+   write (text, '(i0)') value
 end function integer_text
 
 pure function long_text(value) result(text)
    integer(i8), intent(in) :: value
-   character(len=:), allocatable :: text
-   character(len=24) :: buffer
+   character(len=width(value)) :: text
 
-   write (buffer, '(i0)') value
-   text = trim(buffer)
+   write (text, '(i0)') value
 end function long_text
 
-!> Text of a real number, six significant digits unless given otherwise
-pure function real_text(value, digits) result(text)
+!> A real number with a power of ten, and blanks; the E also before an exponent of three digits,
+!> which Fortran leaves out
+pure function in_powers(value, decimals) result(text)
+   real(wp), intent(in) :: value
+   !> Digits behind the point
+   integer, intent(in) :: decimals
+   ! those that rounding may lift to 1e100 as well
+   real(wp), parameter :: small = 9.0e-100_wp, large = 9.0e99_wp
+   character(len=longest) :: text
+   logical :: long
+
+   long = abs(value) >= large .or. (abs(value) <= small .and. abs(value) > 0.0_wp)
+   write (text, '(es40.'//to_text(decimals)//trim(merge('e3)', ')  ', long))) value
+   text = adjustl(text)
+end function in_powers
+
+!> A real number, and blanks
+pure function written(value, digits) result(text)
    real(wp), intent(in) :: value
    !> Significant digits
-   integer, intent(in), optional :: digits
-   character(len=:), allocatable :: text
-   character(len=40) :: buffer
-   character(len=16) :: form
+   integer, intent(in) :: digits
+   character(len=longest) :: text
    integer :: n
 
-   n = 6
-   if (present(digits)) n = digits
    if (abs(value) >= 1.0e-3_wp .and. abs(value) < 1.0e5_wp) then
-      write (form, '(a, i0, a)') '(f40.', max(n - 1 - floor(log10(abs(value))), 0), ')'
-      write (buffer, form) value
-      text = trim(adjustl(buffer))
+      write (text, '(f40.'//to_text(max(digits - 1 - floor(log10(abs(value))), 0))//')') value
+      text = adjustl(text)
       if (index(text, '.') > 0) then
-         n = len(text)
-         do while (text(n:n) == '0')
-            n = n - 1
-         end do
+         n = verify(text, '0 ', back=.true.)
          if (text(n:n) == '.') n = n - 1
          text = text(:n)
       end if
    else if (.not. abs(value) <= 0.0_wp) then
-      text = to_power(value, n - 1)
+      text = in_powers(value, digits - 1)
    else
       text = '0'
    end if
+end function written
+
+!> Text of a list of integers, as "(1, 2, 3)"
+pure function integers_text(values) result(text)
+   integer, intent(in) :: values(:)
+   character(len=max(2*size(values), 2) + sum(width(int(values, i8)))) :: text
+
+   write (text, '("(", *(i0, :, ", "))') values
+   text(len(text):) = ')'
+end function integers_text
+
+!> Text of a real number, six significant digits
+pure function real_text(value) result(text)
+   real(wp), intent(in) :: value
+   character(len=len_trim(written(value, usual_digits))) :: text
+
+   text = written(value, usual_digits)
 end function real_text
 
-!> Text of a real number with a power of ten, the E also before an exponent of three digits, which
-!> Fortran leaves out
+!> Text of a real number
+pure function digits_text(value, digits) result(text)
+   real(wp), intent(in) :: value
+   !> Significant digits
+   integer, intent(in) :: digits
+   character(len=len_trim(written(value, digits))) :: text
+
+   text = written(value, digits)
+end function digits_text
+
+!> Text of a real number with a power of ten
 pure function to_power(value, decimals) result(text)
    real(wp), intent(in) :: value
    !> Digits behind the point
    integer, intent(in) :: decimals
-   character(len=:), allocatable :: text
-   ! those that rounding may lift to 1e100 as well
-   real(wp), parameter :: small = 9.0e-100_wp, large = 9.0e99_wp
-   character(len=40) :: buffer
-   character(len=16) :: form
-   logical :: long
+   character(len=len_trim(in_powers(value, decimals))) :: text
 
-   long = abs(value) >= large .or. (abs(value) <= small .and. abs(value) > 0.0_wp)
-   write (form, '(a, i0, a)') '(es40.', decimals, trim(merge('e3)', ')  ', long))
-   write (buffer, form) value
-   text = trim(adjustl(buffer))
+   text = in_powers(value, decimals)
 end function to_power
 
-!> Text of a list of real numbers, as "(1, 2, 3)"
-pure function reals_text(values, digits) result(text)
+pure integer function list_length(values, digits)
    real(wp), intent(in) :: values(:)
-   !> Significant digits of each
-   integer, intent(in), optional :: digits
-   character(len=:), allocatable :: text
+   integer, intent(in) :: digits
    integer :: i
 
-   text = '('
+   list_length = max(2*size(values), 2)
    do i = 1, size(values)
-      if (i > 1) text = text//', '
-      text = text//real_text(values(i), digits)
+      list_length = list_length + len_trim(written(values(i), digits))
    end do
-   text = text//')'
+end function list_length
+
+!> Text of a list of real numbers, as "(1, 2, 3)"
+pure function reals_text(values) result(text)
+   real(wp), intent(in) :: values(:)
+   character(len=list_length(values, usual_digits)) :: text
+
+   text = list_text(values, usual_digits)
 end function reals_text
 
-!> One line of a text; empty behind the last
-pure function line(text, number) result(found)
+!> The same with another number of digits
+pure function list_text(values, digits) result(text)
+   real(wp), intent(in) :: values(:)
+   !> Significant digits of each
+   integer, intent(in) :: digits
+   character(len=list_length(values, digits)) :: text
+   integer :: i, at
+
+   text = '('
+   at = 2
+   do i = 1, size(values)
+      associate (number => written(values(i), digits))
+         text(at:) = trim(number)//', '
+         at = at + len_trim(number) + 2
+      end associate
+   end do
+   text(len(text):) = ')'
+end function list_text
+
+!> Where a line of a text begins
+pure integer function start_of(text, number) result(start)
    character(len=*), intent(in) :: text
-   !> Number of the line
    integer, intent(in) :: number
-   character(len=:), allocatable :: found
-   integer :: i, start
+   integer :: i
 
    start = 1
    do i = 2, number
       if (index(text(start:), new_line('a')) == 0) start = len(text) + 1
       start = start + index(text(start:), new_line('a'))
    end do
-   found = text(start:start + index(text(start:)//new_line('a'), new_line('a')) - 2)
+end function start_of
+
+!> One line of a text; empty behind the last
+pure function line(text, number) result(found)
+   character(len=*), intent(in) :: text
+   !> Number of the line
+   integer, intent(in) :: number
+   character(len=index(text(start_of(text, number):)//new_line('a'), new_line('a')) - 1) :: found
+
+   found = text(start_of(text, number):)
 end function line
 
 !> Lines of a text up to the first empty one

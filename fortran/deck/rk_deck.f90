@@ -55,7 +55,7 @@ module rk_deck
       character(len=:), allocatable :: overrides
    contains
       procedure :: has, given, count => count_entries
-      procedure :: where => where_written, citation, complain, locate
+      procedure :: where => where_written, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
@@ -174,15 +174,22 @@ subroutine vary(self, overrides, other, error)
    call take(other, opened(self%path, self%text, other%overrides, ''), error)
 end subroutine vary
 
+pure integer function joined_length(list) result(length)
+   character(len=*), intent(in) :: list(:)
+
+   length = sum(len_trim(list)) + size(list)
+end function joined_length
+
 pure function joined(list) result(lines)
    !> Texts
    character(len=*), intent(in) :: list(:)
-   character(len=:), allocatable :: lines
-   integer :: i
+   character(len=joined_length(list)) :: lines
+   integer :: i, at
 
-   lines = ''
+   at = 1
    do i = 1, size(list)
-      lines = lines//trim(list(i))//new_line('a')
+      lines(at:) = trim(list(i))//new_line('a')
+      at = at + len_trim(list(i)) + 1
    end do
 end function joined
 
@@ -278,30 +285,49 @@ pure function count_entries(self, key) result(number)
    if (self%entry(found)%kind == is_list) number = nint(self%entry(found)%numbers(1))
 end function count_entries
 
-!> Where a key was written; for one that nobody wrote, its table or the file
-pure recursive function where_written(self, key) result(place)
+!> Number of the entry of a key, or else of its table, if it was written; 0 otherwise
+pure recursive function written(self, key) result(number)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   character(len=:), allocatable :: place
-   integer :: number, dot
+   integer :: number
+   integer :: dot
 
    number = self%find(key)
-   dot = index(key, '.', back=.true.)
-   place = ''
-   if (number > 0) place = self%entry(number)%where
-   if (place /= '') return
-   if (dot > 1) then
-      place = self%where(key(:dot - 1))
-   else
-      place = self%path
+   if (number > 0) then
+      if (self%entry(number)%where /= '') return
    end if
+   number = 0
+   dot = index(key, '.', back=.true.)
+   if (dot > 1) number = written(self, key(:dot - 1))
+end function written
+
+pure integer function where_length(self, key) result(length)
+   class(deck_type), intent(in) :: self
+   character(len=*), intent(in) :: key
+   integer :: number
+
+   number = written(self, key)
+   length = len(self%path)
+   if (number > 0) length = len(self%entry(number)%where)
+end function where_length
+
+!> Where a key was written; for one that nobody wrote, its table or the file
+pure function where_written(self, key) result(place)
+   class(deck_type), intent(in) :: self
+   character(len=*), intent(in) :: key
+   character(len=where_length(self, key)) :: place
+   integer :: number
+
+   number = written(self, key)
+   place = self%path
+   if (number > 0) place = self%entry(number)%where
 end function where_written
 
 !> Where a key was written and its name, as messages begin
-pure function citation(self, key) result(text)
+subroutine cite(self, key, text)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    integer :: number, table
 
    number = self%find(key)
@@ -313,7 +339,7 @@ pure function citation(self, key) result(text)
       if (table > 0) text = self%entry(table)%address//key(index(key, '.', back=.true.):)
    end if
    text = self%where(key)//': '//text
-end function citation
+end subroutine cite
 
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
 subroutine complain(self, key, what, error)
@@ -323,11 +349,12 @@ subroutine complain(self, key, what, error)
    character(len=*), intent(in) :: what
    !> Error so far, if any
    type(error_type), allocatable, intent(inout) :: error
-   character(len=:), allocatable :: lines
+   character(len=:), allocatable :: lines, place
 
    lines = ''
    if (allocated(error)) lines = error%message//new_line('a')
-   call fatal_error(error, err_input, lines//self%citation(key)//': '//what)
+   call cite(self, key, place)
+   call fatal_error(error, err_input, lines//place//': '//what)
 end subroutine complain
 
 !> Say where a key stands that an error speaks of, unless the error does so itself
@@ -444,7 +471,7 @@ subroutine set_expression(self, key, text, expression)
    integer :: k
 
    expression%text = text
-   expression%where = self%citation(key)
+   call cite(self, key, expression%where)
    do k = 1, self%count('table')
       at = 'table.'//to_text(k)
       call self%get(at//'.name', name)

@@ -45,7 +45,6 @@ module rk_expression
       character(len=:), allocatable :: where
    contains
       procedure :: given, add_table
-      procedure, private :: code
       procedure :: at => value_at, gradient, varies, of_fields, uses_field, kind_of_fields
    end type expression_type
 
@@ -54,7 +53,7 @@ module rk_expression
       !> The number, of no meaning beside an expression
       real(wp) :: number = 0.0_wp
    contains
-      procedure :: acts, at => number_at, words
+      procedure :: acts, at => number_at, append_to
    end type value_type
 
    interface
@@ -119,21 +118,24 @@ subroutine add_table(self, name, x, value, smooth)
 end subroutine add_table
 
 !> The expression with its tables
-pure function code(self)
+subroutine get_code(self, code)
    class(expression_type), intent(in) :: self
-   character(len=:), allocatable :: code
+   character(len=:), allocatable, intent(out) :: code
 
    code = self%text
    ! what expression.cpp looks for
    if (allocated(self%tables)) code = code//achar(30)//self%tables
-end function code
+end subroutine get_code
 
 !> Whether the time is part of it
 logical function varies(self)
    class(expression_type), intent(in) :: self
+   character(len=:), allocatable :: code
 
    varies = .false.
-   if (self%given()) varies = c_uses(self%code()//c_null_char, 't'//c_null_char, 0_c_int) /= 0
+   if (.not. self%given()) return
+   call get_code(self, code)
+   varies = c_uses(code//c_null_char, 't'//c_null_char, 0_c_int) /= 0
 end function varies
 
 !> Whether a field is part of an expression of fields
@@ -148,10 +150,10 @@ end function uses_field
 !> What an expression of fields depends on: stress, or else length, or else ratio
 function kind_of_fields(self) result(kind)
    class(expression_type), intent(in) :: self
-   character(len=:), allocatable :: kind
+   character(len=6) :: kind
    character(len=6), parameter :: kinds(0:2) = [character(len=6) :: 'ratio', 'length', 'stress']
 
-   kind = trim(kinds(c_fields_in(self%text//c_null_char)))
+   kind = kinds(c_fields_in(self%text//c_null_char))
 end function kind_of_fields
 
 !> Value of an expression of fields, not a number where it has none
@@ -181,12 +183,14 @@ subroutine value_at(self, x, value, error, time, normal)
    !> Outward unit normal, shape (nd) [-]
    real(wp), intent(in), optional :: normal(:)
    real(wp) :: place(9)
+   character(len=:), allocatable :: code
 
    place = 0.0_wp
    if (present(time)) place(6) = time
    if (present(normal)) place(7:6 + size(normal)) = normal
    call set_place(x, place)
-   value = c_value(self%code()//c_null_char, place, 0_c_int)
+   call get_code(self, code)
+   value = c_value(code//c_null_char, place, 0_c_int)
    if (abs(value) <= huge(value) .or. allocated(error)) return
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))
@@ -212,14 +216,17 @@ elemental logical function acts(self)
    acts = allocated(self%text) .or. abs(self%number) > 0.0_wp
 end function acts
 
-!> The expression, or the number
-function words(self)
+!> Append the expression, or the number
+subroutine append_to(self, text)
    class(value_type), intent(in) :: self
-   character(len=:), allocatable :: words
+   character(len=:), allocatable, intent(inout) :: text
 
-   words = to_text(self%number)
-   if (self%given()) words = self%text
-end function words
+   if (self%given()) then
+      text = text//self%text
+   else
+      text = text//to_text(self%number)
+   end if
+end subroutine append_to
 
 !> Coordinates of a place, also r and theta
 pure subroutine set_place(x, place)

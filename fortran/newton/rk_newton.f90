@@ -174,8 +174,9 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
    call start()
    if (.not. self%state%valid) then
+      call get_volume_text(self%state, reason)
       call fatal_error(error, err_convergence, 'the start of the step is not a valid state: ' &
-         & //volume_text(self%state))
+         & //reason)
       return
    end if
    do
@@ -186,7 +187,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
             call iterate_on()
             cycle
          end if
-         reason = problem%rejection(a)
+         call problem%check_answer(a, reason)
          if (len(reason) == 0) exit
          call fatal_error(error, err_convergence, reason)
          return
@@ -502,23 +503,25 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    class(recorder_type), intent(inout) :: recorder
    !> Error handling: stopped, no convergence
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: reached
+   character(len=:), allocatable :: advice, reached
 
    if (recorder%stopped()) then
       call fatal_error(error, err_stopped, 'stopped on the way to load ' &
          & //to_text(load))
       return
    end if
+   call get_volume_text(self%state, reached)
    reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &
-      & //to_text(self%step_norm, 2)//', '//volume_text(self%state)
+      & //to_text(self%step_norm, 2)//', '//reached
    self%pinned = self%step_norm < self%tolerance &
       & .and. (now%rejected == max_rejected .or. now%damping%stalled())
    if (self%pinned .and. .not. self%gradient <= huge(1.0_wp)) then
       call fatal_error(error, err_convergence, 'the gradient is not finite: material constants ' &
          & //'are too large, such as K = 1E100'//reached)
    else if (self%pinned) then
+      call problem%get_advice(advice)
       call fatal_error(error, err_convergence, 'the Newton steps vanish but the gradient does ' &
-         & //'not: '//problem%advice()//reached)
+         & //'not: '//advice//reached)
    else if (now%rejected == max_rejected) then
       call fatal_error(error, err_convergence, 'the line search found no step that ' &
          & //'reduces the residual with J > 0'//reached)
@@ -556,11 +559,11 @@ pure logical function converged(self, now)
       & .and. self%gradient < now%balance)
 end function converged
 
-function volume_text(state) result(text)
+subroutine get_volume_text(state, text)
    type(evaluation_type), intent(in) :: state
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
    text = 'smallest J '//to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst)
-end function volume_text
+end subroutine get_volume_text
 
 end module rk_newton

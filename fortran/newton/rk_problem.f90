@@ -75,10 +75,10 @@ module rk_problem
       procedure :: start
       !> Residuals and, where wanted, their linearisation
       procedure(assemble_interface), deferred :: assemble
-      procedure :: rejection
+      procedure :: check_answer
       procedure, non_overridable :: evaluate
       procedure, non_overridable :: scaled_norms
-      procedure, non_overridable :: advice
+      procedure, non_overridable :: get_advice
    end type problem_type
 
    abstract interface
@@ -159,20 +159,20 @@ end function scaled_norms
 
 !> Why a converged state is no answer of the equations that stand behind the rows, empty where
 !> no check rejects it: a least squares functional may have several stationary points
-function rejection(self, x) result(reason)
+subroutine check_answer(self, x, reason)
    class(problem_type), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
-   character(len=:), allocatable :: reason
+   character(len=:), allocatable, intent(out) :: reason
 
    associate (unused => self, unused_x => x)
    end associate
    reason = ''
-end function rejection
+end subroutine check_answer
 
 !> What a user can do where steps vanish but the gradient does not, in the words of the deck
-function advice(self) result(text)
+subroutine get_advice(self, text)
    class(problem_type), intent(in) :: self
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
    text = to_text(self%scene%stiffest_ratio(), 2)
    if (self%scene%has_kinks()) then
@@ -185,6 +185,6 @@ function advice(self) result(text)
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
          & //'no step reduces the residual; take a smaller K, more points or less load'
    end if
-end function advice
+end subroutine get_advice
 
 end module rk_problem

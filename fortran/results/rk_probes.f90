@@ -276,7 +276,7 @@ end function muscle_value
 !> What kind of number a probe is, of an expression that of the least certain field in it
 function kind_of_probe(probe) result(kind)
    type(probe_type), intent(in) :: probe
-   character(len=:), allocatable :: kind
+   character(len=10) :: kind
 
    kind = quantity_kind(probe%quantity)
    if (probe%expression%given()) kind = probe%expression%kind_of_fields()
@@ -286,7 +286,7 @@ end function kind_of_probe
 !> expression
 pure function quantity_kind(name) result(kind)
    character(len=*), intent(in) :: name
-   character(len=:), allocatable :: kind
+   character(len=10) :: kind
 
    kind = 'stress'
    if (any(name == [character(len=13) :: 'J', 'fiber_stretch'])) kind = 'ratio'

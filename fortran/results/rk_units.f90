@@ -7,26 +7,27 @@ module rk_units
    implicit none
    private
 
-   public :: probe_unit, put_probe_units, put_units, set_unit
+   public :: get_probe_unit, get_set_unit, put_probe_units, put_units
 
 contains
 
 !> Unit of a probe, empty for what has none. In fewer than three dimensions forces, torques and
 !> energies are those of a unit of thickness
-function probe_unit(deck, i) result(text)
+subroutine get_probe_unit(deck, i, text)
    type(deck_type), intent(in) :: deck
    !> Number of the probe
    integer, intent(in) :: i
-   character(len=:), allocatable :: text, quantity, problem
+   character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: quantity, problem
 
    call deck%get('probe.'//to_text(i)//'.quantity', quantity)
    select case (quantity_kind(quantity))
    case ('force')
-      text = composed(deck, 1, dimension_of(deck) - 3)
+      call compose(deck, 1, dimension_of(deck) - 3, text)
    case ('torque', 'energy')
-      text = composed(deck, 1, dimension_of(deck) - 2)
+      call compose(deck, 1, dimension_of(deck) - 2, text)
    case ('length')
-      text = composed(deck, 0, 1)
+      call compose(deck, 0, 1, text)
       ! the unknown of Poisson's equation may be anything
       call deck%get('linear.problem', problem)
       if (problem == 'poisson') text = ''
@@ -38,21 +39,22 @@ function probe_unit(deck, i) result(text)
       text = ''
       call deck%get('probe.'//to_text(i)//'.unit', text)
    case default
-      text = composed(deck, 1, -2)
+      call compose(deck, 1, -2, text)
    end select
-end function probe_unit
+end subroutine get_probe_unit
 
 !> Unit of each probe by its name, as an entry of a JSON object
 subroutine put_probe_units(json, deck)
    type(json_type), intent(inout) :: json
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: name
+   character(len=:), allocatable :: name, unit
    integer :: i
 
    call json%begin_object('probe_units')
    do i = 1, deck%count('probe')
       call deck%get('probe.'//to_text(i)//'.name', name)
-      call json%put(name, probe_unit(deck, i))
+      call get_probe_unit(deck, i, unit)
+      call json%put(name, unit)
    end do
    call json%end_object()
 end subroutine put_probe_units
@@ -64,20 +66,33 @@ subroutine put_units(json, key, deck)
    type(deck_type), intent(in) :: deck
 
    call json%begin_object(key)
-   call json%put('force', composed(deck, 1, 0))
-   call json%put('length', composed(deck, 0, 1))
-   call json%put('stress', composed(deck, 1, -2))
-   call json%put('volume', composed(deck, 0, 3))
+   call put('force', 1, 0)
+   call put('length', 0, 1)
+   call put('stress', 1, -2)
+   call put('volume', 0, 3)
    call json%end_object()
+
+contains
+
+   subroutine put(name, force, length)
+      character(len=*), intent(in) :: name
+      !> Powers of force and length
+      integer, intent(in) :: force, length
+      character(len=:), allocatable :: unit
+
+      call compose(deck, force, length, unit)
+      call json%put(name, unit)
+   end subroutine put
+
 end subroutine put_units
 
 !> Unit of the extent of a boundary set: its area, in the plane its length
-function set_unit(deck) result(text)
+subroutine get_set_unit(deck, text)
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
-   text = composed(deck, 0, dimension_of(deck) - 1)
-end function set_unit
+   call compose(deck, 0, dimension_of(deck) - 1, text)
+end subroutine get_set_unit
 
 integer function dimension_of(deck) result(nd)
    type(deck_type), intent(in) :: deck
@@ -87,13 +102,14 @@ integer function dimension_of(deck) result(nd)
 end function dimension_of
 
 !> Powers of the deck's units of force and length as text
-function composed(deck, force, length) result(text)
+subroutine compose(deck, force, length, text)
    type(deck_type), intent(in) :: deck
    !> Power of the force, 0 or 1
    integer, intent(in) :: force
    !> Power of the length, from -2
    integer, intent(in) :: length
-   character(len=:), allocatable :: text, part
+   character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: part
 
    text = ''
    if (force > 0) call deck%get('units.force', text)
@@ -107,6 +123,6 @@ function composed(deck, force, length) result(text)
    else
       text = part
    end if
-end function composed
+end subroutine compose
 
 end module rk_units

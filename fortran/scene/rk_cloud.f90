@@ -355,23 +355,11 @@ contains
       !> Its shape, and the one that is needed
       integer, intent(in) :: found(:), wanted(:)
 
-      if (any(found /= wanted)) call complain("'"//name//"' has shape "//in_words(found) &
-         & //', but '//in_words(wanted)//' is needed')
+      ! in the order of files and of Python
+      if (any(found /= wanted)) call complain("'"//name//"' has shape " &
+         & //to_text(found(size(found):1:-1))//', but '//to_text(wanted(size(wanted):1:-1)) &
+         & //' is needed')
    end subroutine need_shape
-
-   !> Shape in the order of files and of Python
-   function in_words(sizes) result(text)
-      !> Shape
-      integer, intent(in) :: sizes(:)
-      character(len=:), allocatable :: text
-      integer :: i
-
-      text = '('//to_text(sizes(size(sizes)))
-      do i = size(sizes) - 1, 1, -1
-         text = text//', '//to_text(sizes(i))
-      end do
-      text = text//')'
-   end function in_words
 
    subroutine need_finite(name, bad)
       !> Component

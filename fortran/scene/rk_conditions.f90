@@ -14,7 +14,7 @@ module rk_conditions
    implicit none
    private
 
-   public :: boundary_type, new_boundary, conditions_at, contradiction, overlaps
+   public :: boundary_type, new_boundary, conditions_at, contradiction, get_overlaps
 
    !> Pairs of sets that are named where they overlap
    integer, parameter :: most_overlaps = 20
@@ -314,10 +314,10 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
 end subroutine conditions_at
 
 !> Sets that overlap and whose conditions meet in a component, a line each with its line feed
-function overlaps(cloud, condition) result(lines)
+subroutine get_overlaps(cloud, condition, lines)
    type(cloud_type), intent(in) :: cloud
    type(condition_type), intent(in) :: condition(:)
-   character(len=:), allocatable :: lines
+   character(len=:), allocatable, intent(out) :: lines
    integer :: b, c, e, found
    integer :: shared(size(condition))
    logical :: inside(size(condition), size(cloud%boundary_set)), acts(3, size(condition))
@@ -347,7 +347,7 @@ function overlaps(cloud, condition) result(lines)
    end do
    if (found > most_overlaps) lines = lines//to_text(found - most_overlaps)//' more pairs of ' &
       & //'sets share boundary points'//new_line('a')
-end function overlaps
+end subroutine get_overlaps
 
 !> Components on which a condition acts
 pure function loaded(condition)

@@ -430,17 +430,20 @@ elemental integer function other_number(source, order) result(points)
    end associate
 end function other_number
 
+pure integer function list_length(values)
+   integer, intent(in) :: values(:)
+
+   ! to_text has a blank after each comma
+   list_length = len(to_text(values)) - size(values) + 1
+end function list_length
+
 !> Integers as a deck writes them
 pure function list(values) result(text)
    integer, intent(in) :: values(:)
-   character(len=:), allocatable :: text
-   integer :: i
+   character(len=list_length(values)) :: text
 
-   text = '['//to_text(values(1))
-   do i = 2, size(values)
-      text = text//','//to_text(values(i))
-   end do
-   text = text//']'
+   write (text, '("[", *(i0, :, ","))') values
+   text(len(text):) = ']'
 end function list
 
 !> Probes of the companion, and how far the displacements are from those of the answer

@@ -87,7 +87,7 @@ subroutine read_probes(scene, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling, one line more for each unknown set and each point outside
    type(error_type), allocatable, intent(inout) :: error
-   character(len=:), allocatable :: at, name
+   character(len=:), allocatable :: at, body, name
    type(error_type), allocatable :: fault
    real(wp) :: area
    integer :: k
@@ -111,9 +111,10 @@ subroutine read_probes(scene, deck, error)
             end if
             call deck%get_vector(at//'.about', probe%about)
          else if (allocated(scene%cloud%lattice) .and. deck%has(at//'.point')) then
+            call deck%get('geometry.kind', body)
             associate (point => probe%point(:scene%cloud%nd))
                if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
-                  & to_text(point)//' lies outside the '//body_of(deck), error)
+                  & to_text(point)//' lies outside the '//body, error)
             end associate
          end if
       end associate
@@ -167,7 +168,7 @@ subroutine find_named_set(cloud, deck, key, name, set, error)
    integer, intent(out) :: set
    !> Error handling, one line more for an unknown set
    type(error_type), allocatable, intent(inout) :: error
-   character(len=:), allocatable :: known
+   character(len=:), allocatable :: body, known
    integer :: i
 
    set = cloud%find_set(name)
@@ -177,17 +178,10 @@ subroutine find_named_set(cloud, deck, key, name, set, error)
       if (i > 1) known = known//', '
       known = known//trim(cloud%set_names(i))
    end do
-   call deck%complain(key, "'"//trim(name)//"' is not a side of this "//body_of(deck)// &
-      & '; there are '//known, error)
+   call deck%get('geometry.kind', body)
+   call deck%complain(key, "'"//trim(name)//"' is not a side of this "//body//'; there are ' &
+      & //known, error)
 end subroutine find_named_set
-
-!> What kind of body it is, for messages
-function body_of(deck) result(kind)
-   type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: kind
-
-   call deck%get('geometry.kind', kind)
-end function body_of
 
 !> Add the sets of a deck to those of the body
 subroutine read_sets(scene, deck, error)
@@ -217,8 +211,9 @@ subroutine read_sets(scene, deck, error)
       call add_set(scene%cloud, name, region, left, error)
       if (allocated(error)) return
       deallocate (region)
-      if (left(size(left)) == 0) call deck%complain(at, 'no place of the surface lies in it: ' &
-         & //what_is_left(deck, at, size(scene%cloud%boundary_set), left), error)
+      if (left(size(left)) > 0) cycle
+      call get_what_is_left(deck, at, size(scene%cloud%boundary_set), left, name)
+      call deck%complain(at, 'no place of the surface lies in it: '//name, error)
    end do
 end subroutine read_sets
 
@@ -253,14 +248,14 @@ subroutine read_region(region, scene, deck, at, error)
 end subroutine read_region
 
 !> How many boundary points each criterion of an empty set leaves
-function what_is_left(deck, at, all_, left) result(text)
+subroutine get_what_is_left(deck, at, all_, left, text)
    type(deck_type), intent(in) :: deck
    character(len=*), intent(in) :: at
    !> Boundary points
    integer, intent(in) :: all_
    !> Those left after each criterion, shape (criteria)
    integer, intent(in) :: left(:)
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    integer :: c
 
    text = 'of '//to_text(all_)//' boundary points'
@@ -272,6 +267,6 @@ function what_is_left(deck, at, all_, left) result(text)
          & //'normals point out of it'
       return
    end do
-end function what_is_left
+end subroutine get_what_is_left
 
 end module rk_deck_boundary

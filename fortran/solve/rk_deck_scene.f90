@@ -26,7 +26,7 @@ module rk_deck_scene
    implicit none
    private
 
-   public :: new_scene, approximation_text
+   public :: new_scene, get_approximation
 
 contains
 
@@ -214,9 +214,10 @@ subroutine read_approximation(scene, deck, error)
 end subroutine read_approximation
 
 !> Shape functions of a deck in words: coefficients belong to them
-function approximation_text(deck) result(text)
+subroutine get_approximation(deck, text)
    type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: text, word
+   character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: word
    real(wp), allocatable :: support(:)
    integer :: order
 
@@ -228,7 +229,7 @@ function approximation_text(deck) result(text)
    text = text//', window '//word
    call deck%get('approximation.support', support)
    text = text//', support '//to_text(support)
-end function approximation_text
+end subroutine get_approximation
 
 !> Amplitudes and output times
 subroutine read_programme(programme, deck)

@@ -52,7 +52,7 @@ subroutine check_islands(shape, link, place, point, supported, error)
       ! each part once, at its first point
       if (findloc(of_place, first, dim=1) /= ip) cycle
       mine = pack([(i, i=1, size(point))], of_boundary == first)
-      motions = free_motions(place(:, point(mine)), supported(:, mine))
+      call get_free_motions(place(:, point(mine)), supported(:, mine), motions)
       if (len(motions) == 0) cycle
       members = count(of_place == first)
       if (any(supported(:, mine))) then
@@ -87,12 +87,12 @@ end subroutine check_islands
 !> Rigid motions that supported components do not hinder, in words; empty where there are none. The
 !> quadratic form of the motions of these components is eliminated motion by motion: where nothing
 !> is left of a pivot, that motion is free, together with what it takes of those before it.
-function free_motions(place, supported) result(text)
+subroutine get_free_motions(place, supported, text)
    !> Boundary points, shape (nd, n) [length]
    real(wp), intent(in) :: place(:, :)
    !> Whether a component is prescribed or sprung, shape (nd, n)
    logical, intent(in) :: supported(:, :)
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    real(wp) :: form(6, 6), row(6), motion(6), x(3), centre(3), size_
    logical :: held(6)
    integer :: nd, i, j, k, n, p
@@ -143,29 +143,31 @@ function free_motions(place, supported) result(text)
       end do
       if (len(text) > 0) text = text//', to '
       if (j <= nd) then
-         text = text//'slide along '//direction(motion(:nd))
+         text = text//'slide along '
+         call append_direction(text, motion(:nd))
       else if (nd == 2) then
          text = text//'turn in its plane'
       else
-         text = text//'turn about an axis along '//direction(motion(4:))
+         text = text//'turn about an axis along '
+         call append_direction(text, motion(4:))
       end if
    end do
-end function free_motions
+end subroutine get_free_motions
 
-!> A direction in words
-function direction(v) result(text)
+!> Append a direction in words
+subroutine append_direction(text, v)
+   character(len=:), allocatable, intent(inout) :: text
    !> Vector, its last entry of length one
    real(wp), intent(in) :: v(:)
-   character(len=:), allocatable :: text
    integer :: i, k
 
    i = maxloc(abs(v), dim=1)
    if (all(abs(pack(v, [(k, k=1, size(v))] /= i)) < 1.0e-3_wp)) then
-      text = axis(i)
+      text = text//axis(i)
    else
-      text = to_text(v)
+      text = text//to_text(v)
    end if
-end function direction
+end subroutine append_direction
 
 !> Representative of a source point's part; paths are halved on the way
 integer function part_of(part, is)

@@ -306,10 +306,16 @@ contains
 
 end subroutine refine
 
+pure integer function target_length(wanted)
+   real(wp), intent(in) :: wanted
+
+   target_length = len('the target error of  % is ') + len(to_text(100.0_wp*wanted, 3))
+end function target_length
+
 !> What was wanted, as the beginning of a sentence on whether it is met
 function target(self) result(text)
    class(refinement_type), intent(in) :: self
-   character(len=:), allocatable :: text
+   character(len=target_length(self%wanted)) :: text
 
    text = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is '
 end function target

@@ -2,7 +2,7 @@
 !> iteration, load steps or one linear solve, and what deserves a warning.
 module rk_run
    use rk_clock, only : tick, timer_type
-   use rk_conditions, only : overlaps
+   use rk_conditions, only : get_overlaps
    use rk_constraint, only : constrained_matrix
    use rk_discretisation, only : discretisation_type, judged_state, rounding
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -265,7 +265,7 @@ subroutine warn_of_conditions(scene, outcome, recorder)
       end associate
    end do
    if (.not. allocated(scene%cloud%region)) return
-   lines = overlaps(scene%cloud, scene%condition)
+   call get_overlaps(scene%cloud, scene%condition, lines)
    first = 1
    do
       length = index(lines(first:), new_line('a'))

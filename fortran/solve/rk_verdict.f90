@@ -91,7 +91,7 @@ module rk_verdict
       !> A reason is one that finer points or another form removes
       logical, private :: curable = .false.
    contains
-      procedure :: sentence
+      procedure :: get_sentence
       procedure, private :: object, compare
    end type verdict_type
 
@@ -116,6 +116,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    type(limited_type), target :: within
    type(solved_type) :: answer
    type(error_type), allocatable :: error
+   character(len=:), allocatable :: text
    real(wp) :: off
 
    self%state = accepted
@@ -126,7 +127,10 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       self%state = refused
       self%reasons = outcome%ended//new_line('a')
       if (allocated(outcome%broken)) then
-         if (any(outcome%broken)) call outcome%warn(broken_text(problem, outcome), receiver)
+         if (any(outcome%broken)) then
+            call describe_broken(problem, outcome, text)
+            call outcome%warn(text, receiver)
+         end if
       end if
       return
    end if
@@ -160,8 +164,10 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       answer%x = outcome%x
       call judge_by_others(self, answer, with_companion, search, outcome)
    end if
-   if (self%curable .and. .not. search%searched) self%reasons = self%reasons//'remedy: ' &
-      & //cure_of(problem, self%bars)//new_line('a')
+   if (self%curable .and. .not. search%searched) then
+      call get_cure(problem, self%bars, text)
+      self%reasons = self%reasons//'remedy: '//text//new_line('a')
+   end if
 end subroutine judge
 
 !> Compare an answer with the known solution, or with a second one
@@ -375,7 +381,7 @@ subroutine judge_broken(self, problem, off, outcome)
 
    if (.not. allocated(outcome%broken)) return
    if (.not. any(outcome%broken)) return
-   found = broken_text(problem, outcome)
+   call describe_broken(problem, outcome, found)
    outcome%warnings = outcome%warnings//found//new_line('a')
    bad = pack([(i, i=1, size(outcome%broken))], outcome%broken)
    associate (cloud => problem%scene%cloud)
@@ -391,17 +397,19 @@ subroutine judge_broken(self, problem, off, outcome)
 end subroutine judge_broken
 
 !> Those places in words
-function broken_text(problem, outcome) result(text)
+subroutine describe_broken(problem, outcome, text)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(in) :: outcome
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: extent
 
    text = 'the stress is not finite'
    if (.not. outcome%min_j > 0.0_wp) text = 'the volume ratio falls to ' &
       & //to_text(outcome%min_j, 2)//': the material is inverted'
-   text = text//extent_of(problem, outcome%broken)//'; values there are meaningless, ' &
+   call get_extent(problem, outcome%broken, extent)
+   text = text//extent//'; values there are meaningless, ' &
       & //'take more points there'
-end function broken_text
+end subroutine describe_broken
 
 !> Places of output where the material has lost its ellipticity
 subroutine judge_lost(self, problem, outcome)
@@ -412,7 +420,8 @@ subroutine judge_lost(self, problem, outcome)
    character(len=:), allocatable :: found
 
    call find_ellipticity(problem, outcome%peak, worst)
-   found = outcome%lost//extent_of(problem, worst%lost)
+   call get_extent(problem, worst%lost, found)
+   found = outcome%lost//found
    ! what was lost on the way may have led to another branch
    if (matters(problem, worst%lost) .or. .not. any(worst%lost)) then
       call self%object(doubtful, found//': the solution is not unique; reduce activation or ' &
@@ -462,17 +471,17 @@ integer function probe_near(problem, bad) result(near)
 end function probe_near
 
 !> How much of the body bad places are, in words
-function extent_of(problem, bad) result(words)
+subroutine get_extent(problem, bad, words)
    class(discretisation_type), intent(in) :: problem
    logical, intent(in) :: bad(:)
-   character(len=:), allocatable :: words
+   character(len=:), allocatable, intent(out) :: words
    integer :: near
 
    words = ' (in '//to_text(100.0_wp*share_of(problem, bad), 2)//' % of the volume'
    near = probe_near(problem, bad)
    if (near > 0) words = words//', near probe '//problem%scene%probe(near)%name
    words = words//')'
-end function extent_of
+end subroutine get_extent
 
 !> Probes without a value, as stresses of places that are turned inside out
 subroutine judge_values(self, problem, outcome)
@@ -542,7 +551,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
                & //'by the pressure'
             if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
                & //'of the same displacements'
-            rim = rim_of(problem, worst)
+            call describe_rim(problem, worst, rim)
             if (lower(worst) > 0.0_wp .or. bars%change(worst) > upper(worst)) then
                call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
                   & //problem%scene%probe(worst)%name//' differs by # of its size'//reference &
@@ -561,9 +570,10 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
             end if
             bar = maxval(bars%bar(:, i), mask=.not. ieee_is_nan(bars%bar(:, i)))
             if (found%state == accepted .and. bar > bars%size(i)) then
+               call describe_rim(problem, i, rim)
                call found%object(doubtful, 'the error bar of probe '//problem%scene%probe(i)%name &
-                  & //' is wider than its size'//rim_of(problem, i))
-               found%curable = found%curable .or. len(rim_of(problem, i)) == 0
+                  & //' is wider than its size'//rim)
+               found%curable = found%curable .or. len(rim) == 0
             else if (bar > max(of_small*bars%kind(i), norm2(bars%value(:, i)))) then
                small = small//', '//problem%scene%probe(i)%name
             end if
@@ -580,11 +590,11 @@ end subroutine judge_probes
 
 !> What to do about a stress at the rim of a prescribed set, where stresses have no limit as points
 !> become finer; blank for all other probes
-function rim_of(problem, i) result(text)
+subroutine describe_rim(problem, i, text)
    class(discretisation_type), intent(in) :: problem
    !> Probe
    integer, intent(in) :: i
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    integer :: of
 
    text = ''
@@ -595,7 +605,7 @@ function rim_of(problem, i) result(text)
          & //', where the stress is singular; move it inside the body, at least ' &
          & //to_text(rim_spacings(2)*h, 2)//' '//scene%length_unit//' away from the rim'
    end associate
-end function rim_of
+end subroutine describe_rim
 
 !> Set whose rim lies within a distance of a place: its points are constrained in all components,
 !> others of the surface are not; 0 where there is none
@@ -627,11 +637,11 @@ integer function rim_near(problem, place, distance) result(of)
 end function rim_near
 
 !> What brings an answer and its second solution together
-function cure_of(problem, bars) result(text)
+subroutine get_cure(problem, bars, text)
    class(discretisation_type), intent(in) :: problem
    !> Error bars, if the checks came that far
    type(bars_type), intent(in) :: bars
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
    if (problem%linear) then
       text = 'more points (geometry.source)'
@@ -649,7 +659,7 @@ function cure_of(problem, bars) result(text)
    else
       text = 'more points (a smaller build.source_stride, or a denser cloud)'
    end if
-end function cure_of
+end subroutine get_cure
 
 !> There is no second solution: a note where none was wanted or none is possible, a reason for doubt
 !> where one failed
@@ -726,9 +736,9 @@ subroutine object(self, state, reason)
 end subroutine object
 
 !> The reasons as one line
-pure function sentence(self) result(text)
+subroutine get_sentence(self, text)
    class(verdict_type), intent(in) :: self
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    integer :: i
 
    text = trim(verdict_names(self%state))
@@ -742,6 +752,6 @@ pure function sentence(self) result(text)
          text = text//self%reasons(i:i)
       end if
    end do
-end function sentence
+end subroutine get_sentence
 
 end module rk_verdict

@@ -63,7 +63,7 @@ module rk_equilibrium
       !> Then the linearised rows times the modes
       type(matrix_rows), private :: projected
    contains
-      procedure :: field, start, assemble, rejection, renew
+      procedure :: field, start, assemble, check_answer, renew
    end type equilibrium_problem
 
    !> Smallest share of a row's weight, on the edge itself
@@ -260,10 +260,10 @@ end subroutine start
 
 !> Where the volume is far from that of the pressure, away from rims. Rows may balance at such a
 !> state, which keeps the volume at the centres of cells but not between them.
-function rejection(self, x) result(reason)
+subroutine check_answer(self, x, reason)
    class(equilibrium_problem), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
-   character(len=:), allocatable :: reason
+   character(len=:), allocatable, intent(out) :: reason
    real(wp) :: u(self%fields, self%shape%nq), f(3, 3), h(3, 3, 3), volume, given, stray
    integer :: ip, nd
 
@@ -283,7 +283,7 @@ function rejection(self, x) result(reason)
          & //'rims, at collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
          & //', by its pressure '//to_text(given, 4)//'; take smaller load steps or more points'
    end do
-end function rejection
+end subroutine check_answer
 
 !> The same problem in terms of the amplitudes of modes
 subroutine reduce_rows(self, modes, copy)

@@ -46,7 +46,7 @@ module rk_rows
       !> point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
-      procedure :: apply, apply_transposed, envelope, compressed, unknown
+      procedure :: apply, apply_transposed, envelope, compressed, get_name
    end type rows_type
 
    !> Groups whose products are formed before they are added: enough work for all threads, and
@@ -342,16 +342,16 @@ subroutine compressed(self, start, column, value)
 end subroutine compressed
 
 !> Source point and field of an unknown, and where it is
-function unknown(self, j) result(text)
+subroutine get_name(self, j, text)
    class(rows_type), intent(in) :: self
    integer, intent(in) :: j
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    integer :: is
 
    is = (j - 1)/self%nc + 1
    text = 'field '//to_text(j - self%nc*(is - 1))//' of source point '//to_text(is)//' near ' &
       & //to_text(self%centre(:, is))
-end function unknown
+end subroutine get_name
 
 !> Gather items whose places lie in the same box
 pure subroutine gather(position, place, spacing, order, group)

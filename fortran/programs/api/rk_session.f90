@@ -2,7 +2,7 @@
 module rk_session
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
-   use rk_deck_scene, only : approximation_text, new_scene
+   use rk_deck_scene, only : get_approximation, new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : close_slot, listener_interface, slot_type
    use rk_new_problem, only : new_problem
@@ -55,7 +55,7 @@ subroutine open_session(path, text, overrides, model, listener, slot, error)
    else
       slot%deck = deck
       slot%model = model
-      slot%approximation = approximation_text(deck)
+      call get_approximation(deck, slot%approximation)
    end if
 end subroutine open_session
 

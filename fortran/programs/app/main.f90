@@ -112,7 +112,7 @@ contains
       end if
       if (allocated(refinement%start) .and. .not. allocated(start)) &
          & call move_alloc(refinement%start, start)
-      if (.not. allocated(before)) call put_aside(.true., .true., not_ended())
+      if (.not. allocated(before)) call put_aside(.true., .true.)
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, before, error)
       call leave_on(error)
@@ -135,7 +135,7 @@ contains
       type(outcome_type) :: outcome
       type(verdict_type) :: verdict
       type(error_type), allocatable :: failure
-      character(len=:), allocatable :: message
+      character(len=:), allocatable :: kept, message, sentence
       logical :: finished
 
       call solve_scene(problem, '', output, outcome, failure, start)
@@ -159,20 +159,24 @@ contains
       call leave_on(error)
       finished = .not. allocated(failure) .and. verdict%state /= refused
       call drop_previous(config%out, all=finished)
+      kept = ''
+      if (is_finished(config%out//'/previous/summary.json')) kept = '; the finished results of ' &
+         & //'an earlier run are in '//config%out//'/previous'
+      call verdict%get_sentence(sentence)
       if (allocated(failure)) then
-         failure%message = failure%message//' (written to '//config%out//kept_before()//')'
+         failure%message = failure%message//' (written to '//config%out//kept//')'
          call leave_on(failure)
       end if
       if (verdict%state == refused) then
-         call fatal_error(failure, err_convergence, verdict%sentence()//' (results in ' &
-            & //config%out//kept_before()//')')
+         call fatal_error(failure, err_convergence, sentence//' (results in '//config%out &
+            & //kept//')')
          call leave_on(failure)
       end if
       message = to_text(tick(clock), 3)//' s, '//to_text(cpu_seconds(), 3)//' CPU s, '
       if (verdict%companion%seconds > 0.0_wp) message = message//'error bars ' &
          & //to_text(verdict%companion%seconds, 3)//' s, '
       message = message//to_text(1.0e-6_wp*peak_bytes(), 3)//' MB, results in '//config%out
-      if (config%verbosity >= 0) call tell(verdict%sentence()//': '//message)
+      if (config%verbosity >= 0) call tell(sentence//': '//message)
    end subroutine solve
 
    !> Have the output folder alone, with a summary that says that this run has not ended
@@ -180,37 +184,20 @@ contains
       if (.not. claimed) call lock_folder(config%out, error)
       call leave_on(error)
       claimed = .true.
-      call put_aside(.not. (config%resume .or. config%start /= ''), .false., not_ended())
+      call put_aside(.not. (config%resume .or. config%start /= ''), .false.)
    end subroutine claim
 
    !> Set the solution in the output folder aside
-   subroutine put_aside(whole, begins, message)
+   subroutine put_aside(whole, begins)
       !> All its files, not its summary alone
       logical, intent(in) :: whole
       !> A new solution begins
       logical, intent(in) :: begins
-      !> Why there is no new one
-      character(len=*), intent(in) :: message
 
-      call set_aside(config%out, whole, begins, deck, scene, message, error)
+      call set_aside(config%out, whole, begins, deck, scene, 'the run of process ' &
+         & //to_text(int(process_number()))//' has not ended, or was killed', error)
       call leave_on(error)
    end subroutine put_aside
-
-   !> What is known of a run before its end
-   function not_ended() result(text)
-      character(len=:), allocatable :: text
-
-      text = 'the run of process '//to_text(int(process_number()))//' has not ended, or was killed'
-   end function not_ended
-
-   !> Where the finished results of an earlier run are
-   function kept_before() result(text)
-      character(len=:), allocatable :: text
-
-      text = ''
-      if (is_finished(config%out//'/previous/summary.json')) text = '; the finished results of ' &
-         & //'an earlier run are in '//config%out//'/previous'
-   end function kept_before
 
    !> Print an error and leave with its exit status; the summary says why
    subroutine leave_on(error)

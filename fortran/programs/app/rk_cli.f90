@@ -52,7 +52,7 @@ subroutine read_arguments(config, error)
    i = 0
    do while (i < command_argument_count())
       i = i + 1
-      word = argument(i)
+      call get_argument(i, word)
       select case (word)
       case ('-h', '--help')
          config%answer = usage_text()
@@ -72,7 +72,7 @@ subroutine read_arguments(config, error)
          config%verbosity = 1
       case ('-o', '--out', '-t', '--threads', '--set', '--start-from')
          i = i + 1
-         value = argument(i)
+         call get_argument(i, value)
          if (i > command_argument_count() .or. len(value) == 0) then
             call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage_text())
             return
@@ -120,29 +120,23 @@ subroutine read_arguments(config, error)
          & //': the number of threads must be between 1 and 1024')
       return
    end if
-   if (len(config%out) == 0) config%out = 'out/'//stem(config%deck)
+   if (len(config%out) > 0) return
+   ! name of the deck without folder and ending
+   word = config%deck(index(config%deck, '/', back=.true.) + 1:)
+   i = index(word, '.', back=.true.)
+   if (i > 1) word = word(:i - 1)
+   config%out = 'out/'//word
 end subroutine read_arguments
 
-function argument(i) result(word)
+subroutine get_argument(i, word)
    !> Its number
    integer, intent(in) :: i
-   character(len=:), allocatable :: word
+   character(len=:), allocatable, intent(out) :: word
    integer :: n
 
    call get_command_argument(i, length=n)
    allocate (character(len=n) :: word)
    if (n > 0) call get_command_argument(i, word)
-end function argument
-
-!> Name of a file without folder and ending
-pure function stem(path) result(name)
-   character(len=*), intent(in) :: path
-   character(len=:), allocatable :: name
-   integer :: dot
-
-   name = path(index(path, '/', back=.true.) + 1:)
-   dot = index(name, '.', back=.true.)
-   if (dot > 1) name = name(:dot - 1)
-end function stem
+end subroutine get_argument
 
 end module rk_cli

@@ -62,8 +62,14 @@ subroutine explain(deck, model, scene)
       & //to_text(nint(cost%unknowns))//' unknowns'
    do k = 1, size(scene%tissue)
       associate (material => scene%tissue(k)%material)
-         print '(a)', '  material      '//scene%tissue(k)%name//': '//parts(material%active) &
-            & //', K '//bulk_text(material%bulk)//', shear modulus ' &
+         call get_parts(material%active, text)
+         text = text//', K '
+         if (material%bulk <= huge(1.0_wp)) then
+            text = text//to_text(material%bulk)
+         else
+            text = text//'inf'
+         end if
+         print '(a)', '  material      '//scene%tissue(k)%name//': '//text//', shear modulus ' &
             & //to_text(material%shear)//', ' &
             & //to_text(count(scene%tissue_of == k))//' points'
       end associate
@@ -71,8 +77,8 @@ subroutine explain(deck, model, scene)
    call explain_sets(scene)
    do k = 1, size(scene%condition)
       associate (condition => scene%condition(k))
-         print '(a)', '  boundary      '//trim(scene%cloud%set_names(condition%set))//': ' &
-            & //held(condition, scene%cloud%nd)
+         call get_prescribed(condition, scene%cloud%nd, text)
+         print '(a)', '  boundary      '//trim(scene%cloud%set_names(condition%set))//': '//text
       end associate
    end do
    if (.not. allocated(scene%equation%problem)) call explain_load(scene)
@@ -186,7 +192,10 @@ subroutine explain_equation(scene)
       text = 'linear '//equation%problem
       if (equation%problem == 'elasticity') then
          if (scene%cloud%nd == 2) text = text//' in plane strain'
-         text = text//', E '//equation%E%words()//', nu '//equation%nu%words()
+         text = text//', E '
+         call equation%E%append_to(text)
+         text = text//', nu '
+         call equation%nu%append_to(text)
       else if (equation%conductivity%given()) then
          text = text//', conductivity '//equation%conductivity%text
       end if
@@ -197,19 +206,20 @@ subroutine explain_equation(scene)
 end subroutine explain_equation
 
 !> What a condition prescribes
-function held(condition, nd) result(text)
+subroutine get_prescribed(condition, nd, text)
    type(condition_type), intent(in) :: condition
    !> Dimension
    integer, intent(in) :: nd
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
    character(len=1), parameter :: axes(3) = ['x', 'y', 'z']
    integer :: d
 
    text = ''
    if (condition%is_radial) text = ', radial displacement '//to_text(condition%radial)
    do d = 1, nd
-      if (condition%fixed(d) .and. .not. abs(condition%direction(d)) > 0.0_wp) &
-         & text = text//', u_'//axes(d)//' '//condition%value(d)%words()
+      if (.not. condition%fixed(d) .or. abs(condition%direction(d)) > 0.0_wp) cycle
+      text = text//', u_'//axes(d)//' '
+      call condition%value(d)%append_to(text)
    end do
    if (any(condition%traction(:nd)%given())) then
       text = text//', traction'
@@ -226,29 +236,19 @@ function held(condition, nd) result(text)
    if (abs(condition%pull) > 0.0_wp) text = text//', pulled by '//to_text(condition%pull)
    if (text == '') text = ', free'
    text = text(3:)
-end function held
+end subroutine get_prescribed
 
 !> What of a material is paid for
-function parts(active) result(text)
+subroutine get_parts(active, text)
    !> Whether the energy depends on I1, I2, I4
    logical, intent(in) :: active(3)
-   character(len=:), allocatable :: text
+   character(len=:), allocatable, intent(out) :: text
 
    text = 'energy of J'
    if (active(1)) text = text//', I1'
    if (active(2)) text = text//', I2'
    if (active(3)) text = text//' and the fiber stretch'
-end function parts
-
-!> Bulk modulus as in a deck
-function bulk_text(bulk) result(text)
-   !> Bulk modulus [stress]
-   real(wp), intent(in) :: bulk
-   character(len=:), allocatable :: text
-
-   text = 'inf'
-   if (bulk <= huge(1.0_wp)) text = to_text(bulk)
-end function bulk_text
+end subroutine get_parts
 
 !> Operations of a matrix product in a CPU second of this machine
 real(wp) function rate()

@@ -4,7 +4,7 @@ module rk_output
    use rk_bars, only : printed
    use rk_clock, only : tick
    use rk_deck, only : deck_type
-   use rk_deck_scene, only : approximation_text
+   use rk_deck_scene, only : get_approximation
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
    use rk_fields, only : compute_fields
@@ -18,7 +18,7 @@ module rk_output
    use rk_system, only : interrupted, tell, version_text
    use rk_text, only : to_power, to_text
    use rk_text_file, only : text_file
-   use rk_units, only : probe_unit
+   use rk_units, only : get_probe_unit
    use rk_verdict, only : verdict_type
    implicit none
    private
@@ -89,6 +89,7 @@ subroutine open_output(self, problem, folder, deck, run, error)
    !> Run that goes on, not allocated where one begins
    type(run_type), allocatable, intent(in) :: run
    type(error_type), allocatable, intent(out) :: error
+   character(len=:), allocatable :: approximation
 
    self%problem => problem
    allocate (self%record(0))
@@ -105,10 +106,11 @@ subroutine open_output(self, problem, folder, deck, run, error)
       call self%history%line(run%history(:len(run%history) - 1), error)
       if (allocated(error)) return
    end if
-   call self%results%open(folder//'/results.vtkhdf', problem%scene%cloud, deck, &
-      & approximation_text(deck), version_text(), error)
+   call get_approximation(deck, approximation)
+   call self%results%open(folder//'/results.vtkhdf', problem%scene%cloud, deck, approximation, &
+      & version_text(), error)
    if (allocated(error) .or. problem%linear) return
-   call self%journal%open(folder, run, deck, approximation_text(deck), problem%scene%cloud, error)
+   call self%journal%open(folder, run, deck, approximation, problem%scene%cloud, error)
 end subroutine open_output
 
 !> Complete the files under their temporary names
@@ -274,39 +276,46 @@ subroutine tell_verdict(self, deck, verdict)
    class(output_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck
    type(verdict_type), intent(in) :: verdict
-   character(len=:), allocatable :: line
+   character(len=:), allocatable :: line, unit
    integer :: i, n
 
    if (allocated(verdict%bars%value)) then
       do i = 1, size(verdict%bars%change)
          associate (probe => self%problem%scene%probe(i), bars => verdict%bars)
             n = numbers_of(self%problem, i)
+            line = '  '//probe%name//' '
             if (ieee_is_nan(bars%change(i))) then
-               line = '  '//probe%name//' '//numbers(bars%value(:n, i), 6)
+               call append_numbers(line, bars%value(:n, i), 6)
             else
-               line = '  '//probe%name//' '//numbers(printed(bars%value(:n, i), &
-                  & bars%bar(:n, i)), 6)//' +- '//numbers(bars%bar(:n, i), 2)
+               call append_numbers(line, printed(bars%value(:n, i), bars%bar(:n, i)), 6)
+               line = line//' +- '
+               call append_numbers(line, bars%bar(:n, i), 2)
             end if
-            line = line//' '//probe_unit(deck, i)
+            call get_probe_unit(deck, i, unit)
+            line = line//' '//unit
             if (bars%unresolved(i)) line = trim(line)//'  not resolved'
             call self%say(trim(line), level=0)
          end associate
       end do
    end if
    ! the terminal gets it as the last line
-   call self%say(verdict%sentence(), level=huge(1))
+   call verdict%get_sentence(line)
+   call self%say(line, level=huge(1))
 end subroutine tell_verdict
 
-!> One number or a list of them
-function numbers(values, digits) result(text)
+!> Append one number or a list of them
+subroutine append_numbers(text, values, digits)
+   character(len=:), allocatable, intent(inout) :: text
    real(wp), intent(in) :: values(:)
    !> Digits of each
    integer, intent(in) :: digits
-   character(len=:), allocatable :: text
 
-   text = to_text(values(1), digits)
-   if (size(values) > 1) text = to_text(values, digits)
-end function numbers
+   if (size(values) > 1) then
+      text = text//to_text(values, digits)
+   else
+      text = text//to_text(values(1), digits)
+   end if
+end subroutine append_numbers
 
 logical function asked_to_stop(self)
    class(search_type), intent(inout) :: self

@@ -1,7 +1,7 @@
 !> Runs that begin at a state of another run: resumed in the same folder, or started from a file.
 module rk_resume
    use rk_deck, only : deck_type
-   use rk_deck_scene, only : approximation_text
+   use rk_deck_scene, only : get_approximation
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_journal, only : read_journal, run_type
@@ -152,9 +152,10 @@ subroutine compare_points(found, deck, problem, path, error)
    class(discretisation_type), intent(in) :: problem
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: what
+   character(len=:), allocatable :: approximation, what
 
    what = ''
+   call get_approximation(deck, approximation)
    associate (cloud => problem%scene%cloud)
       if (size(found%source, 2) /= size(cloud%source, 2)) then
          what = to_text(size(found%source, 2))//' source points, this deck has ' &
@@ -165,9 +166,8 @@ subroutine compare_points(found, deck, problem, path, error)
       else if (any(abs(found%source - to_space(cloud%source)) > 0.0_wp) .or. any(abs( &
          & found%points - to_space(cloud%points)) > 0.0_wp)) then
          what = 'points at other places than those of this deck'
-      else if (found%approximation /= approximation_text(deck)) then
-         what = 'an approximation of '//found%approximation//', this deck has ' &
-            & //approximation_text(deck)
+      else if (found%approximation /= approximation) then
+         what = 'an approximation of '//found%approximation//', this deck has '//approximation
       else if (size(found%x, 1) /= problem%n) then
          what = to_text(size(found%x, 1))//' unknowns, this deck has '//to_text(problem%n)
       end if

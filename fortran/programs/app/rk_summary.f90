@@ -18,7 +18,7 @@ module rk_summary
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds, move_solution, peak_bytes, version_text
-   use rk_units, only : put_probe_units, put_units, set_unit
+   use rk_units, only : get_set_unit, put_probe_units, put_units
    use rk_verdict, only : refused, verdict_names, verdict_type
    implicit none
    private
@@ -51,6 +51,7 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    type(json_entry), intent(in) :: earlier(:)
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
+   character(len=:), allocatable :: unit
 
    associate (problem => output%problem, scene => output%problem%scene, &
       & converged => .not. allocated(outcome%ended))
@@ -73,7 +74,8 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
       call json%end_object()
       call json%put('source_points', problem%shape%ns)
       call json%put('collocation_points', size(scene%cloud%points, 2))
-      if (allocated(scene%cloud%region)) call write_sets(json, scene%cloud, set_unit(deck))
+      call get_set_unit(deck, unit)
+      if (allocated(scene%cloud%region)) call write_sets(json, scene%cloud, unit)
       call json%put('stencils', maxval(problem%shape%stencil))
       call json%put('dofs', problem%n)
       call json%put('rows', problem%m)

@@ -3,7 +3,7 @@ module rk_system
    use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_null_char, &
       & c_ptr
    use, intrinsic :: iso_fortran_env, only : output_unit
-   use rk_cstring, only : to_fortran
+   use rk_cstring, only : c_strlen, to_fortran
    use rk_error, only : error_type, fatal_error, err_file
    use rk_text, only : to_text
    implicit none
@@ -62,11 +62,11 @@ module rk_system
          character(kind=c_char), intent(in) :: path(*)
          type(c_ptr) :: why
       end function c_make_folder
-      function c_usage_text() result(text) bind(c, name='rk_usage_text')
+      pure function c_usage_text() result(text) bind(c, name='rk_usage_text')
          import :: c_ptr
          type(c_ptr) :: text
       end function c_usage_text
-      function c_version_text() result(text) bind(c, name='rk_version_text')
+      pure function c_version_text() result(text) bind(c, name='rk_version_text')
          import :: c_ptr
          type(c_ptr) :: text
       end function c_version_text
@@ -149,13 +149,13 @@ subroutine tell(line)
 end subroutine tell
 
 function usage_text() result(text)
-   character(len=:), allocatable :: text
+   character(len=c_strlen(c_usage_text())) :: text
 
    text = to_fortran(c_usage_text())
 end function usage_text
 
 function version_text() result(text)
-   character(len=:), allocatable :: text
+   character(len=c_strlen(c_version_text())) :: text
 
    text = to_fortran(c_version_text())
 end function version_text

@@ -317,7 +317,7 @@ end subroutine check_write
 pure function part_of(path) result(part)
    !> Name it takes at the end
    character(len=*), intent(in) :: path
-   character(len=:), allocatable :: part
+   character(len=len(path) + 5) :: part
 
    part = path//".part"
 end function part_of
