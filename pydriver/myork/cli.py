@@ -665,23 +665,6 @@ _COMMANDS = {
         (_option("folder", "DIR", "output folder of a command", Path),),
         "put a copy of the page there", "",
     ),
-    "export": _Command(
-        _call("stations.export:export", "{found}", "source", "output", overrides="set", out="out"),
-        "the body as hexahedra for other programs: an input deck of Abaqus and CalculiX, or a mesh",
-        "  myork export inputs/cube_plates.toml -o cube.inp\n"
-        "  myork export out/muscle_block -o muscle_block.vtu",
-        (
-            _option("source", "DECK|DIR", "deck, or output folder of a solve", Path),
-            _SET,
-            _option(
-                "-o --output", "FILE",
-                ".inp: sets, materials and conditions of a deck; other suffixes are those of "
-                "meshio (.vtu, .xdmf, .msh): the mesh, of results with the fields of the last step",
-                Path, required=True,
-            ),
-        ),
-        "folder with the model of the deck",
-    ),
     "explain": _Command(
         _call("stations.explain:explain_deck", "", "deck", out="out", overrides="set"),
         "print what will be solved: sizes, memory, cost; refuse what does not fit into memory",
