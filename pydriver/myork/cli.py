@@ -296,22 +296,6 @@ def _identify(options: argparse.Namespace, console: Console) -> str:
     return "\n".join(lines)
 
 
-def _uncertainty(options: argparse.Namespace, console: Console) -> str:
-    doubt = _load("studies.uncertainty:Doubt")
-    found = _load("studies:uncertainty")(
-        options.deck, options.out, samples=options.samples, probe=options.probe,
-        doubt=doubt(options.bias, options.shift, options.noise, options.length),
-        fixed=options.set, seed=options.seed, threads=options.threads, progress=console,
-    )  # fmt: skip
-    low, high = (found["percentiles"][end] for end in ("2.5", "97.5"))
-    return (
-        f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
-        f"maps from {low:.4g} to {high:.4g}; the original map: {found['as_it_is']:.4g}\n"
-        f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
-        f"study: {options.out / 'uncertainty.json'}, {options.out / 'uncertainty.csv'}"
-    )
-
-
 # ---- options -------------------------------------------------------------------------------------
 
 
@@ -580,28 +564,6 @@ _COMMANDS = {
                 "--free", "KEY=LOW:HIGH",
                 "parameter to be fitted; KEY alone uses the range of the training",
                 required=True,
-            ),
-        ),
-        default="out/<name>",
-    ),
-    "study uncertainty": _Command(
-        _uncertainty,
-        "uncertainty of a force due to the segmentation: solves of perturbed label maps",
-        "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
-        (
-            _option("deck", "DECK", "DECK of a model from a label map", Path), _SET, _seed(),
-            _option(
-                "--probe", "NAME", "probe, such as reaction or pull_x; default: the first force"
-            ),
-            _option("--samples", "N", "maps; default 12", int, default=12),
-            *(
-                _option(f"--{name}", "MM", f"{what} [mm]; default {value:g}", float, default=value)
-                for name, value, what in (
-                    ("bias", 0.0, "outward shift of all boundaries"),
-                    ("shift", 0.5, "standard deviation of the shift of a whole boundary"),
-                    ("noise", 0.5, "standard deviation of a shift that varies along it"),
-                    ("length", 10.0, "correlation length of that shift"),
-                )
             ),
         ),
         default="out/<name>",
