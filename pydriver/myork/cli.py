@@ -275,7 +275,7 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
     table = _load("sweeps:sweep")(
         options.deck, options.vary, options.out, samples=options.samples, seed=options.seed,
         workers=options.workers, dask=options.dask, model=options.model, overrides=options.set,
-        dry_run=options.dry_run, extend=options.extend,
+        dry_run=options.dry_run,
         progress=print if options.dry_run else console,
     )  # fmt: skip
     return "" if options.dry_run else f"table: {table}"
@@ -524,7 +524,6 @@ _COMMANDS = {
         "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
         "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
         "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
-        "  myork sweep inputs/muscle_block.toml --vary load.activation=0.9,0.95 --extend\n"
         "  myork sweep deck.toml --vary load.activation=0:1:500 --model block.rom.h5",
         (
             *_DECK,
@@ -539,7 +538,6 @@ _COMMANDS = {
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
             _option("--model", "FILE", "reduced model (.rom.h5) to use instead of the deck", Path),
             _flag("--dry-run", "print what would be solved and its estimated cost, and exit"),
-            _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         default="out/<deck>_sweep",
     ),
