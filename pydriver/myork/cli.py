@@ -258,7 +258,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
     return (
         f"{found['states']} states, {found['failed']} failed, {found['full']['lost']} near full "
         f"solves that are unstable or did not converge, {found['certified']} within the tolerance, "
-        f"{found['cpu_us_per_state']:.0f} us each: {out / 'map.csv'}, {out / 'map.png'}"
+        f"{found['cpu_us_per_state']:.0f} us each: {out / 'map.csv'}"
     )
 
 
@@ -498,7 +498,7 @@ _COMMANDS = {
     ),
     "rom map": _Command(
         _rom_map,
-        "evaluate a reduced model on a grid of its parameters: table and figure",
+        "evaluate a reduced model on a grid of its parameters: a table",
         "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
         (
             _FILE,
