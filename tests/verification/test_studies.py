@@ -113,8 +113,8 @@ HEAD = "load.activation,u_z,reaction"
 @pytest.mark.parametrize(("text", "free", "message"), [
     ("load.activation,u_z,push\n0.1,0,1\n", "sigma_max", "no column has the name of a probe"),
     ("load.activation,reaction\n0.1,1\n", "sigma_max", "needed for boundary.z1.u_z"),
-    (f"{HEAD}\n0.1,0,x\n", "sigma_max", "'x' is not a number"),
-    (f"{HEAD}\n0.1,0\n", "sigma_max", "row 1 has 2 fields"),
+    (f"{HEAD}\n0.1,0,x\n", "sigma_max", "row 1: could not convert string to float: 'x'"),
+    (f"{HEAD}\n0.1,0\n", "sigma_max", "row 1: 2 fields: the header has 3"),
     (f"sigma_max,{HEAD}\n30,0.1,0,1\n", "sigma_max", "is fitted"),
     (f"{HEAD}\n,0,1\n", "sigma_max", "needs a number for each key"),
     (f"{HEAD},reaction_error\n0.1,0,1,0\n", "sigma_max", "above 0"),
