@@ -151,7 +151,6 @@ test)
    has_browser || install_packages chromium
    # VTK draws without a screen
    .venv/bin/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null || install_packages libegl1
-   command -v ccx >/dev/null || install_packages calculix-ccx # what `myork export` is compared with
    # side by side, a file of tests in one process, whatever OMP_NUM_THREADS is, which nproc looks at;
    # -m in "$@" replaces the one here
    exec .venv/bin/python -m pytest -n "$(env -u OMP_NUM_THREADS nproc)" --dist loadfile -m "not nightly" "$@"

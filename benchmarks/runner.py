@@ -74,8 +74,6 @@ OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "damage": ("damage",),
-    "echoes": ("echoes",),
-    "families": ("families",),
     "forms": ("walls", "mixed"),
     "kernels": ("kernels", "solvers"),
     "large_leg": ("large_leg",),

@@ -14,6 +14,7 @@ from myork import __version__
 
 sys.path.insert(0, str(Path(__file__).parent))
 import messages  # noqa: E402
+import rooms  # noqa: E402
 
 project = "MyoRK"
 author = "The MyoRK developers"
@@ -71,13 +72,14 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
-def _messages(_: Sphinx, name: str, source: list[str]) -> None:
-    """Put the list below its page."""
-    if name == "messages":
-        source[0] += "\n" + messages.page()
+def _listed(_: Sphinx, name: str, source: list[str]) -> None:
+    """Put lists below their pages."""
+    for tool in (messages, rooms):
+        if name == tool.__name__:
+            source[0] += "\n" + tool.page()
 
 
 def setup(app: Sphinx) -> None:
-    """Draw formulas as MathML, list all messages."""
-    app.connect("source-read", _messages)
+    """Draw formulas as MathML, list messages and rooms."""
+    app.connect("source-read", _listed)
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from tests import draw_rooms
-
 ROOT = Path(__file__).parent.parent
 FORTRAN = ROOT / "fortran"
 PACKAGE = ROOT / "pydriver" / "myork"
@@ -148,11 +146,6 @@ def test_fortran_uses_lower_layers() -> None:
             if (room, used) == ("api", "h5"):
                 wrong.append(f"{name_of(path)}: the extension links no HDF5")
     assert not wrong, "\n".join(wrong)
-
-
-def test_the_drawing_of_the_rooms_is_that_of_the_sources() -> None:
-    drawn = draw_rooms.PAGE.read_text(encoding="utf-8")
-    assert drawn == draw_rooms.page(), "run python tests/draw_rooms.py"
 
 
 def test_fortran_house_rules() -> None:

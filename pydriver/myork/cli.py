@@ -258,7 +258,7 @@ def _rom_map(options: argparse.Namespace, console: Console) -> str:
     return (
         f"{found['states']} states, {found['failed']} failed, {found['full']['lost']} near full "
         f"solves that are unstable or did not converge, {found['certified']} within the tolerance, "
-        f"{found['cpu_us_per_state']:.0f} us each: {out / 'map.csv'}, {out / 'map.png'}"
+        f"{found['cpu_us_per_state']:.0f} us each: {out / 'map.csv'}"
     )
 
 
@@ -275,7 +275,7 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
     table = _load("sweeps:sweep")(
         options.deck, options.vary, options.out, samples=options.samples, seed=options.seed,
         workers=options.workers, dask=options.dask, model=options.model, overrides=options.set,
-        dry_run=options.dry_run, extend=options.extend,
+        dry_run=options.dry_run,
         progress=print if options.dry_run else console,
     )  # fmt: skip
     return "" if options.dry_run else f"table: {table}"
@@ -294,22 +294,6 @@ def _identify(options: argparse.Namespace, console: Console) -> str:
     lines.append("{states} states by {by}: {cpu_s:.1f} s of processor time".format(**found["cost"]))
     lines.append(f"study: {options.out / 'identify.json'}, {options.out / 'identify.csv'}")
     return "\n".join(lines)
-
-
-def _uncertainty(options: argparse.Namespace, console: Console) -> str:
-    doubt = _load("studies.uncertainty:Doubt")
-    found = _load("studies:uncertainty")(
-        options.deck, options.out, samples=options.samples, probe=options.probe,
-        doubt=doubt(options.bias, options.shift, options.noise, options.length),
-        fixed=options.set, seed=options.seed, threads=options.threads, progress=console,
-    )  # fmt: skip
-    low, high = (found["percentiles"][end] for end in ("2.5", "97.5"))
-    return (
-        f"{found['probe']}: {found['mean']:.4g} +- {found['standard_deviation']:.2g}, 95 % of the "
-        f"maps from {low:.4g} to {high:.4g}; the original map: {found['as_it_is']:.4g}\n"
-        f"{found['cpu_s']:.1f} s of processor time for {found['maps']} maps\n"
-        f"study: {options.out / 'uncertainty.json'}, {options.out / 'uncertainty.csv'}"
-    )
 
 
 # ---- options -------------------------------------------------------------------------------------
@@ -514,7 +498,7 @@ _COMMANDS = {
     ),
     "rom map": _Command(
         _rom_map,
-        "evaluate a reduced model on a grid of its parameters: table and figure",
+        "evaluate a reduced model on a grid of its parameters: a table",
         "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
         (
             _FILE,
@@ -540,7 +524,6 @@ _COMMANDS = {
         "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
         "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
         "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
-        "  myork sweep inputs/muscle_block.toml --vary load.activation=0.9,0.95 --extend\n"
         "  myork sweep deck.toml --vary load.activation=0:1:500 --model block.rom.h5",
         (
             *_DECK,
@@ -555,7 +538,6 @@ _COMMANDS = {
             _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
             _option("--model", "FILE", "reduced model (.rom.h5) to use instead of the deck", Path),
             _flag("--dry-run", "print what would be solved and its estimated cost, and exit"),
-            _flag("--extend", "add these points to the sweep of the same keys in the folder"),
         ),
         default="out/<deck>_sweep",
     ),
@@ -580,28 +562,6 @@ _COMMANDS = {
                 "--free", "KEY=LOW:HIGH",
                 "parameter to be fitted; KEY alone uses the range of the training",
                 required=True,
-            ),
-        ),
-        default="out/<name>",
-    ),
-    "study uncertainty": _Command(
-        _uncertainty,
-        "uncertainty of a force due to the segmentation: solves of perturbed label maps",
-        "  myork study uncertainty inputs/mg_muscle.toml --out out/mg_muscle --shift 0.6",
-        (
-            _option("deck", "DECK", "DECK of a model from a label map", Path), _SET, _seed(),
-            _option(
-                "--probe", "NAME", "probe, such as reaction or pull_x; default: the first force"
-            ),
-            _option("--samples", "N", "maps; default 12", int, default=12),
-            *(
-                _option(f"--{name}", "MM", f"{what} [mm]; default {value:g}", float, default=value)
-                for name, value, what in (
-                    ("bias", 0.0, "outward shift of all boundaries"),
-                    ("shift", 0.5, "standard deviation of the shift of a whole boundary"),
-                    ("noise", 0.5, "standard deviation of a shift that varies along it"),
-                    ("length", 10.0, "correlation length of that shift"),
-                )
             ),
         ),
         default="out/<name>",
@@ -664,23 +624,6 @@ _COMMANDS = {
         "  myork report out/muscle_block_sweep",
         (_option("folder", "DIR", "output folder of a command", Path),),
         "put a copy of the page there", "",
-    ),
-    "export": _Command(
-        _call("stations.export:export", "{found}", "source", "output", overrides="set", out="out"),
-        "the body as hexahedra for other programs: an input deck of Abaqus and CalculiX, or a mesh",
-        "  myork export inputs/cube_plates.toml -o cube.inp\n"
-        "  myork export out/muscle_block -o muscle_block.vtu",
-        (
-            _option("source", "DECK|DIR", "deck, or output folder of a solve", Path),
-            _SET,
-            _option(
-                "-o --output", "FILE",
-                ".inp: sets, materials and conditions of a deck; other suffixes are those of "
-                "meshio (.vtu, .xdmf, .msh): the mesh, of results with the fields of the last step",
-                Path, required=True,
-            ),
-        ),
-        "folder with the model of the deck",
     ),
     "explain": _Command(
         _call("stations.explain:explain_deck", "", "deck", out="out", overrides="set"),

@@ -160,13 +160,13 @@ KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "dicom": (read_image, BYTES), "names": (read_names, BYTES | TEXT),
     "gradients": (read_table, BYTES | TEXT), "tracts": (read_lines, BYTES | ARRAY),
     "states": (read_states, BYTES | ARRAY), "summary": (make_report, BYTES | TEXT),
-    "history": (make_report, BYTES | TEXT), "results": (make_report, BYTES | ARRAY),
+    "results": (make_report, BYTES | ARRAY),
 }  # fmt: skip
 #: Kinds that are read as a folder, kinds that take longer, and files that stand beside the damaged
-FOLDERS = ("dicom", "summary", "history", "results")
+FOLDERS = ("dicom", "summary", "results")
 SHARE = {"rom": 4, "voxels": 4, **dict.fromkeys(FOLDERS, 10)}
 PAGE = "report.html"  # written into the folder that is read
-BESIDE = ("model/deck.toml", "names/sound.nii", "history/summary.json",
+BESIDE = ("model/deck.toml", "names/sound.nii",
           "voxels/plain.toml", "voxels/active.toml", "voxels/both.toml")  # fmt: skip
 #: Cases of a kind in the nightly tests; 4000 are a thousand of a model
 CASES = int(os.environ.get("MYORK_CASES", "400"))
@@ -204,7 +204,6 @@ def sound(tmp_path_factory: pytest.TempPathFactory, voxel_rom: Path) -> Path:
     for run in (run_deck, run_rom):
         run(BAR, top, threads=1)
     for kind, name in (("states", "results.vtkhdf"), ("summary", "summary.json"),
-                       ("history", "history.csv"), ("history", "summary.json"),
                        ("results", "results.vtkhdf")):  # fmt: skip
         shutil.copy(top / name, top / kind)
     return top

@@ -16,7 +16,6 @@ from myork.imaging.headers import Header, read_header
 from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.model_file import read_model
 from myork.records import Image, Labels
-from myork.stations.resample import resample
 from tests.images import affine_of, built, save
 from tests.scenes import refuses
 
@@ -235,32 +234,3 @@ def test_diffusion_series_of_the_makers(tmp_path, maker):
     np.testing.assert_allclose(found.tensor.data - TENSOR, 0.0, atol=1e-5)
     assert read_header(tmp_path / "scan:series=7") == Header(60.0, 3.0)
     refuses("made 0 tables of gradients of its 3 files", read_diffusion, tmp_path / "scan:series=1")
-
-
-@pytest.mark.parametrize("axes", [((0, -2), (1, -1), (2, 5)), ((1, 1), (2, 4), (0, 2))])
-def test_masks_of_dafne_lie_on_the_image_they_were_drawn_in(tmp_path, axes):
-    """Rows run backwards and columns to the left, however the image is stored."""
-    affine, shape = np.eye(4), tuple((6, 5, 4)[axis] for axis, _ in axes)
-    affine[:3, :3] = 0.0
-    for column, (axis, step) in enumerate(axes):
-        affine[axis, column] = step
-    image = Image(np.random.default_rng(1).random(shape), affine)
-    write_image(tmp_path / "t1.nii.gz", image)
-    # voxels in the right, anterior, lowest corner, and one column to the left of it
-    world = image.world(np.stack(np.indices(shape), -1).reshape(-1, 3))
-    corner = np.array([world[:, 0].max(), world[:, 1].max(), world[:, 2].min()])
-    soleus, tibialis = np.zeros((2, 5, 6, 4))
-    soleus[0, 0, 0], tibialis[0, 1, 0] = 1, 1
-    file = tmp_path / "rois.npz"
-    np.savez(file, Tibialis=tibialis, Soleus=soleus)
-    found = read_labels(resample(file, tmp_path / "t1.nii.gz", tmp_path / "out.nii.gz"))
-    assert found.names == {1: "Soleus", 2: "Tibialis"} and found.data.shape == shape
-    for label, away in ((1, 0.0), (2, abs(dict(axes)[0]))):
-        place = image.world(np.argwhere(found.data == label))
-        np.testing.assert_allclose(place, [corner - [away, 0, 0]])
-    refuses("Dafne masks have no grid; put them on that", read_labels, file)
-    np.savez(file, Soleus=soleus[1:])
-    said = r"mask Soleus has shape \(4, 6, 4\); rows, columns and"
-    refuses(said, read_labels, file, image)
-    file.write_bytes(b"PK")
-    refuses("is not a readable NumPy archive", read_labels, file, image, kind=FileError)

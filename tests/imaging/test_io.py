@@ -169,7 +169,7 @@ def test_labels_nearly_whole_and_without_a_number(tmp_path):
     data = np.zeros((3, 3, 3))
     data[1], data[0, 0, 0] = 2.0000001, np.nan
     notes = []
-    labels = read_labels(save(tmp_path / "l.nii", data), None, notes.append)
+    labels = read_labels(save(tmp_path / "l.nii", data), notes.append)
     assert labels.data[1].min() == labels.data.max() == 2 and labels.data[0, 0, 0] == 0
     (note,) = notes
     assert "1 voxels are not a number and count as background" in note

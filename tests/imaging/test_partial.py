@@ -8,7 +8,6 @@ from scipy import ndimage
 
 from myork.chain import run_chain
 from myork.core.deck import table_defaults, text_of_tables
-from myork.errors import InputError
 from myork.imaging.io import read_image, read_labels
 from myork.imaging.phantom import TISSUES, make_phantom
 from myork.model.cloud import build_cloud
@@ -200,8 +199,6 @@ def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
     parts = read_image(out / "fractions.nii.gz", values=2).data
     np.testing.assert_allclose(parts.sum(axis=-1), body, atol=1e-6)
     assert "volume by fractions [cm³]" in (out / "report.html").read_text()
-    with pytest.raises(InputError, match="build.slice_thickness interpolates the shapes"):
-        build(deck, out, overrides=["build.slice_thickness=1.5"])
     # the same by name, and none of it after a segmentation without parts
     (out / "fractions.nii.gz").rename(tmp_path / "parts.nii.gz")
     named = build(deck, out, overrides=["build.fractions=parts.nii.gz"])

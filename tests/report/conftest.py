@@ -34,8 +34,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(tmp_path: Path, block: Path) -> Path:
     """A converged demo: segmentation, full solution and reduced models."""
     write_segmentation(tmp_path)
-    for name in ("results.vtkhdf", "history.csv"):
-        shutil.copy(block / name, tmp_path)
+    shutil.copy(block / "results.vtkhdf", tmp_path)
     (tmp_path / "summary.json").write_text(json.dumps(summary()))
     return tmp_path
 

@@ -11,16 +11,16 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from benchmarks.truths.scanners import reordered
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import bodies, make_report
-from myork.report.figures import Series, history_figure, probe_figure, rom_series
+from myork.report.figures import Series, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
-from myork.report.sources import Deformation, read_folder
+from myork.report.sources import Deformation
 from myork.report.tables import probe_table
 from myork.summary import printed
 from tests.images import affine_of
@@ -28,7 +28,7 @@ from tests.report.pages import Page, change_summary, grid, lattice_of
 from tests.scenes import refuses
 
 UNITS = {"length": "cm", "stress": "N/cm^2"}
-SECTIONS = ("images", "deformation", "planes", "probes", "rom", "convergence", "run")
+SECTIONS = ("images", "deformation", "planes", "probes", "rom", "run")
 
 
 def keep(folder: Path, *names: str) -> None:
@@ -47,7 +47,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     page = Page(path)
     assert tuple(page.sections) == SECTIONS
     assert page.targets == [f"#{key}" for key in SECTIONS]
-    assert len(page.images) == 7
+    assert len(page.images) == 6
     for image in page.images:
         assert len(image["alt"] or "") > 20
         kind, data = str(image["src"]).split(",", 1)
@@ -146,30 +146,12 @@ def test_a_damaged_summary_is_named(folder: Path, where: list[Any], value: Any) 
 
 
 def test_refused_folders(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    history = folder / "history.csv"
-    head, _, rest = history.read_text().partition("\n")
-    history.write_text(",".join([*head.split(",")[:-1], "load"]) + "\n" + rest)
-    refuses("two columns of one name", make_report, folder, kind=FileError)
-    assert not (folder / "report.html").exists()
     empty = tmp_path_factory.mktemp("empty")
     refuses("nowhere: no such folder", make_report, folder / "nowhere", kind=FileError)
     refuses("nothing to report: neither summary.json", make_report, empty, kind=FileError)
     keep(folder, "summary.json")
     (folder / "report.html").mkdir()
     refuses(r"report\.html: cannot be written: Is a directory", make_report, folder, kind=FileError)
-
-
-def test_history_columns(folder: Path) -> None:
-    history = read_folder(folder).history
-    assert history["iteration"][0] == 1 and set(history["step"]) == set(range(1, 5))
-    assert history["solver"].dtype.kind == "U"
-    (folder / "history.csv").write_text("step,load,gradient\n1,0.5,\n1,0.5,1e-3\n")
-    assert_array_equal(read_folder(folder).history["gradient"], [np.nan, 1e-3])
-    # load steps are not joined
-    history = {"step": np.array([1, 1, 2]), "load": np.array([0.5, 0.5, 1.0])}
-    history["gradient"] = np.array([1e-1, 1e-5, 1e-2])
-    curve = history_figure(history).axes[0].lines[0].get_xydata()
-    assert_allclose(curve, [[1, 1e-1], [2, 1e-5], [np.nan, np.nan], [3, 1e-2]])
 
 
 def test_values_are_those_that_the_solver_prints() -> None:

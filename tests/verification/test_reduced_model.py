@@ -447,7 +447,6 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     lines = (tmp_path / "map.csv").read_text().splitlines()
     assert len(lines) == 21 and lines[0].startswith("load.activation,boundary.z1.u_z,reaction")
     assert json.loads((tmp_path / "map.json").read_text())["probe_units"]["middle"] == "cm"
-    assert (tmp_path / "map.png").stat().st_size > 5000
     assert main(["rom", "check", str(trained), "--points", "2", "--out", str(tmp_path), "-q"]) == 0
     check = json.loads((tmp_path / "check.json").read_text())
     assert check["points"] == 2 and check["failed"] == 0 and "ranges" not in check

@@ -21,7 +21,6 @@ from myork.cli import main
 from myork.core.deck import text_of_tables
 from myork.errors import InputError, InstallationError
 from myork.model_file import write_model
-from myork.report.sweep_page import read_sweep
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
 from tests import scenes
@@ -191,43 +190,10 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_workers", lambda *_: contextlib.nullcontext(team))
 
 
-def test_a_sweep_is_extended_in_its_folder(deck, tmp_path, here, monkeypatch):
-    """Each point is solved once; rows say which call added them; any of the lines goes on."""
-    out, calls = tmp_path / "out", []
-    solve = run.solve_point
-    monkeypatch.setattr(run, "solve_point", lambda *call: calls.append(call) or solve(*call))
-    first, second = [f"{MU}=5,10"], ["material.rubber.mu=10,20,5,40"]
-    sweep(deck, first, out)
-    before = rows_of(out)
-    sweep(deck, second, out, extend=True)
-    found = rows_of(out)
-    assert [row[MU] + row["call"] for row in found] == ["51", "101", "202", "402"]
-    assert found[:2] == before and len(calls) == 4
-    # a lost point of the first call, by the line of the second; and nothing for either line
-    text = (out / "points.jsonl").read_text().splitlines(keepends=True)
-    (out / "points.jsonl").write_text("".join([text[0], *text[2:]]))
-    for vary in (second, first):
-        sweep(deck, vary, out)
-        assert len(calls) == 5 and [row["call"] for row in rows_of(out)] == ["1", "1", "2", "2"]
-    with pytest.raises(InputError, match=r"other keys, points or --set: add these points"):
-        sweep(deck, ["material.rubber.mu=6"], out)
-    for other in ({"overrides": ["material.rubber.K=900"]}, {"vary": ["material.rubber.K=900"]}):
-        with pytest.raises(InputError, match=r"is of another sweep"):
-            sweep(deck, out=out, extend=True, **{"vary": second, **other})
-    assert read_sweep(out).total == 4
-
-
 def stop_after_one(line: str) -> None:
     """End a sweep when its first point is on the disk."""
     if line.startswith("point 1/"):
         raise KeyboardInterrupt
-
-
-def test_more_samples_of_sobol_continue_the_first() -> None:
-    vary = [f"{MU}=sobol(5,20)", "material.rubber.K=sobol(500,900)"]
-    few, many = (make_plan(vary, n) for n in (4, 16))
-    longer = many.beside(few.points, [4])
-    assert longer.points == many.points and longer.calls == (4, 16)
 
 
 def write_inputs(folder: Path) -> None:
@@ -256,6 +222,8 @@ def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, de
     name = "deck" if file == deck else rf".*{file}"
     refuses(rf"from before {name} changed: put the earlier file", sweep, made / deck, vary, out)
     assert len(rows_of(out)) == 1
+    more = "other keys, points or --set: remove it"
+    refuses(more, sweep, made / deck, ["load.steps=1,2,3,4"], out)
     # the same contents in another place
     (made / file).write_bytes(before)
     sweep(made.rename(tmp_path / "moved") / deck, vary, out)

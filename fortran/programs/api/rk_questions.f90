@@ -53,10 +53,8 @@ subroutine ask(slot, question, word, given, error)
          call answer%put_text('text', slot%approximation)
       case ('points')
          call answer%put('place', shape(cloud%points), cloud%points)
-      case ('body')
-         call answer_body(cloud, answer)
-      case ('set')
-         call answer_set(cloud, word, answer)
+      case ('surface')
+         call answer_surface(cloud, answer)
       case ('field_points')
          call answer_field_points(slot, answer)
       case ('set_fields')
@@ -86,53 +84,15 @@ subroutine ask(slot, question, word, given, error)
    end associate
 end subroutine ask
 
-!> How the collocation points hang together: the place of each in a lattice, from 0, none without
-!> one; triangles of the surface, or of a plane body itself, points from 0; fiber of each, a unit
-!> vector or zero; labels, and the share of each in the volume of the points [-]
-subroutine answer_body(cloud, answer)
+!> Triangles of the surface, or of a plane body itself: points from 0; none without a lattice
+subroutine answer_surface(cloud, answer)
    type(cloud_type), intent(in) :: cloud
    type(answer_type), intent(inout) :: answer
-   integer, allocatable :: place(:, :), triangle(:, :), labels(:)
-   real(wp), allocatable :: share(:, :)
-   integer :: k, l
+   integer, allocatable :: triangle(:, :)
 
-   allocate (place, source=lattice_places(cloud))
-   allocate (triangle, source=surface_triangles(place) - 1)
-   place = place - spread(minval(place, dim=2), 2, size(place, 2))
-   labels = cloud%labels()
-   allocate (share(size(cloud%label), size(labels)), source=0.0_wp)
-   do l = 1, size(labels)
-      if (allocated(cloud%fraction)) then
-         do k = 1, size(cloud%fraction_label)
-            if (cloud%fraction_label(k) == labels(l)) share(:, l) = share(:, l) &
-               & + cloud%fraction(k, :)
-         end do
-      else
-         where (cloud%label == labels(l)) share(:, l) = 1
-      end if
-   end do
-   call answer%put_whole('place', shape(place), place)
+   allocate (triangle, source=surface_triangles(lattice_places(cloud)) - 1)
    call answer%put_whole('surface', shape(triangle), triangle)
-   call answer%put('fiber', shape(cloud%fiber), cloud%fiber)
-   call answer%put_whole('labels', shape(labels), labels)
-   call answer%put('share', shape(share), share)
-end subroutine answer_body
-
-!> Collocation points of a boundary set, from 0, and the area of each; none where there is no such
-!> set
-subroutine answer_set(cloud, name, answer)
-   type(cloud_type), intent(in) :: cloud
-   character(len=*), intent(in) :: name
-   type(answer_type), intent(inout) :: answer
-   integer, allocatable :: entry(:)
-   integer :: e, set
-
-   set = cloud%find_set(name)
-   allocate (entry, source=pack([(e, e=1, size(cloud%boundary_point))], &
-      & set > 0 .and. cloud%in_set([(e, e=1, size(cloud%boundary_point))], max(set, 1))))
-   call answer%put_whole('point', shape(entry), cloud%boundary_point(entry) - 1)
-   call answer%put('area', shape(entry), cloud%area(entry))
-end subroutine answer_set
+end subroutine answer_surface
 
 !> Points where `set_fields` wants values
 subroutine answer_field_points(slot, answer)

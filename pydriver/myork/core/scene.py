@@ -284,37 +284,7 @@ class Scene:
         Those of a plane body fill it; there are none where the points have no lattice. Shape
         `(m, 3)`.
         """
-        return np.ascontiguousarray(self._ask("body")["surface"].T)
-
-    def body(self) -> tuple[I32, F64, I32, F64]:
-        """How the points hang together, and what fills them.
-
-        - returns `place`: place of each point in a lattice, shape `(collocation_points,
-          dimension)`; `(0, dimension)` where there is none
-        - returns `fiber`: unit fiber vectors, or zeros, shape `(collocation_points, 3)` [-]
-        - returns `labels`: labels of the body, shape `(n,)`
-        - returns `share`: share of each label in the volume of each point, shape `(n,
-          collocation_points)` [-]
-        """
-        found = self._ask("body")
-        place = np.ascontiguousarray(found["place"].T)
-        return place, found["fiber"].T, found["labels"], found["share"].T
-
-    def set_points(self, name: str) -> tuple[I32, F64]:
-        """Points of a boundary set, and the area that belongs to each.
-
-        - `name`: a side, such as `x0`, or a set of the deck
-        - returns `point`: rows of `points`, shape `(n,)`
-        - returns `area`: undeformed area, in plane scenes length, shape `(n,)`
-          [length^(dimension-1)]
-        - raises InputError: there is no such set, or it has no points
-        """
-        point, area = self._ask("set", word=name).values()
-        if len(point) == 0:
-            raise errors.InputError(
-                f"{name!r} is not a boundary set of this scene, or has no points"
-            )
-        return point, area
+        return np.ascontiguousarray(self._ask("surface")["surface"].T)
 
     def field_points(self) -> F64:
         """Points where `set_fields` wants values, shape `(field_points, dimension)` [length].

@@ -19,7 +19,7 @@ from myork.errors import FileError, InputError
 from myork.files import whole_file, write_text
 from myork.imaging.dicom import converted, split_choice, stack_files
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
-from myork.imaging.geometry import check_affine, reordered
+from myork.imaging.geometry import check_affine
 from myork.imaging.headers import bids_name
 from myork.imaging.plain import check_kind, read_text
 from myork.records import Image, Labels
@@ -30,8 +30,6 @@ _WHOLE = 1e-3  # labels are so near to whole numbers
 _LAST_LABEL = int(np.iinfo(np.int32).max)
 # Scales (scl_slope) below are of values that were spread; larger ones of images
 _SPREAD = 0.25
-# Axes of an axial image on a screen: to the left, backwards, upwards
-_SCREEN = np.diag([-1.0, -1.0, 1.0, 1.0])
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
@@ -64,9 +62,7 @@ def read_image(path: Path, values: int | None = 1, note: ProgressCallback = sile
     return Image(data, affine, str(path))
 
 
-def read_labels(
-    path: Path, like: Image | Labels | None = None, note: ProgressCallback = silent
-) -> Labels:
+def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
     """Read a label map: whole numbers as they are stored, whatever the header's scale says.
 
     They may be stored as floating point numbers, nearly whole and not a number for the background.
@@ -74,12 +70,9 @@ def read_labels(
     Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
     `{"name": label}`, where there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
 
-    - `path`: label map, or masks of Dafne (.npz), which have no grid of their own
-    - `like`: image that masks of Dafne were drawn in
+    - `path`: label map
     - `note`: called with what is odd in the file
     """
-    if path.suffix == ".npz":
-        return read_rois(path, like)
     data, affine = _load(path, raw=True, note=note)
     if data.dtype == np.bool_:
         data = data.astype(np.uint8)
@@ -111,19 +104,16 @@ def read_labels(
 
 
 def read_reference(
-    path: Path,
-    progress: ProgressCallback,
-    like: Image | Labels | None = None,
-    note: ProgressCallback = silent,
+    path: Path, progress: ProgressCallback, note: ProgressCallback = silent
 ) -> Labels:
     """Read a label map of others: one without names of its own takes those of its folder.
 
     - `path`: label map; data sets have one `labels.json` for all maps of a folder
     - `progress`: called with a warning where that file holds something else, which is then ignored
-    - `like`, `note`: as of `read_labels`
+    - `note`: as of `read_labels`
     """
-    labels, own = read_labels(path, like, note), _names_path(path)
-    if own.is_file() or path.suffix == ".npz":
+    labels, own = read_labels(path, note), _names_path(path)
+    if own.is_file():
         return labels
     try:
         return replace(labels, names=_read_names(own.with_name("labels.json")))
@@ -253,43 +243,6 @@ def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
             save_itk(unfinished, data, affine)
         else:
             save_nifti(unfinished, data, affine)
-
-
-def read_rois(path: Path, like: Image | Labels | None) -> Labels:
-    """Masks of Dafne as a label map, in alphabetical order of their names.
-
-    They have no grid: rows run from anterior to posterior, columns from right to left as on the
-    screen, slices upwards, as Dafne shows axial images; the image they were drawn in says where
-    that is.
-
-    - `path`: archive (.npz): for each region a mask of shape `(nrow, ncolumn, nslice)`, or of a
-      single slice without the last axis
-    - `like`: image that they were drawn in
-    - returns on the grid of the image; where masks overlap the later name
-    """
-    if like is None:
-        raise InputError(
-            f"{path}: Dafne masks have no grid; put them on that of their image first: "
-            f"myork resample {path.name} IMAGE -o labels.nii.gz"
-        )
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            masks = {name: np.atleast_3d(archive[name]) for name in sorted(archive.files)}
-    except Exception as reason:  # for each kind of damage NumPy raises another
-        raise FileError(f"{path}: is not a readable NumPy archive: {reason}") from None
-    screen = reordered(Labels(np.zeros(like.data.shape[:3], np.int32), like.affine), _SCREEN)
-    shape = screen.data.shape
-    wrong = [name for name, mask in masks.items() if mask.shape != (shape[1], shape[0], shape[2])]
-    if wrong or not masks:
-        what = f"mask {wrong[0]} has shape {masks[wrong[0]].shape}" if wrong else "contains no mask"
-        raise InputError(
-            f"{path}: {what}; rows, columns and slices of {like.name} are "
-            f"{(shape[1], shape[0], shape[2])}: give the image that they were drawn in"
-        )
-    for number, mask in enumerate(masks.values(), start=1):
-        screen.data[np.swapaxes(mask, 0, 1) > 0] = number
-    stored = reordered(screen, like.affine).data
-    return Labels(stored, like.affine, dict(enumerate(masks, start=1)), str(path))
 
 
 def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray]:

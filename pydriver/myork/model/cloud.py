@@ -13,8 +13,8 @@ from myork.model.architecture import long_axis
 from myork.model.boundary import Boundary, bone_beside, boundary_sets, surface_offsets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
+from myork.model.prism import extruded
 from myork.model.shares import LabelParts, checked_parts, label_shares
-from myork.model.slices import extruded, finer_fibers, finer_labels, finer_values, slice_parts
 from myork.records import Image, Labels, PointCloud, Voxels
 
 # A cut plane with fewer points can hold the model only badly.
@@ -145,26 +145,13 @@ def _prepared(
     progress: ProgressCallback,
     held: Collection[str | None],
 ) -> Body:
-    """The body as a prism, in thinner slices and with fibers of a flow, as the deck wants it."""
+    """The body as a prism and with fibers of a flow, as the deck wants it."""
     labels, fibers, activation, fractions = body
     if "extrude" in table:
         length = table["extrude"]
         labels = extruded(labels, length)
         fibers, activation, fractions = (one and extruded(one, length) for one in body[1:])
         progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
-    if "slice_thickness" in table:
-        if fractions is not None:
-            raise InputError(
-                f"{fractions.name}: build.slice_thickness interpolates the shapes of labels, "
-                "not fractions of voxels; leave it out, or image.partial and build.fractions"
-            )
-        axis, parts = slice_parts(labels.spacing, table["slice_thickness"])
-        finer = finer_labels(labels, axis, parts)
-        fibers = fibers and finer_fibers(fibers, labels, finer, axis, parts)
-        activation = activation and finer_values(activation, labels, finer, axis, parts)
-        labels = finer
-        size = " x ".join(map(str, labels.data.shape))
-        progress(f"slices cut: {size} voxels of {labels.spacing.round(2)}")
     if table["flow"]:
         labels = canonical(labels)
         axis = _flow_axis(labels, held)

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
-from numpy.typing import NDArray
 
 from myork.report.numbers import labelled
 from myork.report.tables import MODEL_KINDS
@@ -152,46 +151,6 @@ def _as_columns(values: Sequence[Any], width: int = 1) -> F64:
     width = max([width, *(len(value) for value in values if isinstance(value, list))])
     rows = [np.broadcast_to(np.array(value, dtype=float), width) for value in values]
     return np.array(rows).reshape(-1, width)
-
-
-def history_figure(history: Mapping[str, NDArray[Any]]) -> Figure:
-    """Convergence of all iterations, and the range of J, from the columns of `history.csv`.
-
-    Left the norms on a logarithmic scale, right the smallest and largest J.
-    """
-    figure = Figure(figsize=(11.0, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    count = len(history["step"])
-    dot = 3.0 if count <= 60 else 0.0
-    starts = np.flatnonzero(np.diff(history["load"], prepend=np.nan) != 0)
-    curves = (
-        (left, "gradient", "gradient norm"),
-        (left, "step_norm", "step norm"),
-        (left, "residual", "residual"),
-        (right, "max_J", "largest J"),
-        (right, "min_J", "smallest J"),
-    )
-    for axes, key, label in curves:
-        if key in history:
-            number = len(axes.lines)
-            axes.plot(
-                np.insert(np.arange(1.0, count + 1), starts[1:], np.nan),
-                np.insert(history[key], starts[1:], np.nan),
-                DASHES[number], color=COLOURS[number], marker=MARKERS[number], markersize=dot,
-                linewidth=1.2, label=label,
-            )  # fmt: skip
-    for axes in (left, right):
-        for start, end in list(zip(starts, [*starts[1:], count], strict=True))[1::2]:
-            axes.axvspan(start + 0.5, end + 0.5, color="#F0F0F0", linewidth=0, zorder=0)
-        axes.set(xlabel="iteration (bands: load steps)", xlim=(0.5, count + 0.5))
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        if axes.lines:
-            axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    left.set(yscale="log", ylabel="norm (as in history.csv)")
-    left.minorticks_off()
-    right.set(ylabel="volume ratio J [-]")
-    right.ticklabel_format(axis="y", useOffset=False)
-    return figure
 
 
 def rom_figure(rom: Mapping[str, Any]) -> Figure:

@@ -56,7 +56,6 @@ def _page(folder: RunFolder) -> Page:
             Section("planes", "Inside the body", _planes(folder)),
             Section("probes", "Forces and other probes", _probes(folder)),
             Section("rom", "Reduced models", _rom(folder)),
-            Section("convergence", "Convergence", _convergence(folder)),
             Section("run", "The run", _run(folder)),
         ),
         badges=_badges(summary),
@@ -237,17 +236,6 @@ def _rom(folder: RunFolder) -> Iterator[Markup]:
     if units:
         shown = figures.probe_figure(figures.rom_series(rom), dict(list(units.items())[:_MOST]))
         yield figure(shown, "Full solution (line) against the reduced models (markers).")
-
-
-def _convergence(folder: RunFolder) -> Iterator[Markup]:
-    """Iterations of all steps."""
-    if {"step", "load"} <= set(folder.history):
-        caption = "Every iteration of every load step"
-        if not str(folder.summary.get("method")).startswith("rkpm"):
-            caption += (
-                "; residuals of a least squares solution do not go to zero, the gradient does"
-            )
-        yield figure(figures.history_figure(folder.history), f"{caption}.")
 
 
 def _run(folder: RunFolder) -> Iterator[Markup]:

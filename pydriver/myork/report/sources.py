@@ -1,13 +1,11 @@
 """What an output folder holds, read into one record; what is absent is left out."""
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
@@ -17,9 +15,6 @@ from myork.summary import SOLUTION, WAITING, read_summary
 from myork.types import F64, I32
 
 T = TypeVar("T")
-
-# Columns of history.csv that are no numbers
-_TEXTS = ("solver",)
 
 
 @dataclass(frozen=True)
@@ -64,9 +59,6 @@ class RunFolder:
 
     path: Path  #: The folder
     summary: dict[str, Any] = field(default_factory=dict)  #: `summary.json`, empty without one
-    #: Columns of `history.csv` by name, each of shape `(niteration,)`; text where the file has
-    #: text. Empty without the file.
-    history: dict[str, NDArray[Any]] = field(default_factory=dict)
     deformation: Deformation | None = None  #: From `results.vtkhdf`
     #: Output of `segment`: label map, materials of a leg, image and fiber vectors (three values a
     #: voxel)
@@ -100,7 +92,6 @@ def read_folder(path: Path) -> RunFolder:
     folder = RunFolder(
         path=path,
         summary=read("summary.json", lambda _: _known(read_summary(path))) or {},
-        history=read("history.csv", _read_history) or {},
         deformation=read("results.vtkhdf", _read_deformation),
         labels=read("segmentation.nii.gz", read_labels),
         tissue=read("tissue.nii.gz", read_labels),
@@ -123,23 +114,6 @@ def _known(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _known(own) for key, own in value.items() if own is not None}
     return [_known(own) for own in value] if isinstance(value, list) else value
-
-
-def _read_history(path: Path) -> dict[str, NDArray[Any]]:
-    """Columns as numbers, but for the names of solvers; an empty entry is not a number."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        if not text.endswith("\n"):
-            raise ValueError("cut off")
-        head, *rows = csv.reader(text.splitlines(), strict=True)
-        if len(set(head)) < len(head):
-            raise ValueError("two columns of one name")
-        return {
-            name: np.array(own if name in _TEXTS else [float(entry or "nan") for entry in own])
-            for name, own in zip(head, zip(*rows, strict=True), strict=True)
-        }
-    except (OSError, ValueError, csv.Error) as error:
-        raise FileError(f"{path}: damaged: {error}") from None
 
 
 def _read_deformation(path: Path) -> Deformation | None:

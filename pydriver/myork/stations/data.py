@@ -190,9 +190,9 @@ class DeckFiles:
         with self._naming(key):
             note = self.grid.doubts.append
             if progress:
-                found = read_reference(path, progress, like, note)
+                found = read_reference(path, progress, note)
             else:
-                found = read_labels(path, like, note)
+                found = read_labels(path, note)
         if key == "labels":
             self.grid.note(found.name, missing_slices(found))
         found = self.grid.of(found, like)

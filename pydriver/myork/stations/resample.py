@@ -28,7 +28,7 @@ def resample(
 ) -> Path:
     """Write an image on the grid of another one of the same world.
 
-    - `image`: image of one or several volumes, label map, or masks of Dafne (.npz) drawn in `like`
+    - `image`: image of one or several volumes, or label map
     - `like`: image that gives the grid
     - `output`: file that is written; the suffix tells the format
     - `way`: `nearest`, `linear` or `tensor-wise` (tensors, fibers), see `on_grid`; by default
@@ -39,10 +39,6 @@ def resample(
     if way not in (None, *WAYS):
         raise InputError(f"--how {way}: is not known; one of {', '.join(WAYS)}")
     grid = read_image(like, None)
-    if image.suffix == ".npz":
-        write_labels(output, read_labels(image, grid))
-        progress(f"{image}: masks on the grid of {like}")
-        return output
     one = read_image(image, None)
     way = way or ("nearest" if _are_labels(image, one.data) else "linear")
     mover, single = OneGrid(progress), one.data.shape[3] == 1

@@ -1,6 +1,5 @@
-"""Studies: which parameters measurements fit, what segmentation costs."""
+"""Studies: which parameters fit measurements."""
 
 from myork.studies.identify import identify
-from myork.studies.uncertainty import uncertainty
 
-__all__ = ["identify", "uncertainty"]
+__all__ = ["identify"]

@@ -87,22 +87,17 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
     except ValueError:
         raise InputError(f"{path}: a header line and one row per measurement are needed") from None
     head = [name.strip() for name in head]
-    if any(";" in name or "\t" in name for name in head):
-        raise InputError(f"{path}: fields must be separated by commas, and decimals have a point")
     table = np.full((len(rows), len(head)), np.nan)
     for i, row in enumerate(rows):
-        if len(row) != len(head):
+        try:
+            if len(row) != len(head):
+                raise ValueError(f"{len(row)} fields")
+            table[i] = [float(field) if field.strip() else np.nan for field in row]
+        except ValueError as reason:
             raise InputError(
-                f"{path}: row {i + 1} has {len(row)} fields, the header {len(head)}; fields are "
+                f"{path}: row {i + 1}: {reason}: the header has {len(head)} fields; fields are "
                 "separated by commas, decimals have a point"
-            )
-        for j, field in enumerate(row):
-            try:
-                table[i, j] = float(field) if field.strip() else np.nan
-            except ValueError:
-                raise InputError(
-                    f"{path}: row {i + 1}, {head[j]}: {field!r} is not a number"
-                ) from None
+            ) from None
     names = [name for name in head if name in forward.units]
     others = [n for n in head if n not in names and n.removesuffix("_error") not in names]
     if not names:
@@ -120,7 +115,7 @@ def _read(path: Path, forward: Forward, free: Sequence[str]) -> _Data:
         raise InputError(f"{path}: a column or --set is needed for {', '.join(missing)}")
     conditions = table[:, [head.index(name) for name in others]]
     values = table[:, [head.index(name) for name in names]]
-    if len(rows) == 0 or not np.isfinite(conditions).all() or not np.isfinite(values).any():
+    if not np.isfinite(conditions).all() or not np.isfinite(values).any():
         raise InputError(
             f"{path}: every row needs a number for each key, and a probe must have measured values"
         )
@@ -193,21 +188,21 @@ def _fit(
     fits.sort(key=lambda fit: fit.cost)
     best = fits[0]
     freedom = int(known.sum()) - len(keys)
-    left, s, right = np.linalg.svd(best.jac, full_matrices=False)
-    determined = s > 1e-10 * s[0]
-    inverse = (right[determined].T / s[determined] ** 2) @ right[determined]
-    spread = 1.0
+    # (J^T J)^-1, infinite where the data say nothing
+    _, s, right = np.linalg.svd(best.jac, full_matrices=False)
+    determined = bool((s > 1e-10 * s[0]).all())
+    inverse = (right.T / s**2) @ right if determined else np.full((len(keys),) * 2, np.inf)
+    factor, spread = 1.96, 1.0
     if data.errors is None:
+        factor = student.ppf(0.5 + 0.5 * _CONFIDENCE, max(freedom, 1))
         spread = np.sqrt(2.0 * best.cost / freedom) if freedom > 0 else np.nan
-    if not determined.all():
-        inverse = inverse + np.where(np.eye(len(keys)) > 0, np.inf, 0.0)
-    factor = student.ppf(0.5 + 0.5 * _CONFIDENCE, max(freedom, 1)) if data.errors is None else 1.96
-    error = spread * np.sqrt(np.diag(inverse)) * (high - low)
+    sizes = np.sqrt(np.diag(inverse))
+    error = spread * sizes * (high - low)
     value = low + (high - low) * (best.x - 1.0)
-    spreads = np.sqrt(np.diag(inverse))
-    together = inverse / np.outer(spreads, spreads)
+    with np.errstate(invalid="ignore"):
+        together = inverse / np.outer(sizes, sizes)
     fitted = model(best.x)[0]
-    warnings = _warnings(keys, best, fits, together, freedom, determined.all())
+    warnings = _warnings(keys, best, fits, together, freedom, determined)
     if data.errors is not None and freedom > 0 and 2.0 * best.cost > 4.0 * freedom:
         warnings.append(
             f"the misfit is {np.sqrt(2.0 * best.cost / freedom):.2g} times the standard errors: "

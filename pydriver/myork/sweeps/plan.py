@@ -20,7 +20,7 @@ _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... , KEY=lhs(LOW,HIGH) or KEY=sobol(L
 #: More points are a slip of the pen
 _MOST = 1_000_000
 #: Columns of a table behind keys, probes and error bars
-LAST_COLUMNS = ("call", "verdict", "message", "cpu_s")
+LAST_COLUMNS = ("verdict", "message", "cpu_s")
 
 
 class Plan(NamedTuple):
@@ -30,16 +30,6 @@ class Plan(NamedTuple):
     points: list[tuple[Any, ...]]  #: Values of the keys: numbers, or words of a list
     deck: Path = Path()
     overrides: tuple[str, ...] = ()  #: Overrides of the deck for all points
-    #: How many points there were after each call that added some; none: all are of the first
-    calls: tuple[int, ...] = ()
-
-    def beside(self, points: Sequence[Sequence[Any]], calls: Sequence[int]) -> "Plan":
-        """These points behind those of earlier calls, each point once."""
-        earlier = [tuple(point) for point in points]
-        known = set(earlier)
-        every = [*earlier, *(point for point in self.points if point not in known)]
-        more = (len(every),) if len(every) > len(earlier) else ()
-        return self._replace(points=every, calls=(*calls, *more))
 
     def settings(self, point: tuple[Any, ...]) -> list[str]:
         """Overrides that make a point of the deck, without those for all."""
@@ -131,8 +121,7 @@ def identity(
     - `plan`: points and their deck
     - `out`: folder of the sweep, in which the model file of the deck is looked for first
     - `model`, `model_probes`: reduced model that answers, and names of the probes that it knows
-    - returns digests of the files by what they are (`inputs`), overrides, keys, points, and how
-      many of these there were after each call that added some
+    - returns digests of the files by what they are (`inputs`), overrides, keys and points
     - raises InputError: two columns of the table would have one name
     - raises FileError: a file cannot be read
     """
@@ -159,26 +148,18 @@ def identity(
         "overrides": list(plan.overrides),
         "keys": list(plan.keys),
         "points": [list(point) for point in plan.points],
-        "calls": list(plan.calls or (len(plan.points),)),
     }
 
 
 def refusal(head: Mapping[str, Any], other: Any, path: Path) -> str:
     """Why the points in a file are not of a sweep, by the identities of both; "" where they are."""
-    calls = head["calls"]
-    # a sweep may be another one with more points
-    before = [{**head, "points": head["points"][:n], "calls": calls[: i + 1]}
-              for i, n in enumerate(calls)]  # fmt: skip
-    if other in before:
+    if other == head:
         return ""
     anew = f"or sweep into another folder than {path.parent}"
     if not isinstance(other, dict) or any(
         other.get(kind) != head[kind] for kind in ("overrides", "keys", "points")
     ):
-        return (
-            f"{path}: is of another sweep, with other keys, points or --set: add these points "
-            f"with --extend where only points differ, remove it, {anew}"
-        )
+        return f"{path}: is of another sweep, with other keys, points or --set: remove it, {anew}"
     known = other.get("inputs", {})
     changed = [name for name, digest in head["inputs"].items() if known.get(name) != digest]
     return (

@@ -32,7 +32,7 @@ from myork.rom.model import ReducedModel
 from myork.rom.probes import places_of, units_of
 from myork.stations.explain import explain_deck
 from myork.sweeps.plan import Plan, identity, make_plan
-from myork.sweeps.store import Store, has_parquet, read_head, read_points
+from myork.sweeps.store import Store, has_parquet, read_points
 from myork.types import F64
 
 #: Threads of the libraries in a worker: one point a core
@@ -60,7 +60,6 @@ def sweep(
     model: str | Path | None = None,
     overrides: Sequence[str] = (),
     dry_run: bool = False,
-    extend: bool = False,
     progress: ProgressCallback = silent,
 ) -> Path:
     """Solve a deck at many values of its keys.
@@ -78,19 +77,11 @@ def sweep(
     - `model`: reduced model (`.rom.h5`) that answers in place of the full one
     - `overrides`: overrides of the deck for all points
     - `dry_run`: only say what would be solved, and what it costs
-    - `extend`: add these points to those of the sweep in the folder; the column `call` of the table
-      is the number of the call that added a point
     - returns the table `sweep.csv`
     - raises InputError: the deck, a key or the plan is wrong, or the folder holds another sweep
     """
     plan = make_plan(vary, samples, seed)._replace(deck=Path(deck), overrides=tuple(overrides))
     out = Path(out)
-    earlier = read_head(out / "points.jsonl")
-    if isinstance(earlier, dict) and earlier.get("keys") == list(plan.keys):
-        longer = plan.beside(earlier.get("points", ()), earlier.get("calls", ()))
-        # a line that adds nothing goes on with all that the folder's sweep is of
-        if extend or len(longer.calls) == len(earlier.get("calls", ())):
-            plan = longer
     full = [deck_key(plan.deck, key, overrides) for key in plan.keys]
     for k, key in enumerate(full):
         if key in full[:k]:

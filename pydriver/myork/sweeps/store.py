@@ -3,7 +3,6 @@
 import json
 import math
 import os
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -88,7 +87,7 @@ class Store:
 
     def write_table(self, keys: Sequence[str], points: Sequence[tuple[Any, ...]]) -> Path:
         """Write `sweep.csv`, and with pyarrow `sweep.parquet`, of what is finished."""
-        rows = [dict(self.rows[number]) for number in sorted(self.rows)]
+        rows = [self.rows[number] for number in sorted(self.rows)]
         probes = list(dict.fromkeys(name for row in rows for name in row["probes"]))
         bars = [name for name in probes if any(name in row["errors"] for row in rows)]
         columns: dict[str, list[Any]] = {
@@ -98,9 +97,6 @@ class Store:
         columns |= {
             f"{name}_error": [row["errors"].get(name, math.nan) for row in rows] for name in bars
         }
-        calls = self._head["calls"]
-        for row in rows:
-            row["call"] = bisect_right(calls, row["point"]) + 1
         for name in LAST_COLUMNS:
             columns[name] = [row[name] for row in rows]
         table = (map(_cell, values) for values in zip(*columns.values(), strict=True))

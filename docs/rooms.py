@@ -1,26 +1,13 @@
-"""Write the rooms of the core into docs/rooms.md, from the sources themselves.
+"""The rooms of the core, from the sources themselves: `python docs/rooms.py` prints them.
 
-    python tests/draw_rooms.py
-
-What a room holds stands in the first line of its meson.build, whom it uses in its `use` lines.
-tests/test_layers.py compares it with what this script would write.
+What a room holds stands in the first line of its meson.build, whom it uses in its `use` lines. The
+site has the table below `docs/rooms.md`.
 """
 
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
-FORTRAN = ROOT / "fortran"
-PAGE = ROOT / "docs" / "rooms.md"
-
-_HEAD = """\
-# Rooms of the core
-
-Each folder of sources in `fortran/` is a room: a static library with one purpose. A room uses rooms
-below it, never one above or beside it; `tests/test_layers.py` checks that. This page is
-written by `python tests/draw_rooms.py` from the `use` lines of the sources; nobody edits it, and a
-test compares it with them.
-"""
+FORTRAN = Path(__file__).parent.parent / "fortran"
 
 
 def rooms() -> dict[str, set[str]]:
@@ -48,9 +35,9 @@ def purpose(room: str) -> str:
 
 
 def page() -> str:
-    """Text of docs/rooms.md."""
+    """The table."""
     used = rooms()
-    lines = [_HEAD, "| room | holds | uses |", "|---|---|---|"]
+    lines = ["| room | holds | uses |", "|---|---|---|"]
     for room in sorted(used):
         names = ", ".join(f"`{name}`" for name in sorted(used[room]))
         lines.append(f"| `{room}` | {purpose(room)} | {names} |")
@@ -58,4 +45,4 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    print(page())
