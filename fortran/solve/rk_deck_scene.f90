@@ -4,6 +4,7 @@
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
+   use rk_coefficients, only : set_essential_weight
    use rk_deck, only : deck_type
    use rk_deck_blocks, only : put_corners
    use rk_deck_boundary, only : read_conditions, read_probes, read_sets
@@ -14,7 +15,6 @@ module rk_deck_scene
    use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
    use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
-   use rk_linear, only : set_essential_weight
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_programme, only : programme_type
