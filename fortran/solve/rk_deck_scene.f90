@@ -21,7 +21,6 @@ module rk_deck_scene
    use rk_scene, only : displacement_weight, scene_type
    use rk_shape, only : new_approximation
    use rk_text, only : to_text
-   use rk_volume_points, only : volume_patches
    use rk_voxel_shape, only : add_side
    implicit none
    private
@@ -73,8 +72,6 @@ subroutine new_scene(scene, deck, model, error)
       return
    end if
    call read_weights(scene, deck)
-   if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%volume_points)) &
-      & call volume_patches(scene%cloud)
    call read_sets(scene, deck, error)
    if (allocated(error)) return
    call read_conditions(scene, deck, error)

@@ -8,7 +8,7 @@
 !> In displacements alone (RKCM), or with a pressure as the last field. With P = P_iso(F) + p cof F,
 !> p = dW/dJ (5.39), u and p are in the same reproducing kernel space:
 !>    momentum   Div P_iso + cof F grad p = 0   at the collocation points (Div cof F = 0),
-!>    volume     J - 1 - p/K = 0                at one point for each cell or patch,
+!>    volume     J - 1 - p/K = 0                at the centre of each cell of the lattice,
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
 !> unknowns. Row weights balance the parts as the least squares functional with norms of
