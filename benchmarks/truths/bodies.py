@@ -96,7 +96,7 @@ def stretched(
 ) -> dict[str, Any]:
     """Tables of a deck that stretches a box along x; the box is a cloud of its own.
 
-    - `method`: `rkcm` or `rkcm-mixed`
+    - `method`: form, `rkcm` where none is given
     - `move`: displacement of the face x1 [length]
     - `steps`: load steps
     - `activation`: activation at full load [-]

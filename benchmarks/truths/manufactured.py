@@ -15,12 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.truths.bodies import box
 from benchmarks.truths.compiled import shape_functions
 from myork.core import material as core_material
 from myork.core.scene import Scene
 from myork.errors import MyorkError
-from myork.records import PointCloud
 from myork.types import F64
 
 _ACTIVATION = 0.3
@@ -84,8 +82,8 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
         "support": problem.support,
     }
     started = time.perf_counter()
-    tables, cloud = _tables(problem, method, n)
-    with Scene.from_tables(tables, cloud, overrides=overrides, threads=1) as scene:
+    tables = _tables(problem, method, n)
+    with Scene.from_tables(tables, overrides=overrides, threads=1) as scene:
         given = _exact(scene.field_points(), problem, n)
         scene.set_fields(given.body_force, given.u, given.p)
         exact = _exact(scene.points(), problem, n)
@@ -152,14 +150,15 @@ def deformation_gradient(deform: Callable[[Any], Any], x: F64) -> F64:
 def _right_share(points: F64, n: int) -> tuple[F64, F64]:
     """Fraction of the right material and its gradient, as the program mixes materials.
 
-    A source point has the material of its place, on the border of both the left one, that of the
-    collocation point there. The fractions are the sums of its neighbours' functions of order 0,
+    A source point has the material of its collocation point and of half of those beside it, a point
+    on the border half of each. The fractions are the sums of its neighbours' functions of order 0,
     which are products over the directions: on a lattice what does not vary along y and z is a sum
     along x alone.
     """
     source = np.linspace(0.0, 1.0, n)[:, None]
     functions = shape_functions(source, _INTERFACE, np.ascontiguousarray(points[:, :1]), order=0)
-    right = (source[:, 0] > 0.5).astype(float)[functions.neighbour]
+    places = np.heaviside(np.arange(-1, 2 * n) - (n - 1), 0.5)
+    right = np.convolve(places, (0.25, 0.5, 0.25), "valid")[::2][functions.neighbour]
     share = np.add.reduceat(functions.value[:, :2] * right[:, None], functions.offset[:-1])
     slope = np.zeros((len(points), 3))
     slope[:, 0] = share[:, 1]
@@ -209,8 +208,8 @@ def _exact(points: F64, problem: Problem, n: int) -> _Exact:
     return _Exact(deform(x) - x, f, stress(x), -divergence)
 
 
-def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], PointCloud | None]:
-    """Deck of a unit square, or of a unit cube with its points, which have two labels."""
+def _tables(problem: Problem, method: str, n: int) -> dict[str, Any]:
+    """Deck of a unit square or cube, of two materials where the bulk modulus varies."""
     nd = problem.dimension
     # the chosen solution is smooth, so that rows near the edges count in full
     tables: dict[str, Any] = {
@@ -228,26 +227,18 @@ def _tables(problem: Problem, method: str, n: int) -> tuple[dict[str, Any], Poin
         "solver": {"max_iterations": 60},
         "mixed": {"edge_exponent": 0},
     }
+    tables["geometry"] = {
+        "kind": "box",
+        "size": [1] * nd,
+        "source": [n] * nd,
+        "collocation": [2 * n - 1] * nd,
+    }
     muscle = {**_MUSCLE, "model": "muscle", "curve": "smooth", "fiber": list(_FIBER[nd])}
-    if problem.bulk[0] == problem.bulk[1] and nd == 2:
-        tables["geometry"] = {
-            "kind": "box",
-            "size": [1] * nd,
-            "source": [n] * nd,
-            "collocation": [2 * n - 1] * nd,
-        }
-        tables["material"] = [{"name": "muscle", "K": problem.bulk[0], **muscle}]
-        return tables, None
-    materials = [
-        {"name": f"muscle{label}", "K": bulk, **muscle}
-        for label, bulk in enumerate(problem.bulk, 1)
-    ]
-    tables["material"] = materials
-    cloud = box((1.0, 1.0, 1.0), (n, n, n), (2 * n - 1,) * 3, _FIBER[3])
-    cloud.label[cloud.points[:, 0] > 0.5] = 2
-    for label, material in enumerate(materials, 1):
-        material["label"] = label
-    return tables, cloud
+    left, right = problem.bulk
+    tables["material"] = [{"name": "muscle", "K": left, **muscle}]
+    if left != right:
+        tables["material"].append({"name": "right", "K": right, "where": "x > 0.5", **muscle})
+    return tables
 
 
 def _beside(dofs: int, problem: Problem, n: int) -> F64:

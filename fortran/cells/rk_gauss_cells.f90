@@ -95,8 +95,8 @@ subroutine gauss_cells(self, scene, error)
    if (.not. allocated(cloud%lattice)) then
       call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus, ' &
          & //'or a model of voxels: '//trim(merge( &
-         & 'use method "rkpm-scni"                        ', &
-         & 'build it from a label map, or use "rkcm-mixed"', allocated(cloud%voxels%index))))
+         & 'use method "rkpm-scni"                  ', &
+         & 'build it from a label map, or use "rkcm"', allocated(cloud%voxels%index))))
       return
    end if
    nd = cloud%nd

@@ -40,7 +40,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
 
    if (.not. allocated(cloud%voxels%index)) then
       call fatal_error(error, err_input, 'nodal cells need a model of voxels, or a box, ' &
-         & //'or an annulus: build the model from a label map, or use method "rkcm-mixed"')
+         & //'or an annulus: build the model from a label map, or use method "rkcm"')
       return
    end if
    share = cloud%volume/product(cloud%voxels%size)

@@ -134,6 +134,10 @@ static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
                   kind->text +
                       " needs scene.dimension = " + (kind->text == "annulus" ? "2" : "3") +
                       ", not " + std::to_string(dimension));
+   if (kind && kind->text == "model" && deck.word("scene", "method") == "rkcm-mixed")
+      deck.refuse(geometry, "kind",
+                  "model has no lattice, whose cells the volume rows of rkcm-mixed need: take "
+                  "scene.method = rkpm-gauss, rkpm-scni or rkcm");
 }
 
 // A probe must have what an exact solution or a reference is compared with

@@ -9,7 +9,7 @@ module rk_neighbours
    private
 
    public :: find_neighbours, nearest_points, all_nearest, covers
-   public :: most_central, most_central_of
+   public :: most_central_of
 
    !> Source points sorted into boxes of the size of the largest support
    type :: boxes_type
@@ -134,16 +134,6 @@ function most_central_of(point, near) result(chosen)
          & middle, slack)
    end do
 end function most_central_of
-
-!> Of some points the most central one
-pure integer function most_central(point, among)
-   !> Points, shape (nd, np) [length]
-   real(wp), intent(in) :: point(:, :)
-   !> Numbers of some, at least one
-   integer, intent(in) :: among(:)
-
-   most_central = first_among(point, among, middle_of(point), same*spacing_of(point))
-end function most_central
 
 !> Of some points the one nearest to the middle of all, and of these the lowest in x, in y, in z: a
 !> choice between equals that hangs neither on their order nor on where the body lies, and seldom on

@@ -16,8 +16,8 @@ module rk_discretisation
    implicit none
    private
 
-   public :: discretisation_type, free_discretisation, deformation, entry_displacement, rounding
-   public :: at_rest, judged_state, small_strain, turns_over
+   public :: discretisation_type, free_discretisation, deformation, gradients, entry_displacement
+   public :: at_rest, judged_state, rounding, small_strain, turns_over
 
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
@@ -253,8 +253,7 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
    type(point_state), intent(out) :: local
    !> Stress in the place of that by lambda [stress]
    real(wp), intent(in), optional :: pressure
-   real(wp), allocatable :: modulus(:, :, :, :)
-   real(wp) :: lambda
+   real(wp) :: modulus(3, 3, 3, 3), lambda
    integer :: a, d, k, nd
    logical :: across
 
@@ -269,11 +268,11 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
    local%j = determinant(local%f)
    lambda = pair(1)
    if (present(pressure)) lambda = 0.0_wp
-   modulus = moduli(equation, nd, [lambda, pair(2)])
+   modulus = moduli(equation, [lambda, pair(2)])
    do d = 1, nd
       do k = 1, nd
          do a = 1, nd
-            local%p(:nd, a) = local%p(:nd, a) + modulus(:, a, k, d)*u(k, 1 + d)
+            local%p(:nd, a) = local%p(:nd, a) + modulus(:nd, a, k, d)*u(k, 1 + d)
          end do
       end do
    end do
@@ -477,22 +476,38 @@ pure subroutine deformation(nd, u, f, h)
    real(wp), intent(out) :: f(3, 3)
    !> u_j,BA as h(j, B, A), zero where the fields have no second derivatives [1/length]
    real(wp), intent(out) :: h(3, 3, 3)
-   integer :: a, b, q
+   integer :: a
 
-   f = 0.0_wp
-   h = 0.0_wp
+   call gradients(nd, u, f, h)
    do a = 1, 3
-      f(a, a) = 1.0_wp
+      f(a, a) = 1.0_wp + f(a, a)
    end do
+end subroutine deformation
+
+!> First and second derivatives u_i,A and u_j,BA of fields, with zeros where there are fewer than
+!> three of them or of the dimensions
+pure subroutine gradients(nd, u, g, h)
+   integer, intent(in) :: nd
+   !> Fields with derivatives, shape (>= 1, nq)
+   real(wp), intent(in) :: u(:, :)
+   !> [-]
+   real(wp), intent(out) :: g(3, 3)
+   !> As h(j, B, A) [1/length]
+   real(wp), intent(out) :: h(3, 3, 3)
+   integer :: a, b, n, q
+
+   n = min(nd, size(u, 1))
+   g = 0.0_wp
+   h = 0.0_wp
    do a = 1, nd
-      f(:nd, a) = f(:nd, a) + u(:nd, 1 + a)
+      g(:n, a) = u(:n, 1 + a)
       if (size(u, 2) == 1 + nd) cycle
       do b = a, nd
          q = second_index(nd, a, b)
-         h(:nd, b, a) = u(:nd, q)
-         h(:nd, a, b) = u(:nd, q)
+         h(:n, b, a) = u(:n, q)
+         h(:n, a, b) = u(:n, q)
       end do
    end do
-end subroutine deformation
+end subroutine gradients
 
 end module rk_discretisation

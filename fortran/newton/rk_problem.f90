@@ -180,7 +180,7 @@ subroutine get_advice(self, text)
          & //'smooth functions in place of max, min, abs and comparisons'
    else if (self%scene%method == 'rkcm') then
       text = 'rounding errors dominate, as K is '//text//' times the shear modulus, or residuals ' &
-         & //'remain: use method "rkcm-mixed"'
+         & //'remain: use method "rkpm-gauss"'
    else
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
          & //'no step reduces the residual; take a smaller K, more points or less load'

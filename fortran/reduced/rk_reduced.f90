@@ -13,7 +13,6 @@ module rk_reduced
    use rk_equilibrium, only : equilibrium_problem, reduce_rows
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem
-   use rk_linear, only : linear_problem
    use rk_matrix, only : matrix_rows
    use rk_motion, only : form_motion
    use rk_precision, only : wp
@@ -116,7 +115,7 @@ subroutine new_motion(body, problem, error)
    class(form_motion), pointer, intent(out) :: body
    !> Linear problem
    class(discretisation_type), target, intent(inout) :: problem
-   !> Error handling: a mass that is not positive, too many rows, a problem that cannot move
+   !> Error handling: a mass that is not positive, too many rows
    type(error_type), allocatable, intent(out) :: error
    type(weak_motion), pointer :: weak
    type(strong_motion), pointer :: strong
@@ -127,12 +126,10 @@ subroutine new_motion(body, problem, error)
       allocate (weak)
       call new_weak_motion(weak, problem, error)
       body => weak
-   type is (linear_problem)
+   type is (equilibrium_problem)
       allocate (strong)
       call new_strong_motion(strong, problem, error)
       body => strong
-   class default
-      call fatal_error(error, err_input, 'dynamics: only linear problems can be marched in time')
    end select
    if (.not. allocated(error) .or. .not. associated(body)) return
    deallocate (body)

@@ -13,7 +13,7 @@ module rk_coefficients
    implicit none
    private
 
-   public :: coefficients_type, new_coefficients, coefficient_at, moduli
+   public :: coefficients_type, new_coefficients, coefficient_at, moduli, set_essential_weight
 
    !> Coefficients at points
    type :: coefficients_type
@@ -63,6 +63,26 @@ subroutine new_coefficients(self, scene, x, with_slope, error)
       end do
    end associate
 end subroutine new_coefficients
+
+!> Weight of essential rows of a linear problem: the number of source points or a number over the
+!> squared spacing, times the largest coefficient
+subroutine set_essential_weight(scene, error)
+   type(scene_type), intent(inout) :: scene
+   !> Error handling: an expression without a value somewhere
+   type(error_type), allocatable, intent(inout) :: error
+   type(coefficients_type) :: coefficient
+   type(error_type), allocatable :: failure
+
+   if (scene%solver%weight_essential > 0.0_wp) return
+   call new_coefficients(coefficient, scene, scene%cloud%points, .false., failure)
+   if (allocated(failure)) then
+      if (.not. allocated(error)) call move_alloc(failure, error)
+      return
+   end if
+   scene%solver%weight_essential = merge(scene%solver%weight_c4, &
+      & real(size(scene%cloud%source, 2), wp), scene%solver%weight_c4 > 0.0_wp) &
+      & *maxval(coefficient%pair)
+end subroutine set_essential_weight
 
 !> Coefficients at a place, as the deck gives them
 subroutine coefficient_at(equation, x, pair, error)
@@ -169,25 +189,23 @@ subroutine interpolate(self, scene, x, error)
    end associate
 end subroutine interpolate
 
-!> Moduli c(i, A, k, B) of the operators
-pure function moduli(equation, nd, pair) result(c)
+!> Moduli c(i, A, k, B) of the operators, zero where there are fewer fields
+pure function moduli(equation, pair) result(c)
    type(equation_type), intent(in) :: equation
-   integer, intent(in) :: nd
    !> Lambda and mu, or their derivatives
    real(wp), intent(in) :: pair(2)
-   real(wp), allocatable :: c(:, :, :, :)
+   real(wp) :: c(3, 3, 3, 3)
    integer :: i, k
 
+   c = 0.0_wp
    if (equation%problem == 'poisson') then
-      allocate (c(1, nd, 1, nd), source=0.0_wp)
-      do i = 1, nd
+      do i = 1, 3
          c(1, i, 1, i) = pair(2)
       end do
       return
    end if
-   allocate (c(nd, nd, nd, nd), source=0.0_wp)
-   do i = 1, nd
-      do k = 1, nd
+   do i = 1, 3
+      do k = 1, 3
          c(i, i, k, k) = c(i, i, k, k) + pair(1)
          c(i, k, i, k) = c(i, k, i, k) + pair(2)
          c(i, k, k, i) = c(i, k, k, i) + pair(2)

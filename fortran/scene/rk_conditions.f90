@@ -14,10 +14,7 @@ module rk_conditions
    implicit none
    private
 
-   public :: boundary_type, new_boundary, conditions_at, contradiction, get_overlaps
-
-   !> Pairs of sets that are named where they overlap
-   integer, parameter :: most_overlaps = 20
+   public :: boundary_type, new_boundary, conditions_at, contradiction
 
    !> Boundary points with what holds there
    type :: boundary_type
@@ -312,50 +309,5 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
       traction(a, :) = traction(a, :) + h
    end do
 end subroutine conditions_at
-
-!> Sets that overlap and whose conditions meet in a component, a line each with its line feed
-subroutine get_overlaps(cloud, condition, lines)
-   type(cloud_type), intent(in) :: cloud
-   type(condition_type), intent(in) :: condition(:)
-   character(len=:), allocatable, intent(out) :: lines
-   integer :: b, c, e, found
-   integer :: shared(size(condition))
-   logical :: inside(size(condition), size(cloud%boundary_set)), acts(3, size(condition))
-
-   lines = ''
-   found = 0
-   do e = 1, size(inside, 2)
-      inside(:, e) = cloud%in_set(e, condition%set)
-   end do
-   do c = 1, size(condition)
-      acts(:, c) = loaded(condition(c))
-      shared(:c) = 0
-      do e = 1, size(inside, 2)
-         if (inside(c, e)) shared(:c) = shared(:c) + merge(1, 0, inside(:c, e))
-      end do
-      do b = 1, c - 1
-         if (shared(b) == 0 .or. .not. any(acts(:, b) .and. acts(:, c))) cycle
-         found = found + 1
-         if (found > most_overlaps) cycle
-         lines = lines//'sets '//trim(cloud%set_names(condition(b)%set))//' and ' &
-            & //trim(cloud%set_names(condition(c)%set))//' share '//to_text(shared(b)) &
-            & //' boundary points (of '//to_text(count(inside(b, :)))//' and ' &
-            & //to_text(shared(c))//'), where the conditions of both apply: loads add, but ' &
-            & //'not in a component that one of them prescribes; separate them by `where` if ' &
-            & //'that is not intended'//new_line('a')
-      end do
-   end do
-   if (found > most_overlaps) lines = lines//to_text(found - most_overlaps)//' more pairs of ' &
-      & //'sets share boundary points'//new_line('a')
-end subroutine get_overlaps
-
-!> Components on which a condition acts
-pure function loaded(condition)
-   type(condition_type), intent(in) :: condition
-   logical :: loaded(3)
-
-   loaded = condition%fixed .or. condition%is_radial .or. condition%traction%acts() &
-      & .or. condition%spring > 0.0_wp .or. abs(condition%pressure) > 0.0_wp
-end function loaded
 
 end module rk_conditions

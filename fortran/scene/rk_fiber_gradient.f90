@@ -14,7 +14,6 @@ module rk_fiber_gradient
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_tensor, only : solve_definite
-   use rk_volume_points, only : local_pitch
    implicit none
    private
 
@@ -47,7 +46,7 @@ subroutine fiber_gradients(scene, slope, error)
    associate (cloud => scene%cloud)
       nc = size(cloud%points, 2)
       nd = cloud%nd
-      allocate (window, source=reach*local_pitch(cloud))
+      allocate (window, source=reach*cloud%spacing(:, cloud%nearest_source()))
       call find_neighbours(near, cloud%points, window, cloud%points, window_product, error)
       if (allocated(error)) return
       allocate (slope(3, nd, nc))

@@ -80,6 +80,8 @@ module rk_mixture
       real(wp), allocatable :: level(:)
       !> Lambda and mu of a linear problem at each place, shape (2, np) [stress]
       real(wp), allocatable, public :: pair(:, :)
+      !> Their derivatives, for strong forms, shape (2, nd, np) [stress/length]
+      real(wp), allocatable :: pair_slope(:, :, :)
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
@@ -114,9 +116,10 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
 
    self%scene => scene
    if (allocated(scene%equation%problem)) then
-      call new_coefficients(coefficient, scene, position, .false., error)
+      call new_coefficients(coefficient, scene, position, scene%method == 'rkcm', error)
       if (allocated(error)) return
       call move_alloc(coefficient%pair, self%pair)
+      call move_alloc(coefficient%slope, self%pair_slope)
       if (any(self%pair(1, :) > 0.0_wp)) self%least_lambda = least*maxval(self%pair(1, :))
       return
    end if
@@ -355,7 +358,7 @@ pure real(wp) function shear_modulus(self, ip, f)
    integer :: e
 
    if (allocated(self%pair)) then
-      shear_modulus = maxval(linear_moduli(self, ip))
+      shear_modulus = maxval(moduli(self%scene%equation, [0.0_wp, self%pair(2, ip)]))
       return
    end if
    shear_modulus = 0.0_wp
@@ -445,7 +448,8 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
 
    p = 0.0_wp
    if (allocated(self%pair)) then
-      part4 = linear_moduli(self, ip)
+      ! that of lambda is a pressure
+      part4 = moduli(self%scene%equation, [0.0_wp, self%pair(2, ip)])
       do b = 1, 3
          do k = 1, 3
             p = p + part4(:, :, k, b)*f(k, b)
@@ -521,18 +525,6 @@ pure subroutine layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
    if (present(c4)) call add_volume(bulk, f, c4)
 end subroutine layered_stress
 
-!> Moduli C4(i,A,j,B) of a linear problem without lambda, whose stress is a pressure [stress]
-pure function linear_moduli(self, ip) result(c4)
-   class(mixture_type), intent(in) :: self
-   integer, intent(in) :: ip
-   real(wp) :: c4(3, 3, 3, 3)
-
-   c4 = 0.0_wp
-   associate (fields => self%scene%equation%fields(3))
-      c4(:fields, :, :fields, :) = moduli(self%scene%equation, 3, [0.0_wp, self%pair(2, ip)])
-   end associate
-end function linear_moduli
-
 !> Divergence of the stress, and everything a row of the strong form needs
 pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
    class(mixture_type), intent(in) :: self
@@ -554,9 +546,24 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
    integer :: a, b, e
 
-   e = self%first(ip) + 1
    divergence = 0.0_wp
-   if (e == self%first(ip + 1)) then
+   if (allocated(self%pair)) then
+      ! (c u_k,B),A = c u_k,AB + c,A u_k,B
+      t = 0.0_wp
+      do a = 1, merge(nd, 0, self%scene%equation%varies())
+         c4 = moduli(self%scene%equation, self%pair_slope(:, a, ip))
+         t = t + c4(:, a, :, :)
+      end do
+      c4 = moduli(self%scene%equation, self%pair(:, ip))
+      p = 0.0_wp
+      do b = 1, nd
+         do a = 1, nd
+            p = p + c4(:, :, a, b)*f(a, b)
+            divergence = divergence + t(:, a, b)*f(a, b)
+         end do
+      end do
+   else if (self%first(ip) + 1 == self%first(ip + 1)) then
+      e = self%first(ip) + 1
       associate (material => self%scene%tissue(self%tissue(e))%material)
          call material%strong(nd, point_of(self, e, f, load, volumetric), h, p, c4, t)
       end associate

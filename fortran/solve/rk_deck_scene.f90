@@ -4,6 +4,7 @@
 !> the points: unknown boundary sets, labels without points, directions that are missing.
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
+   use rk_coefficients, only : set_essential_weight
    use rk_deck, only : deck_type
    use rk_deck_blocks, only : put_corners
    use rk_deck_boundary, only : read_conditions, read_probes, read_sets
@@ -14,14 +15,12 @@ module rk_deck_scene
    use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
    use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
-   use rk_linear, only : set_essential_weight
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_programme, only : programme_type
    use rk_scene, only : displacement_weight, scene_type
    use rk_shape, only : new_approximation
    use rk_text, only : to_text
-   use rk_volume_points, only : volume_patches
    use rk_voxel_shape, only : add_side
    implicit none
    private
@@ -73,8 +72,6 @@ subroutine new_scene(scene, deck, model, error)
       return
    end if
    call read_weights(scene, deck)
-   if (scene%method == 'rkcm-mixed' .and. .not. allocated(scene%cloud%volume_points)) &
-      & call volume_patches(scene%cloud)
    call read_sets(scene, deck, error)
    if (allocated(error)) return
    call read_conditions(scene, deck, error)

@@ -6,7 +6,6 @@ module rk_new_problem
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem, new_galerkin
    use rk_islands, only : check_islands
-   use rk_linear, only : linear_problem, new_linear
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    implicit none
@@ -16,7 +15,7 @@ module rk_new_problem
 
 contains
 
-!> Set up the problem of a scene: linear where it has an equation, otherwise by the scene's method
+!> Set up the problem of a scene by its method
 subroutine new_problem(problem, scene, error)
    class(discretisation_type), allocatable, intent(out) :: problem
    !> Scene, which must outlive the problem
@@ -24,19 +23,12 @@ subroutine new_problem(problem, scene, error)
    type(error_type), allocatable, intent(out) :: error
    type(equilibrium_problem), allocatable :: strong
    type(galerkin_problem), allocatable :: galerkin
-   type(linear_problem), allocatable :: linear
 
    select case (scene%method)
    case ('rkcm', 'rkcm-mixed')
-      if (allocated(scene%equation%problem)) then
-         allocate (linear)
-         call new_linear(linear, scene, error)
-         call move_alloc(linear, problem)
-      else
-         allocate (strong)
-         call new_equilibrium(strong, scene, scene%method == 'rkcm-mixed', error)
-         call move_alloc(strong, problem)
-      end if
+      allocate (strong)
+      call new_equilibrium(strong, scene, scene%method == 'rkcm-mixed', error)
+      call move_alloc(strong, problem)
    case ('rkpm', 'rkpm-gauss', 'rkpm-scni')
       allocate (galerkin)
       call new_galerkin(galerkin, scene, error)

@@ -2,7 +2,6 @@
 !> iteration, load steps or one linear solve, and what deserves a warning.
 module rk_run
    use rk_clock, only : tick, timer_type
-   use rk_conditions, only : get_overlaps
    use rk_constraint, only : constrained_matrix
    use rk_discretisation, only : discretisation_type, judged_state, rounding
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -246,13 +245,12 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    end select
 end subroutine solve_motion
 
-!> Warn of conditions without effect, and of sets of the deck that overlap
+!> Warn of conditions without effect
 subroutine warn_of_conditions(scene, outcome, recorder)
    type(scene_type), intent(in) :: scene
    type(outcome_type), intent(inout) :: outcome
    class(recorder_type), intent(inout) :: recorder
-   character(len=:), allocatable :: lines
-   integer :: first, length, k
+   integer :: k
 
    if (scene%load%activation > 0.0_wp .and. .not. any([(scene%tissue(k)%material%fibered, &
       & k=1, size(scene%tissue))])) call outcome%warn('load.activation has no effect: no ' &
@@ -263,15 +261,6 @@ subroutine warn_of_conditions(scene, outcome, recorder)
             & //trim(scene%cloud%set_names(condition%set))//': traction has no effect in a ' &
             & //'component whose displacement is prescribed; leave one of the two out', recorder)
       end associate
-   end do
-   if (.not. allocated(scene%cloud%region)) return
-   call get_overlaps(scene%cloud, scene%condition, lines)
-   first = 1
-   do
-      length = index(lines(first:), new_line('a'))
-      if (length == 0) return
-      call outcome%warn(lines(first:first + length - 2), recorder)
-      first = first + length
    end do
 end subroutine warn_of_conditions
 

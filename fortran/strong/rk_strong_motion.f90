@@ -6,11 +6,12 @@
 !> and so is "balanced" here. The published weight is that of "ns-c4".
 module rk_strong_motion
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+   use rk_equilibrium, only : equilibrium_problem
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_lapack, only : svd
-   use rk_linear, only : linear_problem
    use rk_motion, only : form_motion, loads_vary
    use rk_precision, only : wp
+   use rk_problem, only : evaluation_type
    use rk_spectrum, only : spectral_radius
    use rk_text, only : to_text
    implicit none
@@ -26,7 +27,7 @@ module rk_strong_motion
    !> Body in motion
    type, extends(form_motion) :: strong_motion
       !> Problem with its rows
-      type(linear_problem), pointer :: problem => null()
+      type(equilibrium_problem), pointer :: problem => null()
       !> Rows of a time step, shape (m, n), and their pseudo-inverse, shape (n, m)
       real(wp), allocatable :: row(:, :), inverse(:, :)
       !> Density of each row inside, shape (rows inside)
@@ -44,12 +45,13 @@ contains
 !> Set up the motion of a problem
 subroutine new_strong_motion(self, problem, error)
    type(strong_motion), intent(out) :: self
-   type(linear_problem), target, intent(inout) :: problem
+   type(equilibrium_problem), target, intent(inout) :: problem
    !> Error handling: too many rows for a dense matrix, a density that is not positive
    type(error_type), allocatable, intent(out) :: error
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
-   real(wp) :: density, natural, modulus
+   type(evaluation_type) :: seen
+   real(wp) :: density, natural, modulus, side(problem%m)
    integer :: b, i, row
 
    self%problem => problem
@@ -64,9 +66,10 @@ subroutine new_strong_motion(self, problem, error)
    end if
    allocate (self%values(problem%m, self%n), self%operator(problem%m, self%n), source=0.0_wp)
    allocate (self%weight(problem%m), self%density(problem%m), source=1.0_wp)
+   call problem%evaluate(spread(0.0_wp, 1, self%n), 0.0_wp, side, seen, tangent=.true.)
    call problem%rows%dense(self%operator)
    self%row = self%operator
-   modulus = maxval(problem%coefficient%pair)
+   modulus = maxval(problem%mixture%pair)
    do b = 1, size(problem%rows%place)
       row = problem%rows%row(b)
       call self%motion%density_at(problem%scene%cloud%points(:, problem%rows%place(b)), density, &

@@ -123,17 +123,17 @@ def use_rom(path: Path) -> None:
 #: What the executable does not read or limits, labels beyond 32 bits, which no material has, and
 #: names that are no UTF-8, which it takes as they are and no condition finds
 ALONE = ("source_images", "label_names", "'label'", "length_unit", "'utf-8' codec")
-FORMS = ("rkpm-scni", "rkpm-gauss", "rkcm", "rkcm-mixed")
+FORMS = ("rkpm-scni", "rkpm-gauss", "rkcm")
 
 
 def solve_model(path: Path) -> None:
     """Python and the executable take a model, or both refuse it; what they take is solved."""
     content, deck = path.read_bytes(), path.with_suffix(".toml")
     # collocation does not know the slopes of activations
-    forms = FORMS[: 2 if path.stem == "active" else 4]
+    forms = FORMS[: 2 if path.stem == "active" else 3]
     form = forms[zlib.crc32(content) % len(forms)]
     words = [f"scene.method={form}", f"geometry.file={path}"]
-    if form.startswith("rkcm"):
+    if form == "rkcm":
         words += ["approximation.order=2", "approximation.support=3"]
     done = explained(deck, *words)
     said = ""

@@ -66,11 +66,10 @@ def test_turning_fibers_pull() -> None:
     assert errors[1] < 0.35 * errors[0]
 
 
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
-def test_turning_fibers_in_the_rows(method: str, open_scene: Any) -> None:
+def test_turning_fibers_in_the_rows(open_scene: Any) -> None:
     """Rows of fibers that turn from point to point."""
     cloud = bent(box(CUBE, (4, 4, 4), (5, 5, 5)))
-    tables = stretched(method=method, activation=0.5, curve="smooth")
+    tables = stretched(activation=0.5, curve="smooth")
     scene = open_scene(tables, "material.K=500", cloud=cloud)
     check_strong_rows(scene)
 
@@ -98,16 +97,15 @@ def test_a_rotated_problem_has_the_rotated_answer() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 @pytest.mark.parametrize("order", [2, 3])
 @pytest.mark.parametrize("body", [
     *(jittered(box(CUBE, (5, 5, 5), (9, 9, 9)), far) for far in (0.3, 0.9)),
     jittered(box((1.0, 2.0, 10.0), (5, 5, 5), (9, 9, 9)), 0.3),
     graded(box(CUBE, (5, 5, 5), (9, 9, 9)), 3.0),
 ], ids=["jittered", "random", "long and jittered", "graded 1 : 37"])  # fmt: skip
-def test_homogeneous_tension_on_any_cloud(body: PointCloud, order: int, method: str) -> None:
+def test_homogeneous_tension_on_any_cloud(body: PointCloud, order: int) -> None:
     """Linear fields are in the space of any cloud, to rounding times the condition of the rows."""
-    tables, order_of = stretched(method=method), f"approximation.order={order}"
+    tables, order_of = stretched(), f"approximation.order={order}"
     stress = scenes.solved(tables, order_of, cloud=body).fields.cauchy
     strain = 0.2 / np.ptp(body.points[:, 0])
     right = exact.uniaxial(exact.Polynomial.from_deck(RUBBER), 1.0 + strain)
@@ -126,10 +124,10 @@ def changed(name: str, value: float) -> PointCloud:
 
 
 @pytest.mark.parametrize(("body", "method", "said"), [
-    *((box((1.0, 1.0, 0.2), (5, 5, n), (9, 9, 2 * n - 1)), method, "point")
-      for n in (1, 2) for method in ("rkcm", "rkcm-mixed")),
+    *((box((1.0, 1.0, 0.2), (5, 5, n), (9, 9, 2 * n - 1)), "rkcm", "point") for n in (1, 2)),
     (replace(graded(SOLID, 3.0), spacing=SOLID.spacing), "rkcm", "support"),
     *((SOLID, method, "a model of voxels") for method in ("rkpm-gauss", "rkpm-scni")),
+    (SOLID, "rkcm-mixed", "model has no lattice"),
     *((changed(name, np.nan), "rkcm", f"'{name}' must hold finite numbers")
       for name in ("points", "source", "fiber")),
     (changed("fiber", 3.0), "rkcm", "geometry: fiber at co"),

@@ -34,7 +34,6 @@ from tests.scenes import (
 )
 
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
-COLLOCATION = pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed"])
 GALERKIN = pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
 
 
@@ -191,32 +190,29 @@ def open_bar(open_scene):
     return open_
 
 
-@COLLOCATION
-def test_two_tissues_of_one_law_are_one_tissue(open_bar, method):
+def test_two_tissues_of_one_law_are_one_tissue(open_bar):
     """The fractions add up to one, their gradients to zero: both to rounding."""
     whole = {key: SOFT[key] for key in SOFT if key != "label"}
-    x = 0.02 * np.random.default_rng(5).standard_normal(open_bar([whole], method=method).dofs)
+    x = 0.02 * np.random.default_rng(5).standard_normal(open_bar([whole]).dofs)
     one, two = (
-        open_bar(materials, method=method).linearise(x, 0.6, x)
+        open_bar(materials).linearise(x, 0.6, x)
         for materials in ([whole], [SOFT, {**SOFT, "name": "same", "label": 2}])
     )
     for expected, found in zip(one, two, strict=True):
         assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
 
 
-@COLLOCATION
-def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar, method):
+def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar):
     active = {**MUSCLE, "activation": 0.7}
-    scenes.check_strong_rows(open_bar([SOFT, active], method=method))
+    scenes.check_strong_rows(open_bar([SOFT, active]))
 
 
 @pytest.mark.slow
-@COLLOCATION
-def test_layers_in_series_carry_the_same_force(open_bar, method):
+def test_layers_in_series_carry_the_same_force(open_bar):
     """Confined sides: P_xx is the same everywhere, to second order in the spacing."""
     errors = []
     for cells, width in ((8, 4), (16, 8)):
-        opened = open_bar([SOFT, STIFF], cells=(cells, 2, 2), method=method, width=width)
+        opened = open_bar([SOFT, STIFF], cells=(cells, 2, 2), width=width)
         stress = solved(opened).fields.cauchy[:, 0]
         errors.append(np.ptp(stress) / abs(stress.mean()))
     assert errors[1] < min(0.03, 0.4 * errors[0])
