@@ -116,12 +116,12 @@ def _every_form(
 
 
 def _forms_of(problem: Problem | Body) -> Callable[[Any], Sequence[Form]]:
-    """Forms of each size: collocation, whose cost grows fastest, at fewer sizes."""
+    """Forms of each size: collocation, whose cost grows fastest, at fewer sizes, of boxes only."""
     first, last = problem.sizes[0], problem.sizes[-1]
 
     def forms(size: Any) -> Sequence[Form]:
         if isinstance(problem, Body):
-            return _FORMS[:3] if size == first else _FORMS[:1]
+            return _FORMS[:2] if size == first else _FORMS[:1]
         if len(problem.sizes[0]) == 3 and size == last:
             return _FORMS[:2]
         return _FORMS

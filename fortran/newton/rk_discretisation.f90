@@ -5,7 +5,7 @@ module rk_discretisation
    use rk_coefficients, only : coefficient_at, moduli
    use rk_conditions, only : boundary_type
    use rk_equation, only : equation_type
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
    use rk_mixture, only : mixture_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -53,7 +53,8 @@ module rk_discretisation
       procedure :: set_displacement => entry_displacement
       !> Force through a plane section of the body
       procedure(section_interface), deferred :: section_force
-      procedure :: strain_energy, set_point_loads, renew
+      procedure :: strain_energy, set_point_loads
+      procedure(renew_interface), deferred :: renew
       procedure, non_overridable :: has_pressure
       procedure, non_overridable :: linear_place
       procedure, non_overridable :: at_point, largest_stress
@@ -61,6 +62,16 @@ module rk_discretisation
    end type discretisation_type
 
    abstract interface
+      !> Take other loads and material parameters from the scene of a nonlinear problem, whose
+      !> points, conditions and tissues are as they were; shape functions stay
+      subroutine renew_interface(self, materials, error)
+         import :: discretisation_type, error_type
+         class(discretisation_type), intent(inout) :: self
+         !> Material parameters have changed as well
+         logical, intent(in) :: materials
+         !> Error handling: what cannot be changed
+         type(error_type), allocatable, intent(out) :: error
+      end subroutine renew_interface
       function force_interface(self, set, state, share, about) result(force)
          import :: discretisation_type, field_state, wp
          class(discretisation_type), intent(in) :: self
@@ -317,20 +328,6 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
       end do
    end associate
 end subroutine set_point_loads
-
-!> Take other loads and material parameters from the scene, whose points, conditions and tissues are
-!> as they were; shape functions stay
-subroutine renew(self, materials, error)
-   class(discretisation_type), intent(inout) :: self
-   !> Material parameters have changed as well
-   logical, intent(in) :: materials
-   !> Error handling: a form that cannot
-   type(error_type), allocatable, intent(out) :: error
-
-   associate (unused => self, unused_too => materials)
-   end associate
-   call fatal_error(error, err_input, 'a linear problem cannot be changed: open another scene')
-end subroutine renew
 
 !> Whether a step turns material by a right angle or more somewhere, beyond which another solution
 !> than the one on the way may be met: a block that is stretched to six times its length can end

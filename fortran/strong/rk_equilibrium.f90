@@ -26,7 +26,7 @@ module rk_equilibrium
    use rk_conditions, only : boundary_type, new_boundary
    use rk_discretisation, only : deformation, gradients
    use rk_equation, only : source_at
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
    use rk_matrix, only : matrix_rows
    use rk_mixture, only : new_mixture
    use rk_modes, only : modes_type, new_modes
@@ -211,13 +211,9 @@ end subroutine set_extent
 subroutine renew(self, materials, error)
    class(equilibrium_problem), intent(inout) :: self
    logical, intent(in) :: materials
-   !> Error handling: contradicting conditions, a linear problem
+   !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
 
-   if (self%linear) then
-      call fatal_error(error, err_input, 'a linear problem cannot be changed: open another scene')
-      return
-   end if
    call new_boundary(self%boundary, self%scene, error)
    if (self%has_pressure() .and. materials) call set_extent(self)
 end subroutine renew

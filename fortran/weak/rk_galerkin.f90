@@ -240,10 +240,6 @@ subroutine renew(self, materials, error)
    real(wp), allocatable :: shear(:), softness(:)
    integer :: ip, nc
 
-   if (self%linear) then
-      call fatal_error(error, err_input, 'a linear problem cannot be changed: open another scene')
-      return
-   end if
    associate (scene => self%scene)
       if (materials) then
          do ip = 1, size(scene%tissue)

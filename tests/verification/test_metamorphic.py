@@ -107,6 +107,8 @@ def scene_of(seed: int, number: int) -> Case:
     kind = str(rng.choice(["box", "box", "annulus", "voxels"]))
     nd = {"annulus": 2, "voxels": 3}.get(kind) or int(rng.choice([2, 3]))
     method = str(rng.choice(METHODS, p=[0.3, 0.2, 0.2, 0.1, 0.2]))
+    if kind == "voxels":
+        method = method.replace("-mixed", "")
     strong = method.startswith("rkcm")
     size = np.round(rng.uniform(0.8, 2.5, nd), 3)
     source = rng.integers(4, 8 if strong else 12, 2)

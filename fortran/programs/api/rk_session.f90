@@ -72,6 +72,8 @@ subroutine update_session(slot, overrides, error)
    integer :: k
 
    call slot%deck%vary(overrides, deck, error)
+   if (slot%full%linear .and. .not. allocated(error)) call fatal_error(error, err_input, &
+      & 'a linear problem cannot be changed: open another scene')
    if (allocated(error)) return
    call new_scene(other, deck, slot%model, error)
    if (allocated(error)) return
