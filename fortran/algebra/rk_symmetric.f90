@@ -628,7 +628,7 @@ subroutine solve_near(self, given, system, b, x, report, found)
       report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
          & //'Cholesky factor'
       if (near%ready .and. .not. near%share > 0.0_wp) then
-         call iterate(b, exact, nint(tried*near%cost), x)
+         call iterate(b, exact, nint(tried*near%cost), x, foresees=.true.)
          if (found) return
       end if
       report%why = 'the tangent is large: minimal residuals with its Cholesky factor in single ' &
@@ -694,15 +694,16 @@ contains
       report%iterations = done
    end subroutine refine
 
-   subroutine iterate(right, tolerance, limit, solution, lanczos)
+   subroutine iterate(right, tolerance, limit, solution, lanczos, foresees)
       real(wp), contiguous, intent(in) :: right(:)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
       real(wp), contiguous, intent(inout) :: solution(:)
       real(wp), intent(inout), optional :: lanczos(:, :)
+      logical, intent(in), optional :: foresees
 
       call minres(system, right, tolerance, limit, solution, report%iterations, &
-         & report%backward_error, lanczos)
+         & report%backward_error, lanczos, foresees)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'
    end subroutine iterate
