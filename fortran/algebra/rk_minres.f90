@@ -23,6 +23,10 @@ module rk_minres
 
    !> Entries of a block of a sum
    integer, parameter :: block = 2048
+   !> Iterations by whose rate those that are needed are foreseen, and the part of a rate that is
+   !> too slow for sure [-]
+   integer, parameter :: seen = 3
+   real(wp), parameter :: sure = 0.7_wp
 
    abstract interface
       subroutine product_interface(self, x, y)
@@ -37,7 +41,7 @@ module rk_minres
 
 contains
 
-subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos)
+subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, foresees)
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
    real(wp), contiguous, intent(in) :: b(:)
@@ -52,6 +56,8 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos)
    !> Tridiagonal matrix of the iteration, whose eigenvalues are like those of P^-1 A: its diagonal
    !> and what stands beside it, shape (2, limit)
    real(wp), intent(inout), optional :: lanczos(:, :)
+   !> End as soon as the limit is not likely to suffice
+   logical, intent(in), optional :: foresees
    real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3
    integer :: i
@@ -120,6 +126,9 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos)
       eta = -s*eta
       reached = abs(eta)/first
       if (reached <= tolerance .or. .not. gamma > 0.0_wp) exit
+      if (present(foresees) .and. iterations >= seen) then
+         if (foresees .and. reached > tolerance**(sure*iterations/limit)) exit
+      end if
    end do
    iterations = min(iterations, limit)
 end subroutine minres

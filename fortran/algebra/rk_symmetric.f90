@@ -17,7 +17,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: symmetric_matrix, new_symmetric, preconditioned_type, solve_near
+   public :: symmetric_matrix, few_entries, new_symmetric, preconditioned_type, solve_near
 
    !> Factor of half as many digits, of the matrix between the roots of its diagonal
    type :: near_factor
@@ -61,8 +61,24 @@ module rk_symmetric
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
       procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
+      procedure :: nonzeros
       final :: free
    end type symmetric_matrix
+
+   !> Entries in the places of a matrix of which most are zero: pieces of columns that are not, in
+   !> the order in which a product takes them
+   type :: few_entries
+      !> Column and first row of each piece, shape (pieces)
+      integer, allocatable :: column(:), row(:)
+      !> Piece k is value(first(k)+1 : first(k+1)), shape (pieces + 1)
+      integer(i8), allocatable :: first(:)
+      !> Entries of the matrix before each piece, shape (pieces)
+      integer(i8), allocatable :: before(:)
+      !> Entries
+      real(wp), allocatable :: value(:)
+   contains
+      procedure :: put, product => product_of_pieces
+   end type few_entries
 
    !> A matrix and the factor of another one in the same places
    type, extends(symmetric_system) :: preconditioned_type
@@ -301,6 +317,106 @@ subroutine product_with(self, value, x, y)
    end do
 end subroutine product_with
 
+!> Those of other entries in the same places that are not zero
+function nonzeros(self, value) result(kept)
+   class(symmetric_matrix), intent(in) :: self
+   !> Entries, shape (entries)
+   real(wp), intent(in) :: value(:)
+   type(few_entries) :: kept
+   integer(i8) :: at, entries, k, l, last, pieces
+   integer :: b, c, i, j, pass
+
+   b = self%block
+   do pass = 1, 2
+      pieces = 0
+      entries = 0
+      do j = 1, self%n/b
+         k = self%above%offset(j) + 1
+         last = self%above%offset(j + 1)
+         at = 0
+         do while (k < last)
+            l = k
+            do while (l + 1 < last)
+               if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
+               l = l + 1
+            end do
+            do c = b*(j - 1) + 1, b*j
+               call keep(c, b*(self%above%index(k) - 1) + 1, at, b*int(l - k + 1))
+            end do
+            at = at + b*(l - k + 1)
+            k = l + 1
+         end do
+         i = b*(j - 1) + 1
+         do c = i, b*j
+            call keep(c, i, at, c - i)
+            call keep(c, c, at + c - i, 1)
+         end do
+      end do
+      if (pass == 2) exit
+      allocate (kept%column(pieces), kept%row(pieces), kept%before(pieces), kept%value(entries))
+      allocate (kept%first(pieces + 1), source=0_i8)
+   end do
+
+contains
+
+   !> Keep a piece of a column that is not zero
+   subroutine keep(column, row, above_it, length)
+      integer, intent(in) :: column, row
+      !> Entries of the column above it, and its own
+      integer(i8), intent(in) :: above_it
+      integer, intent(in) :: length
+      integer(i8) :: before
+
+      before = self%start(column) + above_it
+      if (all(abs(value(before + 1:before + length)) <= 0.0_wp)) return
+      pieces = pieces + 1
+      entries = entries + length
+      if (pass == 1) return
+      kept%column(pieces) = column
+      kept%row(pieces) = row
+      kept%before(pieces) = before
+      kept%first(pieces + 1) = entries
+      kept%value(kept%first(pieces) + 1:entries) = value(before + 1:before + length)
+   end subroutine keep
+
+end function nonzeros
+
+!> All entries, zero where none is kept
+subroutine put(self, value)
+   class(few_entries), intent(in) :: self
+   !> Entries of a matrix, shape (entries)
+   real(wp), intent(inout) :: value(:)
+   integer :: k
+
+   value = 0.0_wp
+   do k = 1, size(self%row)
+      associate (length => self%first(k + 1) - self%first(k))
+         value(self%before(k) + 1:self%before(k) + length) &
+            & = self%value(self%first(k) + 1:self%first(k + 1))
+      end associate
+   end do
+end subroutine put
+
+!> Product with a vector, to the bits of that of all entries
+subroutine product_of_pieces(self, x, y)
+   class(few_entries), intent(in) :: self
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, intent(inout) :: y(:)
+   integer :: k
+
+   y = 0.0_wp
+   do k = 1, size(self%row)
+      associate (c => self%column(k), i => self%row(k), at => self%first(k) + 1)
+         if (i == c) then
+            y(c) = y(c) + self%value(at)*x(c)
+         else
+            call add_column(int(self%first(k + 1) - self%first(k)), self%value(at:), x(i:), x(c), &
+               & y(i:), y(c))
+         end if
+      end associate
+   end do
+end subroutine product_of_pieces
+
 !> Some entries of a column above the diagonal, and of its row
 pure subroutine add_column(n, a, x, x_own, y, y_own)
    !> Entries
@@ -512,7 +628,7 @@ subroutine solve_near(self, given, system, b, x, report, found)
       report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
          & //'Cholesky factor'
       if (near%ready .and. .not. near%share > 0.0_wp) then
-         call iterate(b, exact, nint(tried*near%cost), x)
+         call iterate(b, exact, nint(tried*near%cost), x, foresees=.true.)
          if (found) return
       end if
       report%why = 'the tangent is large: minimal residuals with its Cholesky factor in single ' &
@@ -578,15 +694,16 @@ contains
       report%iterations = done
    end subroutine refine
 
-   subroutine iterate(right, tolerance, limit, solution, lanczos)
+   subroutine iterate(right, tolerance, limit, solution, lanczos, foresees)
       real(wp), contiguous, intent(in) :: right(:)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
       real(wp), contiguous, intent(inout) :: solution(:)
       real(wp), intent(inout), optional :: lanczos(:, :)
+      logical, intent(in), optional :: foresees
 
       call minres(system, right, tolerance, limit, solution, report%iterations, &
-         & report%backward_error, lanczos)
+         & report%backward_error, lanczos, foresees)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'
    end subroutine iterate
@@ -730,6 +847,9 @@ pure function reach_of(above, place) result(reach)
       end do
    end do
 end function reach_of
+
+
+
 
 !> Factor of half as many digits
 subroutine factorise(self, given, share)

@@ -29,6 +29,10 @@ module rk_acoustic
    !> What a bound must clear beyond what is asked, as eliminations end before the last digit, and
    !> stiffness that stands for a kept volume, both of the shear modulus [-]
    real(wp), parameter :: clearance = 0.02_wp, stiffening = 100.0_wp
+   !> Forms whose definiteness is tried, and how far from a bound of s the next one is while there
+   !> is none on its other side, of the shear modulus [-]
+   integer, parameter :: trials = 6
+   real(wp), parameter :: beyond = 0.1_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
    integer :: d
    real(wp), parameter :: around(directions) = [(pi*(d - 1)/directions, d=1, directions)]
@@ -100,8 +104,9 @@ end function least_acoustic
 
 !> Whether the eigenvalues of all acoustic tensors are above a level, by a bound that most points
 !> of a body reach and that costs a fraction of the search: the form C4 + s dcof F/dF is positive
-!> definite. Motions m N do not change the cofactors, so that any s will do; the one taken gives
-!> rotations the stiffness of a linear elastic solid
+!> definite. Motions m N do not change the cofactors, so that any s will do. The first one taken
+!> gives rotations the stiffness of a linear elastic solid; a motion that resists too little says
+!> on which side of it the others are
 pure logical function surely_above(nd, c4, f, rigid, level, modulus)
    !> Space dimension; in the plane directions and motions stay in it
    integer, intent(in) :: nd
@@ -116,8 +121,8 @@ pure logical function surely_above(nd, c4, f, rigid, level, modulus)
    !> Shear modulus at rest [stress]
    real(wp), intent(in) :: modulus
    real(wp) :: minors(3, 3, 3, 3), a(nd*nd, nd*nd), x(nd*nd, nd*nd), turn(3, 3)
-   real(wp) :: w(nd*nd), kept, resisted, length, cofactor(nd*nd), small
-   integer :: i, j, k, n
+   real(wp) :: w(nd*nd), kept, resisted, length, cofactor(nd*nd), s, low, high, lacking
+   integer :: i, j, k, n, trial
 
    surely_above = .false.
    if (.not. (abs(level) < huge(1.0_wp) .and. modulus > 0.0_wp)) return
@@ -142,7 +147,6 @@ pure logical function surely_above(nd, c4, f, rigid, level, modulus)
       length = length + dot_product(w, w)
    end do
    if (.not. abs(resisted) > 0.0_wp) return
-   a = a + (modulus*length - kept)/resisted*x
    if (rigid) then
       turn = 0.5_wp*cross(f, f)
       cofactor = reshape(turn(:nd, :nd), [n])
@@ -150,20 +154,64 @@ pure logical function surely_above(nd, c4, f, rigid, level, modulus)
          a(:, k) = a(:, k) + stiffening*modulus*cofactor(k)*cofactor
       end do
    end if
-   small = 0.0_wp
    do k = 1, n
       a(k, k) = a(k, k) - (level + clearance)*modulus
+   end do
+   s = (modulus*length - kept)/resisted
+   low = -huge(1.0_wp)
+   high = huge(1.0_wp)
+   do trial = 1, trials
+      call find_weak(a + s*x, w, lacking, surely_above)
+      if (surely_above) return
+      resisted = dot_product(w, matmul(x, w))
+      if (.not. abs(resisted) > 0.0_wp) return
+      if (resisted > 0.0_wp) then
+         low = max(low, s + lacking/resisted)
+         s = low + beyond*modulus
+      else
+         high = min(high, s + lacking/resisted)
+         s = high - beyond*modulus
+      end if
+      if (.not. low < high) return
+      if (low > -huge(1.0_wp) .and. high < huge(1.0_wp)) s = 0.5_wp*(low + high)
+   end do
+end function surely_above
+
+!> A motion that a symmetric form does not resist, where its Cholesky factor has a pivot that is
+!> not positive beyond rounding
+pure subroutine find_weak(form, motion, lacking, definite)
+   !> Its lower triangle counts
+   real(wp), intent(in) :: form(:, :)
+   !> Motion, shape (size(form, 1)), and what its stiffness lacks, where there is one
+   real(wp), intent(out) :: motion(:), lacking
+   !> There is none
+   logical, intent(out) :: definite
+   real(wp) :: a(size(form, 1), size(form, 1)), small
+   integer :: j, k, n
+
+   a = form
+   n = size(a, 1)
+   small = 0.0_wp
+   do k = 1, n
       small = max(small, epsilon(1.0_wp)*n*abs(a(k, k)))
    end do
-   ! Cholesky: all pivots are positive
+   motion = 0.0_wp
+   lacking = 0.0_wp
+   definite = .false.
    do k = 1, n
-      if (.not. a(k, k) > small) return
+      if (.not. a(k, k) > small) exit
       do j = k + 1, n
          a(j:, j) = a(j:, j) - a(j:, k)*(a(j, k)/a(k, k))
       end do
    end do
-   surely_above = .true.
-end function surely_above
+   definite = k > n
+   if (definite) return
+   lacking = small - a(k, k)
+   motion(k) = 1.0_wp
+   do j = k - 1, 1, -1
+      motion(j) = -dot_product(a(j + 1:k, j), motion(j + 1:k))/a(j, j)
+   end do
+end subroutine find_weak
 
 !> Two unit vectors across a direction
 pure subroutine sides_of(n, nd, side)

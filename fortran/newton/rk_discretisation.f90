@@ -57,7 +57,7 @@ module rk_discretisation
       procedure(renew_interface), deferred :: renew
       procedure, non_overridable :: has_pressure
       procedure, non_overridable :: linear_place
-      procedure, non_overridable :: at_point, largest_stress
+      procedure, non_overridable :: at_point, keep_places, largest_stress
       procedure, non_overridable :: unstrained
    end type discretisation_type
 
@@ -195,9 +195,29 @@ subroutine at_point(self, state, ip, local)
    type(point_state), intent(out) :: local
    real(wp) :: u(self%fields, self%shape%nq)
 
+   if (allocated(state%place)) then
+      local = state%place(ip)
+      return
+   end if
    call self%field(ip, state%x, 1 + self%scene%cloud%nd, u)
    call self%at_place(state, ip, self%scene%cloud%points(:, ip), u, local)
 end subroutine at_point
+
+!> Keep what the material does at the collocation points, for several questions about a state
+subroutine keep_places(self, state)
+   class(discretisation_type), intent(in) :: self
+   type(field_state), intent(inout) :: state
+   type(point_state), allocatable :: place(:)
+   integer :: ip
+
+   allocate (place(size(self%scene%cloud%points, 2)))
+   !$omp parallel do default(none) schedule(static) private(ip) shared(self, state, place)
+   do ip = 1, size(place)
+      call self%at_point(state, ip, place(ip))
+   end do
+   !$omp end parallel do
+   call move_alloc(place, state%place)
+end subroutine keep_places
 
 !> Stress and deformation at a place from the displacement there
 subroutine at_place(self, state, ip, x, u, local, other)

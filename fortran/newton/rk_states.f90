@@ -7,6 +7,25 @@ module rk_states
 
    public :: field_state, point_state
 
+   !> State of the material at one place
+   type :: point_state
+      !> Undeformed place [length]
+      real(wp) :: x(3) = 0.0_wp
+      !> Displacement [length]
+      real(wp) :: u(3) = 0.0_wp
+      !> Deformation gradient F(i, A) [-]
+      real(wp) :: f(3, 3) = 0.0_wp
+      !> Volume ratio [-]
+      real(wp) :: j = 1.0_wp
+      !> First Piola-Kirchhoff stress P(i, A) [stress]
+      real(wp) :: p(3, 3) = 0.0_wp
+      !> Cauchy stress [stress]
+      real(wp) :: cauchy(3, 3) = 0.0_wp
+      !> The same by other derivatives of the same displacements, where the form knows several: what
+      !> they differ by is part of the error
+      real(wp), allocatable :: other(:, :)
+   end type point_state
+
    !> A state of a discretised body. The form that made it can answer every question about it, in
    !> any order and beside other states.
    type :: field_state
@@ -35,25 +54,8 @@ module rk_states
       !> Where pressures are written with it: its curvature in each group, shape (nd, nd, groups)
       !> [stress/length^2]
       real(wp), allocatable :: bend(:, :, :)
+      !> States at the collocation points, shape (nc), where they are kept for several questions
+      type(point_state), allocatable :: place(:)
    end type field_state
-
-   !> State of the material at one place
-   type :: point_state
-      !> Undeformed place [length]
-      real(wp) :: x(3) = 0.0_wp
-      !> Displacement [length]
-      real(wp) :: u(3) = 0.0_wp
-      !> Deformation gradient F(i, A) [-]
-      real(wp) :: f(3, 3) = 0.0_wp
-      !> Volume ratio [-]
-      real(wp) :: j = 1.0_wp
-      !> First Piola-Kirchhoff stress P(i, A) [stress]
-      real(wp) :: p(3, 3) = 0.0_wp
-      !> Cauchy stress [stress]
-      real(wp) :: cauchy(3, 3) = 0.0_wp
-      !> The same by other derivatives of the same displacements, where the form knows several: what
-      !> they differ by is part of the error
-      real(wp), allocatable :: other(:, :)
-   end type point_state
 
 end module rk_states

@@ -27,6 +27,9 @@ module rk_ellipticity
       real(wp) :: max_j = 1.0_wp
    end type ellipticity_type
 
+   !> Points from one that is looked at to the next
+   integer, parameter :: apart = 16
+
 contains
 
 !> Find the worst point. The mixed form takes the material as incompressible, all forms where K is
@@ -41,8 +44,9 @@ subroutine find_ellipticity(problem, state, worst)
    type(layers_type) :: layers
    real(wp), allocatable :: least(:), j(:)
    real(wp) :: p(3, 3), c4(3, 3, 3, 3), modulus, floor
+   integer, allocatable :: order(:)
    logical :: fixed, mixed, layered
-   integer :: ip, k, nd
+   integer :: i, ip, k, nd
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
@@ -50,11 +54,14 @@ subroutine find_ellipticity(problem, state, worst)
       & worst%broken(size(problem%scene%cloud%points, 2)))
    least = huge(1.0_wp)
    floor = huge(1.0_wp)
+   ! from all over the body: the least is soon near, below which most of it is surely not
+   order = [((ip, ip=k, size(least), apart), k=1, apart)]
    ! what is surely above a thread's least is neither lost nor the worst: nothing depends on threads
-   !$omp parallel do default(none) schedule(static) private(ip, k, local, layers, layered, p, c4, &
-   !$omp& fixed, modulus) &
-   !$omp firstprivate(floor) shared(problem, state, worst, least, j, nd, mixed)
-   do ip = 1, size(least)
+   !$omp parallel do default(none) schedule(static) private(i, ip, k, local, layers, layered, p, &
+   !$omp& c4, fixed, modulus) &
+   !$omp firstprivate(floor) shared(problem, state, worst, least, j, nd, mixed, order)
+   do i = 1, size(order)
+      ip = order(i)
       call problem%at_point(state, ip, local)
       j(ip) = local%j
       worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))

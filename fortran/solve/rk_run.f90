@@ -287,6 +287,8 @@ subroutine find_imbalance(problem, outcome)
 
    outcome%peak = outcome%last
    if (.not. allocated(outcome%load)) return
+   ! once is enough
+   if (allocated(outcome%last%place)) deallocate (outcome%last%place)
    outcome%unstrained = .true.
    do k = 1, size(outcome%load)
       call problem%state(outcome%x(:, k), outcome%load(k), state)
@@ -294,7 +296,7 @@ subroutine find_imbalance(problem, outcome)
       if (.not. outcome%unstrained) exit
    end do
    k = judged_state(problem, outcome%x)
-   call problem%state(outcome%x(:, k), outcome%load(k), outcome%peak)
+   if (k < size(outcome%load)) call problem%state(outcome%x(:, k), outcome%load(k), outcome%peak)
    call set_forces(problem, outcome%peak, left, largest)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
@@ -407,6 +409,7 @@ subroutine step(self, st, x)
       call self%receiver%step(seen, x)
       return
    end if
+   call self%problem%keep_places(self%outcome%last)
    call find_ellipticity(self%problem, self%outcome%last, worst)
    self%outcome%seconds = self%outcome%seconds + tick(clock)
    if (.not. allocated(self%outcome%broken)) &

@@ -37,7 +37,7 @@ module rk_tangent
    use rk_shape, only : shape_type
    use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_stabilisation, only : stabilise
-   use rk_symmetric, only : new_symmetric, symmetric_matrix
+   use rk_symmetric, only : few_entries, new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
    implicit none
@@ -204,14 +204,15 @@ end subroutine keep_group
 !> Keep what pressures that follow the surface have added to the constant part
 subroutine keep_followers(self, constant)
    class(tangent_type), intent(inout) :: self
-   !> Entries of the constant part [force/length]
-   real(wp), intent(in) :: constant(:)
+   !> The constant part [force/length]
+   type(few_entries), intent(in) :: constant
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), whole(:)
 
    if (self%formed) return
    whole = self%value
-   self%value = whole - constant
+   call constant%put(self%value)
+   self%value = whole - self%value
    call self%compressed(start, column, value)
    call new_sparse_rows(self%followers, start, column, value)
    call move_alloc(whole, self%value)
@@ -251,15 +252,15 @@ end subroutine complete
 !> Product of the part that never changes with a vector
 subroutine constant_product(self, constant, x, y)
    class(tangent_type), intent(in) :: self
-   !> Entries of the constant part where the tangent is formed [force/length]
-   real(wp), contiguous, intent(in) :: constant(:)
+   !> The constant part where the tangent is formed [force/length]
+   type(few_entries), intent(in) :: constant
    !> Displacements, shape (n) [length]
    real(wp), contiguous, intent(in) :: x(:)
    !> Forces, shape (n) [force]
    real(wp), contiguous, intent(inout) :: y(:)
 
    if (self%formed) then
-      call self%product(constant, x, y)
+      call constant%product(x, y)
    else
       call supports_product(self, x, y)
    end if

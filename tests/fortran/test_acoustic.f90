@@ -31,11 +31,12 @@ subroutine test_bound(nd, rigid)
    !> The volume is kept
    logical, intent(in) :: rigid
    real(wp) :: c4(3, 3, 3, 3), f(3, 3), h(3, 3), noise(3, 3, 3, 3), pressure, level, least
-   integer :: i, j, k, l, bounded, wrong, missed
+   integer :: i, j, k, l, bounded, wrong, missed, stiff
 
    bounded = 0
    wrong = 0
    missed = 0
+   stiff = 0
    do k = 1, states
       call random_number(h)
       call random_number(noise)
@@ -61,6 +62,7 @@ subroutine test_bound(nd, rigid)
       ! a pressure changes no eigenvalue
       call add_cross_form(20.0_wp*shear*(pressure - 0.5_wp), f, c4)
       if (.not. surely_above(nd, c4, f, rigid, 0.7_wp, shear)) missed = missed + 1
+      if (surely_above(nd, 1.5_wp*c4, f, rigid, 1.2_wp, shear)) stiff = stiff + 1
       do j = 1, 3
          do i = 1, 3
             c4(:, :, i, j) = c4(:, :, i, j) + 0.4_wp*shear*(noise(:, :, i, j) - 0.5_wp)
@@ -75,6 +77,7 @@ subroutine test_bound(nd, rigid)
    call check('no eigenvalue is below what is surely so', wrong == 0)
    call check('something is surely above', bounded > states/20)
    call check('of an elastic solid under pressure most of its shear modulus is', missed < states/20)
+   call check('of one that has grown stiffer most of what it has now is', stiff > states/2)
 end subroutine test_bound
 
 end program test_acoustic

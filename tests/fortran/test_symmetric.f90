@@ -1,0 +1,116 @@
+!> Symmetric matrices: the few entries that a part of one has, and factors of envelopes on threads;
+!> TAP for `meson test`.
+program test_symmetric
+   use, intrinsic :: omp_lib, only : omp_set_num_threads
+   use rk_csr, only : csr_type
+   use rk_error, only : error_type
+   use rk_precision, only : i8, wp
+   use rk_single_envelope, only : envelope_type, new_envelope
+   use rk_symmetric, only : few_entries, new_symmetric, symmetric_matrix
+   use tap, only : check, finish
+   implicit none
+
+   call test_few
+   call test_factor
+   call finish()
+
+contains
+
+!> Products of a part to the last bit of those of all entries, and all entries again
+subroutine test_few
+   integer, parameter :: nodes = 60
+   type(symmetric_matrix) :: matrix
+   type(few_entries) :: part
+   type(csr_type) :: group
+   real(wp) :: x(3*nodes), y(3*nodes), z(3*nodes)
+   real(wp), allocatable :: again(:)
+   integer :: k
+
+   ! neighbours in a row of points, and their mirror images
+   allocate (group%offset(nodes/2 + 1), group%index(0))
+   group%offset(1) = 0
+   do k = 1, nodes/2
+      group%index = [group%index, k, k + 1, k + 2]
+      if (k < nodes/2 - 1) group%index = [group%index, nodes - k - 1, nodes - k, nodes - k + 1]
+      group%offset(k + 1) = size(group%index)
+   end do
+   call new_symmetric(matrix, 3, nodes, group)
+   call random_number(matrix%value)
+   call random_number(x)
+   do k = 1, size(matrix%value) - 6
+      if (modulo(k/7, 3) > 0) matrix%value(k) = 0.0_wp
+   end do
+   part = matrix%nonzeros(matrix%value)
+   call matrix%product(matrix%value, x, y)
+   call part%product(x, z)
+   call check('products to the last bit', .not. any(abs(y - z) > 0.0_wp))
+   call check('fewer entries', size(part%value) < size(matrix%value)*9/10)
+   allocate (again(size(matrix%value)), source=1.0_wp)
+   call part%put(again)
+   call check('all entries again', .not. any(abs(again - matrix%value) > 0.0_wp))
+end subroutine test_few
+
+!> A band over several blocks: the same factor on two threads, which solves, and the first minor
+!> that is not positive where there is one
+subroutine test_factor
+   integer, parameter :: n = 700, reach = 300
+   type(envelope_type) :: factor(2)
+   type(error_type), allocatable :: error
+   real(wp) :: x(n), b(n)
+   integer(i8), allocatable :: before(:)
+   integer :: c, i, minor, threads
+
+   do minor = 0, 645, 215
+      do threads = 1, 2
+         call omp_set_num_threads(threads)
+         call new_envelope(factor(threads), [(i, i=1, n)], [(max(1, i - reach), i=1, n)], error)
+         call factor(threads)%clear()
+         before = factor(threads)%columns()
+         do c = 1, n
+            do i = max(1, c - reach), c
+               factor(threads)%value(before(c) + i) = entry(i, c, minor)
+            end do
+         end do
+         call factor(threads)%factorise(error)
+         if (minor > 0) then
+            call check('not positive definite', allocated(error))
+            if (.not. allocated(error)) cycle
+            call check('its first minor', index(error%message, minor_text(minor)) > 0)
+         else
+            call check('positive definite', .not. allocated(error))
+         end if
+      end do
+      if (minor > 0) cycle
+      call check('the same bits on two threads', &
+         & .not. any(abs(factor(1)%value - factor(2)%value) > 0.0))
+      x = [(cos(real(i, wp)), i=1, n)]
+      b = 0.0_wp
+      do c = 1, n
+         do i = max(1, c - reach), c
+            b(i) = b(i) + entry(i, c, 0)*x(c)
+            if (i < c) b(c) = b(c) + entry(i, c, 0)*x(i)
+         end do
+      end do
+      call factor(2)%solve(b)
+      call check('its solution', maxval(abs(b - x)) < 1.0e-4_wp)
+   end do
+end subroutine test_factor
+
+!> Entry of a matrix whose diagonal prevails, but in one row
+pure real function entry(i, c, minor)
+   integer, intent(in) :: i, c, minor
+
+   entry = 0.1*sin(real(i + 3*c))
+   if (i == c) entry = merge(-100.0, 100.0, i == minor)
+end function entry
+
+pure function minor_text(minor) result(text)
+   integer, intent(in) :: minor
+   character(len=16) :: number
+   character(len=:), allocatable :: text
+
+   write (number, '(i0)') minor
+   text = 'minor '//trim(number)//' of'
+end function minor_text
+
+end program test_symmetric
