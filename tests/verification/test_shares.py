@@ -557,6 +557,21 @@ def test_a_stress_beside_a_plane_is_of_its_own_side(plane, near) -> None:
     assert found["near"] == pytest.approx(found["far"], rel=1e-3)
 
 
+def test_error_bars_beside_planes_cost_no_more_than_the_answer(tmp_path) -> None:
+    # places far from probes were asked for their stress, each of all integration points: 5 times
+    tables = gripped(
+        "rkpm-gauss", box(9, 7, 7),
+        [neo(10.0, 300.0, "soft"), neo(50.0, 1500.0, "stiff", where="x > 0.41 and z > 0.53")],
+        "x0 x1", "s cauchy_xx 0.2 0.25 0.25", u_x=0.1,
+    )  # fmt: skip
+    deck = scenes.deck_file(tmp_path / "deck.toml", tables)
+    spent = [
+        min(scenes.execute(deck, tmp_path / "out", "-q", *words)[0]["cpu_s"] for _ in range(2))
+        for words in (("--no-error",), ())
+    ]
+    assert spent[1] < 3 * spent[0]
+
+
 @pytest.mark.parametrize("plane", [0.375, 0.36])
 def test_groups_between_planes_have_a_mirror_image(plane) -> None:
     # of five spacings beyond a plane none of the two middle lines is the nearer one
