@@ -464,7 +464,7 @@ subroutine look(self, problem, run, answer, error)
    real(wp) :: apart(size(problem%scene%cloud%points, 2))
    real(wp), allocatable :: x(:, :)
    integer :: nearest(size(apart))
-   logical :: around(size(apart)), stressed
+   logical :: compared(size(apart)), stressed
    integer :: i, ip, k, n
 
    x = run%x(:, [(minloc(abs(run%step%load - answer%load(k)), dim=1), k=1, size(answer%load))])
@@ -476,6 +476,10 @@ subroutine look(self, problem, run, answer, error)
       ! changes which
       stressed = first%scene%method == 'rkpm-gauss' .and. any(self%seen%of_field(2, :) > 0.0_wp)
       if (stressed) nearest = nearest_points(first%scene%cloud%points, cloud%points)
+      compared = .false.
+      do i = 1, size(self%seen%change)
+         compared = compared .or. around(i)
+      end do
       call first%scene%shape_at(cloud%points, shape, error, first=.true.)
       if (allocated(error)) return
       most = 0.0_wp
@@ -490,7 +494,8 @@ subroutine look(self, problem, run, answer, error)
          do ip = 1, size(cloud%points, 2)
             call problem%at_point(state, ip, local)
             call shape%interpolate(ip, answer%x(:, k), 1, 1 + cloud%nd, u)
-            if (stressed) then
+            ! a stress between points is dear, and only those around probes are compared
+            if (compared(ip)) then
                call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
                apart(ip) = norm2(here%cauchy - local%cauchy)
             end if
@@ -508,17 +513,35 @@ subroutine look(self, problem, run, answer, error)
          most = max(most, [difference, total])
          self%difference(1, :, k) = sqrt(difference/sum(cloud%volume))
          do i = 1, size(self%seen%change)
-            if (.not. (stressed .and. self%seen%of_field(2, i) > 0.0_wp)) cycle
-            associate (place => problem%scene%probe(i)%point(:cloud%nd))
-               around = [(norm2(cloud%points(:, ip) - place), ip=1, size(apart))] &
-                  & < vicinity*maxval(cloud%spacing)
+            associate (near => around(i))
+               if (any(near)) self%difference(2, i, k) = size_of(pack(apart, near), &
+                  & pack(cloud%volume, near))
             end associate
-            self%difference(2, i, k) = size_of(pack(apart, around), pack(cloud%volume, around))
          end do
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
    self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
+
+contains
+
+   !> Places whose stresses are compared for a probe, none where it is of no stress
+   pure function around(i)
+      !> Probe
+      integer, intent(in) :: i
+      logical :: around(size(apart))
+      integer :: ip
+
+      around = .false.
+      if (.not. (stressed .and. self%seen%of_field(2, i) > 0.0_wp)) return
+      associate (cloud => problem%scene%cloud)
+         associate (place => problem%scene%probe(i)%point(:cloud%nd))
+            around = [(norm2(cloud%points(:, ip) - place), ip=1, size(apart))] &
+               & < vicinity*maxval(cloud%spacing)
+         end associate
+      end associate
+   end function around
+
 end subroutine look
 
 !> Without a step so far

@@ -12,11 +12,12 @@ module rk_run
    use rk_newton, only : newton_type
    use rk_newton_step, only : solve_linear
    use rk_precision, only : i8, wp
+   use rk_probes, only : kind_of_probe
    use rk_problem, only : evaluation_type, problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_reduced, only : new_motion
    use rk_reduced_motion, only : moving_problem, prepare
-   use rk_scene, only : scene_type
+   use rk_scene, only : last_part, scene_type
    use rk_states, only : field_state
    use rk_static, only : solve_static
    use rk_symmetric, only : symmetric_matrix
@@ -32,6 +33,8 @@ module rk_run
    !> States of a motion that are judged. They lie closer together towards the end, where errors are
    !> largest, and not at multiples of any period
    integer, parameter :: looks = 16
+   !> Distance within which an interface of two materials passes through a probe, in spacings [-]
+   real(wp), parameter :: beside = 1.0e-6_wp
    !> Source points across a body that are few: with two cells what groups exchange is a part of
    !> bending, so that its tangent is judged as it is
    integer, parameter :: few_points = 4
@@ -113,6 +116,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
 
    outcome%warnings = ''
    call warn_of_conditions(problem%scene, outcome, recorder)
+   call warn_of_interfaces(problem%scene, outcome, recorder)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
@@ -263,6 +267,47 @@ subroutine warn_of_conditions(scene, outcome, recorder)
       end associate
    end do
 end subroutine warn_of_conditions
+
+!> Warn of probes on an interface of materials that the deck gives by expressions, if what they
+!> measure may jump there
+subroutine warn_of_interfaces(scene, outcome, recorder)
+   type(scene_type), intent(in) :: scene
+   type(outcome_type), intent(inout) :: outcome
+   class(recorder_type), intent(inout) :: recorder
+   type(error_type), allocatable :: error
+   character(len=:), allocatable :: text
+   real(wp) :: high(scene%cloud%nd), low(scene%cloud%nd), reach, x(scene%cloud%nd)
+   integer :: d, found, i, other, own, side
+
+   if (size(scene%tissue) < 2) return
+   reach = beside*minval(scene%cloud%spacing)
+   low = minval(scene%cloud%points, dim=2)
+   high = maxval(scene%cloud%points, dim=2)
+   do i = 1, size(scene%probe)
+      if (.not. scene%probe(i)%at_a_place()) cycle
+      if (kind_of_probe(scene%probe(i)) == 'length') cycle
+      ! on a plane or a circle a place has the material beyond
+      x = scene%probe(i)%point(:size(x))
+      own = last_part(scene%tissue, merge(x*(1.0_wp + beside), x + reach, scene%cloud%polar), error)
+      other = own
+      do d = 1, size(x)
+         do side = -1, 1, 2
+            x = scene%probe(i)%point(:size(x))
+            x(d) = x(d) + side*reach
+            if (x(d) < low(d) .or. x(d) > high(d)) cycle
+            found = last_part(scene%tissue, x, error)
+            if (allocated(error)) return
+            if (found > 0 .and. found /= own) other = found
+         end do
+      end do
+      if (own == 0 .or. other == own) cycle
+      text = 'between those of the two'
+      if (allocated(scene%approximation%kink)) text = 'that in '//scene%tissue(own)%name
+      call outcome%warn('probe '//scene%probe(i)%name//' lies on the interface of ' &
+         & //scene%tissue(own)%name//' and '//scene%tissue(other)%name//', across which it may ' &
+         & //'jump: its value is '//text//'; move it into the material that is meant', recorder)
+   end do
+end subroutine warn_of_interfaces
 
 !> Keep a warning and report it
 subroutine warn(self, line, recorder)

@@ -840,17 +840,21 @@ pure integer function material_at(self, ip, x) result(at)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    logical, allocatable :: own_side(:)
+   real(wp) :: least, off
    integer :: k
 
    at = ip
    if (.not. allocated(self%scene%approximation%kink)) return
-   associate (points => self%scene%cloud%points)
-      if (all(beyond(x) .eqv. beyond(points(:, ip)))) return
-      own_side = [(all(beyond(x) .eqv. beyond(self%cells%point(:, k))), &
-         & k=1, size(self%cells%weight))]
-      at = size(points, 2) + minloc([(sum((self%cells%point(:, k) - x)**2), &
-         & k=1, size(own_side))], dim=1, mask=own_side)
-   end associate
+   own_side = beyond(x)
+   if (all(own_side .eqv. beyond(self%scene%cloud%points(:, ip)))) return
+   least = huge(1.0_wp)
+   do k = 1, size(self%cells%weight)
+      off = sum((self%cells%point(:, k) - x)**2)
+      if (off >= least) cycle
+      if (any(own_side .neqv. beyond(self%cells%point(:, k)))) cycle
+      least = off
+      at = size(self%scene%cloud%points, 2) + k
+   end do
 
 contains
 
@@ -863,7 +867,7 @@ contains
 
       associate (approximation => self%scene%approximation)
          beyond = [(approximation%across(k, place) - approximation%kink(k) &
-            & > -on_plane*maxval(self%scene%cloud%spacing), k=1, size(beyond))]
+            & > -on_plane*maxval(self%scene%cloud%spacing(:, 1)), k=1, size(beyond))]
       end associate
    end function beyond
 

@@ -553,6 +553,41 @@ def test_a_stress_beside_a_plane_is_of_its_own_side(plane, near) -> None:
     assert found["near"] == pytest.approx(found["far"], rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("border", "said"),
+    [("y > 0.5", "its value is that in stiff"), ("x + y > 1", "its value is between those")],
+)
+def test_a_stress_on_an_interface_says_whose_it_is(border, said) -> None:
+    tables = gripped(
+        "rkpm-gauss", box(5, 5), [neo(1.0, 4.0, "soft"), neo(10.0, 40.0, "stiff", where=border)],
+        "x0 x1", "on cauchy_xx 0.5 0.5", "beyond cauchy_xx 0.5 0.501", "moved u_x 0.5 0.5",
+        "end cauchy_xx 1 0", u_x=0.1,
+    )  # fmt: skip
+    found = solved(tables)
+    # an interface that ends in a corner of the body is one there
+    on = ["probe on", *(["probe end"] if "x" in border else [])]
+    assert [text.split(" lies")[0] for text in found.states.warnings] == on
+    assert all("interface of " in text and said in text for text in found.states.warnings)
+    if border == "y > 0.5":
+        assert found.last()["on"] == pytest.approx(found.last()["beyond"], rel=0.02)
+
+
+def test_error_bars_beside_planes_cost_no_more_than_the_answer(tmp_path) -> None:
+    # places far from probes were asked for their stress, each of all integration points: 5 times
+    where = "x > 0.796 and z > 0.601"
+    tables = gripped(
+        "rkpm-gauss", box(9, 7, 7, size=[1.5, 1.0, 1.0]),
+        [neo(10.0, 300.0, "soft"), neo(50.0, 1500.0, "stiff", where=where)], "x0 x1",
+        "low cauchy_xx 0.398 0.25 0.3005", "high cauchy_xx 1.148 0.75 0.8005", u_x=0.1,
+    )  # fmt: skip
+    deck = scenes.deck_file(tmp_path / "deck.toml", tables)
+    spent = [
+        min(scenes.execute(deck, tmp_path / "out", "-q", *words)[0]["cpu_s"] for _ in range(2))
+        for words in (("--no-error",), ())
+    ]
+    assert spent[1] < 3 * spent[0]
+
+
 @pytest.mark.parametrize("plane", [0.375, 0.36])
 def test_groups_between_planes_have_a_mirror_image(plane) -> None:
     # of five spacings beyond a plane none of the two middle lines is the nearer one
