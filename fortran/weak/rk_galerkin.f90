@@ -37,6 +37,7 @@ module rk_galerkin
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
+   use rk_slides, only : slide_motion, slides_on
    use rk_stabilisation, only : bulk_within, judged_share, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
@@ -945,8 +946,10 @@ function set_force(self, set, state, share, about) result(force)
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
    type(error_type), allocatable :: error
-   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
+   real(wp), allocatable :: motion(:), value(:, :, :), traction(:, :, :)
    logical, allocatable :: essential(:, :)
+   real(wp) :: push(3)
+   integer :: i, side, slide
 
    associate (unused => share)
    end associate
@@ -955,6 +958,20 @@ function set_force(self, set, state, share, about) result(force)
       & traction, error, state%load)
    force = self%surface%force(self%cells, set, state, value, traction, about)
    if (allocated(self%held)) force = force + self%held%force(set, state%held, state%x, about)
+   if (present(about) .or. set > self%scene%cloud%sides()) return
+   do slide = 1, self%scene%cloud%sides()
+      i = slides_on(self%scene%cloud, self%surface, self%cells, slide)
+      if (i == 0) cycle
+      do side = 1, self%scene%cloud%sides()
+         if (set /= slide .and. set /= side) cycle
+         motion = slide_motion(self%scene%cloud, self%surface, self%cells, slide, i, side)
+         if (.not. any(abs(motion) > 0.0_wp)) cycle
+         push = self%surface%force(self%cells, side, state, value, traction, motion=motion)
+         if (allocated(self%held)) push = push + self%held%force(side, state%held, state%x, &
+            & motion=motion)
+         force(i) = force(i) + merge(push(i), -push(i), set == slide)
+      end do
+   end do
 end function set_force
 
 !> Displacement of the middle of a set: of a part of the surface that of its integration points, of

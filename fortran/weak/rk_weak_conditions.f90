@@ -328,9 +328,10 @@ subroutine add_load(shape, weight, load, force)
 end subroutine add_load
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves;
-!> or its moment where the set has moved to: what does work when it turns there
-function set_force(self, cells, set, state, value, traction, about) result(force)
-   class(surface_type), intent(in) :: self
+!> or its moment where the set has moved to: what does work when it turns there; or its work in a
+!> motion of the source points
+function set_force(self, cells, set, state, value, traction, about, motion) result(force)
+   class(surface_type), target, intent(in) :: self
    type(cells_type), intent(in) :: cells
    !> Boundary set
    integer, intent(in) :: set
@@ -340,6 +341,10 @@ function set_force(self, cells, set, state, value, traction, about) result(force
    real(wp), intent(in), optional :: value(:, :, :), traction(:, :, :)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
+   !> Motion of each source point, shape (ns) [-]
+   real(wp), intent(in), optional :: motion(:)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    real(wp) :: force(3), own(3), arm(3), u(3)
    integer :: nd, s
 
@@ -347,7 +352,7 @@ function set_force(self, cells, set, state, value, traction, about) result(force
    force = 0.0_wp
    do s = 1, size(cells%set)
       if (.not. cells%in_set(s, set)) cycle
-      own = merge(0.0_wp, force, present(about))
+      own = merge(0.0_wp, force, present(about) .or. present(motion))
       if (present(value)) then
          call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), own, u)
       else
@@ -358,6 +363,9 @@ function set_force(self, cells, set, state, value, traction, about) result(force
          arm = u - about
          arm(:nd) = arm(:nd) + cells%surface(:, s)
          own = force + vector_product(arm, own)
+      else if (present(motion)) then
+         call self%shape%row(s, nodes, values)
+         own = force + dot_product(values(1, :), motion(nodes))*own
       end if
       force = own
    end do

@@ -142,11 +142,13 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
 
 
 @pytest.mark.parametrize(("tube", "source", "bound"), [
-    (TUBE, [5, 26], 1.2e-4), (STIFF, [5, 26], 1.2e-4), ((1.0, 3.0, 0.7, 1e3), [9, 17], 7e-5),
-    ((10.0, 11.0, 2.0, 1e4), [5, 51], 4e-5),
+    (TUBE, [5, 26], 3e-5), (STIFF, [5, 26], 3e-5), ((1.0, 3.0, 0.7, 1e3), [9, 17], 3e-5),
+    ((10.0, 11.0, 2.0, 1e4), [5, 51], 5e-6),
 ])  # fmt: skip
 def test_force_of_few_points(tube, source, bound):
-    """What presses on the bore is carried by the cut."""
+    """What presses on the bore is carried by the cut. As the work of the cut alone, which jumps
+    where it meets the bore, the forces are 3 to 7 times as far off.
+    """
     tables = sized_tables(tube_deck(*tube), source)
     tables["probe"] = [force("force", "x", "x0")]
     exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
