@@ -35,6 +35,9 @@ module rk_states
       !> Where pressures are written with it: its curvature in each group, shape (nd, nd, groups)
       !> [stress/length^2]
       real(wp), allocatable :: bend(:, :, :)
+      !> Where walls have their stress from them: forces of the supports on source points, shape
+      !> (nd, ns) [force]
+      real(wp), allocatable :: push(:, :)
    end type field_state
 
    !> State of the material at one place

@@ -45,6 +45,7 @@ module rk_galerkin
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
+   use rk_walls, only : new_walls, walls_type
    use rk_weak_conditions, only : add_load, new_pins, prescribed_at, set_conditions, &
       & surface_type
    implicit none
@@ -67,6 +68,8 @@ module rk_galerkin
       type(recovery_type) :: recovery
       !> Stress on free faces; not allocated where the form has it well by itself
       type(free_faces_type), allocatable :: faces
+      !> Stress on walls; not allocated where supports say nothing better of it
+      type(walls_type), allocatable :: walls
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
       real(wp), allocatable :: local_bulk(:), bulk(:)
@@ -163,6 +166,13 @@ subroutine new_galerkin(self, scene, error)
       call new_free_faces(self%faces, scene, error)
    end if
    if (allocated(error)) return
+   if (allocated(self%pressure%share) .and. allocated(scene%cloud%lattice) &
+      & .and. .not. (self%linear .or. allocated(scene%motion) .or. scene%cloud%jittered)) then
+      allocate (self%walls)
+      call new_walls(self%walls, scene, self%cells, self%surface, error)
+      if (allocated(error)) return
+      if (.not. any(self%walls%side)) deallocate (self%walls)
+   end if
    if (scene%galerkin%essential == 'transformation') call hold_points(self, error)
    if (allocated(error)) return
    self%energetic = self%multiplier%extra == 0 .and. .not. (allocated(self%held) .or. self%linear)
@@ -274,6 +284,8 @@ subroutine renew(self, materials, error)
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
       end if
+      if (allocated(self%walls)) call new_walls(self%walls, scene, self%cells, self%surface, error)
+      if (allocated(error)) return
       if (allocated(self%held)) call hold_points(self, error)
       if (allocated(error)) return
    end associate
@@ -302,6 +314,8 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
          & + size(self%held%x, 2)])
       return
    end if
+   ! between the points nothing is prescribed
+   if (allocated(self%walls)) deallocate (self%walls)
    self%scene%body_force = body_force
    call self%surface%set_varying(self%cells, displacement(:, np + 1:), stress(:, :, np + 1:))
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
@@ -653,14 +667,17 @@ recursive subroutine state(self, x, load, at, tissue)
    !$omp end parallel do
    if (allocated(self%pressure%share)) at%bend = self%pressure%bends(at%pressure)
    if (present(tissue)) call move_alloc(part, at%part)
-   if (.not. allocated(self%held)) return
-   if (present(tissue)) then
+   if (allocated(self%held) .and. present(tissue)) then
       call self%state(x, load, whole)
       at%held = whole%held*spread([(self%mixture%part_of(nc + self%held%nearest(q), tissue), &
          & q=1, size(whole%held, 2))], 1, size(whole%held, 1))
-   else
+   else if (allocated(self%held)) then
       at%held = self%held%reaction(forces(self, at))
    end if
+   if (present(tissue) .or. .not. allocated(self%walls)) return
+   allocate (at%push(self%fields, size(self%scene%cloud%source, 2)), source=0.0_wp)
+   call self%surface%add_push(self%cells, self%walls%side, at, at%push)
+   if (allocated(self%held)) call self%held%add_push(self%walls%side, at%held, at%push)
 end subroutine state
 
 !> Internal less external forces of a state
@@ -824,6 +841,15 @@ subroutine at_place(self, state, ip, x, u, local, other)
    call here%stress(1, local%f, state%load, local%p, volumetric=.false.)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
+   if (allocated(state%push)) then
+      i = self%walls%find(self%scene, ip, x)
+      if (i == 0) return
+      slope = local%f
+      call self%walls%follow(i, state%factor, slope)
+      call self%walls%release(i, here, state%load, slope, local, &
+         & self%walls%traction(i, state%push))
+      return
+   end if
    if (.not. allocated(self%faces) .or. state%tissue > 0) return
    i = self%faces%find(self%scene, ip, x)
    if (i == 0) return

@@ -57,7 +57,7 @@ module rk_held
       !> Stiffness under them
       type(constrained_matrix) :: whole
    contains
-      procedure :: set, resist, constrain, reaction, force => set_force
+      procedure :: set, resist, constrain, reaction, add_push, force => set_force
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
@@ -315,6 +315,33 @@ function reaction(self, f) result(force)
 
    force = unpack(self%rows%multipliers(f), self%row > 0, 0.0_wp)
 end function reaction
+
+!> Add the forces of the supports on the source points of some sides; sides that hold the same
+!> component of a point have equal parts in it
+subroutine add_push(self, side, held, push)
+   class(held_type), target, intent(in) :: self
+   !> Sides, shape (sides)
+   logical, intent(in) :: side(:)
+   !> Forces on held points, shape (fields, nh) [force]
+   real(wp), intent(in) :: held(:, :)
+   !> Forces, shape (fields, ns) [force]
+   real(wp), intent(inout) :: push(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: e, i, k
+
+   do e = 1, size(self%at%set)
+      if (.not. side(self%at%set(e))) cycle
+      call self%points%shape%row(self%place(e), nodes, values)
+      do i = 1, size(held, 1)
+         if (.not. self%by(i, e)) cycle
+         do k = 1, size(nodes)
+            push(i, nodes(k)) = push(i, nodes(k)) + values(1, k)*held(i, self%place(e)) &
+               & /count(self%by(i, :) .and. self%place == self%place(e))
+         end do
+      end do
+   end do
+end subroutine add_push
 
 !> Force of the supports through a boundary set, or its moment where the set has moved to, or its
 !> work in a motion of the source points; sets that hold the same component of a point have equal

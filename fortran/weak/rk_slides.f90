@@ -2,9 +2,9 @@
 !> component.
 !>
 !> Forces of supports that do work in a motion of source points are as exact as the energy. A motion
-!> of one side alone jumps in the corner instead, and the force errs there by the penalty and by what
-!> lifted values do not reproduce. The motion taken here goes on over the other side, where neither
-!> constant nor linear tractions do work in it: what remains is the force of the slide.
+!> of one side alone jumps in the corner instead, and the force errs there by the penalty and by
+!> what lifted values do not reproduce. The motion taken here goes on over the other side, where
+!> neither constant nor linear tractions do work in it: what remains is the force of the slide.
 module rk_slides
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type

@@ -44,7 +44,7 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
-      procedure :: set_varying, set_penalty, add_penalty, add_forces, held_energy
+      procedure :: set_varying, set_penalty, add_penalty, add_forces, add_push, held_energy
       procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
@@ -370,6 +370,32 @@ function set_force(self, cells, set, state, value, traction, about, motion) resu
       force = own
    end do
 end function set_force
+
+!> Add the forces of supports on the source points of some sides
+subroutine add_push(self, cells, side, state, push)
+   class(surface_type), target, intent(in) :: self
+   type(cells_type), intent(in) :: cells
+   !> Sides, shape (sides)
+   logical, intent(in) :: side(:)
+   type(field_state), intent(in) :: state
+   !> Forces, shape (fields, ns) [force]
+   real(wp), intent(inout) :: push(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp) :: force(3), u(3)
+   integer :: k, s
+
+   do s = 1, size(cells%set)
+      if (.not. side(cells%set(s))) cycle
+      force = 0.0_wp
+      call add_point_force(self, cells, s, state, self%held_at(s, state), &
+         & by_factors(self%traction(:, :, s), state%factor), force, u)
+      call self%shape%row(s, nodes, values)
+      do k = 1, size(nodes)
+         push(:, nodes(k)) = push(:, nodes(k)) + values(1, k)*force(:size(push, 1))
+      end do
+   end do
+end subroutine add_push
 
 !> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
 pure function held_at(self, s, state) result(u)
