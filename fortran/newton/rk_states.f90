@@ -56,6 +56,9 @@ module rk_states
       real(wp), allocatable :: bend(:, :, :)
       !> States at the collocation points, shape (nc), where they are kept for several questions
       type(point_state), allocatable :: place(:)
+      !> Where walls have their stress from them: forces of the supports on source points, shape
+      !> (nd, ns) [force]
+      real(wp), allocatable :: push(:, :)
    end type field_state
 
 end module rk_states

@@ -230,8 +230,8 @@ pure subroutine smooth(self, i, x, h)
    end do
 end subroutine smooth
 
-!> Stress without traction; it stays what it is where none is found
-subroutine release(self, i, mixture, load, f, local)
+!> Stress under a traction, none by default; it stays what it is where none is found
+subroutine release(self, i, mixture, load, f, local, traction)
    class(free_faces_type), intent(in) :: self
    integer, intent(in) :: i
    !> Mixture of the place
@@ -242,6 +242,8 @@ subroutine release(self, i, mixture, load, f, local)
    real(wp), intent(in) :: f(3, 3)
    !> State there, of which P and the Cauchy stress are set
    type(point_state), intent(inout) :: local
+   !> Force per area at rest [stress]
+   real(wp), intent(in), optional :: traction(3)
    real(wp) :: c4(3, 3, 3, 3), g(3, 3), p(3, 3), slope(3, 3), step(3)
    integer :: a, b, k, nd
 
@@ -263,6 +265,7 @@ subroutine release(self, i, mixture, load, f, local)
          if (.not. determinant(slope) > 0.0_wp) return
          step = 0.0_wp
          step(:nd) = -matmul(p(:nd, :), normal)
+         if (present(traction)) step(:nd) = step(:nd) + traction(:nd)
          step = matmul(transpose(cofactor(slope)), step)/determinant(slope)
          if (k > 1 .and. norm2(step) <= exact) then
             local%p = p

@@ -37,6 +37,7 @@ module rk_galerkin
    use rk_recovery, only : new_recovery, recovery_type
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
+   use rk_slides, only : slide_motion, slides_on
    use rk_stabilisation, only : bulk_within, judged_share, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
@@ -44,6 +45,7 @@ module rk_galerkin
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
+   use rk_walls, only : new_walls, walls_type
    use rk_weak_conditions, only : add_load, new_pins, prescribed_at, set_conditions, &
       & surface_type
    implicit none
@@ -66,6 +68,8 @@ module rk_galerkin
       type(recovery_type) :: recovery
       !> Stress on free faces; not allocated where the form has it well by itself
       type(free_faces_type), allocatable :: faces
+      !> Stress on walls; not allocated where supports say nothing better of it
+      type(walls_type), allocatable :: walls
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
       real(wp), allocatable :: local_bulk(:), bulk(:)
@@ -162,6 +166,13 @@ subroutine new_galerkin(self, scene, error)
       call new_free_faces(self%faces, scene, error)
    end if
    if (allocated(error)) return
+   if (allocated(self%pressure%share) .and. allocated(scene%cloud%lattice) &
+      & .and. .not. (self%linear .or. allocated(scene%motion) .or. scene%cloud%jittered)) then
+      allocate (self%walls)
+      call new_walls(self%walls, scene, self%cells, self%surface, error)
+      if (allocated(error)) return
+      if (.not. any(self%walls%side)) deallocate (self%walls)
+   end if
    if (scene%galerkin%essential == 'transformation') call hold_points(self, error)
    if (allocated(error)) return
    self%energetic = self%multiplier%extra == 0 .and. .not. (allocated(self%held) .or. self%linear)
@@ -269,6 +280,8 @@ subroutine renew(self, materials, error)
          call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
             & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
       end if
+      if (allocated(self%walls)) call new_walls(self%walls, scene, self%cells, self%surface, error)
+      if (allocated(error)) return
       if (allocated(self%held)) call hold_points(self, error)
       if (allocated(error)) return
    end associate
@@ -297,6 +310,8 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
          & + size(self%held%x, 2)])
       return
    end if
+   ! between the points nothing is prescribed
+   if (allocated(self%walls)) deallocate (self%walls)
    self%scene%body_force = body_force
    call self%surface%set_varying(self%cells, displacement(:, np + 1:), stress(:, :, np + 1:))
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
@@ -648,14 +663,17 @@ recursive subroutine state(self, x, load, at, tissue)
    !$omp end parallel do
    if (allocated(self%pressure%share)) at%bend = self%pressure%bends(at%pressure)
    if (present(tissue)) call move_alloc(part, at%part)
-   if (.not. allocated(self%held)) return
-   if (present(tissue)) then
+   if (allocated(self%held) .and. present(tissue)) then
       call self%state(x, load, whole)
       at%held = whole%held*spread([(self%mixture%part_of(nc + self%held%nearest(q), tissue), &
          & q=1, size(whole%held, 2))], 1, size(whole%held, 1))
-   else
+   else if (allocated(self%held)) then
       at%held = self%held%reaction(forces(self, at))
    end if
+   if (present(tissue) .or. .not. allocated(self%walls)) return
+   allocate (at%push(self%fields, size(self%scene%cloud%source, 2)), source=0.0_wp)
+   call self%surface%add_push(self%cells, self%walls%side, at, at%push)
+   if (allocated(self%held)) call self%held%add_push(self%walls%side, at%held, at%push)
 end subroutine state
 
 !> Internal less external forces of a state
@@ -819,6 +837,15 @@ subroutine at_place(self, state, ip, x, u, local, other)
    call here%stress(1, local%f, state%load, local%p, volumetric=.false.)
    local%p = local%p + 0.5_wp*pressure*cross(local%f, local%f)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
+   if (allocated(state%push)) then
+      i = self%walls%find(self%scene, ip, x)
+      if (i == 0) return
+      slope = local%f
+      call self%walls%follow(i, state%factor, slope)
+      call self%walls%release(i, here, state%load, slope, local, &
+         & self%walls%traction(i, state%push))
+      return
+   end if
    if (.not. allocated(self%faces) .or. state%tissue > 0) return
    i = self%faces%find(self%scene, ip, x)
    if (i == 0) return
@@ -945,8 +972,10 @@ function set_force(self, set, state, share, about) result(force)
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
    type(error_type), allocatable :: error
-   real(wp), allocatable :: value(:, :, :), traction(:, :, :)
+   real(wp), allocatable :: motion(:), value(:, :, :), traction(:, :, :)
    logical, allocatable :: essential(:, :)
+   real(wp) :: push(3)
+   integer :: i, side, slide
 
    associate (unused => share)
    end associate
@@ -955,6 +984,20 @@ function set_force(self, set, state, share, about) result(force)
       & traction, error, state%load)
    force = self%surface%force(self%cells, set, state, value, traction, about)
    if (allocated(self%held)) force = force + self%held%force(set, state%held, state%x, about)
+   if (present(about) .or. set > self%scene%cloud%sides()) return
+   do slide = 1, self%scene%cloud%sides()
+      i = slides_on(self%scene%cloud, self%surface, self%cells, slide)
+      if (i == 0) cycle
+      do side = 1, self%scene%cloud%sides()
+         if (set /= slide .and. set /= side) cycle
+         motion = slide_motion(self%scene%cloud, self%surface, self%cells, slide, i, side)
+         if (.not. any(abs(motion) > 0.0_wp)) cycle
+         push = self%surface%force(self%cells, side, state, value, traction, motion=motion)
+         if (allocated(self%held)) push = push + self%held%force(side, state%held, state%x, &
+            & motion=motion)
+         force(i) = force(i) + merge(push(i), -push(i), set == slide)
+      end do
+   end do
 end function set_force
 
 !> Displacement of the middle of a set: of a part of the surface that of its integration points, of

@@ -57,7 +57,7 @@ module rk_held
       !> Stiffness under them
       type(constrained_matrix) :: whole
    contains
-      procedure :: set, resist, constrain, reaction, force => set_force
+      procedure :: set, resist, constrain, reaction, add_push, force => set_force
    end type held_type
 
    !> Resistance of a row in shear moduli, and in bulk moduli beside it, over spacing: more takes
@@ -316,10 +316,38 @@ function reaction(self, f) result(force)
    force = unpack(self%rows%multipliers(f), self%row > 0, 0.0_wp)
 end function reaction
 
-!> Force of the supports through a boundary set, or its moment where the set has moved to; sets that
-!> hold the same component of a point have equal parts in it
-pure function set_force(self, set, held, x, about) result(force)
-   class(held_type), intent(in) :: self
+!> Add the forces of the supports on the source points of some sides; sides that hold the same
+!> component of a point have equal parts in it
+subroutine add_push(self, side, held, push)
+   class(held_type), target, intent(in) :: self
+   !> Sides, shape (sides)
+   logical, intent(in) :: side(:)
+   !> Forces on held points, shape (fields, nh) [force]
+   real(wp), intent(in) :: held(:, :)
+   !> Forces, shape (fields, ns) [force]
+   real(wp), intent(inout) :: push(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: e, i, k
+
+   do e = 1, size(self%at%set)
+      if (.not. side(self%at%set(e))) cycle
+      call self%points%shape%row(self%place(e), nodes, values)
+      do i = 1, size(held, 1)
+         if (.not. self%by(i, e)) cycle
+         do k = 1, size(nodes)
+            push(i, nodes(k)) = push(i, nodes(k)) + values(1, k)*held(i, self%place(e)) &
+               & /count(self%by(i, :) .and. self%place == self%place(e))
+         end do
+      end do
+   end do
+end subroutine add_push
+
+!> Force of the supports through a boundary set, or its moment where the set has moved to, or its
+!> work in a motion of the source points; sets that hold the same component of a point have equal
+!> parts in it
+function set_force(self, set, held, x, about, motion) result(force)
+   class(held_type), target, intent(in) :: self
    !> Boundary set
    integer, intent(in) :: set
    !> Forces on held points, shape (fields, nh) [force]
@@ -327,6 +355,10 @@ pure function set_force(self, set, held, x, about) result(force)
    real(wp), intent(in) :: x(:)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
+   !> Motion of each source point, shape (ns) [-]
+   real(wp), intent(in), optional :: motion(:)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    real(wp) :: force(3), own(3), arm(3), u(size(held, 1), self%points%shape%nq)
    integer :: e, i
 
@@ -346,6 +378,9 @@ pure function set_force(self, set, held, x, about) result(force)
             arm(:size(u, 1)) = arm(:size(u, 1)) + u(:, 1)
          end associate
          own = vector_product(arm, own)
+      else if (present(motion)) then
+         call self%points%shape%row(self%place(e), nodes, values)
+         own = dot_product(values(1, :), motion(nodes))*own
       end if
       force = force + own
    end do

@@ -44,7 +44,7 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
-      procedure :: set_varying, set_penalty, add_penalty, add_forces, held_energy
+      procedure :: set_varying, set_penalty, add_penalty, add_forces, add_push, held_energy
       procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
@@ -328,9 +328,10 @@ subroutine add_load(shape, weight, load, force)
 end subroutine add_load
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves;
-!> or its moment where the set has moved to: what does work when it turns there
-function set_force(self, cells, set, state, value, traction, about) result(force)
-   class(surface_type), intent(in) :: self
+!> or its moment where the set has moved to: what does work when it turns there; or its work in a
+!> motion of the source points
+function set_force(self, cells, set, state, value, traction, about, motion) result(force)
+   class(surface_type), target, intent(in) :: self
    type(cells_type), intent(in) :: cells
    !> Boundary set
    integer, intent(in) :: set
@@ -340,6 +341,10 @@ function set_force(self, cells, set, state, value, traction, about) result(force
    real(wp), intent(in), optional :: value(:, :, :), traction(:, :, :)
    !> Point about which the moment is wanted [length]
    real(wp), intent(in), optional :: about(3)
+   !> Motion of each source point, shape (ns) [-]
+   real(wp), intent(in), optional :: motion(:)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
    real(wp) :: force(3), own(3), arm(3), u(3)
    integer :: nd, s
 
@@ -347,7 +352,7 @@ function set_force(self, cells, set, state, value, traction, about) result(force
    force = 0.0_wp
    do s = 1, size(cells%set)
       if (.not. cells%in_set(s, set)) cycle
-      own = merge(0.0_wp, force, present(about))
+      own = merge(0.0_wp, force, present(about) .or. present(motion))
       if (present(value)) then
          call add_point_force(self, cells, s, state, value(1, :, s), traction(1, :, s), own, u)
       else
@@ -358,10 +363,39 @@ function set_force(self, cells, set, state, value, traction, about) result(force
          arm = u - about
          arm(:nd) = arm(:nd) + cells%surface(:, s)
          own = force + vector_product(arm, own)
+      else if (present(motion)) then
+         call self%shape%row(s, nodes, values)
+         own = force + dot_product(values(1, :), motion(nodes))*own
       end if
       force = own
    end do
 end function set_force
+
+!> Add the forces of supports on the source points of some sides
+subroutine add_push(self, cells, side, state, push)
+   class(surface_type), target, intent(in) :: self
+   type(cells_type), intent(in) :: cells
+   !> Sides, shape (sides)
+   logical, intent(in) :: side(:)
+   type(field_state), intent(in) :: state
+   !> Forces, shape (fields, ns) [force]
+   real(wp), intent(inout) :: push(:, :)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp) :: force(3), u(3)
+   integer :: k, s
+
+   do s = 1, size(cells%set)
+      if (.not. side(cells%set(s))) cycle
+      force = 0.0_wp
+      call add_point_force(self, cells, s, state, self%held_at(s, state), &
+         & by_factors(self%traction(:, :, s), state%factor), force, u)
+      call self%shape%row(s, nodes, values)
+      do k = 1, size(nodes)
+         push(:, nodes(k)) = push(:, nodes(k)) + values(1, k)*force(:size(push, 1))
+      end do
+   end do
+end subroutine add_push
 
 !> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
 pure function held_at(self, s, state) result(u)

@@ -14,7 +14,7 @@ from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held
 from benchmarks.truths.finite_elements import solve_deck
 from benchmarks.truths.tubes import tube_deck, wall_stresses
-from benchmarks.unseen import known
+from benchmarks.unseen import known, problem_of
 from benchmarks.unseen_maps import TRUTHS, body_of
 from benchmarks.unseen_maps import solved as solved_map
 from benchmarks.voxel_bodies import BODIES, Body, body_cloud, box_tables
@@ -142,11 +142,13 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
 
 
 @pytest.mark.parametrize(("tube", "source", "bound"), [
-    (TUBE, [5, 26], 1.2e-4), (STIFF, [5, 26], 1.2e-4), ((1.0, 3.0, 0.7, 1e3), [9, 17], 7e-5),
-    ((10.0, 11.0, 2.0, 1e4), [5, 51], 4e-5),
+    (TUBE, [5, 26], 3e-5), (STIFF, [5, 26], 3e-5), ((1.0, 3.0, 0.7, 1e3), [9, 17], 3e-5),
+    ((10.0, 11.0, 2.0, 1e4), [5, 51], 5e-6),
 ])  # fmt: skip
 def test_force_of_few_points(tube, source, bound):
-    """What presses on the bore is carried by the cut."""
+    """What presses on the bore is carried by the cut. As the work of the cut alone, which jumps
+    where it meets the bore, the forces are 3 to 7 times as far off.
+    """
     tables = sized_tables(tube_deck(*tube), source)
     tables["probe"] = [force("force", "x", "x0")]
     exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
@@ -169,8 +171,22 @@ def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> N
     assert 6.5 < errors[0] / errors[1] < 16.0
 
 
-@pytest.mark.parametrize(("source", "bound"), [([5, 26], 2e-2), ([9, 51], 6e-3)])
-def test_the_wall_at_a_plane_of_symmetry_converges(source, bound) -> None:
-    """Cells whose gradients do not add up to their surface left 1.5e-3 at any number of points."""
-    found = solved(sized_tables(tube_deck(*TUBE), source)).last()
-    assert found["inner x"] == pytest.approx(wall_stresses(*TUBE)["inner"], rel=bound)
+@pytest.mark.parametrize("essential", ["penalty", "transformation"])
+@pytest.mark.parametrize(("source", "bound"), [([5, 26], 8e-4), ([9, 51], 4e-4)])
+def test_the_wall_bears_what_its_supports_exert(source, bound, essential) -> None:
+    """By derivatives of the displacement and pressures of groups it is 1.2e-2 and 3.6e-3 off at the
+    plane of symmetry.
+    """
+    tables = sized_tables(tube_deck(*TUBE), source) | {"galerkin": {"essential": essential}}
+    found, exact = solved(tables).last(), wall_stresses(*TUBE)["inner"]
+    assert [found["inner x"], found["inner y"]] == pytest.approx([exact] * 2, rel=bound)
+    assert found["inner between"] == pytest.approx(exact, rel=0.6 * bound)
+
+
+def test_a_glued_end_bears_what_its_supports_exert() -> None:
+    """A bent quarter ring that is held at both ends, in the middle of one: 10 % off otherwise."""
+    problem = problem_of(48)
+    truths = known(problem.name)
+    assert truths is not None
+    found = solved(sized_tables(problem.tables, [9, 17])).last()
+    assert found["s_end"] == pytest.approx(truths.values["s_end"].value, rel=0.02)

@@ -1,0 +1,100 @@
+!> Force on a side that slides, such as a plane of symmetry, where a side beside it holds the same
+!> component.
+!>
+!> Forces of supports that do work in a motion of source points are as exact as the energy. A motion
+!> of one side alone jumps in the corner instead, and the force errs there by the penalty and by
+!> what lifted values do not reproduce. The motion taken here goes on over the other side, where
+!> neither constant nor linear tractions do work in it: what remains is the force of the slide.
+module rk_slides
+   use rk_cells, only : cells_type
+   use rk_cloud, only : cloud_type
+   use rk_lattice, only : set_number
+   use rk_nodal_cells, only : lattice_index
+   use rk_precision, only : wp
+   use rk_weak_conditions, only : surface_type
+   implicit none
+   private
+
+   public :: slides_on, slide_motion
+
+   !> Lines of source points along the slide that move
+   integer, parameter :: lines = 3
+   !> A determinant below this share of its products is none
+   real(wp), parameter :: dependent = 1.0e-6_wp
+
+contains
+
+!> Component that a flat side of a lattice holds as the only one, along its normal; 0 where it holds
+!> none or more, or not everywhere
+pure integer function slides_on(cloud, surface, cells, side) result(i)
+   type(cloud_type), intent(in) :: cloud
+   type(surface_type), intent(in) :: surface
+   type(cells_type), intent(in) :: cells
+   integer, intent(in) :: side
+   integer :: d, end, s
+
+   i = 0
+   if (.not. allocated(cloud%lattice) .or. size(surface%essential, 1) /= cloud%nd) return
+   do d = merge(2, 1, cloud%polar), cloud%nd
+      do end = 0, 1
+         ! planes of an annulus lie across x and y
+         if (set_number(cloud%polar, d, end) == side) i = merge(2 - end, d, cloud%polar)
+      end do
+   end do
+   if (i == 0) return
+   do s = 1, size(cells%set)
+      if (cells%set(s) /= side) cycle
+      if (count(surface%essential(:, s)) == 1 .and. surface%essential(i, s)) cycle
+      i = 0
+      return
+   end do
+end function slides_on
+
+!> Motion of source points that is one on a slide, and in which neither constant nor linear
+!> tractions do work on a side beside it, shape (ns) [-]; zero where that side does not meet the
+!> slide, does not hold its component everywhere, or has too few points
+function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
+   type(cloud_type), intent(in) :: cloud
+   type(surface_type), target, intent(in) :: surface
+   type(cells_type), intent(in) :: cells
+   !> Side that slides, and its component
+   integer, intent(in) :: slide, i
+   !> Side beside it
+   integer, intent(in) :: other
+   real(wp) :: motion(size(cloud%source, 2))
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   real(wp) :: moment(2, 0:lines - 1), share(0:lines - 1), scale
+   integer :: line(size(motion)), axis, index(3), k, s
+
+   motion = 0.0_wp
+   axis = (slide + 1)/2
+   if ((other + 1)/2 == axis .or. cloud%lattice(axis) <= lines) return
+   if (.not. any(cells%set == other)) return
+   if (.not. all(surface%essential(i, :) .or. cells%set /= other)) return
+   do k = 1, size(line)
+      index = lattice_index(cloud, k)
+      line(k) = index(axis)
+      if (set_number(cloud%polar, axis, 0) /= slide) line(k) = cloud%lattice(axis) - 1 - line(k)
+   end do
+   moment = 0.0_wp
+   do s = 1, size(cells%set)
+      if (cells%set(s) /= other) cycle
+      call surface%shape%row(s, nodes, values)
+      do k = 1, size(nodes)
+         if (line(nodes(k)) >= lines) cycle
+         associate (own => moment(:, line(nodes(k))))
+            own = own + surface%area(s)*values(1, k)*[1.0_wp, cells%surface(i, s)]
+         end associate
+      end do
+   end do
+   associate (m => moment)
+      scale = m(1, 1)*m(2, 2) - m(1, 2)*m(2, 1)
+      if (abs(scale) <= dependent*(abs(m(1, 1)*m(2, 2)) + abs(m(1, 2)*m(2, 1)))) return
+      share = [1.0_wp, (m(1, 2)*m(2, 0) - m(2, 2)*m(1, 0))/scale, &
+         & (m(2, 1)*m(1, 0) - m(1, 1)*m(2, 0))/scale]
+   end associate
+   where (line < lines) motion = share(line)
+end function slide_motion
+
+end module rk_slides
