@@ -3,8 +3,8 @@
     python benchmarks/unseen.py [FIRST [LAST]]
 
 solves decks that `benchmarks/truths/unseen.json` lacks by finite elements, and adds their limits.
-The even numbers are for tuning, the odd ones for looking at the result: what is chosen by the
-former has not seen the latter.
+The numbers below `_HELD_OUT` are for tuning, those from it on for looking at the result: what is
+chosen by the former has not seen the latter.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ from myork.console import ProgressCallback
 from myork.files import write_text
 from myork.types import F64
 
-NUMBERS = range(140)
+NUMBERS = range(210)
+#: First number that is not for tuning
+_HELD_OUT = 140
 ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]
 _COST, _LIMIT = 15.0, 900.0
@@ -233,16 +235,21 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     Errors are relative to the largest of their kind, as what is `off` beyond the truth's doubt.
     """
     numbers = NUMBERS[:6] if quick else NUMBERS
-    return answers({number: problem_of(number) for number in numbers}, _FILE, progress)
+    problems = {number: problem_of(number) for number in numbers}
+    return answers(problems, _FILE, progress, range(_HELD_OUT, NUMBERS.stop))
 
 
 def answers(
     problems: Mapping[int, Problem],
     file: Path,
     progress: ProgressCallback,
+    others: range,
     accuracies: Sequence[float] = ACCURACIES,
 ) -> list[dict[str, Any]]:
-    """Rows of the problems by their numbers whose truths a file has, at each target error."""
+    """Rows of the problems by their numbers whose truths a file has, at each target error.
+
+    - `others`: numbers that are not for tuning
+    """
     found = []
     for number, problem in problems.items():
         truths = known(problem.name, file)
@@ -257,7 +264,7 @@ def answers(
                     "problem": problem.name,
                     "form": f"{accuracy:.0%}",
                     "size": "chosen",
-                    "half": "other" if number % 2 else "tuned",
+                    "half": "other" if number in others else "tuned",
                     **case,
                     **judged(truths, case.pop("probes"), case.pop("bars")),
                 }

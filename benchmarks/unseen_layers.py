@@ -194,8 +194,8 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     sheets = {n: problem for n, problem in problems.items() if n < _SHEETS}
     boxes = {n: problem for n, problem in problems.items() if n >= _SHEETS}
     return [
-        *answers(sheets, _FILE, progress),
-        *answers(boxes, _FILE, progress, accuracies=(0.02,)),
+        *answers(sheets, _FILE, progress, NUMBERS[1::2]),
+        *answers(boxes, _FILE, progress, NUMBERS[1::2], accuracies=(0.02,)),
     ]
 
 

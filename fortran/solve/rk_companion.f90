@@ -6,8 +6,9 @@
 !> forms do not: where they fail they fail on all clouds alike, so they are compared with the weak
 !> form on their own points.
 module rk_companion
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_bars, only : another_form, bars_type, few_fewer, fewer_points, holds_part, more_points, &
-      & new_bars, share_of_kind, size_of, twice_fewer
+      & new_bars, share_of_kind, twice_fewer
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
    use rk_coarse_cloud, only : coarse_cloud
@@ -18,6 +19,7 @@ module rk_companion
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
+   use rk_probes, only : kind_of_probe, local_value
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_run, only : has_few_cells, is_unstable, solve_problem
    use rk_scene, only : scene_type
@@ -52,8 +54,8 @@ module rk_companion
    !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
    !> are left, on voxels that are not merged
    integer, parameter :: least_blocks = 4
-   !> Stresses this near to a probe are compared, in spacings; at a multiple of half a spacing
-   !> rounding would decide which points they are at [-]
+   !> What is probed is compared this near to a probe, in spacings; at a multiple of half a spacing
+   !> rounding would decide at which points [-]
    real(wp), parameter :: vicinity = 1.1_wp
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
@@ -111,11 +113,11 @@ module rk_companion
       real(wp) :: distance = 0.0_wp
       !> Tissue that has most of that difference, of several; 0 where none has more than half of it
       integer :: tissue = 0
-      !> Root mean square of that difference over the volume at each load [length], and the mean
-      !> norm of the difference of the stresses around each probe [stress], 0 where it has none
-      !> or the form has nodal cells,
-      !> shape (2, probes, loads)
-      real(wp), allocatable :: difference(:, :, :)
+      !> Root mean square of that difference over the volume, the largest of all loads [length]
+      real(wp) :: difference = 0.0_wp
+      !> Root mean square of the difference of what is probed in the places around each probe,
+      !> negative where it has none, shape (3, probes, loads)
+      real(wp), allocatable :: around(:, :, :)
    contains
       procedure :: kind => kind_of_companion
    end type companion_type
@@ -201,6 +203,7 @@ subroutine take_farther(self, other, bars)
       & self%seen%values = other%seen%values
    self%seen%values = self%seen%values + sign(between, self%seen%values - bars%values)
    self%difference = max(self%difference, other%difference)
+   self%around = max(self%around, other%around)
    self%seconds = self%seconds + other%seconds
 end subroutine take_farther
 
@@ -461,10 +464,9 @@ subroutine look(self, problem, run, answer, error)
    type(shape_type) :: shape
    real(wp) :: u(answer%problem%fields, answer%problem%shape%nq), difference, total, most(2), off
    real(wp) :: of_tissue(size(problem%scene%tissue))
-   real(wp) :: apart(size(problem%scene%cloud%points, 2))
    real(wp), allocatable :: x(:, :)
-   integer :: nearest(size(apart))
-   logical :: compared(size(apart)), stressed
+   integer :: nearest(size(problem%scene%cloud%points, 2))
+   logical :: near(size(nearest), size(problem%scene%probe))
    integer :: i, ip, k, n
 
    x = run%x(:, [(minloc(abs(run%step%load - answer%load(k)), dim=1), k=1, size(answer%load))])
@@ -472,33 +474,39 @@ subroutine look(self, problem, run, answer, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud, first => answer%problem, load => answer%load)
       n = min(cloud%nd, first%fields)
-      ! nodal cells have one stress each: half way between two it is that of either, and a mirror
-      ! changes which
-      stressed = first%scene%method == 'rkpm-gauss' .and. any(self%seen%of_field(2, :) > 0.0_wp)
-      if (stressed) nearest = nearest_points(first%scene%cloud%points, cloud%points)
-      compared = .false.
-      do i = 1, size(self%seen%change)
-         compared = compared .or. around(i)
+      nearest = nearest_points(first%scene%cloud%points, cloud%points)
+      do i = 1, size(near, 2)
+         associate (probe => problem%scene%probe(i))
+            near(:, i) = [(norm2(cloud%points(:, ip) - probe%point(:cloud%nd)), ip=1, &
+               & size(nearest))] < vicinity*cloud%mean_spacing() .and. probe%at_a_place()
+            ! nodal cells have one stress each: half way between two it is that of either, and a
+            ! mirror changes which
+            if (first%scene%method /= 'rkpm-gauss' .and. kind_of_probe(probe) /= 'length') &
+               & near(:, i) = .false.
+         end associate
       end do
       call first%scene%shape_at(cloud%points, shape, error, first=.true.)
       if (allocated(error)) return
       most = 0.0_wp
       of_tissue = 0.0_wp
-      if (allocated(self%difference)) deallocate (self%difference)
-      allocate (self%difference(2, size(self%seen%change), size(load)), source=0.0_wp)
+      self%difference = 0.0_wp
+      if (allocated(self%around)) deallocate (self%around)
+      allocate (self%around(3, size(near, 2), size(load)), source=0.0_wp)
       do k = 1, size(load)
          call problem%state(x(:, k), load(k), state)
-         if (stressed) call first%state(answer%x(:, k), load(k), own)
+         call first%state(answer%x(:, k), load(k), own)
          difference = 0.0_wp
          total = 0.0_wp
          do ip = 1, size(cloud%points, 2)
             call problem%at_point(state, ip, local)
             call shape%interpolate(ip, answer%x(:, k), 1, 1 + cloud%nd, u)
-            ! a stress between points is dear, and only those around probes are compared
-            if (compared(ip)) then
-               call first%at_place(own, nearest(ip), cloud%points(:, ip), u, here)
-               apart(ip) = norm2(here%cauchy - local%cauchy)
-            end if
+            if (any(near(ip, :))) call first%at_place(own, nearest(ip), cloud%points(:, ip), u, &
+               & here)
+            do i = 1, size(near, 2)
+               if (near(ip, i)) self%around(:, i, k) = self%around(:, i, k) + cloud%volume(ip) &
+                  & *(local_value(problem, problem%scene%probe(i), ip, local) &
+                  & - local_value(first, first%scene%probe(i), nearest(ip), here))**2
+            end do
             off = cloud%volume(ip)*sum((u(:n, 1) - local%u(:n))**2)
             difference = difference + off
             if (size(of_tissue) > 1) of_tissue(problem%scene%tissue_of(ip)) &
@@ -511,37 +519,17 @@ subroutine look(self, problem, run, answer, error)
          if (.not. self%other_form) total = max(total, (share_of_kind*self%seen%strained(k))**2 &
             & *sum(cloud%volume))
          most = max(most, [difference, total])
-         self%difference(1, :, k) = sqrt(difference/sum(cloud%volume))
-         do i = 1, size(self%seen%change)
-            associate (near => around(i))
-               if (any(near)) self%difference(2, i, k) = size_of(pack(apart, near), &
-                  & pack(cloud%volume, near))
-            end associate
+         self%difference = max(self%difference, sqrt(difference/sum(cloud%volume)))
+         do i = 1, size(near, 2)
+            self%around(:, i, k) = sqrt(self%around(:, i, k) &
+               & /max(sum(cloud%volume, mask=near(:, i)), tiny(1.0_wp)))
+            if (.not. (any(near(:, i)) .and. all(ieee_is_finite(self%around(:, i, k))))) &
+               & self%around(:, i, k) = -1.0_wp
          end do
       end do
    end associate
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
    self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
-
-contains
-
-   !> Places whose stresses are compared for a probe, none where it is of no stress
-   pure function around(i)
-      !> Probe
-      integer, intent(in) :: i
-      logical :: around(size(apart))
-      integer :: ip
-
-      around = .false.
-      if (.not. (stressed .and. self%seen%of_field(2, i) > 0.0_wp)) return
-      associate (cloud => problem%scene%cloud)
-         associate (place => problem%scene%probe(i)%point(:cloud%nd))
-            around = [(norm2(cloud%points(:, ip) - place), ip=1, size(apart))] &
-               & < vicinity*maxval(cloud%spacing)
-         end associate
-      end associate
-   end function around
-
 end subroutine look
 
 !> Without a step so far

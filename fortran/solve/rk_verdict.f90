@@ -209,7 +209,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          return
       end if
       call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
-         & self%companion%difference)
+         & self%companion%around)
       if (outcome%unstrained) return
       if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
          & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
@@ -228,7 +228,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
             if (.not. allocated(nearer%why_not)) then
                ! the bar of a probe does not depend on which others there are
                call bars_by_other(self%bars, problem, nearer%seen, nearer%kind(), &
-                  & nearer%difference, wide)
+                  & nearer%around, wide)
                where (wide)
                   from = other_text(nearer)
                   most = most_change(nearer)

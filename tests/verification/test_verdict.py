@@ -87,7 +87,7 @@ def test_a_bar_does_not_depend_on_other_probes() -> None:
     body, end = box(9, 5, 5, size=[2, 1, 0.5]), {"traction": [0, 0, -1.0]}
     plate = scenes.loaded("rkpm-gauss", body, scenes.RUBBER, "x0 z1", end, "tip u 2 0.5 0.25")
     bars = []
-    for lines in (), ("stress cauchy_xx 0.25 0.5 0.4",):
+    for lines in (), ("stress cauchy_xx 0.5 0.5 0.25",):
         found = solved(plate | {"probe": plate["probe"] + probes(*lines)})[1]
         bars.append(found.bars["tip"][-1])
     assert found.bar("stress") > 0.1 * abs(found.last()["stress"]), "nothing was unresolved"
@@ -416,8 +416,8 @@ def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
 
 
 def test_an_error_bar_beyond_the_value_is_said() -> None:
-    """Of an accepted answer as well: shear that is zero by symmetry, to a bar of 0.02 N/cm^2."""
-    states, found = solved(pad("cauchy_xz", 10, 10, 5))
+    """Of an accepted answer as well: shear that is zero by symmetry, to a bar of 0.003 N/cm^2."""
+    states, found = solved(pad("cauchy_xz", 18, 10, 5))
     assert states.verdict == "accepted" and abs(found.last()["stress"]) < found.bar("stress")
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
     assert not any("zero" in text for text in states.warnings)

@@ -425,7 +425,7 @@ subroutine write_verdict(json, verdict)
       call json%put('same_points', companion%other_form .and. .not. companion%finer)
       call json%put('source_points', companion%points)
       call json%put('dofs', companion%unknowns)
-      call json%put('difference', maxval(companion%difference(1, :, :)))
+      call json%put('difference', companion%difference)
       call json%put('seconds', companion%seconds)
       call json%end_object()
    end associate
