@@ -16,9 +16,8 @@ module rk_static
 
    public :: solve_static
 
-   !> Halvings up to which an iteration that gets on slowly is given up early: beyond, the load is
-   !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive.
-   !> From an unstable state there are no more: the branch is lost, and what they reach is chance
+   !> Halvings after which an unstable state is where it ends: the branch is lost, and what further
+   !> ones reach is chance
    integer, parameter :: early = 5
    !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
    integer, parameter :: rests = 3
@@ -141,7 +140,8 @@ contains
       if (target_load - load < 1.0e-9_wp*part) load = target_load
       newton%done = done
       if (aside) newton%done = fitting_load(x, load)
-      newton%impatient = halvings < min(early, max_halvings)
+      newton%impatient = halvings < max_halvings &
+         & .and. .not. (newton%unstable .and. halvings >= early)
       newton%settles = .false.
       newton%passes = load < target_load
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
