@@ -568,7 +568,11 @@ function volume_text(problem, state) result(text)
    character(len=:), allocatable :: text
 
    text = 'smallest J '//to_text(state%min_j, 4)
-   if (state%worst > 0) text = text//' at '//to_text(problem%scene%cloud%points(:, state%worst))
+   associate (points => problem%scene%cloud%points)
+      ! rows of the volume may stand at further places
+      if (state%worst > 0 .and. state%worst <= size(points, 2)) text = text//' at ' &
+         & //to_text(points(:, state%worst))
+   end associate
 end function volume_text
 
 end module rk_newton
