@@ -61,7 +61,7 @@ subroutine note(self, iterations, gradient, merit)
 end subroutine note
 
 !> Adapt the damping after an accepted step
-subroutine learn(self, scale, gain, predicted, merit)
+subroutine learn(self, scale, gain, predicted, merit, definite)
    class(damping_type), intent(inout) :: self
    !> Step length, 1 for the full step [-]
    real(wp), intent(in) :: scale
@@ -71,16 +71,19 @@ subroutine learn(self, scale, gain, predicted, merit)
    real(wp), intent(in) :: predicted
    !> r.r/2 before
    real(wp), intent(in) :: merit
+   !> The step is Newton's with a positive definite tangent: it leads downhill in the energy, and
+   !> residuals that grow on the way say nothing against it
+   logical, intent(in) :: definite
 
    if (.not. self%lambda > 0.0_wp) then
       ! Gauss-Newton may climb a little on its way
-      if (scale < 1.0_wp .or. gain < -climb*merit .or. 2*self%idle >= patience) &
-         & self%lambda = first_lambda
+      if (scale < 1.0_wp .or. (.not. definite .and. (gain < -climb*merit &
+         & .or. 2*self%idle >= patience))) self%lambda = first_lambda
    else if (scale < 1.0_wp .or. gain < poor*predicted) then
       self%lambda = max(first_lambda, growth*self%lambda)
    else if (gain > good*predicted) then
       self%lambda = fall*self%lambda
-      if (self%lambda < last_lambda) self%lambda = 0.0_wp
+      if (definite .or. self%lambda < last_lambda) self%lambda = 0.0_wp
    end if
 end subroutine learn
 

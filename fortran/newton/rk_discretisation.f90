@@ -10,6 +10,7 @@ module rk_discretisation
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_programme, only : ramp
+   use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor, determinant
@@ -17,8 +18,11 @@ module rk_discretisation
    private
 
    public :: discretisation_type, free_discretisation, deformation, gradients, entry_displacement
-   public :: at_rest, judged_state, rounding, small_strain, turns_over
+   public :: at_rest, has_few_cells, judged_state, rounding, small_strain, turns_over
 
+   !> Source points across a body that are few: with two cells what groups exchange is a part of
+   !> bending, so that its tangent is judged as it is
+   integer, parameter :: few_points = 4
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
    !> Strains below this share of what moves and turns the body are left by iterations [-]
@@ -43,9 +47,6 @@ module rk_discretisation
       !> The work of the stress says whether a state is in equilibrium; weak forms keep it equal to
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
-      !> Tangents resist changes of volume within groups of cells as well: which of their negative
-      !> eigenvalues are of the material, and which of its pressures
-      logical :: resists = .false.
    contains
       procedure :: field, state, at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment
@@ -401,6 +402,14 @@ integer function judged_state(problem, x) result(judged)
    judged = size(x, 2)
    if (sizes(1, judged) < taken_off*maxval(sizes(1, :))) judged = maxloc(sizes(1, :), dim=1)
 end function judged_state
+
+!> Whether a lattice has few cells in some direction
+pure logical function has_few_cells(scene)
+   type(scene_type), intent(in) :: scene
+
+   has_few_cells = .false.
+   if (allocated(scene%cloud%lattice)) has_few_cells = minval(scene%cloud%lattice) <= few_points
+end function has_few_cells
 
 !> Whether unknowns are those of a body at rest, which nothing moves at a load
 logical function at_rest(problem, x, load)

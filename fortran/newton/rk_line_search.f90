@@ -1,7 +1,9 @@
 !> Longest step along a direction that keeps J > 0 and lowers the residual.
 !>
-!> Reference: Nocedal, Wright, Numerical Optimization, Springer (2006), section 3.1,
-!>            doi:10.1007/978-0-387-40065-5
+!> References: Nocedal, Wright, Numerical Optimization, Springer (2006), section 3.1,
+!>             doi:10.1007/978-0-387-40065-5
+!>             Grippo, Lampariello, Lucidi, A nonmonotone line search technique for Newton's
+!>             method, SIAM J. Numer. Anal. 23 (1986), doi:10.1137/0723046
 module rk_line_search
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -12,7 +14,7 @@ module rk_line_search
 
    !> Step halvings
    integer, parameter :: max_cuts = 8
-   !> A merit that grows by more than this factor after the first iteration means divergence
+   !> A residual that grows by more than this factor after the first iteration means divergence
    real(wp), parameter :: growth = 4.0_wp
    !> Share of the slope's promise that a downhill step must keep
    real(wp), parameter :: armijo = 1.0e-4_wp
@@ -23,8 +25,8 @@ contains
 
 !> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
 !> load step, where a growing merit is no sign of divergence: that step is taken blindly.
-subroutine search(problem, load, a, da, r, slope, blind, downhill, last, trial, new, scale, gain, &
-   & state)
+subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last, trial, new, &
+   & scale, gain, state)
    !> Problem, linearised at the trial afterwards, but not at what may be the last one where
    !> linearising is costly
    class(problem_type), target, intent(inout) :: problem
@@ -36,6 +38,8 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, last, trial, 
    real(wp), contiguous, intent(in) :: r(:)
    !> Derivative of r.r/2 along the step
    real(wp), intent(in) :: slope
+   !> |r| from which growth is measured, at least that of r
+   real(wp), intent(in) :: highest
    !> Any valid state will do
    logical, intent(in) :: blind
    !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
@@ -74,7 +78,7 @@ subroutine search(problem, load, a, da, r, slope, blind, downhill, last, trial, 
       else if (downhill) then
          accepted = gain >= -armijo*scale*slope - rounding*merit
       else
-         accepted = merit - gain <= growth**2*merit
+         accepted = merit - gain <= 0.5_wp*(growth*highest)**2
       end if
       if (state%valid .and. accepted) then
          if (plain .and. .not. last) call problem%evaluate(trial, load, new, state, tangent=.true.)

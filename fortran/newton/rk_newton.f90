@@ -72,7 +72,7 @@ module rk_newton
       !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
       logical :: pinned = .false.
       !> The last step of the last load step that converged had no Cholesky factor where one was
-      !> tried: its state is one that the body leaves
+      !> tried: its state may be one that the body leaves
       logical :: unstable = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
@@ -174,7 +174,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    allocate (da(problem%n), g(problem%n), r(problem%m), trial(problem%n), new(problem%m))
    call start()
    if (.not. self%state%valid) then
-      call get_volume_text(self%state, reason)
+      call get_volume_text(problem, self%state, reason)
       call fatal_error(error, err_convergence, 'the start of the step is not a valid state: ' &
          & //reason)
       return
@@ -318,8 +318,8 @@ contains
 
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
-      real(wp) :: moved(2), scale, gain
-      logical :: blind, last
+      real(wp) :: moved(2), scale, gain, highest
+      logical :: blind, last, definite
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -331,7 +331,12 @@ contains
       last = .false.
       if (self%iterations > 1) last = problem%costly .and. maxval(moved/now%extent) &
          & < merge(near, self%tolerance, now%passes)
-      call search(problem, load, a, da, r, dot_product(g, da), blind, &
+      ! a step along a soft motion strains stiff ones, as bending does the length of a column, and
+      ! the next one takes that back: from step to step residuals need not fall
+      definite = problem%square .and. it%solver%used == 'cholesky'
+      highest = merit
+      if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
+      call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
          & imposed > 0.0_wp, last, trial, new, scale, gain, self%state)
       now%linearised = .not. last .or. .not. scale > 0.0_wp
       now%whole = scale >= 1.0_wp .and. imposed < slight
@@ -343,7 +348,7 @@ contains
          now%rejected = 0
          a = trial
          r = new
-         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2)
+         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
          ! see whether a whole step would move
          if (now%left < nothing) now%damping%lambda = 0.0_wp
       else
@@ -510,7 +515,7 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
          & //to_text(load))
       return
    end if
-   call get_volume_text(self%state, reached)
+   call get_volume_text(problem, self%state, reached)
    reached = ': relative gradient '//to_text(self%gradient, 2)//', relative step ' &
       & //to_text(self%step_norm, 2)//', '//reached
    self%pinned = self%step_norm < self%tolerance &
@@ -559,11 +564,18 @@ pure logical function converged(self, now)
       & .and. self%gradient < now%balance)
 end function converged
 
-subroutine get_volume_text(state, text)
+!> Smallest volume ratio and where it is
+subroutine get_volume_text(problem, state, text)
+   class(problem_type), intent(in) :: problem
    type(evaluation_type), intent(in) :: state
    character(len=:), allocatable, intent(out) :: text
 
-   text = 'smallest J '//to_text(state%min_j, 4)//' at collocation point '//to_text(state%worst)
+   text = 'smallest J '//to_text(state%min_j, 4)
+   associate (points => problem%scene%cloud%points)
+      ! rows of the volume may stand at further places
+      if (state%worst > 0 .and. state%worst <= size(points, 2)) text = text//' at ' &
+         & //to_text(points(:, state%worst))
+   end associate
 end subroutine get_volume_text
 
 end module rk_newton

@@ -75,7 +75,7 @@ module rk_problem
       procedure :: start
       !> Residuals and, where wanted, their linearisation
       procedure(assemble_interface), deferred :: assemble
-      procedure :: check_answer
+      procedure :: check_answer, is_unstable
       procedure, non_overridable :: evaluate
       procedure, non_overridable :: scaled_norms
       procedure, non_overridable :: get_advice
@@ -168,6 +168,19 @@ subroutine check_answer(self, x, reason)
    end associate
    reason = ''
 end subroutine check_answer
+
+!> Whether an equilibrium is one that the body leaves; it is not where a problem cannot tell
+logical function is_unstable(self, x, load)
+   class(problem_type), target, intent(inout) :: self
+   !> Its unknowns, shape (n)
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Its load [-]
+   real(wp), intent(in) :: load
+
+   associate (unused => self, unused_x => x, unused_load => load)
+   end associate
+   is_unstable = .false.
+end function is_unstable
 
 !> What a user can do where steps vanish but the gradient does not, in the words of the deck
 subroutine get_advice(self, text)

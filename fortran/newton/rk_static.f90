@@ -16,9 +16,8 @@ module rk_static
 
    public :: solve_static
 
-   !> Halvings up to which an iteration that gets on slowly is given up early: beyond, the load is
-   !> hard itself, as where a column buckles, and slow iterations may be the only ones that arrive.
-   !> From an unstable state there are no more: the branch is lost, and what they reach is chance
+   !> Halvings after which an unstable state is where it ends: the branch is lost, and what further
+   !> ones reach is chance
    integer, parameter :: early = 5
    !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
    integer, parameter :: rests = 3
@@ -141,7 +140,8 @@ contains
       if (target_load - load < 1.0e-9_wp*part) load = target_load
       newton%done = done
       if (aside) newton%done = fitting_load(x, load)
-      newton%impatient = halvings < min(early, max_halvings)
+      newton%impatient = halvings < max_halvings &
+         & .and. .not. (newton%unstable .and. halvings >= early)
       newton%settles = .false.
       newton%passes = load < target_load
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
@@ -169,8 +169,15 @@ contains
    logical function may_halve()
       may_halve = any(error%code == [err_convergence, err_linalg]) &
          & .and. halvings < max_halvings .and. .not. newton%pinned
-      if (newton%unstable .and. halvings >= early .and. done > 0.0_wp) may_halve = .false.
+      if (may_halve .and. halvings >= early) may_halve = .not. is_lost()
    end function may_halve
+
+   !> Whether the last converged state is one that the body leaves; a tangent that is not definite
+   !> does not say so alone
+   logical function is_lost()
+      is_lost = newton%unstable .and. done > 0.0_wp
+      if (is_lost) is_lost = problem%is_unstable(x, done)
+   end function is_lost
 
    subroutine halve()
       ! the last one before the planned load is shorter than its part: to cut that less would only
@@ -282,8 +289,8 @@ contains
       if (.not. any(error%code == [err_convergence, err_linalg])) return
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)
-      if (newton%unstable .and. done > 0.0_wp) error%message = error%message//', an unstable ' &
-         & //'equilibrium: the branch is lost there'
+      if (is_lost()) error%message = error%message//', an unstable equilibrium: the branch is ' &
+         & //'lost there'
       if (allocated(problem%caveat)) error%message = error%message//'; '//problem%caveat
       error%code = err_convergence
    end subroutine give_up

@@ -14,14 +14,14 @@ module rk_companion
    use rk_coarse_cloud, only : coarse_cloud
    use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
-   use rk_discretisation, only : discretisation_type, free_discretisation
+   use rk_discretisation, only : discretisation_type, free_discretisation, has_few_cells
    use rk_error, only : error_type, err_convergence, err_memory
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
    use rk_probes, only : kind_of_probe, local_value
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
-   use rk_run, only : has_few_cells, is_unstable, solve_problem
+   use rk_run, only : solve_problem
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
    use rk_states, only : field_state, point_state
@@ -247,7 +247,7 @@ subroutine solve_beside(self, answer, words, points)
       if (.not. (allocated(error) .or. second%linear) .and. has_few_cells(answer%problem%scene) &
          & .and. allocated(scene%cloud%lattice)) then
          associate (run => keeper%run, own => answer%problem%scene%cloud%lattice)
-            if (any(scene%cloud%lattice > own)) self%unstable = is_unstable(second, &
+            if (any(scene%cloud%lattice > own)) self%unstable = second%is_unstable( &
                & run%x(:, size(run%step)), run%step(size(run%step))%load)
          end associate
       end if

@@ -2,7 +2,6 @@
 !> iteration, load steps or one linear solve, and what deserves a warning.
 module rk_run
    use rk_clock, only : tick, timer_type
-   use rk_constraint, only : constrained_matrix
    use rk_discretisation, only : discretisation_type, judged_state, rounding
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type, fatal_error, err_convergence
@@ -13,20 +12,18 @@ module rk_run
    use rk_newton_step, only : solve_linear
    use rk_precision, only : i8, wp
    use rk_probes, only : kind_of_probe
-   use rk_problem, only : evaluation_type, problem_type
+   use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_reduced, only : new_motion
    use rk_reduced_motion, only : moving_problem, prepare
    use rk_scene, only : last_part, scene_type
    use rk_states, only : field_state
    use rk_static, only : solve_static
-   use rk_symmetric, only : symmetric_matrix
-   use rk_tangent, only : tangent_type
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: outcome_type, solve_scene, solve_problem, is_unstable, has_few_cells
+   public :: outcome_type, solve_scene, solve_problem
 
    !> Displacements below this share of the body are roundings [-]
    real(wp), parameter :: unmoved = 1.0e-13_wp
@@ -35,9 +32,6 @@ module rk_run
    integer, parameter :: looks = 16
    !> Distance within which an interface of two materials passes through a probe, in spacings [-]
    real(wp), parameter :: beside = 1.0e-6_wp
-   !> Source points across a body that are few: with two cells what groups exchange is a part of
-   !> bending, so that its tangent is judged as it is
-   integer, parameter :: few_points = 4
 
    !> What a run found out beside its states
    type :: outcome_type
@@ -355,56 +349,8 @@ subroutine find_stability(problem, outcome)
    if (.not. allocated(outcome%load) .or. outcome%unstrained) return
    k = judged_state(problem, outcome%x)
    if (outcome%factored .and. k == size(outcome%load)) return
-   outcome%unstable = is_unstable(problem, outcome%x(:, k), outcome%load(k))
+   outcome%unstable = problem%is_unstable(outcome%x(:, k), outcome%load(k))
 end subroutine find_stability
-
-!> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, but for
-!> pressures as unknowns and pressures that follow a free rim, with which nothing is found.
-logical function is_unstable(problem, x, load)
-   class(discretisation_type), target, intent(inout) :: problem
-   !> Its unknowns, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Its load [-]
-   real(wp), intent(in) :: load
-   class(symmetric_matrix), pointer :: tangent
-   type(evaluation_type) :: seen
-   real(wp), allocatable :: r(:)
-
-   is_unstable = .false.
-   if (index(problem%scene%method, 'rkpm') /= 1) return
-   allocate (r(problem%m))
-   call problem%evaluate(x, load, r, seen, tangent=.true.)
-   tangent => null()
-   select type (linearised => problem%linearised)
-   class is (constrained_matrix)
-      tangent => linearised%matrix
-   class is (symmetric_matrix)
-      tangent => linearised
-   end select
-   if (.not. associated(tangent)) return
-   select type (tangent)
-   class is (tangent_type)
-      if (.not. tangent%formed) return
-   end select
-   if (tangent%indefinite .or. allocated(tangent%skew)) return
-   is_unstable = .not. tangent%definite()
-   if (problem%linear .or. .not. is_unstable) return
-   if (.not. allocated(problem%scene%cloud%lattice) .or. has_few_cells(problem%scene)) return
-   ! of a group of cells pressures resist the mean volume and its slopes: under large compression
-   ! the parts of a free face may exchange volume, which no body does
-   problem%resists = .true.
-   call problem%evaluate(x, load, r, seen, tangent=.true.)
-   problem%resists = .false.
-   is_unstable = .not. tangent%definite()
-end function is_unstable
-
-!> Whether a lattice has few cells in some direction
-pure logical function has_few_cells(scene)
-   type(scene_type), intent(in) :: scene
-
-   has_few_cells = .false.
-   if (allocated(scene%cloud%lattice)) has_few_cells = minval(scene%cloud%lattice) <= few_points
-end function has_few_cells
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.

@@ -14,8 +14,10 @@ module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_cells, only : cells_type
    use rk_conditions, only : new_boundary
+   use rk_constraint, only : constrained_matrix
    use rk_csr, only : csr_type
-   use rk_discretisation, only : deformation, discretisation_type, entry_displacement
+   use rk_discretisation, only : deformation, discretisation_type, entry_displacement, &
+      & has_few_cells
    use rk_equation, only : source_at
    use rk_error, only : err_input, error_type, fatal_error
    use rk_free_faces, only : free_faces_type, new_free_faces
@@ -88,9 +90,13 @@ module rk_galerkin
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
       !> The next place is no step of the tangent: the pressure of its tangent is that of the base
       logical :: leaps = .false.
+      !> Tangents resist changes of volume within groups of cells as well: which of their negative
+      !> eigenvalues are of the material, and which of its pressures
+      logical, private :: resists = .false.
    contains
-      procedure :: start, assemble, state, at_place, strain_energy, set_force, set_displacement
-      procedure :: section_force, set_point_loads, renew, inner_forces, material_at
+      procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
+      procedure :: set_displacement, section_force, set_point_loads, renew, inner_forces
+      procedure :: material_at
    end type galerkin_problem
 
    !> Source points across four groups of two spacings each, which curvature needs in boxes
@@ -340,6 +346,44 @@ subroutine start(self, x, load, iteration)
    if (allocated(self%base)) deallocate (self%base)
    call self%matrix%forget()
 end subroutine start
+
+!> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, but for
+!> pressures as unknowns and pressures that follow a free rim, with which nothing is found.
+logical function is_unstable(self, x, load)
+   class(galerkin_problem), target, intent(inout) :: self
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), intent(in) :: load
+   class(symmetric_matrix), pointer :: tangent
+   type(evaluation_type) :: seen
+   real(wp), allocatable :: r(:)
+
+   is_unstable = .false.
+   allocate (r(self%m))
+   call self%start(x, load, .false.)
+   call self%evaluate(x, load, r, seen, tangent=.true.)
+   tangent => null()
+   select type (linearised => self%linearised)
+   class is (constrained_matrix)
+      tangent => linearised%matrix
+   class is (symmetric_matrix)
+      tangent => linearised
+   end select
+   if (.not. associated(tangent)) return
+   select type (tangent)
+   class is (tangent_type)
+      if (.not. tangent%formed) return
+   end select
+   if (tangent%indefinite .or. allocated(tangent%skew)) return
+   is_unstable = .not. tangent%definite()
+   if (self%linear .or. .not. is_unstable) return
+   if (.not. allocated(self%scene%cloud%lattice) .or. has_few_cells(self%scene)) return
+   ! of a group of cells pressures resist the mean volume and its slopes: under large compression
+   ! the parts of a free face may exchange volume, which no body does
+   self%resists = .true.
+   call self%evaluate(x, load, r, seen, tangent=.true.)
+   self%resists = .false.
+   is_unstable = .not. tangent%definite()
+end function is_unstable
 
 !> Residual (4.31), internal less external forces, and where wanted the tangent (4.32): a sum over
 !> the groups. At the start of a load step the essential values in the gradients are those of the

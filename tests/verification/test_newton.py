@@ -1,12 +1,16 @@
 """Gauss-Newton where residuals remain, and where it ends."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.optimize
+import scipy.special
 
+from myork import Scene
 from myork.errors import ConvergenceError
-from tests.scenes import execute, history, solved
+from tests.scenes import box, execute, history, loaded, neo, scene, solved
 
 #: Contraction at which the strain beside the clamped edges leaves large residuals
 EDGES = (
@@ -45,3 +49,60 @@ def test_kinks_end_the_iteration(inputs: Path) -> None:
     with pytest.raises(ConvergenceError, match='curve = "smooth"') as caught:
         solved(inputs / "muscle_fibers.toml", *overrides)
     assert "load 0.0833" in str(caught.value)
+
+
+@pytest.mark.parametrize(("slender", "over"), [(6, 1.6), (8, 1.3), (10, 1.6)])
+def test_columns_bend_beyond_the_load_of_euler(slender: int, over: float) -> None:
+    """A step along the soft motion strains the length, so that residuals grow on the way.
+
+    The tip is that of the elastica, but for the shortening and the shear of a body this thick, and
+    a push aside of 1.5 % of the load of Euler.
+    """
+    modulus = scipy.optimize.brentq(
+        lambda k: scipy.special.ellipk(k * k) - 0.5 * np.pi * np.sqrt(over), 1e-6, 1 - 1e-9
+    )
+    sway = 2 * modulus / scipy.special.ellipk(modulus**2) * slender
+    euler = np.pi**2 * 40.0 / 12 / (4 * slender**2)
+    tables = loaded(
+        "auto", box(4 * slender + 1, 5, size=[slender, 1]), neo(10.0, 1000.0), "x0 x1",
+        {"traction": [-over * euler, 0.015 * euler]}, f"sway u_y {slender} 0.5",
+    )  # fmt: skip
+    found = solved(tables)
+    assert found.states.load[-1] == 1.0 and found.states.iterations.sum() < 130
+    assert found.last()["sway"] == pytest.approx(sway, rel=0.05)
+
+
+def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
+    """A tube has no state beyond the limit of its inflation.
+
+    The halved steps that fail are given up as the first one is; run to 25 iterations they made 132.
+    """
+    ring = {"kind": "annulus", "inner_radius": 6, "outer_radius": 7, "source": [5, 13]}
+    tables = {
+        "scene": {"dimension": 2}, "geometry": ring, "material": [neo(2.0, 50.0)],
+        "boundary": [{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
+                     {"set": "inner", "pressure": 0.4512}],
+    }  # fmt: skip
+    with Scene.from_tables(tables) as body:
+        with pytest.raises(ConvergenceError, match="did not converge at load 0.6") as caught:
+            body.solve(error=False)
+        assert 0.6 < body.states.load[-1] < 0.65
+        assert body.states.iterations.sum() < 120
+    # and where the attempt fails
+    assert re.search(r"smallest J [\d.]+ at \([\d.]+, [\d.]+\)", str(caught.value))
+
+
+@pytest.mark.parametrize("push", [-300.0, 1e4])
+def test_the_last_attempt_is_let_run(push: float) -> None:
+    """A block under a dead load of hundreds of its modulus: no other attempt than a slow one, or
+    one whose first iterate is far, arrives."""
+    tables = scene(
+        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2},
+        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
+                  {"set": "y1", "u_y": -0.43, "amplitude": "press"},
+                  {"set": "x1", "traction": [push, 0], "amplitude": "push"}],
+        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
+                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
+    )  # fmt: skip
+    with Scene.from_tables(tables) as body:
+        assert body.solve(error=False).load[-1] == 1.0

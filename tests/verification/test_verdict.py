@@ -250,7 +250,25 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
     assert states.verdict == "refused"
     # they do not converge, or end in another state
     assert any("in smaller load steps it" in reason for reason in states.reasons)
-    refuses("did not converge at load 0.6", solved, tables, "load.steps=3", kind=ConvergenceError)
+    refuses("last converged load 0.6", solved, tables, "load.steps=3", kind=ConvergenceError)
+
+
+def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
+    """Pressed by 43 % between rollers a block is stable, though its tangent alone is not definite:
+    a push that fails behind it has not lost the branch there.
+    """
+    tables = scene(
+        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2, "max_halvings": 0},
+        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
+                  {"set": "y1", "u_y": -0.43, "amplitude": "press"},
+                  {"set": "x1", "traction": [-300, 0], "amplitude": "push"}],
+        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
+                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
+        solver={"max_iterations": 6},
+    )  # fmt: skip
+    with Scene.from_tables(tables) as body:
+        said = refuses("last converged load 0.5", body.solve, error=False, kind=ConvergenceError)
+    assert "the branch is lost" not in said
 
 
 def test_a_branch_that_is_lost_ends_the_halving() -> None:
