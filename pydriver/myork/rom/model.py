@@ -24,6 +24,7 @@ from myork.rom.store import read_arrays, write_arrays
 from myork.types import F64, I64, Mask
 
 #: Why answers are doubtful of a model that was trained without a test
+OUTSIDE = "outside the training range"
 NOT_TESTED = "not tested: the model was trained with --tests 0"
 
 
@@ -62,7 +63,7 @@ class Batch(NamedTuple):
         lost = self.full[k] == LOST
         found = {
             "the reduced model did not converge": not self.converged[k],
-            "outside the training range": not self.inside[k],
+            OUTSIDE: not self.inside[k],
             NEAR_LOST: lost,
             "full solves nearby are doubtful": self.full[k] == DOUBTFUL,
         }
@@ -70,6 +71,13 @@ class Batch(NamedTuple):
             error = f"the estimated error of {self.indicator[k]:.1e} is too large to be certified"
             found[error if self.tested[k] else NOT_TESTED] = not self.certified[k]
         return [reason for reason, holds in found.items() if holds]
+
+    def verdict(self, k: int) -> tuple[str, list[str]]:
+        """Verdict on the reduction of an answer that has its indicator, with the reasons."""
+        reasons = self.doubts(k)
+        if not self.converged[k]:
+            return "refused", reasons
+        return ("doubtful" if reasons else "accepted"), reasons
 
 
 class ReducedState:

@@ -275,13 +275,12 @@ def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) 
     cpu = (time.process_time() - start) / len(left)
     probes = answer.scalars()
     for i, number in enumerate(left):
-        reasons = answer.doubts(i)
-        verdict = "doubtful" if reasons else "accepted"
+        verdict, reasons = answer.verdict(i)
         store.add(
             {
                 "point": number, "probes": {name: float(v[i]) for name, v in probes.items()},
                 "errors": {}, "message": "; ".join(reasons),
-                "verdict": verdict if answer.converged[i] else "refused", "cpu_s": cpu,
+                "verdict": verdict, "cpu_s": cpu,
             }
         )  # fmt: skip
 

@@ -12,8 +12,7 @@ from myork.core.changing import ChangingScene
 from myork.core.states import Fields
 from myork.errors import InputError, MyorkError
 from myork.rom.check import LEAST_FORCE
-from myork.rom.marks import LOST, NEAR_LOST
-from myork.rom.model import Batch, ReducedModel
+from myork.rom.model import OUTSIDE, Batch, ReducedModel
 from myork.rom.parameters import value_of
 from myork.rom.probes import probe_columns
 from myork.summary import read_summary
@@ -27,10 +26,6 @@ FIELDS = {
     "J": ("volume ratio J", ""),
     "displacement": ("displacement", "length"),
 }
-#: Bounds of the estimated error of all displacements: of the error 5 and 12.5 %, as of a full solve
-#: against more points; in the trained range no estimate was less than half of its error, up to
-#: twice beyond it, on the same solution, less than a third (docs/reduced.md)
-DOUBTFUL, REFUSED = 0.05 / 3.0, 0.125 / 3.0
 #: An error is relative to the displacement, but at least to this share of the largest of the
 #: training, as a probe is judged by its kind
 _LEAST = 0.1
@@ -119,8 +114,7 @@ class Answers:
                 for name, (title, unit) in FIELDS.items()
             ],
             "length": units["length"],
-            "doubtful": DOUBTFUL,
-            "refused": REFUSED,
+            "tolerance": rom.head["tolerance"],
             "describe": rom.describe(),
             "bar": self._bar,
         }
@@ -165,7 +159,7 @@ class Answers:
         j = fields.named["J"][:, 0]
         size = float(np.linalg.norm(batch.amplitudes[0])) / (_LEAST * self.rom.largest)
         error = float(batch.indicator[0]) * min(1.0, size)
-        verdict, reasons = self._verdict(row[0], batch, error, float(j.min()))
+        verdict, reasons = self._verdict(row[0], batch, float(j.min()))
         facts = {
             "probes": [_number(v) for v in self._values(batch)[0]],
             "indicator": _number(error),
@@ -232,15 +226,18 @@ class Answers:
         scalars = batch.scalars()
         return np.stack([scalars[probe["name"]] for probe in self.probes], axis=1)
 
-    def _verdict(self, row: F64, batch: Batch, error: float, j: float) -> tuple[str, list[str]]:
-        outside = [
+    def _verdict(self, row: F64, batch: Batch, smallest_j: float) -> tuple[str, list[str]]:
+        """That of sweeps and `rom solve`, with the ranges of what lies outside."""
+        verdict, reasons = batch.verdict(0)
+        reasons = [reason for reason in reasons if reason != OUTSIDE] + [
             f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
             for p, v in zip(self.rom.parameters, row, strict=True)
-            if not p.low - 1e-9 * (p.high - p.low) <= v <= p.high + 1e-9 * (p.high - p.low)
+            if not p.low <= v <= p.high and not batch.inside[0]
         ]
-        if batch.full[0] == LOST:
-            outside.append(NEAR_LOST)
-        return verdict_of(bool(batch.converged[0]), error, j, outside)
+        if verdict != "refused" and smallest_j <= 0.0:
+            verdict = "doubtful"
+            reasons.insert(0, f"the material is inverted at a point: J = {smallest_j:.3g}")
+        return verdict, reasons
 
     def _bar_of_force(self, folder: Path) -> dict[str, Any] | None:
         """Error of the first force by the check on unseen full solves; none without a check.
@@ -308,31 +305,6 @@ class Answers:
             ends = np.percentile(every, [_TAIL, 100.0 - _TAIL])
             ranges[name] = _rounded(ends, float(np.abs(ends).max()))
         return ranges, float(np.abs(self._values(batch)[batch.converged, 0]).max())
-
-
-def verdict_of(
-    converged: bool, indicator: float, smallest_j: float, outside: Sequence[str]
-) -> tuple[str, list[str]]:
-    """Verdict on a state of a reduced model with its reasons.
-
-    It judges what the reduction adds; the full model has a verdict from its own solve.
-
-    - `converged`: whether the equations are solved
-    - `indicator`: estimated error of the displacement, relative to it or to a share of the largest
-    - `smallest_j`: smallest volume ratio
-    - `outside`: what lies outside the range of the training or near lost states, a sentence each
-    """
-    if not converged:
-        return "refused", ["the reduced model did not converge for these values", *outside]
-    reasons = list(outside)
-    if smallest_j <= 0.0:
-        reasons.insert(0, f"the material is inverted at a point: J = {smallest_j:.3g}")
-    if not indicator <= DOUBTFUL:
-        error = f"the estimated error of the displacement is {100 * indicator:.2g} %"
-        reasons.insert(0, error)
-        if not indicator <= REFUSED:
-            return "refused", reasons
-    return ("doubtful" if reasons else "accepted"), reasons
 
 
 def _field(fields: Fields, name: str) -> F64:
