@@ -326,13 +326,16 @@ def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> No
     ("place", "wanted", "verdict"), [((2, 0.5), 63.749, "accepted"), ((0.2, 0.1), 73.9, "doubtful")]
 )
 def test_collapsed_corners_do_not_make_other_stresses_small(inputs, place, wanted, verdict):
-    """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points."""
+    """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points.
+
+    A fifth of the value as a bar: beside a corner the solutions differ more than at the probe.
+    """
     where = f"probe.shear_stress.point={list(place)}"
     overrides = ("scene.method=rkpm-gauss", "load.steps=1", where)
     states, found = solved(inputs / "shear_2d.toml", *overrides)
     assert states.min_j[-1] < 1e-3
     value = found.last()["shear_stress"]
-    assert abs(value - wanted) < found.bar("shear_stress") < 0.15 * abs(value)
+    assert abs(value - wanted) < found.bar("shear_stress") < 0.2 * abs(value)
     assert states.verdict == verdict
 
 
