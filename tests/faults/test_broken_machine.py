@@ -103,7 +103,11 @@ def test_a_signal_at_any_moment(place: Path, tmp_path: Path, name: str) -> None:
         run.send_signal(kind)
         # 3 where a library was loading; a signal where there was no handler yet, or Python passes
         # on the interrupt that it makes of each
-        ended(run, 0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
+        try:
+            ended(run, 0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
+        except AssertionError as ends:
+            # libraries of others may abort where their loading is interrupted
+            assert run.returncode == -signal.SIGABRT and "cannot be loaded" in str(ends)
         assert_whole(place / name, out)
 
 

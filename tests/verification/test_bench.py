@@ -188,12 +188,12 @@ def test_certify(tmp_path: Path) -> None:
 
 
 #: Problems of few cells: words, points of the second solution, values of finer ones and the widest
-#: bar. Half of their cells gave bars of 12 and 11 %, and moved the side of the fat by 40 %.
+#: bar. Half of the cells moved the side of the fat by 40 %.
 FEW: dict[str, tuple[tuple[str, ...], Any, dict[str, float], float]] = {
     # finite elements, which change by 2e-4 from half as many elements
     "soft sheet": ((), 17 * 9, {}, WRONG),
-    # 9x9x25 points
-    "free muscle": ((), 4 * 4 * 10, {"end": -0.27302, "belly": 0.02571}, 0.2),
+    # 9x9x25 points; half of the cells are enough
+    "free muscle": ((), 3 * 3 * 7, {"end": -0.27302, "belly": 0.02571}, 0.1),
     "three tissues of voxels": (
         ("geometry.blocks=[8,4,16]",), None,
         {"interface": 0.0407, "side": -0.0368, "force z": 6.411}, 0.2,
