@@ -170,6 +170,10 @@ def test_fortran_house_rules() -> None:
             for name, result, body in functions(code)
             if re.search(rf"character\s*\(\s*(len\s*=\s*)?:.*::.*\b{result}\b", body)
         ]
+        wrong += [
+            f"{name_of(path)}: {line.strip()}: a text of deferred length"
+            for line in re.findall(r"(?m)^[^!\n]*character\s*\([^)]*:\s*\)\s*function.*$", code)
+        ]
         text = path.read_text(encoding="utf-8").splitlines()
         wrong += [
             f"{name_of(path)}:{number}: longer than 100 columns"

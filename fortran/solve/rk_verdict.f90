@@ -73,8 +73,8 @@ module rk_verdict
    real(wp), parameter :: of_point_volume = 0.05_wp
    !> What speaks against a state whose tangent is not positive definite
    character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
-      & //'positive definite: a small disturbance takes the body to another state; reduce the ' &
-      & //'load or constrain the body'
+      & //'positive definite: a small disturbance takes the body to another state; take more ' &
+      & //'load.steps, reduce the load or constrain the body'
    !> Load steps in place of one where the second solution lost its way
    integer, parameter :: finer_steps = 4
 

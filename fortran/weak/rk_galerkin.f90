@@ -173,7 +173,8 @@ subroutine new_galerkin(self, scene, error)
    end if
    if (allocated(error)) return
    if (allocated(self%pressure%share) .and. allocated(scene%cloud%lattice) &
-      & .and. .not. (self%linear .or. allocated(scene%motion) .or. scene%cloud%jittered)) then
+      & .and. .not. (self%linear .or. allocated(scene%motion) .or. scene%cloud%jittered &
+      & .or. self%mixture%activation_jumps())) then
       allocate (self%walls)
       call new_walls(self%walls, scene, self%cells, self%surface, error)
       if (allocated(error)) return

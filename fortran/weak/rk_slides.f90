@@ -19,6 +19,9 @@ module rk_slides
 
    !> Lines of source points along the slide that move
    integer, parameter :: lines = 3
+   !> Lines of a body at least: with a second solution of half of them motions of both would reach
+   !> across the body, and err alike
+   integer, parameter :: least_lines = 2*lines + 1
    !> A determinant below this share of its products is none
    real(wp), parameter :: dependent = 1.0e-6_wp
 
@@ -51,8 +54,9 @@ pure integer function slides_on(cloud, surface, cells, side) result(i)
 end function slides_on
 
 !> Motion of source points that is one on a slide, and in which neither constant nor linear
-!> tractions do work on a side beside it, shape (ns) [-]; zero where that side does not meet the
-!> slide, does not hold its component everywhere, or has too few points
+!> tractions do work on a side beside it, shape (ns) [-]; zero in space, and where that side does
+!> not meet the slide, does not hold its component everywhere, or has too few points. Where nothing
+!> is held at its other end, the singular rim there makes its tractions far from linear
 function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    type(cloud_type), intent(in) :: cloud
    type(surface_type), target, intent(in) :: surface
@@ -65,12 +69,14 @@ function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    real(wp) :: moment(2, 0:lines - 1), share(0:lines - 1), scale
-   integer :: line(size(motion)), axis, index(3), k, s
+   integer :: line(size(motion)), axis, end, index(3), k, s
 
    motion = 0.0_wp
    axis = (slide + 1)/2
-   if ((other + 1)/2 == axis .or. cloud%lattice(axis) <= lines) return
+   if (cloud%nd > 2 .or. (other + 1)/2 == axis .or. cloud%lattice(axis) < least_lines) return
    if (.not. any(cells%set == other)) return
+   end = set_number(cloud%polar, axis, 0) + set_number(cloud%polar, axis, 1) - slide
+   if (.not. any(any(surface%essential, dim=1) .and. cells%set == end)) return
    if (.not. all(surface%essential(i, :) .or. cells%set /= other)) return
    do k = 1, size(line)
       index = lattice_index(cloud, k)

@@ -42,7 +42,8 @@ module rk_walls
 
 contains
 
-!> Find the places and what makes their tractions. A place on two walls, or at the end of one where
+!> Find the places and what makes their tractions. A side with few source points of its own is no
+!> wall. A place on two walls, or at the end of one where
 !> nothing is held beside it, has none; where a side beside it holds a component, the source points
 !> of both have no part in it
 subroutine new_walls(self, scene, cells, surface, error)
@@ -73,6 +74,10 @@ subroutine new_walls(self, scene, cells, surface, error)
       do k = 1, size(on, 2)
          on(:, k) = [(meets(side, cloud%source(:, k)), side=1, size(on, 1))]
       end do
+      do side = 1, size(self%side)
+         self%side(side) = self%side(side) &
+            & .and. minval([(size(own_points(side, k)), k=1, 2)]) >= fit
+      end do
       ! derivatives along a wall are as they are
       allocate (self%pair(2, 0))
       allocate (self%number(size(place, 2)), source=0)
@@ -100,9 +105,7 @@ subroutine new_walls(self, scene, cells, surface, error)
          if (.not. self%side(side)) cycle
          moment = moments(cells, surface, side, size(cloud%source, 2))
          do k = 1, 2
-            own = pack([(i, i=1, size(cloud%source, 2))], on(side, :) &
-               & .and. count(on .and. spread(holds(k, :), 2, size(on, 2)), dim=1) == 1)
-            if (size(own) < fit) cycle
+            own = own_points(side, k)
             do i = 1, size(wall)
                if (wall(i) /= side) cycle
                n = self%number(i)
@@ -116,6 +119,16 @@ subroutine new_walls(self, scene, cells, surface, error)
    end associate
 
 contains
+
+   !> Source points of a side where it alone holds a component
+   pure function own_points(side, k) result(own)
+      integer, intent(in) :: side, k
+      integer, allocatable :: own(:)
+      integer :: i
+
+      own = pack([(i, i=1, size(on, 2))], on(side, :) &
+         & .and. count(on .and. spread(holds(k, :), 2, size(on, 2)), dim=1) == 1)
+   end function own_points
 
    !> Whether a place lies on a side of the lattice
    pure logical function meets(side, x)

@@ -140,12 +140,12 @@ def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     )
     page.wait_for_function("shown.values[0] === 0.6 && !busy && !wanted")
     assert page.evaluate("shown.answers") > before + 1
-    # outside of the range, with the bounds that the verdict has
+    # outside of the range, with the tolerance that the verdict has
     for number, value in ((0, 0.5), (2, 30.0), (1, 0.34)):
         slide(page, number, value)
     assert page.inner_text("#verdict") == "? doubtful"
     footer = page.inner_text("footer")
-    assert "beyond 1.7 % of estimated error" in footer and "beyond 4.2 % or without" in footer
+    assert "the tolerance of the training, 0.1 % of the largest displacement, is" in footer
     reasons = page.inner_text("#reasons")
     assert "boundary.z1.u_z = 0.34 is outside the trained range -0.2 to 0.3" in reasons
     assert page.locator(".slider.outside").count() == 1
