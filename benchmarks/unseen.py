@@ -34,7 +34,7 @@ from myork.files import write_text
 from myork.types import F64
 
 NUMBERS = range(210)
-#: First number that is not for tuning
+#: First number not used for tuning
 _HELD_OUT = 140
 ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]
@@ -246,9 +246,9 @@ def answers(
     others: range,
     accuracies: Sequence[float] = ACCURACIES,
 ) -> list[dict[str, Any]]:
-    """Rows of the problems by their numbers whose truths a file has, at each target error.
+    """Rows of the problems, by number, with truths in a file, at each target error.
 
-    - `others`: numbers that are not for tuning
+    - `others`: numbers not used for tuning
     """
     found = []
     for number, problem in problems.items():

@@ -73,13 +73,13 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def _listed(_: Sphinx, name: str, source: list[str]) -> None:
-    """Put lists below their pages."""
+    """Append lists to their pages."""
     for tool in (messages, rooms):
         if name == tool.__name__:
             source[0] += "\n" + tool.page()
 
 
 def setup(app: Sphinx) -> None:
-    """Draw formulas as MathML, list messages and rooms."""
+    """Write formulas as MathML, list messages and rooms."""
     app.connect("source-read", _listed)
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))

@@ -1,7 +1,7 @@
 """The rooms of the core, from the sources themselves: `python docs/rooms.py` prints them.
 
-What a room holds stands in the first line of its meson.build, whom it uses in its `use` lines. The
-site has the table below `docs/rooms.md`.
+The first line of its meson.build says what a room holds, its `use` lines say what it uses. The site
+has the table below `docs/rooms.md`.
 """
 
 import re
@@ -26,7 +26,7 @@ def rooms() -> dict[str, set[str]]:
 
 
 def purpose(room: str) -> str:
-    """What a room holds, by the first line of its meson.build."""
+    """What a room holds, from the first line of its meson.build."""
     path = next(path for path in FORTRAN.rglob("meson.build") if path.parent.name == room)
     found = re.match(r"# Room: (.+)\.\n", path.read_text(encoding="utf-8"))
     if found is None:

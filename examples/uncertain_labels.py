@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from myork import Scene, build
 
 DECK = Path(__file__).parent / "data" / "muscle.toml"
-SHIFT, NOISE, LENGTH = 0.5, 0.3, 10.0  # of all, along the boundary, and over which it varies [mm]
+SHIFT, NOISE, LENGTH = 0.5, 0.3, 10.0  # global shift, noise along boundary, its length scale [mm]
 
 rng = np.random.default_rng(0)
 x, y, z = np.meshgrid(*(np.arange(n) + 0.5 for n in (22, 22, 24)), indexing="ij")
@@ -31,7 +31,7 @@ with TemporaryDirectory() as folder:
         found.append((muscle.sum() / 1000, force))
         noises = [gaussian_filter(rng.standard_normal(x.shape), wide) for wide in (LENGTH / 2, 1)]
         smooth, part = (noise / noise.std() for noise in noises)
-        # a move of a part of a voxel takes that part of them, in random patches
+        # a shift by part of a voxel flips that share of voxels, in random patches
         muscle = depth + SHIFT * rng.standard_normal() + NOISE * smooth + ndtr(part) - 0.5 > 0
 print("forces [N], the first as drawn:", *(f"{force:.2f}" for _, force in found))
 plt.plot(*np.transpose(found[1:]), "o")

@@ -209,7 +209,7 @@ def _exact(points: F64, problem: Problem, n: int) -> _Exact:
 
 
 def _tables(problem: Problem, method: str, n: int) -> dict[str, Any]:
-    """Deck of a unit square or cube, of two materials where the bulk modulus varies."""
+    """Deck of a unit square or cube, with two materials if the bulk modulus varies."""
     nd = problem.dimension
     # the chosen solution is smooth, so that rows near the edges count in full
     tables: dict[str, Any] = {

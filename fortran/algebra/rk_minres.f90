@@ -23,8 +23,8 @@ module rk_minres
 
    !> Entries of a block of a sum
    integer, parameter :: block = 2048
-   !> Iterations by whose rate those that are needed are foreseen, and the part of a rate that is
-   !> too slow for sure [-]
+   !> Iterations before the number needed is predicted from their rate, and the part of the
+   !> required rate that is certainly too slow [-]
    integer, parameter :: seen = 3
    real(wp), parameter :: sure = 0.7_wp
 
@@ -56,7 +56,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
    !> Tridiagonal matrix of the iteration, whose eigenvalues are like those of P^-1 A: its diagonal
    !> and what stands beside it, shape (2, limit)
    real(wp), intent(inout), optional :: lanczos(:, :)
-   !> End as soon as the limit is not likely to suffice
+   !> Stop as soon as the limit is unlikely to suffice
    logical, intent(in), optional :: foresees
    real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3

@@ -65,8 +65,8 @@ module rk_symmetric
       final :: free
    end type symmetric_matrix
 
-   !> Entries in the places of a matrix of which most are zero: pieces of columns that are not, in
-   !> the order in which a product takes them
+   !> Mostly zero entries in the pattern of a matrix: its nonzero pieces of columns, in the order
+   !> in which a product uses them
    type :: few_entries
       !> Column and first row of each piece, shape (pieces)
       integer, allocatable :: column(:), row(:)
@@ -74,7 +74,7 @@ module rk_symmetric
       integer(i8), allocatable :: first(:)
       !> Entries of the matrix before each piece, shape (pieces)
       integer(i8), allocatable :: before(:)
-      !> Entries
+      !> Entries of all pieces
       real(wp), allocatable :: value(:)
    contains
       procedure :: put, product => product_of_pieces
@@ -317,7 +317,7 @@ subroutine product_with(self, value, x, y)
    end do
 end subroutine product_with
 
-!> Those of other entries in the same places that are not zero
+!> The nonzero ones of other entries in the same pattern
 function nonzeros(self, value) result(kept)
    class(symmetric_matrix), intent(in) :: self
    !> Entries, shape (entries)
@@ -359,10 +359,10 @@ function nonzeros(self, value) result(kept)
 
 contains
 
-   !> Keep a piece of a column that is not zero
+   !> Keep a piece of a column unless it is zero
    subroutine keep(column, row, above_it, length)
       integer, intent(in) :: column, row
-      !> Entries of the column above it, and its own
+      !> Entries of the column above it, and in it
       integer(i8), intent(in) :: above_it
       integer, intent(in) :: length
       integer(i8) :: before
@@ -397,7 +397,7 @@ subroutine put(self, value)
    end do
 end subroutine put
 
-!> Product with a vector, to the bits of that of all entries
+!> Product with a vector, bit for bit that of all entries
 subroutine product_of_pieces(self, x, y)
    class(few_entries), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -847,9 +847,6 @@ pure function reach_of(above, place) result(reach)
       end do
    end do
 end function reach_of
-
-
-
 
 !> Factor of half as many digits
 subroutine factorise(self, given, share)

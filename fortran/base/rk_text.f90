@@ -12,14 +12,14 @@ module rk_text
          & integers_text
    end interface to_text
 
-   !> Significant digits where no number of them is given
+   !> Significant digits by default
    integer, parameter :: usual_digits = 6
    !> Longest text of a real number
    integer, parameter :: longest = 40
 
 contains
 
-!> Digits of an integer, and its sign
+!> Digits of an integer with its sign
 elemental integer function width(value)
    integer(i8), intent(in) :: value
    integer(i8) :: rest
@@ -46,13 +46,13 @@ pure function long_text(value) result(text)
    write (text, '(i0)') value
 end function long_text
 
-!> A real number with a power of ten, and blanks; the E also before an exponent of three digits,
-!> which Fortran leaves out
+!> A real number with a power of ten, padded with blanks; with the E that Fortran omits before
+!> exponents of three digits
 pure function in_powers(value, decimals) result(text)
    real(wp), intent(in) :: value
    !> Digits behind the point
    integer, intent(in) :: decimals
-   ! those that rounding may lift to 1e100 as well
+   ! also for what rounding may lift to 1e100
    real(wp), parameter :: small = 9.0e-100_wp, large = 9.0e99_wp
    character(len=longest) :: text
    logical :: long
@@ -62,7 +62,7 @@ pure function in_powers(value, decimals) result(text)
    text = adjustl(text)
 end function in_powers
 
-!> A real number, and blanks
+!> A number, padded with blanks
 pure function written(value, digits) result(text)
    real(wp), intent(in) :: value
    !> Significant digits
@@ -141,7 +141,7 @@ pure function reals_text(values) result(text)
    text = list_text(values, usual_digits)
 end function reals_text
 
-!> The same with another number of digits
+!> The same with a given number of digits
 pure function list_text(values, digits) result(text)
    real(wp), intent(in) :: values(:)
    !> Significant digits of each
@@ -173,7 +173,7 @@ pure integer function start_of(text, number) result(start)
    end do
 end function start_of
 
-!> One line of a text; empty behind the last
+!> One line of a text; empty after the last
 pure function line(text, number) result(found)
    character(len=*), intent(in) :: text
    !> Number of the line

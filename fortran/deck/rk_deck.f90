@@ -311,7 +311,7 @@ pure integer function where_length(self, key) result(length)
    if (number > 0) length = len(self%entry(number)%where)
 end function where_length
 
-!> Where a key was written; for one that nobody wrote, its table or the file
+!> Where a key was written; for one that was not, its table or the file
 pure function where_written(self, key) result(place)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key

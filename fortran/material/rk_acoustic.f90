@@ -29,8 +29,8 @@ module rk_acoustic
    !> What a bound must clear beyond what is asked, as eliminations end before the last digit, and
    !> stiffness that stands for a kept volume, both of the shear modulus [-]
    real(wp), parameter :: clearance = 0.02_wp, stiffening = 100.0_wp
-   !> Forms whose definiteness is tried, and how far from a bound of s the next one is while there
-   !> is none on its other side, of the shear modulus [-]
+   !> Forms tested for definiteness, and the step from a bound of s to the next s while there is no
+   !> bound on the other side, of the shear modulus [-]
    integer, parameter :: trials = 6
    real(wp), parameter :: beyond = 0.1_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
@@ -104,9 +104,9 @@ end function least_acoustic
 
 !> Whether the eigenvalues of all acoustic tensors are above a level, by a bound that most points
 !> of a body reach and that costs a fraction of the search: the form C4 + s dcof F/dF is positive
-!> definite. Motions m N do not change the cofactors, so that any s will do. The first one taken
-!> gives rotations the stiffness of a linear elastic solid; a motion that resists too little says
-!> on which side of it the others are
+!> definite. Motions m N do not change the cofactors, so that any s will do. The first s gives
+!> rotations the stiffness of a linear elastic solid; a motion that is resisted too little shows on
+!> which side of it to search
 pure logical function surely_above(nd, c4, f, rigid, level, modulus)
    !> Space dimension; in the plane directions and motions stay in it
    integer, intent(in) :: nd
@@ -177,14 +177,14 @@ pure logical function surely_above(nd, c4, f, rigid, level, modulus)
    end do
 end function surely_above
 
-!> A motion that a symmetric form does not resist, where its Cholesky factor has a pivot that is
-!> not positive beyond rounding
+!> A motion that a symmetric form does not resist, if a pivot of its Cholesky factor is not
+!> positive beyond rounding
 pure subroutine find_weak(form, motion, lacking, definite)
-   !> Its lower triangle counts
+   !> Only its lower triangle is used
    real(wp), intent(in) :: form(:, :)
-   !> Motion, shape (size(form, 1)), and what its stiffness lacks, where there is one
+   !> Motion, shape (size(form, 1)), and the stiffness missing, if there is one
    real(wp), intent(out) :: motion(:), lacking
-   !> There is none
+   !> There is no such motion
    logical, intent(out) :: definite
    real(wp) :: a(size(form, 1), size(form, 1)), small
    integer :: j, k, n

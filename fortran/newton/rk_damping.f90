@@ -71,8 +71,8 @@ subroutine learn(self, scale, gain, predicted, merit, definite)
    real(wp), intent(in) :: predicted
    !> r.r/2 before
    real(wp), intent(in) :: merit
-   !> The step is Newton's with a positive definite tangent: it leads downhill in the energy, and
-   !> residuals that grow on the way say nothing against it
+   !> The step is Newton's with a positive definite tangent: it descends in energy, even if the
+   !> residuals grow on the way
    logical, intent(in) :: definite
 
    if (.not. self%lambda > 0.0_wp) then

@@ -20,8 +20,8 @@ module rk_discretisation
    public :: discretisation_type, free_discretisation, deformation, gradients, entry_displacement
    public :: at_rest, has_few_cells, judged_state, rounding, small_strain, turns_over
 
-   !> Source points across a body that are few: with two cells what groups exchange is a part of
-   !> bending, so that its tangent is judged as it is
+   !> Source points across a body up to which they are few: with two cells volume exchange in groups
+   !> is part of bending, and the tangent is judged as it is
    integer, parameter :: few_points = 4
    !> Stresses below this share of a modulus are roundings [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
@@ -64,11 +64,11 @@ module rk_discretisation
 
    abstract interface
       !> Take other loads and material parameters from the scene of a nonlinear problem, whose
-      !> points, conditions and tissues are as they were; shape functions stay
+      !> points, conditions, tissues and shape functions are unchanged
       subroutine renew_interface(self, materials, error)
          import :: discretisation_type, error_type
          class(discretisation_type), intent(inout) :: self
-         !> Material parameters have changed as well
+         !> Material parameters changed as well
          logical, intent(in) :: materials
          !> Error handling: what cannot be changed
          type(error_type), allocatable, intent(out) :: error
@@ -204,7 +204,7 @@ subroutine at_point(self, state, ip, local)
    call self%at_place(state, ip, self%scene%cloud%points(:, ip), u, local)
 end subroutine at_point
 
-!> Keep what the material does at the collocation points, for several questions about a state
+!> Store the material states at the collocation points, for several questions about a state
 subroutine keep_places(self, state)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(inout) :: state

@@ -38,7 +38,7 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last
    real(wp), contiguous, intent(in) :: r(:)
    !> Derivative of r.r/2 along the step
    real(wp), intent(in) :: slope
-   !> |r| from which growth is measured, at least that of r
+   !> |r| relative to which it grows, at least that of r
    real(wp), intent(in) :: highest
    !> Any valid state will do
    logical, intent(in) :: blind

@@ -72,7 +72,7 @@ module rk_newton
       !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
       logical :: pinned = .false.
       !> The last step of the last load step that converged had no Cholesky factor where one was
-      !> tried: its state may be one that the body leaves
+      !> tried: its equilibrium may be unstable
       logical :: unstable = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
@@ -331,8 +331,8 @@ contains
       last = .false.
       if (self%iterations > 1) last = problem%costly .and. maxval(moved/now%extent) &
          & < merge(near, self%tolerance, now%passes)
-      ! a step along a soft motion strains stiff ones, as bending does the length of a column, and
-      ! the next one takes that back: from step to step residuals need not fall
+      ! a step along a soft mode strains stiff ones, as bending stretches a column, and the next
+      ! step corrects that: residuals need not fall from step to step
       definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
@@ -572,7 +572,7 @@ subroutine get_volume_text(problem, state, text)
 
    text = 'smallest J '//to_text(state%min_j, 4)
    associate (points => problem%scene%cloud%points)
-      ! rows of the volume may stand at further places
+      ! volume rows may be at other places
       if (state%worst > 0 .and. state%worst <= size(points, 2)) text = text//' at ' &
          & //to_text(points(:, state%worst))
    end associate

@@ -169,7 +169,7 @@ subroutine check_answer(self, x, reason)
    reason = ''
 end subroutine check_answer
 
-!> Whether an equilibrium is one that the body leaves; it is not where a problem cannot tell
+!> Whether an equilibrium is unstable; false if a problem cannot tell
 logical function is_unstable(self, x, load)
    class(problem_type), target, intent(inout) :: self
    !> Its unknowns, shape (n)

@@ -21,8 +21,8 @@ module rk_states
       real(wp) :: p(3, 3) = 0.0_wp
       !> Cauchy stress [stress]
       real(wp) :: cauchy(3, 3) = 0.0_wp
-      !> The same by other derivatives of the same displacements, where the form knows several: what
-      !> they differ by is part of the error
+      !> The same from other derivatives of the same displacements, if the form has several: their
+      !> difference is part of the error
       real(wp), allocatable :: other(:, :)
    end type point_state
 
@@ -54,9 +54,9 @@ module rk_states
       !> Where pressures are written with it: its curvature in each group, shape (nd, nd, groups)
       !> [stress/length^2]
       real(wp), allocatable :: bend(:, :, :)
-      !> States at the collocation points, shape (nc), where they are kept for several questions
+      !> States at the collocation points, shape (nc), if they are stored for several questions
       type(point_state), allocatable :: place(:)
-      !> Where walls have their stress from them: forces of the supports on source points, shape
+      !> Forces of the supports on source points, if the stress on walls comes from them, shape
       !> (nd, ns) [force]
       real(wp), allocatable :: push(:, :)
    end type field_state

@@ -16,8 +16,8 @@ module rk_static
 
    public :: solve_static
 
-   !> Halvings after which an unstable state is where it ends: the branch is lost, and what further
-   !> ones reach is chance
+   !> Halvings after which a run ends at an unstable state: the branch is lost, and what further
+   !> ones reach is arbitrary
    integer, parameter :: early = 5
    !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
    integer, parameter :: rests = 3
@@ -172,8 +172,8 @@ contains
       if (may_halve .and. halvings >= early) may_halve = .not. is_lost()
    end function may_halve
 
-   !> Whether the last converged state is one that the body leaves; a tangent that is not definite
-   !> does not say so alone
+   !> Whether the last converged state is unstable; a tangent that is not positive definite does not
+   !> suffice
    logical function is_lost()
       is_lost = newton%unstable .and. done > 0.0_wp
       if (is_lost) is_lost = problem%is_unstable(x, done)

@@ -27,7 +27,7 @@ module rk_ellipticity
       real(wp) :: max_j = 1.0_wp
    end type ellipticity_type
 
-   !> Points from one that is looked at to the next
+   !> Stride in which points are visited
    integer, parameter :: apart = 16
 
 contains
@@ -54,7 +54,7 @@ subroutine find_ellipticity(problem, state, worst)
       & worst%broken(size(problem%scene%cloud%points, 2)))
    least = huge(1.0_wp)
    floor = huge(1.0_wp)
-   ! from all over the body: the least is soon near, below which most of it is surely not
+   ! from all over the body: its least is soon approached, and most of it surely above
    order = [((ip, ip=k, size(least), apart), k=1, apart)]
    ! what is surely above a thread's least is neither lost nor the worst: nothing depends on threads
    !$omp parallel do default(none) schedule(static) private(i, ip, k, local, layers, layered, p, &

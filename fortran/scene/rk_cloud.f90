@@ -54,7 +54,7 @@ module rk_cloud
       !> Block of each collocation point's voxel, from 0 in each direction, shape (3, nc); allocated
       !> where the source points are the corners of these blocks
       integer, allocatable :: block(:, :)
-      !> Where volume rows stand: centres of the cells between the source points of a lattice, shape
+      !> Places of volume rows: centres of the cells between the source points of a lattice, shape
       !> (nd, nv) [length]
       real(wp), allocatable :: volume_points(:, :)
       !> Volume (area in 2-D) that belongs to each collocation point, shape (nc) [length^nd]

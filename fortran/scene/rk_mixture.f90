@@ -80,7 +80,7 @@ module rk_mixture
       real(wp), allocatable :: level(:)
       !> Lambda and mu of a linear problem at each place, shape (2, np) [stress]
       real(wp), allocatable, public :: pair(:, :)
-      !> Their derivatives, for strong forms, shape (2, nd, np) [stress/length]
+      !> Their gradients, for strong forms, shape (2, nd, np) [stress/length]
       real(wp), allocatable :: pair_slope(:, :, :)
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
@@ -448,7 +448,7 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
 
    p = 0.0_wp
    if (allocated(self%pair)) then
-      ! that of lambda is a pressure
+      ! the part of lambda is a pressure
       part4 = moduli(self%scene%equation, [0.0_wp, self%pair(2, ip)])
       do b = 1, 3
          do k = 1, 3

@@ -34,12 +34,12 @@ module rk_bars
 
    !> Bar over the difference from fewer points, of displacements, forces, stresses inside and at
    !> the surface. Errors of order two are a third of it, of order one as large: those at the
-   !> surface are nearer the latter, singular edges make displacements and forces fall in between.
-   !> Stresses inside err to either side from place to place, and the difference is the root of both
-   !> squares, 4.1 times the error, of which nine in ten are below 1.65 of it
+   !> surface are nearer the latter; with singular edges displacements and forces are in between.
+   !> Errors of stresses inside change sign from place to place: the difference is the root of the
+   !> sum of squares, 4.1 times the error, and nine errors in ten are below 1.65 times theirs
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_force = 0.8_wp, factor_inside = 0.4_wp, &
       & factor_surface = 1.0_wp
-   !> The same in annuli without rims by a basis of order two, whose errors are of order three, a
+   !> The same in annuli without rims with a basis of order two: errors are of order three, a
    !> seventh of the difference, and of order two at the surface
    real(wp), parameter :: factor_polar = 0.3_wp, factor_wall = 2.0_wp/3.0_wp
    !> The same for nodal cells of voxels, whose surface has stairs; and times the factors from three
@@ -106,10 +106,10 @@ module rk_bars
       !> Kind of all displacements at these loads: the shear strain that the stress would make of a
       !> free body, times its size; 0 of linear problems, shape (n) [length]
       real(wp), allocatable :: strained(:)
-      !> Own size at full load, at least a tenth of its kind, three tenths for a stress inside,
+      !> Own size at full load, at least a tenth of its kind, three tenths for stresses inside,
       !> shape (probes)
       real(wp), allocatable :: size(:)
-      !> The same of stresses inside as well, of a programme the largest on the way, shape (probes)
+      !> At least a tenth for stresses inside too, the largest of a programme, shape (probes)
       real(wp), allocatable :: small(:)
       !> Own size at full load, at least that of its kind, shape (probes)
       real(wp), allocatable :: kind(:)
@@ -125,7 +125,7 @@ module rk_bars
       !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
-      !> What makes most of each bar at full load: "other points", "other form", "points around",
+      !> Main part of each bar at full load: "other points", "other form", "points around",
       !> "voxels", "J of the pressure", "own derivatives", "known solution", "least share",
       !> "earlier points" of a search; blank where there is none, shape (probes)
       character(len=17), allocatable :: source(:)
@@ -327,7 +327,7 @@ subroutine bars_by_other(self, problem, other, kind, around, which)
    type(bars_type), intent(in) :: other
    !> fewer_points, few_fewer, more_points, another_form or twice_fewer
    integer, intent(in) :: kind
-   !> What it differs by around each probe at the same loads, negative where that is not known,
+   !> Its difference around each probe at the same loads, negative where it is not known,
    !> shape (3, probes, loads)
    real(wp), intent(in) :: around(:, :, :)
    !> Probes that get bars, all of them without it, shape (probes)
@@ -386,7 +386,7 @@ pure logical function holds_part(scene)
 end function holds_part
 
 !> Whether a set that is held in all directions meets a face where nothing is held: the stress is
-!> singular there, and errors fall more slowly than the order of the basis says
+!> singular there, and convergence is slower than the order of the basis
 logical function has_rim(scene)
    type(scene_type), intent(in) :: scene
    logical, dimension(size(scene%cloud%points, 2)) :: held, free
@@ -409,7 +409,7 @@ end function has_rim
 
 !> Bar over the difference from fewer points of a probe on a lattice [-]
 real(wp) function factor_of(smooth, probe, at_surface) result(factor)
-   !> In an annulus without rims, by a basis of order two
+   !> Basis of order two in an annulus without rims
    logical, intent(in) :: smooth
    type(probe_type), intent(in) :: probe
    !> A stress at the surface
@@ -530,8 +530,8 @@ subroutine set_bar(self, i, n, other, around, left, from)
    last = size(self%load)
    self%source(i) = from
    if (maxval(around(:n, last)) > maxval(difference(:, last))) self%source(i) = 'points around'
-   ! two clouds agree by chance where the difference changes its sign; what is around a place at the
-   ! surface is mostly inside, where stresses err less
+   ! two clouds may agree where their difference changes sign; points around one at the surface
+   ! are mostly inside, where stresses are more accurate
    where (around(:n, :) >= 0.0_wp .and. .not. (self%at_surface(i) .and. around(:n, :) &
       & < difference)) difference = sqrt(0.5_wp*(difference**2 + around(:n, :)**2))
    do k = 1, size(self%load)

@@ -54,8 +54,8 @@ module rk_companion
    !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
    !> are left, on voxels that are not merged
    integer, parameter :: least_blocks = 4
-   !> What is probed is compared this near to a probe, in spacings; at a multiple of half a spacing
-   !> rounding would decide at which points [-]
+   !> Radius around a probe in which its quantity is compared, in spacings; at a multiple of half a
+   !> spacing rounding would decide which points are [-]
    real(wp), parameter :: vicinity = 1.1_wp
    !> Distance from which on the companion itself is looked at again [-]
    real(wp), parameter :: suspect = 0.05_wp
@@ -115,8 +115,8 @@ module rk_companion
       integer :: tissue = 0
       !> Root mean square of that difference over the volume, the largest of all loads [length]
       real(wp) :: difference = 0.0_wp
-      !> Root mean square of the difference of what is probed in the places around each probe,
-      !> negative where it has none, shape (3, probes, loads)
+      !> Root mean square difference of the probed quantity at points around each probe,
+      !> negative if there are none, shape (3, probes, loads)
       real(wp), allocatable :: around(:, :, :)
    contains
       procedure :: kind => kind_of_companion
@@ -436,7 +436,7 @@ end function other_number
 pure integer function list_length(values)
    integer, intent(in) :: values(:)
 
-   ! to_text has a blank after each comma
+   ! to_text puts blanks after commas
    list_length = len(to_text(values)) - size(values) + 1
 end function list_length
 
@@ -479,8 +479,8 @@ subroutine look(self, problem, run, answer, error)
          associate (probe => problem%scene%probe(i))
             near(:, i) = [(norm2(cloud%points(:, ip) - probe%point(:cloud%nd)), ip=1, &
                & size(nearest))] < vicinity*cloud%mean_spacing() .and. probe%at_a_place()
-            ! nodal cells have one stress each: half way between two it is that of either, and a
-            ! mirror changes which
+            ! nodal cells have one stress each: halfway between two it is that of either one, and
+            ! of the other in a mirror
             if (first%scene%method /= 'rkpm-gauss' .and. kind_of_probe(probe) /= 'length') &
                & near(:, i) = .false.
          end associate

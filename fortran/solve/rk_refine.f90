@@ -31,8 +31,8 @@ module rk_refine
 
    !> Order of the bars in the spacing that is counted on
    real(wp), parameter :: order = 2.0_wp
-   !> A stress is also known at least this well relative to a tenth of its kind, as all others are
-   !> where it is asked for: three tenths alone leave a fifth of a small stress open [-]
+   !> A stress inside is also known this well, or to the target if that is larger, relative to a
+   !> tenth of its kind: three tenths alone leave a fifth of a small stress open [-]
    real(wp), parameter :: of_tenth = 0.05_wp
    !> Part of the target error that is aimed at, so that one more lattice is seldom needed [-]
    real(wp), parameter :: aim = 0.8_wp
@@ -583,7 +583,7 @@ end subroutine shares
 !> Bars over the sizes of their probes, of a programme over the largest on the way [-]
 pure function relative(bars, wanted) result(bar)
    type(bars_type), intent(in) :: bars
-   !> Bar that is wanted [-]
+   !> Target error [-]
    real(wp), intent(in) :: wanted
    real(wp) :: bar(size(bars%size))
    integer :: i
@@ -606,7 +606,7 @@ pure function next_cells(cells, share, bar, counts, wanted) result(next)
    real(wp), intent(in) :: bar(:)
    !> Whether each counts
    logical, intent(in) :: counts(:)
-   !> Bar that is wanted [-]
+   !> Target error [-]
    real(wp), intent(in) :: wanted
    integer :: next(size(cells))
    real(wp) :: part(size(cells)), left

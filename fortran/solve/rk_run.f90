@@ -30,7 +30,7 @@ module rk_run
    !> States of a motion that are judged. They lie closer together towards the end, where errors are
    !> largest, and not at multiples of any period
    integer, parameter :: looks = 16
-   !> Distance within which an interface of two materials passes through a probe, in spacings [-]
+   !> Distance up to which a probe lies on an interface of two materials, in spacings [-]
    real(wp), parameter :: beside = 1.0e-6_wp
 
    !> What a run found out beside its states
@@ -243,7 +243,7 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    end select
 end subroutine solve_motion
 
-!> Warn of conditions without effect
+!> Warn of inactive conditions
 subroutine warn_of_conditions(scene, outcome, recorder)
    type(scene_type), intent(in) :: scene
    type(outcome_type), intent(inout) :: outcome
@@ -262,8 +262,8 @@ subroutine warn_of_conditions(scene, outcome, recorder)
    end do
 end subroutine warn_of_conditions
 
-!> Warn of probes on an interface of materials that the deck gives by expressions, if what they
-!> measure may jump there
+!> Warn of probes on an interface of materials that are defined by expressions, if their quantity
+!> may jump there
 subroutine warn_of_interfaces(scene, outcome, recorder)
    type(scene_type), intent(in) :: scene
    type(outcome_type), intent(inout) :: outcome
@@ -280,7 +280,7 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
    do i = 1, size(scene%probe)
       if (.not. scene%probe(i)%at_a_place()) cycle
       if (kind_of_probe(scene%probe(i)) == 'length') cycle
-      ! on a plane or a circle a place has the material beyond
+      ! on a plane or a circle the material is the one beyond
       x = scene%probe(i)%point(:size(x))
       own = last_part(scene%tissue, merge(x*(1.0_wp + beside), x + reach, scene%cloud%polar), error)
       other = own
@@ -326,7 +326,7 @@ subroutine find_imbalance(problem, outcome)
 
    outcome%peak = outcome%last
    if (.not. allocated(outcome%load)) return
-   ! once is enough
+   ! keep one copy
    if (allocated(outcome%last%place)) deallocate (outcome%last%place)
    outcome%unstrained = .true.
    do k = 1, size(outcome%load)

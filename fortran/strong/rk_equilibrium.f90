@@ -16,8 +16,8 @@
 !> They fade towards edges between clamped and free faces, where the solution is singular, and are
 !> lower on faces, edges and corners, where a point stands for less.
 !>
-!> Linear problems, -L u = f with B^h u = h and B^g u = g on the boundary (5.7), are another law of
-!> the same rows. Points on their boundary carry its conditions only (5.10): with L there as well
+!> Linear problems, -L u = f with B^h u = h and B^g u = g on the boundary (5.7), have the same rows
+!> with another law. Their boundary points have the conditions only (5.10): with L there as well
 !> the L2 errors are 4 to 7 times larger and fall more slowly.
 !>
 !> The unknowns may be the amplitudes of modes: then the rows are those by them.
@@ -44,8 +44,8 @@ module rk_equilibrium
 
    public :: equilibrium_problem, new_equilibrium, reduce_rows
 
-   !> Rows: one block for each collocation point, of a linear problem for each one inside, then one
-   !> for each boundary point, then single rows at the points of the volume
+   !> Rows: one block per collocation point (interior ones only, if linear), then one per boundary
+   !> point, then single rows at the points of the volume
    type, extends(strong_problem) :: equilibrium_problem
       !> Blocks of rows before those of the boundary
       integer :: inside = 0
@@ -132,7 +132,7 @@ subroutine new_equilibrium(self, scene, mixed, error)
    self%block_of(place) = [(b, b=1, self%inside)]
    place = [place, self%boundary%point, [(nc + b, b=1, nv)]]
    allocate (range(2, size(place)))
-   ! constant coefficients leave second derivatives only
+   ! constant coefficients: second derivatives only
    range(1, :self%inside) = merge(2 + nd, 2, self%linear .and. .not. scene%equation%varies())
    range(2, :self%inside) = self%shape%nq
    range(1, self%inside + 1:) = 1
@@ -161,7 +161,7 @@ end subroutine new_equilibrium
 !> Sources of a linear problem at a time
 subroutine set_sources(self, time, error)
    class(equilibrium_problem), intent(inout) :: self
-   !> Time, of no meaning where nothing moves
+   !> Time, unused in a problem at rest
    real(wp), intent(in) :: time
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
@@ -533,7 +533,7 @@ subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
    real(wp), intent(in) :: load
-   !> Deformation gradient F(i, A), of no meaning in a linear problem [-]
+   !> Deformation gradient F(i, A), unused in a linear problem [-]
    real(wp), intent(in) :: f(3, 3)
    !> First Piola-Kirchhoff stress P(i, A), with that of a pressure
    real(wp), intent(in) :: p(3, 3)

@@ -230,7 +230,7 @@ pure subroutine smooth(self, i, x, h)
    end do
 end subroutine smooth
 
-!> Stress under a traction, none by default; it stays what it is where none is found
+!> Stress in balance with a traction, by default zero; unchanged if there is none
 subroutine release(self, i, mixture, load, f, local, traction)
    class(free_faces_type), intent(in) :: self
    integer, intent(in) :: i

@@ -70,7 +70,7 @@ module rk_galerkin
       type(recovery_type) :: recovery
       !> Stress on free faces; not allocated where the form has it well by itself
       type(free_faces_type), allocatable :: faces
-      !> Stress on walls; not allocated where supports say nothing better of it
+      !> Stress on walls; not allocated if supports do not improve it
       type(walls_type), allocatable :: walls
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
@@ -90,8 +90,8 @@ module rk_galerkin
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
       !> The next place is no step of the tangent: the pressure of its tangent is that of the base
       logical :: leaps = .false.
-      !> Tangents resist changes of volume within groups of cells as well: which of their negative
-      !> eigenvalues are of the material, and which of its pressures
+      !> Tangents also resist volume changes within groups of cells, to tell negative eigenvalues of
+      !> the material from those of its pressures
       logical, private :: resists = .false.
    contains
       procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
@@ -317,7 +317,7 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
          & + size(self%held%x, 2)])
       return
    end if
-   ! between the points nothing is prescribed
+   ! nothing is prescribed between points
    if (allocated(self%walls)) deallocate (self%walls)
    self%scene%body_force = body_force
    call self%surface%set_varying(self%cells, displacement(:, np + 1:), stress(:, :, np + 1:))
@@ -348,8 +348,8 @@ subroutine start(self, x, load, iteration)
    call self%matrix%forget()
 end subroutine start
 
-!> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, but for
-!> pressures as unknowns and pressures that follow a free rim, with which nothing is found.
+!> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, except with
+!> pressures as unknowns or that follow a free rim: false there.
 logical function is_unstable(self, x, load)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -378,8 +378,8 @@ logical function is_unstable(self, x, load)
    is_unstable = .not. tangent%definite()
    if (self%linear .or. .not. is_unstable) return
    if (.not. allocated(self%scene%cloud%lattice) .or. has_few_cells(self%scene)) return
-   ! of a group of cells pressures resist the mean volume and its slopes: under large compression
-   ! the parts of a free face may exchange volume, which no body does
+   ! pressures of a group of cells resist the mean volume change and its slopes only: under large
+   ! compression parts of a free face may exchange volume, which no body does
    self%resists = .true.
    call self%evaluate(x, load, r, seen, tangent=.true.)
    self%resists = .false.

@@ -317,7 +317,7 @@ function reaction(self, f) result(force)
 end function reaction
 
 !> Add the forces of the supports on the source points of some sides; sides that hold the same
-!> component of a point have equal parts in it
+!> component of a point share it equally
 subroutine add_push(self, side, held, push)
    class(held_type), target, intent(in) :: self
    !> Sides, shape (sides)
@@ -343,9 +343,9 @@ subroutine add_push(self, side, held, push)
    end do
 end subroutine add_push
 
-!> Force of the supports through a boundary set, or its moment where the set has moved to, or its
-!> work in a motion of the source points; sets that hold the same component of a point have equal
-!> parts in it
+!> Force of the supports through a boundary set, or its moment in the deformed position, or its
+!> work in a motion of the source points; sets that hold the same component of a point share it
+!> equally
 function set_force(self, set, held, x, about, motion) result(force)
    class(held_type), target, intent(in) :: self
    !> Boundary set

@@ -1,10 +1,10 @@
-!> Force on a side that slides, such as a plane of symmetry, where a side beside it holds the same
+!> Force on a side that slides, such as a plane of symmetry, where an adjacent side holds the same
 !> component.
 !>
-!> Forces of supports that do work in a motion of source points are as exact as the energy. A motion
-!> of one side alone jumps in the corner instead, and the force errs there by the penalty and by
-!> what lifted values do not reproduce. The motion taken here goes on over the other side, where
-!> neither constant nor linear tractions do work in it: what remains is the force of the slide.
+!> Support forces from work in a motion of source points are as exact as the energy. A motion of one
+!> side alone jumps at the corner, where the force has errors of the penalty and of what lifted
+!> values do not reproduce. The motion used here continues on the adjacent side such that neither
+!> constant nor linear tractions do work there: what remains is the force of the slide.
 module rk_slides
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
@@ -17,18 +17,18 @@ module rk_slides
 
    public :: slides_on, slide_motion
 
-   !> Lines of source points along the slide that move
+   !> Lines of source points parallel to the slide that move
    integer, parameter :: lines = 3
-   !> Lines of a body at least: with a second solution of half of them motions of both would reach
-   !> across the body, and err alike
+   !> Least lines of a body: with fewer, motions in it and in a second solution on half of them
+   !> would reach across it, with similar errors
    integer, parameter :: least_lines = 2*lines + 1
-   !> A determinant below this share of its products is none
+   !> A determinant below this share of its products is zero
    real(wp), parameter :: dependent = 1.0e-6_wp
 
 contains
 
-!> Component that a flat side of a lattice holds as the only one, along its normal; 0 where it holds
-!> none or more, or not everywhere
+!> Component that a flat side of a lattice holds if it holds its normal one only, and everywhere; 0
+!> otherwise
 pure integer function slides_on(cloud, surface, cells, side) result(i)
    type(cloud_type), intent(in) :: cloud
    type(surface_type), intent(in) :: surface
@@ -40,7 +40,7 @@ pure integer function slides_on(cloud, surface, cells, side) result(i)
    if (.not. allocated(cloud%lattice) .or. size(surface%essential, 1) /= cloud%nd) return
    do d = merge(2, 1, cloud%polar), cloud%nd
       do end = 0, 1
-         ! planes of an annulus lie across x and y
+         ! flat sides of an annulus: normals x and y
          if (set_number(cloud%polar, d, end) == side) i = merge(2 - end, d, cloud%polar)
       end do
    end do
@@ -54,16 +54,16 @@ pure integer function slides_on(cloud, surface, cells, side) result(i)
 end function slides_on
 
 !> Motion of source points that is one on a slide, and in which neither constant nor linear
-!> tractions do work on a side beside it, shape (ns) [-]; zero in space, and where that side does
-!> not meet the slide, does not hold its component everywhere, or has too few points. Where nothing
-!> is held at its other end, the singular rim there makes its tractions far from linear
+!> tractions on an adjacent side do work, shape (ns) [-]; zero in 3-D, and if that side does not
+!> meet the slide, does not hold its component everywhere, has too few points, or nothing is held
+!> at its other end, where the singular rim makes its tractions far from linear
 function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    type(cloud_type), intent(in) :: cloud
    type(surface_type), target, intent(in) :: surface
    type(cells_type), intent(in) :: cells
    !> Side that slides, and its component
    integer, intent(in) :: slide, i
-   !> Side beside it
+   !> Adjacent side
    integer, intent(in) :: other
    real(wp) :: motion(size(cloud%source, 2))
    real(wp), pointer, contiguous :: values(:, :)

@@ -1,9 +1,9 @@
 !> Stress on walls: sides of a plane lattice that hold all components.
 !>
-!> What the supports exert on source points of a wall is as exact as the energy, and a traction that
-!> is quadratic near a place is fitted to it. The derivative of the displacement along the wall is
-!> that of what is prescribed; the one across it is that with which the law of the material bears
-!> the traction. Derivatives of the approximation and pressures of groups are far less exact there.
+!> Support forces on the source points of a wall are as exact as the energy; near each place a
+!> quadratic traction is fitted to them. The derivative of the displacement along the wall is the
+!> prescribed one; that across it puts the stress of the material law in equilibrium with the
+!> traction. Derivatives of the approximation and pressures of groups are far less exact there.
 module rk_walls
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
@@ -22,30 +22,29 @@ module rk_walls
    type, extends(free_faces_type) :: walls_type
       !> Sides that are walls, shape (sides)
       logical, allocatable :: side(:)
-      !> Source points whose forces make each component of the traction at a place, and by how much
+      !> Source points whose forces give each component of the traction at a place, and weights
       !> [1/length], shape (fit, nd, places)
       integer, allocatable :: node(:, :, :)
       real(wp), allocatable :: share(:, :, :)
-      !> Derivatives along the wall of what each load factor prescribes, shape (factors, nd, places)
-      !> [-]
+      !> Derivatives along the wall of the displacement that each load factor prescribes, shape
+      !> (factors, nd, places) [-]
       real(wp), allocatable :: slope(:, :, :)
    contains
       procedure :: traction, follow
    end type walls_type
 
-   !> Source points of a fit
+   !> Source points per fit
    integer, parameter :: fit = 5
-   !> A place is on a side so far from it, in spacings [-]
+   !> Distance up to which a place is on a side, in spacings [-]
    real(wp), parameter :: on_side = 1.0e-6_wp
-   !> Derivatives are differences over twice this way, in spacings [-]
+   !> Half the step of difference quotients, in spacings [-]
    real(wp), parameter :: small = 1.0e-4_wp
 
 contains
 
-!> Find the places and what makes their tractions. A side with few source points of its own is no
-!> wall. A place on two walls, or at the end of one where
-!> nothing is held beside it, has none; where a side beside it holds a component, the source points
-!> of both have no part in it
+!> Find the places and the weights of their tractions. A side with few source points of its own is
+!> no wall. A place on two walls, or at an end of one beside a free side, has no traction; where the
+!> adjacent side holds a component, fits of that component omit the source points of both
 subroutine new_walls(self, scene, cells, surface, error)
    type(walls_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
@@ -78,7 +77,7 @@ subroutine new_walls(self, scene, cells, surface, error)
          self%side(side) = self%side(side) &
             & .and. minval([(size(own_points(side, k)), k=1, 2)]) >= fit
       end do
-      ! derivatives along a wall are as they are
+      ! derivatives along a wall are not smoothed
       allocate (self%pair(2, 0))
       allocate (self%number(size(place, 2)), source=0)
       allocate (self%normal(3, size(place, 2)), self%share(fit, 2, size(place, 2)), source=0.0_wp)
@@ -120,7 +119,7 @@ subroutine new_walls(self, scene, cells, surface, error)
 
 contains
 
-   !> Source points of a side where it alone holds a component
+   !> Source points where no other side holds a component
    pure function own_points(side, k) result(own)
       integer, intent(in) :: side, k
       integer, allocatable :: own(:)
@@ -168,14 +167,14 @@ pure function outward(polar, side, x) result(normal)
    if (polar) normal = matmul(reshape([x(1), x(2), -x(2), x(1)], [2, 2])/norm2(x), normal)
 end function outward
 
-!> Derivatives along a wall of what is prescribed
+!> Prescribed derivatives along a wall
 subroutine set_slope(scene, cells, side, x, normal, slope, error)
    type(scene_type), intent(in) :: scene
    type(cells_type), intent(in) :: cells
    integer, intent(in) :: side
    !> Place and the normal there, shape (2) [length], [-]
    real(wp), intent(in) :: x(:), normal(:)
-   !> Derivatives that each load factor makes, shape (factors, 2) [-]
+   !> Derivatives of each load factor, shape (factors, 2) [-]
    real(wp), intent(out) :: slope(:, :)
    !> Error handling: an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
@@ -200,7 +199,7 @@ function moments(cells, surface, side, ns) result(moment)
    type(cells_type), intent(in) :: cells
    type(surface_type), target, intent(in) :: surface
    integer, intent(in) :: side
-   !> Source points
+   !> Number of points
    integer, intent(in) :: ns
    real(wp) :: moment(6, ns)
    real(wp), pointer, contiguous :: values(:, :)
@@ -220,14 +219,14 @@ function moments(cells, surface, side, ns) result(moment)
    end do
 end function moments
 
-!> By how much forces on source points make a traction at a place: by least squares of a quadratic
-!> traction
+!> Weights that give the traction at a place from forces on source points: least squares fit of a
+!> quadratic traction
 subroutine fit_traction(source, moment, x, normal, node, share)
    !> Source points, and the moments of their shape functions, shape (2, n) and (6, n)
    real(wp), intent(in) :: source(:, :), moment(:, :)
    !> Place and the normal there, shape (2) [length], [-]
    real(wp), intent(in) :: x(:), normal(:)
-   !> The nearest ones, and their shares
+   !> The nearest ones, and their weights
    integer, intent(out) :: node(:)
    real(wp), intent(out) :: share(:)
    real(wp) :: away(size(source, 2)), a(size(node), 3), m(3, 3), t(2), at, reach
@@ -272,7 +271,7 @@ pure function traction(self, i, push) result(t)
    end do
 end function traction
 
-!> Take what is prescribed for the derivatives along the wall
+!> Replace the derivatives along the wall by the prescribed ones
 pure subroutine follow(self, i, factor, f)
    class(walls_type), intent(in) :: self
    !> Number of the place

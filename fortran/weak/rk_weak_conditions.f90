@@ -328,7 +328,7 @@ subroutine add_load(shape, weight, load, force)
 end subroutine add_load
 
 !> Force that the surroundings exert on the body through a set: what does work when the set moves;
-!> or its moment where the set has moved to: what does work when it turns there; or its work in a
+!> or its moment in the deformed position: what does work when it turns there; or its work in a
 !> motion of the source points
 function set_force(self, cells, set, state, value, traction, about, motion) result(force)
    class(surface_type), target, intent(in) :: self

@@ -106,7 +106,7 @@ def test_a_signal_at_any_moment(place: Path, tmp_path: Path, name: str) -> None:
         try:
             ended(run, 0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
         except AssertionError as ends:
-            # libraries of others may abort where their loading is interrupted
+            # other libraries may abort if interrupted while they load
             assert run.returncode == -signal.SIGABRT and "cannot be loaded" in str(ends)
         assert_whole(place / name, out)
 

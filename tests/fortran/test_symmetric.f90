@@ -1,5 +1,5 @@
-!> Symmetric matrices: the few entries that a part of one has, and factors of envelopes on threads;
-!> TAP for `meson test`.
+!> Symmetric matrices: parts with few entries, and envelope factors on several threads; TAP for
+!> `meson test`.
 program test_symmetric
    use, intrinsic :: omp_lib, only : omp_set_num_threads
    use rk_csr, only : csr_type
@@ -16,7 +16,7 @@ program test_symmetric
 
 contains
 
-!> Products of a part to the last bit of those of all entries, and all entries again
+!> Products of a part, bit for bit those of all entries, and all entries restored
 subroutine test_few
    integer, parameter :: nodes = 60
    type(symmetric_matrix) :: matrix
@@ -50,8 +50,8 @@ subroutine test_few
    call check('all entries again', .not. any(abs(again - matrix%value) > 0.0_wp))
 end subroutine test_few
 
-!> A band over several blocks: the same factor on two threads, which solves, and the first minor
-!> that is not positive where there is one
+!> A band over several blocks: the same factor on two threads, its solution, and the first minor
+!> that is not positive, if there is one
 subroutine test_factor
    integer, parameter :: n = 700, reach = 300
    type(envelope_type) :: factor(2)
@@ -96,7 +96,7 @@ subroutine test_factor
    end do
 end subroutine test_factor
 
-!> Entry of a matrix whose diagonal prevails, but in one row
+!> Entry of a diagonally dominant matrix, but for one row
 pure real function entry(i, c, minor)
    integer, intent(in) :: i, c, minor
 

@@ -11,7 +11,7 @@ program test_text
 
 contains
 
-!> Texts are as long as what they hold
+!> Texts are as long as their content
 subroutine test_numbers
    character(len=*), parameter :: break = new_line('a')
 
@@ -28,7 +28,7 @@ subroutine test_numbers
    call check('lines', '|'//line('a'//break//'b c'//break, 2)//'|'//line('a', 2)//'|' == '|b c||')
 end subroutine test_numbers
 
-!> A number on each of many threads
+!> Numbers on many threads at once
 subroutine test_threads
    integer :: i, wrong
 

@@ -146,8 +146,8 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
     ((10.0, 11.0, 2.0, 1e4), [5, 51], 5e-6),
 ])  # fmt: skip
 def test_force_of_few_points(tube, source, bound):
-    """What presses on the bore is carried by the cut. As the work of the cut alone, which jumps
-    where it meets the bore, the forces are 3 to 7 times as far off.
+    """The cut carries the pressure on the bore. From a motion of the cut alone, which jumps
+    where it meets the bore, the errors are 3 to 7 times larger.
     """
     tables = sized_tables(tube_deck(*tube), source)
     tables["probe"] = [force("force", "x", "x0")]
@@ -174,8 +174,8 @@ def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> N
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
 @pytest.mark.parametrize(("source", "bound"), [([5, 26], 8e-4), ([9, 51], 4e-4)])
 def test_the_wall_bears_what_its_supports_exert(source, bound, essential) -> None:
-    """By derivatives of the displacement and pressures of groups it is 1.2e-2 and 3.6e-3 off at the
-    plane of symmetry.
+    """From derivatives of the displacement and pressures of groups, the errors at the plane of
+    symmetry are 1.2e-2 and 3.6e-3.
     """
     tables = sized_tables(tube_deck(*TUBE), source) | {"galerkin": {"essential": essential}}
     found, exact = solved(tables).last(), wall_stresses(*TUBE)["inner"]
@@ -184,7 +184,7 @@ def test_the_wall_bears_what_its_supports_exert(source, bound, essential) -> Non
 
 
 def test_a_glued_end_bears_what_its_supports_exert() -> None:
-    """A bent quarter ring that is held at both ends, in the middle of one: 10 % off otherwise."""
+    """A bent quarter ring held at both ends, in the middle of one end: otherwise 10 % off."""
     problem = problem_of(48)
     truths = known(problem.name)
     assert truths is not None

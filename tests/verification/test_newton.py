@@ -53,10 +53,10 @@ def test_kinks_end_the_iteration(inputs: Path) -> None:
 
 @pytest.mark.parametrize(("slender", "over"), [(6, 1.6), (8, 1.3), (10, 1.6)])
 def test_columns_bend_beyond_the_load_of_euler(slender: int, over: float) -> None:
-    """A step along the soft motion strains the length, so that residuals grow on the way.
+    """A step along the soft mode strains the length, so that residuals grow on the way.
 
-    The tip is that of the elastica, but for the shortening and the shear of a body this thick, and
-    a push aside of 1.5 % of the load of Euler.
+    The tip follows the elastica, but for shortening and shear of a body this thick and a side load
+    of 1.5 % of Euler's load.
     """
     modulus = scipy.optimize.brentq(
         lambda k: scipy.special.ellipk(k * k) - 0.5 * np.pi * np.sqrt(over), 1e-6, 1 - 1e-9
@@ -73,9 +73,9 @@ def test_columns_bend_beyond_the_load_of_euler(slender: int, over: float) -> Non
 
 
 def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
-    """A tube has no state beyond the limit of its inflation.
+    """A tube has no equilibrium beyond its limit pressure.
 
-    The halved steps that fail are given up as the first one is; run to 25 iterations they made 132.
+    Halved steps that fail are given up early, like the first; with 25 iterations each it took 132.
     """
     ring = {"kind": "annulus", "inner_radius": 6, "outer_radius": 7, "source": [5, 13]}
     tables = {
@@ -88,14 +88,14 @@ def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
             body.solve(error=False)
         assert 0.6 < body.states.load[-1] < 0.65
         assert body.states.iterations.sum() < 120
-    # and where the attempt fails
+    # and where the step fails
     assert re.search(r"smallest J [\d.]+ at \([\d.]+, [\d.]+\)", str(caught.value))
 
 
 @pytest.mark.parametrize("push", [-300.0, 1e4])
 def test_the_last_attempt_is_let_run(push: float) -> None:
-    """A block under a dead load of hundreds of its modulus: no other attempt than a slow one, or
-    one whose first iterate is far, arrives."""
+    """A block under a dead load of hundreds of its modulus: only a slow attempt, or one with a far
+    first iterate, converges."""
     tables = scene(
         "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2},
         boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},

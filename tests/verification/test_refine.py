@@ -49,8 +49,8 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
 
 
 def test_small_stresses_of_a_beam_are_known_to_a_part_of_themselves() -> None:
-    """Three tenths of the mean stress, which bending makes, left .0158 of .0009 open, in a bar of
-    .0067. Truth: finite elements of order two, whose three last meshes agree to 2e-4.
+    """Three tenths of the mean stress, due to bending, left .0158 of .0009 open, with a bar of
+    .0067. Truth: finite elements of order two, whose last three meshes agree to 2e-4.
     """
     yeoh = {"name": "m", "model": "yeoh", "C1": 5.0, "C2": 0.5, "C3": 0.02, "K": 300.0}
     deck = scene(
@@ -65,8 +65,8 @@ def test_small_stresses_of_a_beam_are_known_to_a_part_of_themselves() -> None:
 
 
 def test_a_ring_with_rims_has_wider_bars_than_one_without() -> None:
-    """Free ends of walls that are held are singular: displacements of a ring turned by its outer
-    wall were up to 5 of their bars off, as if their errors fell like those of an inflated one.
+    """Held walls are singular at their free ends: displacements of a ring turned by its outer wall
+    were off by up to 5 bars when their errors were taken to fall like those of an inflated one.
     """
     places = [(2.5 * np.cos(a), 2.5 * np.sin(a)) for a in np.radians([0, 20, 70, 90])]
     lines = [f"p{i}{c} u_{c} {x:.9f} {y:.9f}" for i, (x, y) in enumerate(places) for c in "xy"]
@@ -174,8 +174,8 @@ def test_a_round_inclusion_has_no_planes_and_wider_bars() -> None:
 
 
 def long_beam(**geometry: Any) -> dict[str, Any]:
-    """A beam of ten heights under a dead load that bends its end upright: one step fails, smaller
-    ones do not.
+    """A beam ten times as long as high, bent upright by a dead load at its end: one step fails,
+    smaller ones do not.
     """
     body, end = {"kind": "box", "size": [10, 1], **geometry}, {"traction": [0, 0.12]}
     return scenes.loaded("auto", body, neo(10.0, 1e3), "x0 x1", end, "end u_y 10 0.5")

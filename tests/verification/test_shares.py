@@ -564,7 +564,7 @@ def test_a_stress_on_an_interface_says_whose_it_is(border, said) -> None:
         "end cauchy_xx 1 0", u_x=0.1,
     )  # fmt: skip
     found = solved(tables)
-    # an interface that ends in a corner of the body is one there
+    # an interface that ends in a corner of the body counts there
     on = ["probe on", *(["probe end"] if "x" in border else [])]
     assert [text.split(" lies")[0] for text in found.states.warnings] == on
     assert all("interface of " in text and said in text for text in found.states.warnings)
@@ -573,7 +573,7 @@ def test_a_stress_on_an_interface_says_whose_it_is(border, said) -> None:
 
 
 def test_error_bars_beside_planes_cost_no_more_than_the_answer(tmp_path) -> None:
-    # places far from probes were asked for their stress, each of all integration points: 5 times
+    # stresses were evaluated far from probes too, each over all integration points: 5 times as long
     where = "x > 0.796 and z > 0.601"
     tables = gripped(
         "rkpm-gauss", box(9, 7, 7, size=[1.5, 1.0, 1.0]),

@@ -1,4 +1,4 @@
-"""Parameters recovered from made measurements."""
+"""Parameters recovered from synthetic data."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

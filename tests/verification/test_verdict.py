@@ -254,8 +254,8 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
 
 
 def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
-    """Pressed by 43 % between rollers a block is stable, though its tangent alone is not definite:
-    a push that fails behind it has not lost the branch there.
+    """A block pressed by 43 % between rollers is stable, although its tangent is not definite: a
+    push that fails afterwards has not lost the branch there.
     """
     tables = scene(
         "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2, "max_halvings": 0},
@@ -326,9 +326,9 @@ def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> No
     ("place", "wanted", "verdict"), [((2, 0.5), 63.749, "accepted"), ((0.2, 0.1), 73.9, "doubtful")]
 )
 def test_collapsed_corners_do_not_make_other_stresses_small(inputs, place, wanted, verdict):
-    """Corners with J = 1e-4 have stresses of 7e12. Wanted are the values on 129 x 33 points.
+    """Corners with J = 1e-4 have stresses of 7e12. Expected are the values on 129 x 33 points.
 
-    A fifth of the value as a bar: beside a corner the solutions differ more than at the probe.
+    Bars of a fifth of the value: near a corner the solutions differ more than at the probe.
     """
     where = f"probe.shear_stress.point={list(place)}"
     overrides = ("scene.method=rkpm-gauss", "load.steps=1", where)
@@ -437,7 +437,7 @@ def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
 
 
 def test_an_error_bar_beyond_the_value_is_said() -> None:
-    """Of an accepted answer as well: shear that is zero by symmetry, to a bar of 0.003 N/cm^2."""
+    """In an accepted answer too: shear that is zero by symmetry, with a bar of 0.003 N/cm^2."""
     states, found = solved(pad("cauchy_xz", 18, 10, 5))
     assert states.verdict == "accepted" and abs(found.last()["stress"]) < found.bar("stress")
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]

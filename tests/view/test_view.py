@@ -140,7 +140,7 @@ def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     )
     page.wait_for_function("shown.values[0] === 0.6 && !busy && !wanted")
     assert page.evaluate("shown.answers") > before + 1
-    # outside of the range, with the tolerance that the verdict has
+    # outside the range, with the tolerance of the verdict
     for number, value in ((0, 0.5), (2, 30.0), (1, 0.34)):
         slide(page, number, value)
     assert page.inner_text("#verdict") == "? doubtful"
@@ -216,7 +216,7 @@ def test_positions_and_fields(answers: Answers) -> None:
 
 
 def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
-    """As probes are by their kind: of a displacement next to nothing no relative error is shown."""
+    """As probes are by their kind: nearly zero displacements are shown without relative error."""
     rom = answers.rom
     for values, small in (([0.0, 1e-4, 30.0], True), ([0.8, 0.3, 30.0], False)):
         batch = rom.batch(np.array([values]), indicator=True)
@@ -327,7 +327,7 @@ def test_who_is_answered(address: str, path: str, host: str, status: int, messag
 
 
 def test_verdicts_are_those_of_sweeps(answers):
-    """Of states in the range and beyond; ranges of what lies outside are named by the page."""
+    """For states inside and outside the range; the page names ranges that are exceeded."""
     rng = np.random.default_rng(1)
     low, high = np.array(list(RANGES.values())).T
     rows = np.vstack([low + (high - low) * rng.random((12, 3)), high + 0.1 * (high - low)])

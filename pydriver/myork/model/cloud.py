@@ -145,7 +145,7 @@ def _prepared(
     progress: ProgressCallback,
     held: Collection[str | None],
 ) -> Body:
-    """The body as a prism and with fibers of a flow, as the deck wants it."""
+    """The body as a prism and with fibers of a flow, if the deck asks for it."""
     labels, fibers, activation, fractions = body
     if "extrude" in table:
         length = table["extrude"]

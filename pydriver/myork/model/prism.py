@@ -1,4 +1,4 @@
-"""A single slice drawn out to a prism."""
+"""A single slice extruded to a prism."""
 
 from dataclasses import replace
 
@@ -9,10 +9,10 @@ from myork.imaging.geometry import Grid, canonical
 
 
 def extruded(image: Grid, length: float) -> Grid:
-    """A single slice drawn out to a prism, of slices about as thick as its pixels are wide.
+    """A single slice extruded to a prism of slices about as thick as its pixels are wide.
 
     - `image`: one slice across the axis nearest to superior, however thick
-    - `length`: length of the prism, whose middle is the slice [mm]
+    - `length`: length of the prism, centred on the slice [mm]
     """
     slice_ = canonical(image)
     if slice_.data.shape[2] != 1:

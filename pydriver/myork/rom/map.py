@@ -1,4 +1,4 @@
-"""A reduced model over a grid of its parameters, as a table."""
+"""Table of a reduced model on a grid of its parameters."""
 
 import time
 from collections.abc import Mapping, Sequence

@@ -73,7 +73,7 @@ class Batch(NamedTuple):
         return [reason for reason, holds in found.items() if holds]
 
     def verdict(self, k: int) -> tuple[str, list[str]]:
-        """Verdict on the reduction of an answer that has its indicator, with the reasons."""
+        """Verdict on the reduction of an answer with an indicator, with the reasons."""
         reasons = self.doubts(k)
         if not self.converged[k]:
             return "refused", reasons

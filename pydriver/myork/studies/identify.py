@@ -188,7 +188,7 @@ def _fit(
     fits.sort(key=lambda fit: fit.cost)
     best = fits[0]
     freedom = int(known.sum()) - len(keys)
-    # (J^T J)^-1, infinite where the data say nothing
+    # (J^T J)^-1, infinite where data do not determine it
     _, s, right = np.linalg.svd(best.jac, full_matrices=False)
     determined = bool((s > 1e-10 * s[0]).all())
     inverse = (right.T / s**2) @ right if determined else np.full((len(keys),) * 2, np.inf)

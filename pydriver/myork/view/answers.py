@@ -227,7 +227,7 @@ class Answers:
         return np.stack([scalars[probe["name"]] for probe in self.probes], axis=1)
 
     def _verdict(self, row: F64, batch: Batch, smallest_j: float) -> tuple[str, list[str]]:
-        """That of sweeps and `rom solve`, with the ranges of what lies outside."""
+        """Verdict of sweeps and `rom solve`, with the ranges that are exceeded."""
         verdict, reasons = batch.verdict(0)
         reasons = [reason for reason in reasons if reason != OUTSIDE] + [
             f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
