@@ -528,7 +528,7 @@ subroutine look(self, problem, run, answer, error)
          self%difference = max(self%difference, sqrt(difference/sum(cloud%volume)))
          do i = 1, size(near, 2)
             ! in space two solutions agree in one component of a stress where others differ
-            if (cloud%nd == 3 .and. kind_of_probe(problem%scene%probe(i)) == 'stress') &
+            if (cloud%nd == 3 .and. index(problem%scene%probe(i)%quantity, 'cauchy') == 1) &
                & self%around(:, i, k) = max(self%around(:, i, k), share_around**2*apart(i))
             self%around(:, i, k) = sqrt(self%around(:, i, k) &
                & /max(sum(cloud%volume, mask=near(:, i)), tiny(1.0_wp)))
