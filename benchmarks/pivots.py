@@ -374,12 +374,17 @@ def _certify(rows: Rows) -> dict[str, Any]:
 
 def _unseen(rows: Rows) -> dict[str, Any]:
     """Answers to a target error on decks that name no points."""
-    return _halves(
-        rows,
+    words = (
         "Decks without points",
         "Random boxes and rings without given form or points, with a target error and "
         "15 s of CPU time; finite elements of three meshes are the truth.",
     )
+    views = [_halves(rows, *words)]
+    for kind, title in (("plane", "Sheets"), ("ring", "Rings"), ("solid", "Solids")):
+        own = [row for row in rows if f": {kind}, " in row["problem"]]
+        if own:
+            views.append(_halves(own, *words, title))
+    return {**views[0], "tables": [table for view in views for table in view["tables"]]}
 
 
 def _layers(rows: Rows) -> dict[str, Any]:
