@@ -3,8 +3,8 @@
     python benchmarks/unseen.py [FIRST [LAST]]
 
 solves decks that `benchmarks/truths/unseen.json` lacks by finite elements, and adds their limits.
-The numbers below `_HELD_OUT` are for tuning, those from it on for looking at the result: what is
-chosen by the former has not seen the latter.
+Numbers below `_HELD_OUT` are for tuning; those from it on only judge the result and are not used
+for any choice.
 """
 
 from __future__ import annotations

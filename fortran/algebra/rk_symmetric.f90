@@ -295,11 +295,7 @@ subroutine product_with(self, value, x, y)
       at = 0
       ! blocks k to l stand side by side; reading their rows would take as long as their entries
       do while (k < last)
-         l = k
-         do while (l + 1 < last)
-            if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
-            l = l + 1
-         end do
+         l = end_of_run(self%above%index, k, last)
          i = b*(self%above%index(k) - 1)
          do c = b*(j - 1) + 1, b*j
             call add_column(b*int(l - k + 1), value(self%start(c) + at + 1:), x(i + 1:), x(c), &
@@ -316,6 +312,20 @@ subroutine product_with(self, value, x, y)
       end do
    end do
 end subroutine product_with
+
+!> Last block of a run of blocks that stand side by side
+pure integer(i8) function end_of_run(index, from, last) result(at)
+   !> Rows of the blocks, in rising order
+   integer, contiguous, intent(in) :: index(:)
+   !> First block of the run, and the one behind the last of its column
+   integer(i8), intent(in) :: from, last
+
+   at = from
+   do while (at + 1 < last)
+      if (index(at + 1) /= index(at) + 1) exit
+      at = at + 1
+   end do
+end function end_of_run
 
 !> The nonzero ones of other entries in the same pattern
 function nonzeros(self, value) result(kept)
@@ -335,11 +345,7 @@ function nonzeros(self, value) result(kept)
          last = self%above%offset(j + 1)
          at = 0
          do while (k < last)
-            l = k
-            do while (l + 1 < last)
-               if (self%above%index(l + 1) /= self%above%index(l) + 1) exit
-               l = l + 1
-            end do
+            l = end_of_run(self%above%index, k, last)
             do c = b*(j - 1) + 1, b*j
                call keep(c, b*(self%above%index(k) - 1) + 1, at, b*int(l - k + 1))
             end do
@@ -628,7 +634,7 @@ subroutine solve_near(self, given, system, b, x, report, found)
       report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
          & //'Cholesky factor'
       if (near%ready .and. .not. near%share > 0.0_wp) then
-         call iterate(b, exact, nint(tried*near%cost), x, foresees=.true.)
+         call iterate(b, exact, nint(tried*near%cost), x, gives_up=.true.)
          if (found) return
       end if
       report%why = 'the tangent is large: minimal residuals with its Cholesky factor in single ' &
@@ -694,16 +700,16 @@ contains
       report%iterations = done
    end subroutine refine
 
-   subroutine iterate(right, tolerance, limit, solution, lanczos, foresees)
+   subroutine iterate(right, tolerance, limit, solution, lanczos, gives_up)
       real(wp), contiguous, intent(in) :: right(:)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
       real(wp), contiguous, intent(inout) :: solution(:)
       real(wp), intent(inout), optional :: lanczos(:, :)
-      logical, intent(in), optional :: foresees
+      logical, intent(in), optional :: gives_up
 
       call minres(system, right, tolerance, limit, solution, report%iterations, &
-         & report%backward_error, lanczos, foresees)
+         & report%backward_error, lanczos, gives_up)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'
    end subroutine iterate

@@ -96,7 +96,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(deck_type), target, intent(inout) :: deck
    !> Points of the model file, where the deck wants one
    type(cloud_type), target, intent(in) :: model
-   !> Receiver of the caller, told of each lattice and asked whether to stop
+   !> Receiver of the caller, which gets a note of each lattice and may stop the search
    class(recorder_type), target, intent(inout) :: receiver
    !> Error handling: a scene that cannot be refined, a solution that failed
    type(error_type), allocatable, intent(out) :: error
