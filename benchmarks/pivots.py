@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks import unseen, unseen_layers, unseen_maps
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
-from benchmarks.shown import Columns, plot, table
+from benchmarks.shown import plot, table
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body, voxel_by_voxel
 from myork.console import ProgressCallback, silent
@@ -32,16 +32,6 @@ _FORMS: tuple[Form, ...] = (
 _NEAR = 0.01
 #: An error that is rounding [-]
 _ROUNDED = 1e-9
-#: Columns of the rows
-_EACH: Columns = (
-    ("problem", "problem"),
-    ("form", "form"),
-    ("size", "size"),
-    ("unknowns", "unknowns"),
-    ("CPU [s]", "cpu_s"),
-    *((f"error, {kind}", f"error {kind}") for kind in KINDS),
-    ("outcome", "outcome"),
-)
 
 
 def _of(rows: Rows, **wanted: Any) -> list[Mapping[str, Any]]:
@@ -241,7 +231,7 @@ def _curves(rows: Rows) -> dict[str, Any]:
         "figure per problem. `auto` is the default. Times are those of a whole run, including "
         "set-up, output and the second solution for error bars; those of felupe are of the solve "
         "alone.",
-        "tables": [table("Each solve", _EACH, rows)],
+        "tables": [],
         "plots": [drawn for drawn in plots if drawn["series"]],
     }
 
@@ -523,9 +513,8 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
             table(
                 f"CPU time for an error: below 1 on {below} of {len(known)} lines that both reach",
                 tuple((key, key) for key in races[0]),
-                races,
+                [found for found in races if found["error"] >= 2.0 * found["doubt"]],
             ),
-            table("Each solve", (*_EACH, ("spread", "spread")), rows),
         ],
         "plots": plots,
     }

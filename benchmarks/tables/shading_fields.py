@@ -232,3 +232,29 @@ def shading_doubts(half: str) -> Iterator[tuple[str, ...]]:
            "by N4")  # fmt: skip
     for name, (own, theirs) in rows.items():
         yield (name, *(f"{one:.0f}" for one in own), f"{theirs[0]:.0f}")
+
+
+def _by_images(rows: list[list[str]]) -> list[list[str]]:
+    """Correlations, and the largest error, of images of a kind under a range of factors."""
+    shown = [["images", "factor", "cases", "`auto`: least, mean", "largest error",
+              "N4: least, mean", "doubts", "skin: least", "last slices: least"]]  # fmt: skip
+    groups: dict[tuple[str, str], list[list[str]]] = {}
+    for row in rows[1:]:
+        groups.setdefault((row[0].rstrip(" 0123456789"), row[2]), []).append(row)
+    for names, own in groups.items():
+        ours, theirs, skin, last = (
+            [float(row[k].split()[0].rstrip(",")) for row in own if row[k] != "-"]
+            for k in (3, 4, 7, 8)
+        )
+        worst = max(float(row[3].split("(")[1].split()[0]) for row in own)
+        pairs = [f"{min(found):.4f}, {np.mean(found):.4f}" for found in (ours, theirs)]
+        doubts = sum(row[6] == "yes" for row in own)
+        ends = [f"{min(found):.4f}" if found else "-" for found in (skin, last)]
+        shown.append(
+            [*names, str(len(own)), pairs[0], f"{worst:g} %", pairs[1], str(doubts), *ends]
+        )
+    return shown
+
+
+#: What the page of results shows
+PIVOTS = {"shading_fields": _by_images}
