@@ -481,12 +481,11 @@ def _heading(name: str) -> str:
 def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
     """A table as the command prints it and as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
-    lines += ["```", *_runs_text(entry), "```", ""]
+    lines += [*(f"`{line}`" for line in _runs_text(entry)), ""]
     lines += [f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|"]
     lines += [f"| {' | '.join(_cells(row))} |" for row in rows]
     if drawn and entry.picture is not None:
-        caption = entry.picture.caption
-        lines += ["", f"![{caption}]({_picture(entry.name)})", "", f"*{caption}*"]
+        lines += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
     return "\n".join([*lines, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
 
 
