@@ -228,7 +228,7 @@ class _Body:
             skip = tuple(int(other != axis) for other in range(self.dim))
             bound = self.fem.Boundary(self.field[0], mask=mask, skip=skip)
             self.bounds[f"{entry['set']} {AXES[axis]}"] = bound
-            self.pulls.append((bound, lambda load, axis=axis: held(load)[axis]))
+            self.pulls.append((bound, partial(_component, held, axis)))
         if entry.get("traction") is not None:
             force = self._areas(entry["set"], mask)[:, None] * np.asarray(entry["traction"], float)
             for axis in given:
@@ -364,6 +364,11 @@ class _Body:
         """Signs of the coordinates of the Gauss points of second order."""
         signs = np.meshgrid(*[[-1.0, 1.0]] * self.dim, indexing="ij")
         return np.stack(signs, axis=-1).reshape(-1, self.dim)
+
+
+def _component(held: Callable[[float], dict[int, Any]], axis: int, load: float) -> Any:
+    """What is prescribed along an axis at a load."""
+    return held(load)[axis]
 
 
 class _Law:
