@@ -75,8 +75,7 @@ def _bars(rows: Rows, start: str = "") -> tuple[int, int, Any]:
 
 
 def _sums(rows: Mapping[str, Any]) -> dict[str, Any]:
-    lines = [{"of": name, "is": value} for name, value in rows.items()]
-    return table("Sums", (("of", "of"), ("is", "is")), lines)
+    return table("Sums", [{"of": name, "is": value} for name, value in rows.items()])
 
 
 def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
@@ -149,7 +148,6 @@ def _trust(rows: Rows) -> dict[str, Any]:
             table(
                 "`auto` at its finest size beside the cheapest mesh with no larger error; empty "
                 "where no mesh had one",
-                tuple((key, key) for key in found[0]) if found else (),
                 found,
             ),
         ],
@@ -204,16 +202,7 @@ def _methods(rows: Rows) -> dict[str, Any]:
         f"{WRONG:.0%} of the truth. Median errors and geometric means of CPU times cover "
         "different sizes and problems, because collocation is not solved at the finest size.",
         "tables": [
-            table(
-                "Verdicts, and median errors of the probes",
-                (
-                    ("form", "form"),
-                    *((head, head) for head in heads),
-                    *((kind, kind) for kind in KINDS),
-                    ("CPU [s]", "CPU [s]"),
-                ),
-                counted,
-            )
+            table("Verdicts, and median errors of the probes", counted),
         ],
     }
 
@@ -273,7 +262,7 @@ def _newcomer(rows: Rows) -> dict[str, Any]:
         f"are given. A verdict is right if an answer within {WRONG:.0%} in all probes is "
         "accepted, or if a less accurate one is doubtful or refused.",
         "tables": [
-            table("Each deck", tuple((key, key) for key in shown[0]), shown),
+            table("Each deck", shown),
             _sums(
                 {
                     f"converged, of {len(rows)}": len(_of(rows, outcome="converged")),
@@ -354,7 +343,7 @@ def _certify(rows: Rows) -> dict[str, Any]:
         "coverage": {e["form"]: e["covered"] for e in sums if e["covered"] is not None},
         "sharpness": {entry["form"]: entry["bar over error, median"] for entry in sums},
         "tables": [
-            table("Bars beside errors", tuple((key, key) for key in shown[0]), shown),
+            table("Bars beside errors", shown),
         ],
     }
 
@@ -432,7 +421,7 @@ def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[st
         "its kind, beyond the uncertainty of the truth. The other half was not used for tuning. "
         "Bars over errors, unknowns and CPU times are medians.",
         "tables": [
-            table(name, tuple((key, key) for key in shown[0]), shown),
+            table(name, shown),
         ],
     }
 
@@ -491,7 +480,6 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
         "tables": [
             table(
                 f"CPU time for an error: below 1 on {below} of {len(known)} lines that both reach",
-                tuple((key, key) for key in races[0]),
                 [found for found in races if found["error"] >= 2.0 * found["doubt"]],
             ),
         ],

@@ -110,10 +110,13 @@ class Truths(NamedTuple):
     kinds: Mapping[str, str]  #: Kind of each probe, by name
     values: Mapping[str, Truth]  #: Their truths
 
-    def errors(self, probes: Mapping[str, float], bars: Mapping[str, float]) -> dict[str, Any]:
+    def errors(
+        self, probes: Mapping[str, float], bars: Mapping[str, float], least: float = _LEAST
+    ) -> dict[str, Any]:
         """Compare an answer.
 
         - `probes`, `bars`: values and error bars, by name
+        - `least`: size of a probe beside the largest of its kind, at least [-]
         - returns `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest
           error beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
           kind, the largest of it, and `error` followed by a name
@@ -124,7 +127,7 @@ class Truths(NamedTuple):
             most[kind] = max(most.get(kind, 0.0), abs(truth.value))
         # what symmetry makes zero is compared with others of its kind, as its bar is
         size = {
-            name: max(abs(truth.value), _LEAST * most[self.kinds[name]])
+            name: max(abs(truth.value), least * most[self.kinds[name]])
             for name, truth in self.values.items()
             if name in probes
         }
@@ -173,14 +176,14 @@ def rows_of(
         truths = _exact(problem, truths)
     rows = []
     for mesh, rival in zip(problem.elements, rivals, strict=True):
-        again = _peer_time(problem, mesh) if timed else None
+        seconds = rival["cpu_s"]
         rows.append(
             {
                 **_named(problem, "felupe", rival["size"]),
                 "rival": True,
                 "unknowns": rival["dofs"],
                 "outcome": rival["outcome"],
-                **_times(rival["cpu_s"], again),
+                "cpu_s": _least_time(seconds, _peer_time(problem, mesh)) if timed else seconds,
                 **truths.errors(rival["probes"], {}),
             }
         )
@@ -198,7 +201,7 @@ def rows_of(
             if timed:
                 solve = _timed_solve(tables, words, cloud)
                 case = solve()
-                case |= _times(case["cpu_s"], partial(_own_time, solve))
+                case["cpu_s"] = _least_time(case["cpu_s"], partial(_own_time, solve))
             else:
                 case = record_of(solve_case(tables, words, cloud=cloud, limit=_LIMIT, error=True))
             found = truths.errors(case.pop("probes"), case.pop("bars", {}))
@@ -218,7 +221,7 @@ def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> l
             "unknowns": row.get("dofs"),
             "memory": row.get("memory"),
             "outcome": row.get("outcome", "converged"),
-            **_times(row.get("cpu_s"), None),
+            "cpu_s": row.get("cpu_s"),
             **truths.errors(row.get("probes", {}), {}),
         }
         for row in compiled_peers(deck, problem.elements)
@@ -338,16 +341,12 @@ def _own_time(solve: Callable[[], Mapping[str, Any]]) -> float | None:
     return seconds
 
 
-def _times(first: float | None, again: Callable[[], float | None] | None) -> dict[str, Any]:
-    """Least time of a solve and how much longer the longest took, after some repeats."""
-    if again is None:
-        return {"cpu_s": first}
+def _least_time(first: float | None, again: Callable[[], float | None]) -> float | None:
+    """Least time of a solve after some repeats [s]."""
     times = [] if first is None else [first]
     while times and sum(times) < _ENOUGH and len(times) < _MOST:
         times.append(again() or times[0])
-    if not times:
-        return {"cpu_s": None, "spread": None}
-    return {"cpu_s": min(times), "spread": max(times) / min(times) - 1.0}
+    return min(times, default=None)
 
 
 def _peer_time(problem: Problem | Body, mesh: tuple[int, ...]) -> Callable[[], float | None]:

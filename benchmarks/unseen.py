@@ -266,26 +266,10 @@ def answers(
                     "size": "chosen",
                     "half": "other" if number in others else "tuned",
                     **case,
-                    **judged(truths, case.pop("probes"), case.pop("bars")),
+                    **truths.errors(case.pop("probes"), case.pop("bars"), least=1.0),
                 }
             )
     return found
-
-
-def judged(
-    truths: Truths, probes: Mapping[str, float], bars: Mapping[str, float]
-) -> dict[str, Any]:
-    """Error, bar and doubt of each probe over the largest of its kind."""
-    most: dict[str, float] = {}
-    for name, truth in truths.values.items():
-        kind = truths.kinds[name]
-        most[kind] = max(most.get(kind, 0.0), abs(truth.value))
-    size = {name: most[truths.kinds[name]] for name in truths.values if name in probes}
-    error = {name: abs(probes[name] - truths.values[name].value) / size[name] for name in size}
-    bar = {name: bars[name] / size[name] for name in size if bars.get(name) is not None}
-    doubt = {name: truths.values[name].doubt / size[name] for name in size}
-    off = max((max(error[name] - doubt[name], 0.0) for name in error), default=None)
-    return {"error": error, "bar": bar, "doubt": doubt, "off": off}
 
 
 def _limits(problem: Problem) -> dict[str, Any]:

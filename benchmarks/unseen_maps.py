@@ -24,7 +24,7 @@ from benchmarks.runner import record_of
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.unseen import fill, judged, known, random_solid
+from benchmarks.unseen import fill, known, random_solid
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
@@ -225,7 +225,7 @@ def solved(body: Body, voxel: float, truths: Any, words: tuple[str, ...] = ()) -
     """A row of one body, solved with overrides."""
     cloud = body_cloud(body, 2.0 * voxel)
     case = record_of(solve_case(body.tables, words, cloud=cloud, limit=_LIMIT, error=True))
-    found = judged(truths, case.pop("probes"), case.pop("bars"))
+    found = truths.errors(case.pop("probes"), case.pop("bars"), least=1.0)
     return {"problem": body.name, "form": "map", "size": "chosen", **case, **found}
 
 
