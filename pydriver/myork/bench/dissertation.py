@@ -613,7 +613,7 @@ _PATH_TABLES = (
         },
         "the first load steps carry the difference: with K = 1e8 nearly all of the residual is "
         "volume, and modes of the states are made for the largest of them. Modes of states of unit "
-        "norm, the rows beside them, do better; why: docs/reduced.md",
+        "norm, the last column, do better; why: docs/reduced.md",
     ),
     *_path(
         5, "inflated tube", "tube", lattice((17, 101)), 50, 196.983,
