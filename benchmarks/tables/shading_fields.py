@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from benchmarks.tables.tissues import PARTS, section
 from myork.imaging.io import read_image, read_labels
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, rician
 from myork.records import Image
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import joint_variation, shading, variation_doubt
@@ -173,8 +173,7 @@ def shading_fields(half: str, *real: str) -> Iterator[tuple[str, ...]]:
         for family in FAMILIES if name != "whole calf" else FAMILIES[::2]:
             for ends in (STRONG[1 if one else 3], WEAK):
                 truth = field(family, ends, mask, image.spacing, random)
-                error = random.normal(0.0, noise, (2, *mask.shape))
-                values = np.hypot(image.data * truth + error[0], error[1])
+                values = rician(image.data * truth, noise, random)
                 body = body_mask(Image(values, image.affine))
                 clock = [time.process_time()]
                 ours = shading(values, body, spacing=image.spacing)
@@ -217,8 +216,7 @@ def shading_doubts(half: str) -> Iterator[tuple[str, ...]]:
         ends = STRONG[1] if case % 3 == 2 else WEAK
         truth = field(FAMILIES[case % 3], ends, mask, image.spacing, random)
         noise = np.median(image.data[label == 1]) / random.uniform(10.0, 40.0)
-        error = random.normal(0.0, noise, (2, *mask.shape))
-        values = np.hypot(image.data * truth + error[0], error[1])
+        values = rician(image.data * truth, float(noise), random)
         body = body_mask(Image(values, image.affine))
         ours = shading(values, body, spacing=image.spacing)
         doubts = ours.doubt, variation_doubt(values, ours.field, body)
