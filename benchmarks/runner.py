@@ -8,6 +8,10 @@ a view of them, figures of its curves, and `results.json`, all rows, to `docs/re
 `myork bench NAME` writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables
 of `studies.py`, the runner writes the page.
 
+    python benchmarks/runner.py truths NAME [[FIRST] LAST]
+
+solves problems of `unseen`, `layers` or `maps` whose truths their file lacks by finite elements.
+
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
 prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
@@ -67,6 +71,8 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "layers", "maps", "race")
+#: Modules of the views of random problems, whose truths are found beforehand
+RANDOM = {"unseen": "unseen", "layers": "unseen_layers", "maps": "unseen_maps"}
 #: Benchmarks of `studies.py`
 STUDIES = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems
@@ -414,8 +420,14 @@ def main(*words: str) -> None:
         _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
                      words[1:])  # fmt: skip
         return
-    from benchmarks import studies
+    from benchmarks import studies, unseen
     from benchmarks.pivots import view
+
+    if words[:1] == ("truths",) and words[1:2] and words[1] in RANDOM:
+        module = import_module(f"benchmarks.{RANDOM[words[1]]}")
+        numbers = range(*map(int, words[2:])) if words[2:] else module.NUMBERS
+        unseen.fill(module.TRUTHS, module.wanted(numbers))
+        return
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
