@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -353,37 +354,37 @@ def _certify(rows: Rows) -> dict[str, Any]:
 
 def _unseen(rows: Rows) -> dict[str, Any]:
     """Answers to a target error on decks that name no points."""
-    words = (
+    kinds = {"sheets": "plane", "rings": "ring", "solids": "solid"}
+    return _halves(
+        {
+            "all": rows,
+            **{
+                name: [row for row in rows if f": {kind}, " in row["problem"]]
+                for name, kind in kinds.items()
+            },
+        },
         "Decks without points",
         "Random boxes and rings without given form or points, with a target error and "
         "15 s of CPU time; finite elements of three meshes are the truth.",
     )
-    views = [_halves(rows, *words)]
-    for kind, title in (("plane", "Sheets"), ("ring", "Rings"), ("solid", "Solids")):
-        own = [row for row in rows if f": {kind}, " in row["problem"]]
-        if own:
-            views.append(_halves(own, *words, title))
-    return {**views[0], "tables": [table for view in views for table in view["tables"]]}
 
 
 def _layers(rows: Rows) -> dict[str, Any]:
     """Answers to a target error on sheets and boxes of two materials."""
-    words = (
+    boxes = [row for row in rows if ": box, " in row["problem"]]
+    return _halves(
+        {"sheets": [row for row in rows if row not in boxes], "boxes in space": boxes},
         "Bodies of two materials",
         "Random sheets whose materials meet across, along or at a corner, and boxes in space with "
         "plates, bars and blocks, anywhere between points, moduli 1:20 to 20:1; no points are "
         "given, and finite elements of two meshes fitted to the interface are the truth.",
     )
-    boxes = [row for row in rows if ": box, " in row["problem"]]
-    sheets = [row for row in rows if row not in boxes]
-    views = [_halves(sheets, *words, "Sheets"), _halves(boxes, *words, "Boxes in space")]
-    return {**views[0], "tables": [table for view in views for table in view["tables"]]}
 
 
 def _maps(rows: Rows) -> dict[str, Any]:
     """Answers of label maps as a user has them."""
     return _halves(
-        rows,
+        {"maps": rows},
         "Random label maps",
         "Random ellipsoids, cylinders and spindles, whole or half, of one tissue or two, with 10 "
         "to 20 voxels across; their decks give no form, points or blocks. Finite elements of the "
@@ -391,17 +392,20 @@ def _maps(rows: Rows) -> dict[str, Any]:
     )
 
 
-def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[str, Any]:
-    """Right and wrong, accepted and doubted, by halves."""
+def _halves(groups: Mapping[str, Rows], title: str, about: str) -> dict[str, Any]:
+    """Right and wrong, accepted and doubted, by groups of bodies and halves."""
     shown = []
-    for half in ("tuned", "other"):
-        for accuracy in dict.fromkeys(row["form"] for row in rows):
+    for name, rows in groups.items():
+        for half, accuracy in product(
+            ("tuned", "other"), dict.fromkeys(row["form"] for row in rows)
+        ):
             own = _of(rows, half=half, form=accuracy)
             right = [row for row in own if _is_right(row)]
             held, bars, (_, sharp, _) = _bars(own)
             doubted = sum(row["verdict"] != "accepted" for row in right)
             shown.append(
                 {
+                    "bodies": name,
                     "half": half,
                     "target error": accuracy,
                     "decks": len(own),
@@ -421,7 +425,7 @@ def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[st
         "its kind, beyond the uncertainty of the truth. The other half was not used for tuning. "
         "Bars over errors, unknowns and CPU times are medians.",
         "tables": [
-            table(name, shown),
+            table("Halves", shown),
         ],
     }
 
