@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.truths.conditions import AXES, moved, side_of
+from benchmarks.truths.conditions import AXES, Ended, moved, side_of
 from myork.types import F64
 
 #: Places of the nodes of an element, in halves of its edges
@@ -183,20 +183,13 @@ class _Mesh:
         if not ends:
             return {}
         thick = float(np.ptp(self.place[:, 2])) if self.plane else 1.0
-        values = {}
-        for probe in self.deck["probe"]:
-            kind, _, component = probe["quantity"].partition("_")
-            if kind == "u":
-                place = np.zeros(3)
-                place[: len(probe["point"])] = probe["point"]
-                node = int(np.argmin(np.linalg.norm(self.place - place, axis=1)))
-                if np.linalg.norm(self.place[node] - place) < 1e-6 * self.high.max():
-                    values[probe["name"]] = ends[node][AXES.index(component)]
-            elif kind in ("force", "torque"):
-                forces = found[f"forces {probe['set']}".lower()]
-                total = np.zeros(3)
-                for k, force in forces.items():
-                    arm = self.place[k] + ends[k] - np.asarray(probe.get("about") or [0.0] * 3)
-                    total += force if kind == "force" else np.cross(arm, force)
-                values[probe["name"]] = float(total[AXES.index(component)]) / thick
-        return values
+        moves = np.zeros_like(self.place)
+        moves[list(ends)] = list(ends.values())
+
+        def pull(name: str) -> tuple[Any, Any]:
+            forces = found[f"forces {name}".lower()]
+            return list(forces), np.array(list(forces.values())) / thick
+
+        ended = Ended(self.place, moves, pull, None, 1e-6 * float(self.high.max()))
+        values = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
+        return {name: value for name, value in values.items() if value is not None}

@@ -1,12 +1,12 @@
-"""Sides and prescribed displacements of decks, for finite elements of every kind.
+"""Sides, prescribed displacements and probes of decks, for finite elements of every kind.
 
 It needs NumPy alone: dolfinx runs in another Python.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,3 +47,37 @@ def moved(entry: Mapping[str, Any], points: Any, load: float = 1.0) -> dict[int,
     angle = np.radians(float(entry["rotation"])) * load
     turned = np.sin(angle) * across + (1.0 - np.cos(angle)) * np.cross(normal, across)
     return {axis: turned[:, axis] + shift.get(axis, 0.0) for axis in range(dim)}
+
+
+class Ended(NamedTuple):
+    """Nodes at the end of a load."""
+
+    places: Any  #: At rest, shape `(n, dim)` [length]
+    moves: Any  #: Displacements, shape `(n, dim)` [length]
+    #: Nodes of a set, and their forces, shape `(m, dim)` [force]
+    pull: Callable[[str], tuple[Any, Any]]
+    #: Component of the Cauchy stress at a node; None where there is none
+    stress: Callable[[int, str], float] | None
+    near: float  #: By how much nodes may miss the place of a probe [length]
+
+    def probe(self, probe: Mapping[str, Any]) -> float | None:
+        """Value of a table `[[probe]]`; None where no node lies there, or has no such value."""
+        kind, _, component = probe["quantity"].partition("_")
+        if kind in ("force", "torque"):
+            on, force = self.pull(probe["set"])
+            if kind == "force":
+                return float(force[:, AXES.index(component)].sum())
+            dim = self.places.shape[1]
+            arm, force3 = np.zeros((2, len(force), 3))
+            arm[:, :dim] = (self.places + self.moves)[on] - np.asarray(probe["about"], float)
+            force3[:, :dim] = force
+            return float(np.cross(arm, force3).sum(axis=0)[AXES.index(component)])
+        place = np.zeros(self.places.shape[1])
+        place[: len(probe["point"])] = probe["point"]
+        away = np.linalg.norm(self.places - place, axis=1)
+        node = int(np.argmin(away))
+        if away[node] > self.near:
+            return None
+        if kind == "u":
+            return float(self.moves[node, AXES.index(component)])
+        return self.stress(node, component) if self.stress and kind == "cauchy" else None

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from benchmarks.truths.conditions import AXES, moved, side_of
+from benchmarks.truths.conditions import AXES, Ended, moved, side_of
 
 #: Load steps that are tried, and Newton's iterations in each
 _STEPS, _ITERATIONS = (1, 2, 4, 8, 16), 25
@@ -256,26 +256,14 @@ class _Solve:
         petsc.assemble_vector(self.vector, self.inner)
         force = self.vector.array[self.number]
         ends = self.state.vector.array[self.number]
-        found = {}
-        for probe in self.deck["probe"]:
-            kind, _, component = probe["quantity"].partition("_")
-            if kind == "force":
-                value = force[self._on(probe["set"]), AXES.index(component)].sum()
-            elif kind == "torque":
-                on = self._on(probe["set"])
-                arm = (self.points + ends)[on] - np.asarray(probe["about"], float)
-                value = np.cross(arm, force[on]).sum(axis=0)[AXES.index(component)]
-            else:
-                place = np.asarray(probe["point"], float)
-                node = int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
-                if np.linalg.norm(self.points[node] - place) > 1e-6 * self.high.max():
-                    continue
-                if kind == "u":
-                    value = ends[node, AXES.index(component)]
-                else:
-                    value = self._stress(node, component)
-            found[probe["name"]] = float(value)
-        return found
+
+        def pull(name: str) -> tuple[Any, Any]:
+            on = self._on(name)
+            return on, force[on]
+
+        ended = Ended(self.points, ends, pull, self._stress, 1e-6 * self.high.max())
+        found = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
+        return {name: value for name, value in found.items() if value is not None}
 
     def _stress(self, node: int, component: str) -> float:
         """Cauchy stress at a node: mean of the elements beside it."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from benchmarks.truths.conditions import AXES, moved, side_of
+from benchmarks.truths.conditions import AXES, Ended, moved, side_of
 from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
@@ -300,42 +300,31 @@ class _Body:
                 **self.solver,
             )
 
-    def forces(self) -> F64:
-        """Forces at the nodes that the stress balances, shape `(nnode, dim)` [force]."""
+    def _pull(self, name: str) -> tuple[Mask, F64]:
+        """Nodes of a set, and the forces there that the stress balances."""
         vector = self.solid.assemble.vector(self.field).toarray().ravel()
-        return np.asarray(vector[: self.points.size].reshape(self.points.shape))
+        on = self.on(name)
+        return on, vector[: self.points.size].reshape(self.points.shape)[on]
 
     def probe(self, probe: Mapping[str, Any]) -> float:
         """Value of a probe of the deck."""
-        quantity = probe["quantity"]
-        kind, _, component = quantity.partition("_")
-        if kind == "torque":
-            return float(self._torque(probe)[AXES.index(component)])
-        if kind == "force":
-            return float(self.forces()[self.on(probe["set"]), AXES.index(component)].sum())
-        place = np.asarray(probe["point"], float)
-        node = int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
-        if np.linalg.norm(self.points[node] - place) > 1e-6 * np.ptp(self.points):
-            raise InputError(f"finite elements: no node at probe {probe['name']!r}, {place}")
-        if kind == "u":
-            return float(self.field[0].values[node, AXES.index(component)])
-        if kind == "cauchy":
-            stress = self._stress(node)
-            if component == "rr":
-                unit = np.zeros(3)
-                unit[: self.dim] = place / np.linalg.norm(place)
-                return float(unit @ stress @ unit)
-            return float(stress[AXES.index(component[0]), AXES.index(component[1])])
-        raise InputError(f"finite elements do not know the quantity {quantity!r}")
+        near = 1e-6 * float(np.ptp(self.points))
+        ended = Ended(self.points, self.field[0].values, self._pull, self._component, near)
+        value = ended.probe(probe)
+        if value is None:
+            raise InputError(
+                f"finite elements: no node at probe {probe['name']!r}, or no {probe['quantity']!r}"
+            )
+        return value
 
-    def _torque(self, probe: Mapping[str, Any]) -> F64:
-        """Moment of the forces on a set about a point, shape `(3,)` [force length]."""
-        on = self.on(probe["set"])
-        arm, force = np.zeros((2, int(on.sum()), 3))
-        arm[:, : self.dim] = (self.points + self.field[0].values)[on]
-        arm[:, : self.dim] -= np.asarray(probe["about"], float)
-        force[:, : self.dim] = self.forces()[on]
-        return np.asarray(np.cross(arm, force).sum(axis=0))
+    def _component(self, node: int, component: str) -> float:
+        """Cauchy stress at a corner, by the names of its axes or `rr`."""
+        stress = self._stress(node)
+        if component == "rr":
+            unit = np.zeros(3)
+            unit[: self.dim] = self.points[node] / np.linalg.norm(self.points[node])
+            return float(unit @ stress @ unit)
+        return float(stress[AXES.index(component[0]), AXES.index(component[1])])
 
     def _stress(self, node: int) -> F64:
         """Cauchy stress at a corner: mean of its elements.
