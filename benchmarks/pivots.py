@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from benchmarks import unseen, unseen_layers, unseen_maps
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
-from benchmarks.shown import Columns, plot, table
+from benchmarks.shown import plot, table
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body, voxel_by_voxel
 from myork.console import ProgressCallback, silent
@@ -32,16 +33,6 @@ _FORMS: tuple[Form, ...] = (
 _NEAR = 0.01
 #: An error that is rounding [-]
 _ROUNDED = 1e-9
-#: Columns of the rows
-_EACH: Columns = (
-    ("problem", "problem"),
-    ("form", "form"),
-    ("size", "size"),
-    ("unknowns", "unknowns"),
-    ("CPU [s]", "cpu_s"),
-    *((f"error, {kind}", f"error {kind}") for kind in KINDS),
-    ("outcome", "outcome"),
-)
 
 
 def _of(rows: Rows, **wanted: Any) -> list[Mapping[str, Any]]:
@@ -85,8 +76,7 @@ def _bars(rows: Rows, start: str = "") -> tuple[int, int, Any]:
 
 
 def _sums(rows: Mapping[str, Any]) -> dict[str, Any]:
-    lines = [{"of": name, "is": value} for name, value in rows.items()]
-    return table("Sums", (("of", "of"), ("is", "is")), lines)
+    return table("Sums", [{"of": name, "is": value} for name, value in rows.items()])
 
 
 def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
@@ -159,7 +149,6 @@ def _trust(rows: Rows) -> dict[str, Any]:
             table(
                 "`auto` at its finest size beside the cheapest mesh with no larger error; empty "
                 "where no mesh had one",
-                tuple((key, key) for key in found[0]) if found else (),
                 found,
             ),
         ],
@@ -214,16 +203,7 @@ def _methods(rows: Rows) -> dict[str, Any]:
         f"{WRONG:.0%} of the truth. Median errors and geometric means of CPU times cover "
         "different sizes and problems, because collocation is not solved at the finest size.",
         "tables": [
-            table(
-                "Verdicts, and median errors of the probes",
-                (
-                    ("form", "form"),
-                    *((head, head) for head in heads),
-                    *((kind, kind) for kind in KINDS),
-                    ("CPU [s]", "CPU [s]"),
-                ),
-                counted,
-            )
+            table("Verdicts, and median errors of the probes", counted),
         ],
     }
 
@@ -241,7 +221,7 @@ def _curves(rows: Rows) -> dict[str, Any]:
         "figure per problem. `auto` is the default. Times are those of a whole run, including "
         "set-up, output and the second solution for error bars; those of felupe are of the solve "
         "alone.",
-        "tables": [table("Each solve", _EACH, rows)],
+        "tables": [],
         "plots": [drawn for drawn in plots if drawn["series"]],
     }
 
@@ -283,7 +263,7 @@ def _newcomer(rows: Rows) -> dict[str, Any]:
         f"are given. A verdict is right if an answer within {WRONG:.0%} in all probes is "
         "accepted, or if a less accurate one is doubtful or refused.",
         "tables": [
-            table("Each deck", tuple((key, key) for key in shown[0]), shown),
+            table("Each deck", shown),
             _sums(
                 {
                     f"converged, of {len(rows)}": len(_of(rows, outcome="converged")),
@@ -364,7 +344,7 @@ def _certify(rows: Rows) -> dict[str, Any]:
         "coverage": {e["form"]: e["covered"] for e in sums if e["covered"] is not None},
         "sharpness": {entry["form"]: entry["bar over error, median"] for entry in sums},
         "tables": [
-            table("Bars beside errors", tuple((key, key) for key in shown[0]), shown),
+            table("Bars beside errors", shown),
         ],
     }
 
@@ -374,37 +354,37 @@ def _certify(rows: Rows) -> dict[str, Any]:
 
 def _unseen(rows: Rows) -> dict[str, Any]:
     """Answers to a target error on decks that name no points."""
-    words = (
+    kinds = {"sheets": "plane", "rings": "ring", "solids": "solid"}
+    return _halves(
+        {
+            "all": rows,
+            **{
+                name: [row for row in rows if f": {kind}, " in row["problem"]]
+                for name, kind in kinds.items()
+            },
+        },
         "Decks without points",
         "Random boxes and rings without given form or points, with a target error and "
         "15 s of CPU time; finite elements of three meshes are the truth.",
     )
-    views = [_halves(rows, *words)]
-    for kind, title in (("plane", "Sheets"), ("ring", "Rings"), ("solid", "Solids")):
-        own = [row for row in rows if f": {kind}, " in row["problem"]]
-        if own:
-            views.append(_halves(own, *words, title))
-    return {**views[0], "tables": [table for view in views for table in view["tables"]]}
 
 
 def _layers(rows: Rows) -> dict[str, Any]:
     """Answers to a target error on sheets and boxes of two materials."""
-    words = (
+    boxes = [row for row in rows if ": box, " in row["problem"]]
+    return _halves(
+        {"sheets": [row for row in rows if row not in boxes], "boxes in space": boxes},
         "Bodies of two materials",
         "Random sheets whose materials meet across, along or at a corner, and boxes in space with "
         "plates, bars and blocks, anywhere between points, moduli 1:20 to 20:1; no points are "
         "given, and finite elements of two meshes fitted to the interface are the truth.",
     )
-    boxes = [row for row in rows if ": box, " in row["problem"]]
-    sheets = [row for row in rows if row not in boxes]
-    views = [_halves(sheets, *words, "Sheets"), _halves(boxes, *words, "Boxes in space")]
-    return {**views[0], "tables": [table for view in views for table in view["tables"]]}
 
 
 def _maps(rows: Rows) -> dict[str, Any]:
     """Answers of label maps as a user has them."""
     return _halves(
-        rows,
+        {"maps": rows},
         "Random label maps",
         "Random ellipsoids, cylinders and spindles, whole or half, of one tissue or two, with 10 "
         "to 20 voxels across; their decks give no form, points or blocks. Finite elements of the "
@@ -412,17 +392,20 @@ def _maps(rows: Rows) -> dict[str, Any]:
     )
 
 
-def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[str, Any]:
-    """Right and wrong, accepted and doubted, by halves."""
+def _halves(groups: Mapping[str, Rows], title: str, about: str) -> dict[str, Any]:
+    """Right and wrong, accepted and doubted, by groups of bodies and halves."""
     shown = []
-    for half in ("tuned", "other"):
-        for accuracy in dict.fromkeys(row["form"] for row in rows):
+    for name, rows in groups.items():
+        for half, accuracy in product(
+            ("tuned", "other"), dict.fromkeys(row["form"] for row in rows)
+        ):
             own = _of(rows, half=half, form=accuracy)
             right = [row for row in own if _is_right(row)]
             held, bars, (_, sharp, _) = _bars(own)
             doubted = sum(row["verdict"] != "accepted" for row in right)
             shown.append(
                 {
+                    "bodies": name,
                     "half": half,
                     "target error": accuracy,
                     "decks": len(own),
@@ -442,7 +425,7 @@ def _halves(rows: Rows, title: str, about: str, name: str = "Halves") -> dict[st
         "its kind, beyond the uncertainty of the truth. The other half was not used for tuning. "
         "Bars over errors, unknowns and CPU times are medians.",
         "tables": [
-            table(name, tuple((key, key) for key in shown[0]), shown),
+            table("Halves", shown),
         ],
     }
 
@@ -454,33 +437,12 @@ _ERRORS = (1e-2, 1e-3, 1e-4)
 _SMALLEST = 1e-6
 _DEFAULT: Form = ("default", ())
 _PEERS = ("felupe", "dolfinx", "CalculiX")
-#: Sizes and meshes; probes lie at quarters of a sheet's height
-_SHEET = (
-    ((5, 3), (9, 3), (17, 5), (33, 9), (65, 17)),
-    ((4, 4), (8, 4), (16, 4), (32, 8), (64, 16)),
-)
-_TUBE = (
-    ((3, 9), (3, 14), (5, 26), (7, 38), (9, 51), (17, 101), (25, 151)),
-    ((1, 4), (2, 8), (4, 16), (8, 32), (16, 64), (32, 128)),
-)
-_BLOCK = (((3, 3, 5), (5, 5, 9), (7, 7, 13), (9, 9, 17)), ((2, 2, 4), (4, 4, 8), (6, 6, 12)))
-_CUBE = (((3, 3, 3), (5, 5, 5), (7, 7, 7), (9, 9, 9)), ((2, 2, 2), (4, 4, 4), (6, 6, 6)))
-_TWIST = (
-    ((3, 3, 7), (5, 5, 9), (5, 5, 13), (7, 7, 19), (9, 9, 19)),
-    ((2, 2, 8), (4, 4, 12), (6, 6, 12)),
-)
 _STAIRS = ((8, 1, 16), (8, 2, 16), (8, 1, 32))
-#: Problems with the kinds of probes or single probes that are compared
+#: Problems that race
 _RACE = (
-    ("tube", ("force", "wall"), _TUBE),
-    ("near shear", ("displacement", "force"), _SHEET),
-    ("tube, K = 1e7", ("force", "wall"), _TUBE),
-    ("cantilever, dead traction", ("displacement", "surface stress"), _SHEET),
-    ("inclined block", ("displacement", "force"), _BLOCK),
-    ("straight block", ("force", "stress"), _BLOCK),
-    ("twist", ("displacement", "force"), _TWIST),
-    ("cube between plates", ("displacement", "force"), _CUBE),
-)
+    "tube", "near shear", "tube, K = 1e7", "cantilever, dead traction", "inclined block",
+    "straight block", "twist", "cube between plates",
+)  # fmt: skip
 
 
 class _Entry(NamedTuple):
@@ -522,10 +484,8 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
         "tables": [
             table(
                 f"CPU time for an error: below 1 on {below} of {len(known)} lines that both reach",
-                tuple((key, key) for key in races[0]),
-                races,
+                [found for found in races if found["error"] >= 2.0 * found["doubt"]],
             ),
-            table("Each solve", (*_EACH, ("spread", "spread")), rows),
         ],
         "plots": plots,
     }
@@ -562,8 +522,10 @@ def cost(rows: Rows, key: str, error: float) -> float | None:
 
 def _entries(quick: bool) -> Iterator[_Entry]:
     """Problems of `trust` at the sizes of the race; the bar is twisted by 90 degrees alone."""
-    for name, lines, (sizes, meshes) in _RACE[: 2 if quick else None]:
-        problem = BY_NAME[name]._replace(
+    for name in _RACE[: 2 if quick else None]:
+        problem = BY_NAME[name]
+        lines, sizes, meshes = problem.race
+        problem = problem._replace(
             sizes=sizes[1:4] if quick else sizes, elements=meshes[:4] if quick else meshes
         )
         if name == "twist":

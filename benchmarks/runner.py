@@ -4,16 +4,20 @@
 
 solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `layers`,
 `maps` or `race` (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`,
-a view of them, figures of its curves, and `results.json`, the rows, to `docs/results` or DIR.
+a view of them, figures of its curves, and `results.json`, all rows, to `docs/results` or DIR.
 `myork bench NAME` writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables
 of `studies.py`, the runner writes the page.
+
+    python benchmarks/runner.py truths NAME [[FIRST] LAST]
+
+solves problems of `unseen`, `layers` or `maps` whose truths their file lacks by finite elements.
 
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
 prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
-`--write` last it becomes a section of `docs/results/images.md`, those of `PAGES` of
-pages of their modules' names. `half` is `tuned`, the cases on
-which settings were chosen, or `other`, on which none was.
+`--write` last `docs/results/tables.json` keeps its rows, and a page shows them, or what the
+module's `PIVOTS` makes of them. `half` is `tuned`, the cases on which settings were chosen, or
+`other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
 its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
@@ -67,6 +71,8 @@ _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views of rows in `benchmarks/pivots.py`
 VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "layers", "maps", "race")
+#: Modules of the views of random problems, whose truths are found beforehand
+RANDOM = {"unseen": "unseen", "layers": "unseen_layers", "maps": "unseen_maps"}
 #: Benchmarks of `studies.py`
 STUDIES = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems
@@ -88,6 +94,7 @@ TABLES = {
 #: Modules of tables with a page of results of their own, with its title; the rest is of images
 PAGES = {
     "forms": "Settings of the forms",
+    "images": "Images: both halves of the cases",
     "large_leg": "A leg of many points",
     "trained": "Trained reduced models",
 }
@@ -109,10 +116,13 @@ class Truths(NamedTuple):
     kinds: Mapping[str, str]  #: Kind of each probe, by name
     values: Mapping[str, Truth]  #: Their truths
 
-    def errors(self, probes: Mapping[str, float], bars: Mapping[str, float]) -> dict[str, Any]:
+    def errors(
+        self, probes: Mapping[str, float], bars: Mapping[str, float], least: float = _LEAST
+    ) -> dict[str, Any]:
         """Compare an answer.
 
         - `probes`, `bars`: values and error bars, by name
+        - `least`: size of a probe beside the largest of its kind, at least [-]
         - returns `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest
           error beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
           kind, the largest of it, and `error` followed by a name
@@ -123,7 +133,7 @@ class Truths(NamedTuple):
             most[kind] = max(most.get(kind, 0.0), abs(truth.value))
         # what symmetry makes zero is compared with others of its kind, as its bar is
         size = {
-            name: max(abs(truth.value), _LEAST * most[self.kinds[name]])
+            name: max(abs(truth.value), least * most[self.kinds[name]])
             for name, truth in self.values.items()
             if name in probes
         }
@@ -172,14 +182,14 @@ def rows_of(
         truths = _exact(problem, truths)
     rows = []
     for mesh, rival in zip(problem.elements, rivals, strict=True):
-        again = _peer_time(problem, mesh) if timed else None
+        seconds = rival["cpu_s"]
         rows.append(
             {
                 **_named(problem, "felupe", rival["size"]),
                 "rival": True,
                 "unknowns": rival["dofs"],
                 "outcome": rival["outcome"],
-                **_times(rival["cpu_s"], again),
+                "cpu_s": _least_time(seconds, _peer_time(problem, mesh)) if timed else seconds,
                 **truths.errors(rival["probes"], {}),
             }
         )
@@ -197,9 +207,9 @@ def rows_of(
             if timed:
                 solve = _timed_solve(tables, words, cloud)
                 case = solve()
-                case |= _times(case["cpu_s"], partial(_own_time, solve))
+                case["cpu_s"] = _least_time(case["cpu_s"], partial(_own_time, solve))
             else:
-                case = record_of(solve_case(tables, words, cloud=cloud, limit=_LIMIT, error=True))
+                case = record_of(solve_case(tables, words, cloud=cloud, limit=_LIMIT))
             found = truths.errors(case.pop("probes"), case.pop("bars", {}))
             peer = _cheapest(meshes, found)
             rows.append({**_named(problem, name, text), **case, **found, "peer": peer})
@@ -217,7 +227,7 @@ def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> l
             "unknowns": row.get("dofs"),
             "memory": row.get("memory"),
             "outcome": row.get("outcome", "converged"),
-            **_times(row.get("cpu_s"), None),
+            "cpu_s": row.get("cpu_s"),
             **truths.errors(row.get("probes", {}), {}),
         }
         for row in compiled_peers(deck, problem.elements)
@@ -337,16 +347,12 @@ def _own_time(solve: Callable[[], Mapping[str, Any]]) -> float | None:
     return seconds
 
 
-def _times(first: float | None, again: Callable[[], float | None] | None) -> dict[str, Any]:
-    """Least time of a solve and how much longer the longest took, after some repeats."""
-    if again is None:
-        return {"cpu_s": first}
+def _least_time(first: float | None, again: Callable[[], float | None]) -> float | None:
+    """Least time of a solve after some repeats [s]."""
     times = [] if first is None else [first]
     while times and sum(times) < _ENOUGH and len(times) < _MOST:
         times.append(again() or times[0])
-    if not times:
-        return {"cpu_s": None, "spread": None}
-    return {"cpu_s": min(times), "spread": max(times) / min(times) - 1.0}
+    return min(times, default=None)
 
 
 def _peer_time(problem: Problem | Body, mesh: tuple[int, ...]) -> Callable[[], float | None]:
@@ -414,8 +420,14 @@ def main(*words: str) -> None:
         _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
                      words[1:])  # fmt: skip
         return
-    from benchmarks import studies
+    from benchmarks import studies, unseen
     from benchmarks.pivots import view
+
+    if words[:1] == ("truths",) and words[1:2] and words[1] in RANDOM:
+        module = import_module(f"benchmarks.{RANDOM[words[1]]}")
+        numbers = range(*map(int, words[2:])) if words[2:] else module.NUMBERS
+        unseen.fill(module.TRUTHS, module.wanted(numbers))
+        return
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -465,7 +477,7 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         "",
         f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
-        f"{shown['about']}",
+        f"{shown['about']}{'' if name in STUDIES else ' Each solve is a row of `results.json`.'}",
     ]
     plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
     for problem, plots in plots_of:
@@ -496,26 +508,62 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         fits = False
     if not fits:
         sys.exit(f"{name}{wanted}\n\n{inspect.getdoc(table)}")
-    about = machine()
-    head = f"## {' '.join((name, *arguments[: 'half' in wanted.parameters]))}"
-    lines = [head, "", inspect.getdoc(table) or "", ""]
-    print("\n".join([f"MyoRK {about['version']}", "", *lines]), flush=True)
-    for number, row in enumerate(table(*arguments)):
-        new = [f"| {' | '.join(row)} |", *(["|" + "---|" * len(row)] if number == 0 else [])]
-        print("\n".join(new), flush=True)
-        lines += new
+    about, half = machine(), arguments[0] if "half" in wanted.parameters else ""
+    print(f"MyoRK {about['version']}\n\n## {name} {half}\n\n{inspect.getdoc(table)}\n", flush=True)
+    rows = []
+    for row in table(*arguments):
+        rows.append(list(row))
+        print("\n".join(_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
     if write:
         # users' folders are nobody's business
-        files = ["DATA"] * (len(arguments) - ("half" in wanted.parameters))
-        call = f"`python benchmarks/runner.py {' '.join((head[3:], *files))} --write`"
-        lines += ["", f"{call}: {about['processor']}, {about['date'][:10]}.", ""]
-        module = table.__module__.rsplit(".", 1)[-1]
-        page = _RESULTS / f"{module if module in PAGES else 'images'}.md"
-        before = page.read_text(encoding="utf-8") if page.is_file() else f"# {PAGES[module]}\n"
-        first, *sections = before.split("\n## ")
-        own = "\n".join(lines)[3:]
-        sections = [one for one in sections if one.split("\n")[0] != head[3:]] + [own]
-        write_text(page, "\n## ".join([first, *sorted(sections)]).rstrip("\n") + "\n")
+        words = [name, *([half, *("DATA" for _ in arguments[1:])] if half else arguments)]
+        call = f"`python benchmarks/runner.py {' '.join(words)} --write`"
+        written = f"{call}: {about['processor']}, {about['date'][:10]}."
+        file = _RESULTS / "tables.json"
+        kept = [
+            one
+            for one in json.loads(file.read_text(encoding="utf-8"))
+            if (one["table"], one["half"]) != (name, half)
+        ]
+        kept.append({"table": name, "half": half, "written": written, "rows": rows})
+        kept.sort(key=lambda one: (one["table"], one["half"]))
+        text = ",\n".join(json.dumps(one, ensure_ascii=False) for one in kept)
+        write_text(file, f"[\n{text}\n]\n")
+        write_table_pages(kept)
+
+
+def _lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table, whose first row is its head."""
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
+
+
+def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS) -> None:
+    """Write the pages of the tables that `tables.json` keeps."""
+    pages: dict[str, list[str]] = {}
+    for module, names in TABLES.items():
+        found = import_module(f"benchmarks.tables.{module}")
+        for name in names:
+            halves = [one for one in kept if one["table"] == name]
+            shown = getattr(found, "PIVOTS", {}).get(name, list)
+            rows: list[Sequence[str]] = []
+            for one in halves:
+                head, *own = shown(one["rows"])
+                first = [one["half"]] if one["half"] else []
+                rows += [] if rows else [["half"] * len(first) + head]
+                rows += [first + row for row in own]
+            if halves:
+                about = inspect.getdoc(getattr(found, name)) or ""
+                part = [f"## {name}", "", about, "", *_lines(rows), ""]
+                part += [" ".join(one["written"] for one in halves)]
+                page = module if module in PAGES else "images"
+                pages.setdefault(page, []).append("\n".join(part))
+    for page, parts in pages.items():
+        about = "`tables.json` keeps all rows of these tables. "
+        if page == "images":
+            about += "On `tuned` settings were chosen, on `other` none was."
+        text = [f"# {PAGES[page]}", about.strip(), *sorted(parts)]
+        write_text(folder / f"{page}.md", "\n\n".join(text) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,13 @@
 """Random decks without points: boxes and rings of any material, held and loaded in many ways.
 
-    python benchmarks/unseen.py [FIRST [LAST]]
-
-solves decks that `benchmarks/truths/unseen.json` lacks by finite elements, and adds their limits.
-Numbers below `_HELD_OUT` are for tuning; those from it on only judge the result and are not used
-for any choice.
+Finite elements find the truths, `benchmarks/truths/unseen.json`, beforehand. Numbers below
+`_HELD_OUT` are for tuning; those from it on only judge the result and are not used for any choice.
 """
 
 from __future__ import annotations
 
 import json
 import signal
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -19,8 +15,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.problems import Problem
 from benchmarks.runner import Truth, Truths, record_of, solve_rivals
@@ -44,10 +38,12 @@ _PATIENCE = 180.0
 #: Elements along each edge of a solid whose stresses half way are wanted
 _EVEN = (6, 8)
 _SEED = 20261124
-_FILE = Path(__file__).parent / "truths" / "unseen.json"
+TRUTHS = Path(__file__).parent / "truths" / "unseen.json"
 
 Rng = np.random.Generator
 Parts = tuple[list[dict[str, Any]], str]
+#: Name of a problem, and what finds the limits of its probes
+Wanted = tuple[str, Callable[[], dict[str, Any]]]
 
 
 def problem_of(number: int) -> Problem:
@@ -212,7 +208,7 @@ _BODIES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
 }
 
 
-def known(name: str, file: Path = _FILE) -> Truths | None:
+def known(name: str, file: Path = TRUTHS) -> Truths | None:
     """Limits of finite elements, where all meshes have one."""
     entry = _stored(file).get(name)
     if not entry:
@@ -236,7 +232,7 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     """
     numbers = NUMBERS[:6] if quick else NUMBERS
     problems = {number: problem_of(number) for number in numbers}
-    return answers(problems, _FILE, progress, range(_HELD_OUT, NUMBERS.stop))
+    return answers(problems, TRUTHS, progress, range(_HELD_OUT, NUMBERS.stop))
 
 
 def answers(
@@ -258,7 +254,7 @@ def answers(
         for accuracy in accuracies:
             progress(f"{problem.name}: {accuracy:.0%}")
             words = (f"accuracy={accuracy}", f"cost={_COST}")
-            case = record_of(solve_case(problem.tables, words, limit=_LIMIT, error=True))
+            case = record_of(solve_case(problem.tables, words, limit=_LIMIT))
             found.append(
                 {
                     "problem": problem.name,
@@ -266,26 +262,10 @@ def answers(
                     "size": "chosen",
                     "half": "other" if number in others else "tuned",
                     **case,
-                    **judged(truths, case.pop("probes"), case.pop("bars")),
+                    **truths.errors(case.pop("probes"), case.pop("bars"), least=1.0),
                 }
             )
     return found
-
-
-def judged(
-    truths: Truths, probes: Mapping[str, float], bars: Mapping[str, float]
-) -> dict[str, Any]:
-    """Error, bar and doubt of each probe over the largest of its kind."""
-    most: dict[str, float] = {}
-    for name, truth in truths.values.items():
-        kind = truths.kinds[name]
-        most[kind] = max(most.get(kind, 0.0), abs(truth.value))
-    size = {name: most[truths.kinds[name]] for name in truths.values if name in probes}
-    error = {name: abs(probes[name] - truths.values[name].value) / size[name] for name in size}
-    bar = {name: bars[name] / size[name] for name in size if bars.get(name) is not None}
-    doubt = {name: truths.values[name].doubt / size[name] for name in size}
-    off = max((max(error[name] - doubt[name], 0.0) for name in error), default=None)
-    return {"error": error, "bar": bar, "doubt": doubt, "off": off}
 
 
 def _limits(problem: Problem) -> dict[str, Any]:
@@ -342,13 +322,10 @@ def _give_up(*_: Any) -> NoReturn:
     raise TimeoutError
 
 
-def fill(file: Path, wanted: Sequence[tuple[str, Callable[[], dict[str, Any]]]]) -> None:
-    """Add the limits of problems that a file lacks.
-
-    - `wanted`: name of each, and what finds its limits, given up after `_PATIENCE`
-    """
+def fill(file: Path, problems: Sequence[Wanted]) -> None:
+    """Add the limits of problems that a file lacks, each given up after `_PATIENCE`."""
     signal.signal(signal.SIGPROF, _give_up)
-    for name, find in wanted:
+    for name, find in problems:
         if name in _stored(file):
             continue
         begin = time.process_time()
@@ -365,13 +342,7 @@ def fill(file: Path, wanted: Sequence[tuple[str, Callable[[], dict[str, Any]]]])
         print(f"{name}: {time.process_time() - begin:.1f} CPU s", flush=True)
 
 
-def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
-    """Solve decks by finite elements."""
-    problems = [problem_of(number) for number in range(first, last)]
-    # those in space take longest
-    problems = sorted(problems, key=lambda problem: "solid" in problem.name)
-    fill(_FILE, [(problem.name, partial(_limits, problem)) for problem in problems])
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+def wanted(numbers: range) -> list[Wanted]:
+    """Decks and their limits; those in space, which take longest, last."""
+    problems = sorted(map(problem_of, numbers), key=lambda problem: "solid" in problem.name)
+    return [(problem.name, partial(_limits, problem)) for problem in problems]

@@ -1,15 +1,11 @@
 """Random sheets and boxes of two materials that name no points, with interfaces anywhere.
 
-    python benchmarks/unseen_layers.py [FIRST [LAST]]
-
-solves bodies that `benchmarks/truths/unseen_layers.json` lacks by finite elements that end at the
-interface, and adds their limits. The even numbers are for tuning, the odd ones for looking at the
-result.
+Finite elements that end at the interface find the truths, `benchmarks/truths/unseen_layers.json`,
+beforehand. The even numbers are for tuning, the odd ones for looking at the result.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,12 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from benchmarks.problems import Problem
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.unseen import answers, fill
+from benchmarks.unseen import Wanted, answers
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.types import F64
@@ -37,7 +31,7 @@ _FINER = 0.75
 _KNOWN = 0.2
 _SEED = 20261127
 _AXES = "xyz"
-_FILE = Path(__file__).parent / "truths" / "unseen_layers.json"
+TRUTHS = Path(__file__).parent / "truths" / "unseen_layers.json"
 
 
 class _Body(NamedTuple):
@@ -194,8 +188,8 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     sheets = {n: problem for n, problem in problems.items() if n < _SHEETS}
     boxes = {n: problem for n, problem in problems.items() if n >= _SHEETS}
     return [
-        *answers(sheets, _FILE, progress, NUMBERS[1::2]),
-        *answers(boxes, _FILE, progress, NUMBERS[1::2], accuracies=(0.02,)),
+        *answers(sheets, TRUTHS, progress, NUMBERS[1::2]),
+        *answers(boxes, TRUTHS, progress, NUMBERS[1::2], accuracies=(0.02,)),
     ]
 
 
@@ -226,11 +220,6 @@ def _limits(body: _Body) -> dict[str, Any]:
     }
 
 
-def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
-    """Solve bodies by finite elements."""
-    bodies = [body_of(number) for number in range(first, last)]
-    fill(_FILE, [(body.name, partial(_limits, body)) for body in bodies])
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+def wanted(numbers: range) -> list[Wanted]:
+    """Bodies and their limits."""
+    return [(body.name, partial(_limits, body)) for body in map(body_of, numbers)]

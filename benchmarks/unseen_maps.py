@@ -1,15 +1,11 @@
 """Random label maps: round bodies of one or two tissues that name neither form, points nor blocks.
 
-    python benchmarks/unseen_maps.py [FIRST [LAST]]
-
-solves bodies that `benchmarks/truths/unseen_maps.json` lacks by finite elements of their true
-shape, and adds their limits. The numbers below 32 are for tuning, the others for looking at the
-result.
+Finite elements of the true shape find the truths, `benchmarks/truths/unseen_maps.json`, beforehand.
+The numbers below 32 are for tuning, the others for looking at the result.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,13 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from benchmarks.runner import record_of
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.unseen import fill, judged, known, random_solid
+from benchmarks.unseen import Wanted, known, random_solid
 from benchmarks.voxel_bodies import Body, body_cloud, box_tables
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
@@ -224,8 +218,8 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
 def solved(body: Body, voxel: float, truths: Any, words: tuple[str, ...] = ()) -> dict[str, Any]:
     """A row of one body, solved with overrides."""
     cloud = body_cloud(body, 2.0 * voxel)
-    case = record_of(solve_case(body.tables, words, cloud=cloud, limit=_LIMIT, error=True))
-    found = judged(truths, case.pop("probes"), case.pop("bars"))
+    case = record_of(solve_case(body.tables, words, cloud=cloud, limit=_LIMIT))
+    found = truths.errors(case.pop("probes"), case.pop("bars"), least=1.0)
     return {"problem": body.name, "form": "map", "size": "chosen", **case, **found}
 
 
@@ -248,13 +242,6 @@ def _limits(number: int) -> dict[str, Any]:
     return {name: [fine[name][-1] + half, abs(half)] for name, half in changes.items()}
 
 
-def main(first: int = NUMBERS.start, last: int = NUMBERS.stop) -> None:
-    """Solve bodies by finite elements."""
-    fill(
-        TRUTHS,
-        [(body_of(n)[0].name, partial(_limits, n)) for n in range(first, last)],
-    )
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+def wanted(numbers: range) -> list[Wanted]:
+    """Bodies and their limits."""
+    return [(body_of(number)[0].name, partial(_limits, number)) for number in numbers]

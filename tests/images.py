@@ -10,7 +10,7 @@ from benchmarks.truths.scanners import even_directions, weighted
 from myork.core.deck import text_of_tables
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import read_labels, write_image, write_labels
-from myork.imaging.phantom import Phantom
+from myork.imaging.phantom import Phantom, rician
 from myork.records import Image, Labels
 from myork.stations.build import build
 from myork.stations.segment import segment
@@ -61,8 +61,8 @@ def phantom_dwi(
     direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
     table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
     signal = weighted(phantom.still.data, phantom.clean_tensor.data, table)
-    noise = np.random.default_rng(seed).normal(0.0, 400.0 / snr, (2, *signal.shape))
-    return Image(np.hypot(signal + noise[0], noise[1]), phantom.still.affine, "dwi"), table
+    noisy = rician(signal, 400.0 / snr, np.random.default_rng(seed))
+    return Image(noisy, phantom.still.affine, "dwi"), table
 
 
 def affine_of(spacing: ArrayLike, origin: ArrayLike = 0.0) -> F64:

@@ -5,6 +5,7 @@ short and stand on its page with their pictures; notebooks run with what they as
 outputs.
 """
 
+import json
 import os
 import re
 import shlex
@@ -18,6 +19,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+from benchmarks.runner import PAGES, write_table_pages
 from tests.scenes import myork
 
 ROOT = Path(__file__).parents[1]
@@ -151,6 +153,16 @@ def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         else:
             for line in text.splitlines():
                 run(line)
+
+
+@pytest.mark.slow
+def test_pages_of_tables_show_the_rows_that_are_kept(tmp_path: Path) -> None:
+    """Pages are what the runner makes of `tables.json`."""
+    results = ROOT / "docs" / "results"
+    write_table_pages(json.loads((results / "tables.json").read_text("utf-8")), tmp_path)
+    assert {page.name for page in tmp_path.iterdir()} == {f"{name}.md" for name in PAGES}
+    for page in tmp_path.iterdir():
+        assert page.read_text("utf-8") == (results / page.name).read_text("utf-8")
 
 
 # ---- the gallery and the notebooks ---------------------------------------------------------------

@@ -14,7 +14,7 @@ from scipy import ndimage
 from benchmarks.tables.tissues import PARTS, section
 from myork.imaging.damage import damaged_slices
 from myork.imaging.io import read_image
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, rician
 from myork.records import Image
 from myork.types import F64
 
@@ -61,12 +61,6 @@ def series(random: np.random.Generator, number: int, thighs: Image | None) -> Im
             whole + random.normal(0, noise, whole.shape) * (whole > noise), base.anatomy.affine
         )
     return Image(rician(whole, noise, random), base.anatomy.affine)
-
-
-def rician(signal: F64, sigma: float, random: np.random.Generator) -> F64:
-    """Magnitude under noise."""
-    return np.asarray(np.hypot(signal + random.normal(0, sigma, signal.shape),
-                               random.normal(0, sigma, signal.shape)))  # fmt: skip
 
 
 def part_of(image: Image, random: np.random.Generator) -> Image:

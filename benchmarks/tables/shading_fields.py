@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from benchmarks.tables.tissues import PARTS, section
 from myork.imaging.io import read_image, read_labels
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, rician
 from myork.records import Image
 from myork.segmentation.regions import body_mask
 from myork.segmentation.shading import joint_variation, shading, variation_doubt
@@ -173,8 +173,7 @@ def shading_fields(half: str, *real: str) -> Iterator[tuple[str, ...]]:
         for family in FAMILIES if name != "whole calf" else FAMILIES[::2]:
             for ends in (STRONG[1 if one else 3], WEAK):
                 truth = field(family, ends, mask, image.spacing, random)
-                error = random.normal(0.0, noise, (2, *mask.shape))
-                values = np.hypot(image.data * truth + error[0], error[1])
+                values = rician(image.data * truth, noise, random)
                 body = body_mask(Image(values, image.affine))
                 clock = [time.process_time()]
                 ours = shading(values, body, spacing=image.spacing)
@@ -217,8 +216,7 @@ def shading_doubts(half: str) -> Iterator[tuple[str, ...]]:
         ends = STRONG[1] if case % 3 == 2 else WEAK
         truth = field(FAMILIES[case % 3], ends, mask, image.spacing, random)
         noise = np.median(image.data[label == 1]) / random.uniform(10.0, 40.0)
-        error = random.normal(0.0, noise, (2, *mask.shape))
-        values = np.hypot(image.data * truth + error[0], error[1])
+        values = rician(image.data * truth, float(noise), random)
         body = body_mask(Image(values, image.affine))
         ours = shading(values, body, spacing=image.spacing)
         doubts = ours.doubt, variation_doubt(values, ours.field, body)
@@ -232,3 +230,29 @@ def shading_doubts(half: str) -> Iterator[tuple[str, ...]]:
            "by N4")  # fmt: skip
     for name, (own, theirs) in rows.items():
         yield (name, *(f"{one:.0f}" for one in own), f"{theirs[0]:.0f}")
+
+
+def _by_images(rows: list[list[str]]) -> list[list[str]]:
+    """Correlations, and the largest error, of images of a kind under a range of factors."""
+    shown = [["images", "factor", "cases", "`auto`: least, mean", "largest error",
+              "N4: least, mean", "doubts", "skin: least", "last slices: least"]]  # fmt: skip
+    groups: dict[tuple[str, str], list[list[str]]] = {}
+    for row in rows[1:]:
+        groups.setdefault((row[0].rstrip(" 0123456789"), row[2]), []).append(row)
+    for names, own in groups.items():
+        ours, theirs, skin, last = (
+            [float(row[k].split()[0].rstrip(",")) for row in own if row[k] != "-"]
+            for k in (3, 4, 7, 8)
+        )
+        worst = max(float(row[3].split("(")[1].split()[0]) for row in own)
+        pairs = [f"{min(found):.4f}, {np.mean(found):.4f}" for found in (ours, theirs)]
+        doubts = sum(row[6] == "yes" for row in own)
+        ends = [f"{min(found):.4f}" if found else "-" for found in (skin, last)]
+        shown.append(
+            [*names, str(len(own)), pairs[0], f"{worst:g} %", pairs[1], str(doubts), *ends]
+        )
+    return shown
+
+
+#: What the page of results shows
+PIVOTS = {"shading_fields": _by_images}

@@ -13,6 +13,7 @@ from scipy import ndimage
 from skimage.segmentation import random_walker
 
 from myork.imaging.io import read_image, read_labels
+from myork.imaging.phantom import rician
 from myork.records import Image
 from myork.segmentation.leg import leg_tissues
 from myork.segmentation.regions import body_mask
@@ -134,8 +135,7 @@ def section(part: str, number: int, noise: float = 1.0, shade: float = 0.12) -> 
     sigma = noise * max(muscle, 0.3 if kind != "fat suppressed" else 1.0) / random.uniform(10, 40)
 
     def noisy(signal: F64) -> Image:
-        real, other = random.normal(0, sigma, (2, *signal.shape))
-        return Image(400 * np.hypot(signal * factor + real, other), affine, "image")
+        return Image(400 * rician(signal * factor, sigma, random), affine, "image")
 
     affine = np.diag([pixel, pixel, 5.0, 1.0])
     bright = np.where(grey > 0.1, 1.0, grey)
@@ -228,15 +228,5 @@ def tissues(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
             anatomy = even(Section("", one, None, np.zeros(0, int)))[0]
             ours = leg_tissues(anatomy)
             score = "" if truth is None else f"{(ours.labels.data[truth] == MUSCLE).mean():.3f}"
-            yield (
-                Path(one.name).name,
-                "1",
-                f"{len(ours.doubts)} doubts",
-                "",
-                "",
-                "",
-                score,
-                "",
-                "",
-                "",
-            )
+            doubts = f"{len(ours.doubts)} doubts"
+            yield Path(one.name).name, "1", doubts, *[""] * 3, score, *[""] * 3

@@ -13,7 +13,7 @@ from scipy import ndimage
 from skimage.segmentation import random_walker
 
 from myork.imaging.io import read_image, read_labels
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, rician
 from myork.records import Image
 from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import body_mask
@@ -130,8 +130,8 @@ def straight(keys: dict[str, Any], seed: int) -> tuple[F64, I32]:
         return leg.anatomy.data, leg.truth.data
     leg = make_phantom((96, 96, 4), SPACING.tolist(), **(own | {"snr": 1e6}))
     clean = np.interp(leg.anatomy.data / leg.bias.data, *PD) * leg.bias.data
-    noise = np.random.default_rng(seed).normal(0.0, PD[1][2] / keys["snr"], (2, *clean.shape))
-    return np.hypot(clean + noise[0], noise[1]), leg.truth.data
+    noisy = rician(clean, PD[1][2] / keys["snr"], np.random.default_rng(seed))
+    return noisy, leg.truth.data
 
 
 def bent(case: Bent, seed: int) -> tuple[F64, I32]:
@@ -151,8 +151,7 @@ def bent(case: Bent, seed: int) -> tuple[F64, I32]:
         moved[axis] += shift * most / (np.abs(shift).max() * SPACING[axis])
     signal = ndimage.map_coordinates(leg.anatomy.data, moved, order=1, mode="nearest")
     label = ndimage.map_coordinates(leg.truth.data, moved, order=0, mode="nearest")
-    real, other = random.normal(0.0, MUSCLE / snr, (2, *BENT))
-    return np.hypot(signal + real, other), label.astype(np.int32)
+    return rician(signal, MUSCLE / snr, random), label.astype(np.int32)
 
 
 def theirs(calves: Calves, known: I32, beta: float) -> I32:
@@ -231,3 +230,12 @@ def outlines(half: str) -> Iterator[tuple[str, ...]]:
                 yield name, f"{kind}, every {step}th slice", *shown
     for kind, rows in means.items():
         yield "mean", kind, *(f"{mean:.4f}" for mean in np.mean(rows, axis=0))
+
+
+def _means(rows: list[list[str]]) -> list[list[str]]:
+    """The means of the cases."""
+    return [row for row in rows if row[0] in (rows[0][0], "mean")]
+
+
+#: What the page of results shows
+PIVOTS = {"walks": _means, "outlines": _means}

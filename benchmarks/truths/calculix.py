@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.truths.conditions import AXES, Ended, moved, side_of
 from myork.types import F64
 
-_AXES = "xyz"
 #: Places of the nodes of an element, in halves of its edges
 _NODES = np.array(
     [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2),
@@ -93,10 +93,7 @@ class _Mesh:
 
     def on(self, name: str) -> Any:
         """Numbers of the nodes of a set."""
-        if self.ring:
-            axis, side = {"inner": (0, 0), "outer": (0, 1), "y0": (1, 0), "x0": (1, 1)}[name]
-        else:
-            axis, side = _AXES.index(name[0]), int(name[1])
+        axis, side = side_of(name, self.ring)
         return np.flatnonzero(abs(self.share[:, axis] - side) < 1e-9)
 
     def text(self, steps: int) -> str:
@@ -136,22 +133,7 @@ class _Mesh:
         found: dict[tuple[int, int], float] = {}
         for entry in self.deck["boundary"]:
             on = self.on(entry["set"])
-            moved: dict[int, Any] = {
-                axis: float(entry[f"u_{name}"])
-                for axis, name in enumerate(_AXES)
-                if entry.get(f"u_{name}") is not None
-            }
-            if entry.get("radial") is not None:
-                flat = self.place[on, :2]
-                unit = flat / np.linalg.norm(flat, axis=1)[:, None]
-                moved = dict(enumerate((float(entry["radial"]) * unit).T))
-            if entry.get("rotation") is not None:
-                normal = np.asarray(entry["axis"], float)
-                across = np.cross(normal, self.place[on] - np.asarray(entry["about"], float))
-                angle = np.radians(float(entry["rotation"]))
-                turned = np.sin(angle) * across + (1 - np.cos(angle)) * np.cross(normal, across)
-                moved = dict(enumerate(turned.T))
-            for axis, values in moved.items():
+            for axis, values in moved(entry, self.place[on]).items():
                 for k, value in zip(on, np.broadcast_to(values, len(on)), strict=True):
                     found.setdefault((int(k), axis), float(value))
         if self.plane:
@@ -164,7 +146,7 @@ class _Mesh:
         for entry in self.deck["boundary"]:
             if entry.get("traction") is None:
                 continue
-            axis, side = _AXES.index(entry["set"][0]), int(entry["set"][1])
+            axis, side = AXES.index(entry["set"][0]), int(entry["set"][1])
             face = np.flatnonzero(_NODES[:, axis] == 2 * side)
             # corners -1/12, middles of edges 1/3 of the element's face
             middle = (_NODES[face] == 1).any(axis=1)
@@ -197,24 +179,17 @@ class _Mesh:
             elif line.strip():
                 words = line.split()
                 block[int(words[0]) - 1] = [float(word) for word in words[1:]]
-        moved = found.get("displacements all")
-        if not moved:
+        ends = found.get("displacements all")
+        if not ends:
             return {}
         thick = float(np.ptp(self.place[:, 2])) if self.plane else 1.0
-        values = {}
-        for probe in self.deck["probe"]:
-            kind, _, component = probe["quantity"].partition("_")
-            if kind == "u":
-                place = np.zeros(3)
-                place[: len(probe["point"])] = probe["point"]
-                node = int(np.argmin(np.linalg.norm(self.place - place, axis=1)))
-                if np.linalg.norm(self.place[node] - place) < 1e-6 * self.high.max():
-                    values[probe["name"]] = moved[node][_AXES.index(component)]
-            elif kind in ("force", "torque"):
-                forces = found[f"forces {probe['set']}".lower()]
-                total = np.zeros(3)
-                for k, force in forces.items():
-                    arm = self.place[k] + moved[k] - np.asarray(probe.get("about") or [0.0] * 3)
-                    total += force if kind == "force" else np.cross(arm, force)
-                values[probe["name"]] = float(total[_AXES.index(component)]) / thick
-        return values
+        moves = np.zeros_like(self.place)
+        moves[list(ends)] = list(ends.values())
+
+        def pull(name: str) -> tuple[Any, Any]:
+            forces = found[f"forces {name}".lower()]
+            return list(forces), np.array(list(forces.values())) / thick
+
+        ended = Ended(self.place, moves, pull, None, 1e-6 * float(self.high.max()))
+        values = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
+        return {name: value for name, value in values.items() if value is not None}

@@ -24,7 +24,10 @@ from dolfinx.fem import petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
-_AXES = "xyz"
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from benchmarks.truths.conditions import AXES, Ended, moved, side_of
+
 #: Load steps that are tried, and Newton's iterations in each
 _STEPS, _ITERATIONS = (1, 2, 4, 8, 16), 25
 #: Relative residual of a converged load step [-]
@@ -121,14 +124,9 @@ class _Solve:
 
     def _on(self, name: str) -> Any:
         """Numbers of the nodes of a set."""
-        axis, side = self._side(name)
+        axis, side = side_of(name, self.ring)
         wall = (self.low, self.high)[side][axis]
         return np.flatnonzero(abs(self.places[:, axis] - wall) < _NEAR * self.high.max())
-
-    def _side(self, name: str) -> tuple[int, int]:
-        if self.ring:
-            return {"inner": (0, 0), "outer": (0, 1), "y0": (1, 0), "x0": (1, 1)}[name]
-        return _AXES.index(name[0]), int(name[1])
 
     def _forms(self, mixed: bool, curves: Any) -> None:
         table = self.deck["material"][0]
@@ -185,7 +183,7 @@ class _Solve:
         for number, entry in enumerate(self.deck["boundary"]):
             if entry.get("traction") is None:
                 continue
-            axis, side = self._side(entry["set"])
+            axis, side = side_of(entry["set"], self.ring)
             wall = (self.low, self.high)[side][axis]
             facets = mesh.locate_entities_boundary(
                 self.mesh, self.dim - 1, lambda x, a=axis, w=wall: np.isclose(x[a], w)
@@ -208,21 +206,7 @@ class _Solve:
         """Numbers and values of the unknowns that are prescribed."""
         numbers, values = [], []
         for on, entry in self.bounds:
-            moved: dict[int, Any] = {
-                axis: load * float(entry[f"u_{_AXES[axis]}"])
-                for axis in range(self.dim)
-                if entry.get(f"u_{_AXES[axis]}") is not None
-            }
-            if entry.get("radial") is not None:
-                unit = self.points[on] / np.linalg.norm(self.points[on], axis=1)[:, None]
-                moved = dict(enumerate((load * float(entry["radial"]) * unit).T))
-            if entry.get("rotation") is not None:
-                normal = np.asarray(entry["axis"], float)
-                across = np.cross(normal, self.points[on] - np.asarray(entry["about"], float))
-                angle = np.radians(float(entry["rotation"])) * load
-                turned = np.sin(angle) * across + (1 - np.cos(angle)) * np.cross(normal, across)
-                moved = dict(enumerate(turned.T))
-            for axis, value in moved.items():
+            for axis, value in moved(entry, self.points[on], load).items():
                 numbers.append(self.number[on, axis])
                 values.append(np.broadcast_to(value, len(on)))
         number, first = np.unique(np.concatenate(numbers), return_index=True)
@@ -271,32 +255,20 @@ class _Solve:
             local.set(0.0)
         petsc.assemble_vector(self.vector, self.inner)
         force = self.vector.array[self.number]
-        moved = self.state.vector.array[self.number]
-        found = {}
-        for probe in self.deck["probe"]:
-            kind, _, component = probe["quantity"].partition("_")
-            if kind == "force":
-                value = force[self._on(probe["set"]), _AXES.index(component)].sum()
-            elif kind == "torque":
-                on = self._on(probe["set"])
-                arm = (self.points + moved)[on] - np.asarray(probe["about"], float)
-                value = np.cross(arm, force[on]).sum(axis=0)[_AXES.index(component)]
-            else:
-                place = np.asarray(probe["point"], float)
-                node = int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
-                if np.linalg.norm(self.points[node] - place) > 1e-6 * self.high.max():
-                    continue
-                if kind == "u":
-                    value = moved[node, _AXES.index(component)]
-                else:
-                    value = self._stress(node, component)
-            found[probe["name"]] = float(value)
-        return found
+        ends = self.state.vector.array[self.number]
+
+        def pull(name: str) -> tuple[Any, Any]:
+            on = self._on(name)
+            return on, force[on]
+
+        ended = Ended(self.points, ends, pull, self._stress, 1e-6 * self.high.max())
+        found = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
+        return {name: value for name, value in found.items() if value is not None}
 
     def _stress(self, node: int, component: str) -> float:
         """Cauchy stress at a node: mean of the elements beside it."""
         unit = np.eye(3)
-        ends = (0, 0) if component == "rr" else tuple(_AXES.index(c) for c in component)
+        ends = (0, 0) if component == "rr" else tuple(AXES.index(c) for c in component)
         if component == "rr":
             unit[0, : self.dim] = self.points[node] / np.linalg.norm(self.points[node])
         left, right = (ufl.as_vector(list(unit[end])) for end in ends)

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from benchmarks.truths.conditions import AXES, Ended, moved, side_of
 from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
@@ -25,7 +27,6 @@ Labels = Callable[[F64], int]
 #: Nodes of a box, shape `(n, dim)`, to those of the body
 Warp = Callable[[F64], F64]
 
-_AXES = "xyz"
 #: Halvings of a load step that does not converge
 _HALVINGS = 8
 #: Share of an edge by which nodes may miss the surface they lie on
@@ -58,35 +59,26 @@ def solve_deck(
     - `tolerance`: relative residual of a converged load step [-]
     - `symmetric`: order the unknowns for symmetric matrices, whose factors in space are several
       times smaller than those of felupe's own solver
-    - returns `load` (as given), `probes` (by name their values at these loads), `forces` (by set
-      the nodes of the last state and their forces, shape `(n, dim)` each), `dofs`, `iterations`,
-      `cpu_s` and the wall time `seconds`
+    - returns `probes` (by name their values at these loads), `dofs` and `cpu_s`
     - raises InputError: the deck has something that is not supported here
     - raises ConvergenceError: a load step failed although it was halved
     - raises InstallationError: felupe is missing
     """
-    started, clock = time.process_time(), time.perf_counter()
+    started = time.process_time()
     body = _Body(deck, elements, labels, warp, tolerance)
     if symmetric:
         body.solver = {"solver": _solve_symmetric}
-    iterations = 0
     values: dict[str, list[float]] = {probe["name"]: [] for probe in deck["probe"]}
     reached = 0.0
     for load in loads:
-        iterations += body.advance(reached, load)
+        body.advance(reached, load)
         reached = load
         for probe in deck["probe"]:
             values[probe["name"]].append(body.probe(probe))
-    sets = {entry["set"] for entry in deck["boundary"]}
-    forces = body.forces()
     return {
-        "load": [float(load) for load in loads],
         "probes": values,
-        "forces": {name: (body.points[body.on(name)], forces[body.on(name)]) for name in sets},
         "dofs": int(sum(part.values.size for part in body.field.fields)),
-        "iterations": iterations,
         "cpu_s": time.process_time() - started,
-        "seconds": time.perf_counter() - clock,
     }
 
 
@@ -162,12 +154,9 @@ class _Body:
         self.dual = self._dual(material)
         self.field = self.fem.FieldsMixed(region, n=3, planestrain=plane, mesh=self.dual)
         self.law = _Law(deck["material"], material, plane)
-        #: Activation of each material over the load
+        #: Activation of each material at full load
         self.activations = [
-            (
-                float(table.get("activation") or deck["load"]["activation"]),
-                _amplitude(deck, table.get("amplitude") or deck["load"].get("amplitude")),
-            )
+            float(table.get("activation") or deck["load"]["activation"])
             for table in deck["material"]
         ]
         bulk = np.array([float(table["K"]) for table in deck["material"]])[material]
@@ -181,7 +170,7 @@ class _Body:
         #: Conditions that change with the load, and their values at one
         self.pulls: list[tuple[Any, Callable[[float], Any]]] = []
         for entry in deck["boundary"]:
-            self._hold(entry, _amplitude(deck, entry.get("amplitude")))
+            self._hold(entry)
 
     def _mesh(
         self, elements: Sequence[int], deck: Mapping[str, Any], labels: Labels | None
@@ -227,47 +216,32 @@ class _Body:
     def on(self, name: str) -> Mask:
         """Nodes of a set of the deck."""
         low, high = self.place.min(axis=0), self.place.max(axis=0)
-        if self.geometry["kind"] == "annulus":
-            axis, side = {"inner": (0, 0), "outer": (0, 1), "y0": (1, 0), "x0": (1, 1)}[name]
-        else:
-            axis, side = _AXES.index(name[0]), int(name[1])
+        axis, side = side_of(name, self.geometry["kind"] == "annulus")
         wall = (low, high)[side][axis]
         return np.asarray(abs(self.place[:, axis] - wall) < _ON_FACE * (high - low)[axis])
 
-    def _hold(self, entry: Mapping[str, Any], amplitude: Callable[[float], float]) -> None:
+    def _hold(self, entry: Mapping[str, Any]) -> None:
         """Prescribed displacements and tractions of a set."""
         mask = self.on(entry["set"])
-        values: dict[int, Any] = {}
-        for axis in range(self.dim):
-            value = entry.get(f"u_{_AXES[axis]}")
-            if value is not None:
-                values[axis] = float(value)
-        if entry.get("radial") is not None:
-            direction = self.points[mask] / np.linalg.norm(self.points[mask], axis=1)[:, None]
-            values = dict(enumerate((direction * float(entry["radial"])).T))
-        values = {axis: _in_proportion(amplitude, value) for axis, value in values.items()}
-        if entry.get("rotation") is not None:
-            values = {
-                axis: _moved(entry, self.points[mask], axis, amplitude) for axis in range(self.dim)
-            }
-        for axis, value in values.items():
+        held = partial(moved, entry, self.points[mask])
+        for axis in (given := held()):
             skip = tuple(int(other != axis) for other in range(self.dim))
             bound = self.fem.Boundary(self.field[0], mask=mask, skip=skip)
-            self.bounds[f"{entry['set']} {_AXES[axis]}"] = bound
-            self.pulls.append((bound, value))
+            self.bounds[f"{entry['set']} {AXES[axis]}"] = bound
+            self.pulls.append((bound, partial(_component, held, axis)))
         if entry.get("traction") is not None:
             force = self._areas(entry["set"], mask)[:, None] * np.asarray(entry["traction"], float)
-            for axis in values:
+            for axis in given:
                 force[:, axis] = 0.0
             load = self.fem.PointLoad(self.field, np.flatnonzero(mask), values=force)
             self.items.append(load)
-            self.pulls.append((load, _in_proportion(amplitude, force)))
+            self.pulls.append((load, lambda load: load * force))
 
     def _areas(self, name: str, mask: Mask) -> F64:
         """Area of each node of a box's face, warped or not: what it weighs in integrals over it."""
         if self.geometry["kind"] != "box":
             raise InputError("finite elements take tractions on boxes only")
-        across = [axis for axis in range(self.dim) if axis != _AXES.index(name[0])]
+        across = [axis for axis in range(self.dim) if axis != AXES.index(name[0])]
         area = np.ones(int(mask.sum()))
         for axis in across:
             lines, number = np.unique(np.round(self.place[mask, axis], 12), return_inverse=True)
@@ -287,14 +261,14 @@ class _Body:
             area *= np.linalg.norm(normal, axis=1)
         return area
 
-    def advance(self, start: float, end: float) -> int:
-        """Iterate from one load to another; return how often."""
-        step, reached, iterations = end - start, start, 0
+    def advance(self, start: float, end: float) -> None:
+        """Iterate from one load to another."""
+        step, reached = end - start, start
         while reached < end * (1.0 - 1e-12):
             at = min(end, reached + step)
             kept = [part.values.copy() for part in self.field.fields]
             try:
-                iterations += self._solve(at)
+                self._solve(at)
                 reached = at
             except _FAILURES:
                 for part, values in zip(self.field.fields, kept, strict=True):
@@ -304,20 +278,19 @@ class _Body:
                     raise ConvergenceError(
                         f"finite elements: no convergence beyond load {reached:.4g}"
                     ) from None
-        return iterations
 
-    def _solve(self, load: float) -> int:
+    def _solve(self, load: float) -> None:
         """Iterate to equilibrium at a load."""
         for bound, value in self.pulls:
             if isinstance(bound, self.fem.PointLoad):
                 bound.update(value(load))
             else:
                 bound.value = value(load)
-        self.law.activations = [full * grown(load) for full, grown in self.activations]
+        self.law.activations = [load * full for full in self.activations]
         dof0, dof1 = self.fem.dof.partition(self.field, self.bounds)
         prescribed = self.fem.dof.apply(self.field, self.bounds, dof0)
         with np.errstate(all="ignore"):
-            found = self.fem.newtonraphson(
+            self.fem.newtonraphson(
                 items=self.items,
                 dof0=dof0,
                 dof1=dof1,
@@ -326,59 +299,41 @@ class _Body:
                 tol=self.tolerance,
                 **self.solver,
             )
-        return int(found.iterations)
 
-    def forces(self) -> F64:
-        """Forces at the nodes that the stress balances, shape `(nnode, dim)` [force]."""
+    def _pull(self, name: str) -> tuple[Mask, F64]:
+        """Nodes of a set, and the forces there that the stress balances."""
         vector = self.solid.assemble.vector(self.field).toarray().ravel()
-        return np.asarray(vector[: self.points.size].reshape(self.points.shape))
+        on = self.on(name)
+        return on, vector[: self.points.size].reshape(self.points.shape)[on]
 
     def probe(self, probe: Mapping[str, Any]) -> float:
         """Value of a probe of the deck."""
-        quantity = probe["quantity"]
-        kind, _, component = quantity.partition("_")
-        if kind == "torque":
-            return float(self._torque(probe)[_AXES.index(component)])
-        if kind == "force":
-            return float(self.forces()[self.on(probe["set"]), _AXES.index(component)].sum())
-        place = np.asarray(probe["point"], float)
-        node = int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
-        if np.linalg.norm(self.points[node] - place) > 1e-6 * np.ptp(self.points):
-            raise InputError(f"finite elements: no node at probe {probe['name']!r}, {place}")
-        if kind == "u":
-            return float(self.field[0].values[node, _AXES.index(component)])
-        stress, f, pressure = self._stress(node)
-        if kind == "cauchy":
-            if component == "rr":
-                unit = np.zeros(3)
-                unit[: self.dim] = place / np.linalg.norm(place)
-                return float(unit @ stress @ unit)
-            return float(stress[_AXES.index(component[0]), _AXES.index(component[1])])
-        if quantity == "pressure":
-            return pressure
-        if quantity == "principal_max":
-            return float(np.linalg.eigvalsh(stress)[-1])
-        if quantity == "J":
-            return float(np.linalg.det(f))
-        raise InputError(f"finite elements do not know the quantity {quantity!r}")
+        near = 1e-6 * float(np.ptp(self.points))
+        ended = Ended(self.points, self.field[0].values, self._pull, self._component, near)
+        value = ended.probe(probe)
+        if value is None:
+            raise InputError(
+                f"finite elements: no node at probe {probe['name']!r}, or no {probe['quantity']!r}"
+            )
+        return value
 
-    def _torque(self, probe: Mapping[str, Any]) -> F64:
-        """Moment of the forces on a set about a point, shape `(3,)` [force length]."""
-        on = self.on(probe["set"])
-        arm, force = np.zeros((2, int(on.sum()), 3))
-        arm[:, : self.dim] = (self.points + self.field[0].values)[on]
-        arm[:, : self.dim] -= np.asarray(probe["about"], float)
-        force[:, : self.dim] = self.forces()[on]
-        return np.asarray(np.cross(arm, force).sum(axis=0))
+    def _component(self, node: int, component: str) -> float:
+        """Cauchy stress at a corner, by the names of its axes or `rr`."""
+        stress = self._stress(node)
+        if component == "rr":
+            unit = np.zeros(3)
+            unit[: self.dim] = self.points[node] / np.linalg.norm(self.points[node])
+            return float(unit @ stress @ unit)
+        return float(stress[AXES.index(component[0]), AXES.index(component[1])])
 
-    def _stress(self, node: int) -> tuple[F64, F64, float]:
-        """Cauchy stress, deformation gradient and pressure at a corner: means of its elements.
+    def _stress(self, node: int) -> F64:
+        """Cauchy stress at a corner: mean of its elements.
 
         The slopes are extended from the Gauss points of second order, where those of quadratic
         elements are best.
         """
         u = self.field[0].values
-        stress, gradient, pressure = [], [], []
+        stress = []
         near = self._gauss_points()
         for cell in np.flatnonzero((self.mesh.cells == node).any(axis=1)):
             nodes = self.mesh.cells[cell]
@@ -392,9 +347,7 @@ class _Body:
             p = float(self.field[1].values[self.dual.cells[cell, corner], 0])
             nominal = self.law.at(f, int(cell))
             stress.append(nominal @ f.T / np.linalg.det(f) + p * np.eye(3))
-            gradient.append(f)
-            pressure.append(p)
-        return np.mean(stress, axis=0), np.mean(gradient, axis=0), float(np.mean(pressure))
+        return np.asarray(np.mean(stress, axis=0))
 
     def _gauss_points(self) -> F64:
         """Signs of the coordinates of the Gauss points of second order."""
@@ -402,48 +355,9 @@ class _Body:
         return np.stack(signs, axis=-1).reshape(-1, self.dim)
 
 
-def _amplitude(deck: Mapping[str, Any], name: str | None) -> Callable[[float], float]:
-    """Factor over the load: the ramp, or the amplitude of a name."""
-    if not name:
-        return float
-    table = next(table for table in deck["amplitude"] if table["name"] == name)
-    time, value = np.asarray(table["time"], float), np.asarray(table["value"], float)
-
-    def at(load: float) -> float:
-        if table["curve"] == "smooth" and time[0] < load < time[-1]:
-            k = int(np.searchsorted(time, load, side="right")) - 1
-            s = (load - time[k]) / (time[k + 1] - time[k])
-            s = s**3 * (10.0 - s * (15.0 - 6.0 * s))
-            return float(value[k] + s * (value[k + 1] - value[k]))
-        return float(np.interp(load, time, value))
-
-    return at
-
-
-def _in_proportion(amplitude: Callable[[float], float], full: Any) -> Callable[[float], Any]:
-    """A value over the load."""
-    return lambda load: amplitude(load) * full
-
-
-def _moved(
-    entry: Mapping[str, Any], points: F64, axis: int, amplitude: Callable[[float], float]
-) -> Callable[[float], F64]:
-    """A component of a rigid motion's displacement over the load."""
-    normal = np.asarray(entry.get("axis") or (0.0, 0.0, 1.0), float)
-    normal /= np.linalg.norm(normal)
-    arm = np.zeros((len(points), 3))
-    arm[:, : points.shape[1]] = points - np.asarray(entry["about"], float)
-    across = np.cross(normal, arm)
-    inward = np.cross(normal, across)
-    shift = float(entry.get(f"u_{_AXES[axis]}") or 0.0)
-
-    def at(load: float) -> F64:
-        factor = amplitude(load)
-        angle = np.radians(float(entry["rotation"])) * factor
-        turned = np.sin(angle) * across + (1.0 - np.cos(angle)) * inward
-        return np.asarray(turned[:, axis] + factor * shift)
-
-    return at
+def _component(held: Callable[[float], dict[int, Any]], axis: int, load: float) -> Any:
+    """What is prescribed along an axis at a load."""
+    return held(load)[axis]
 
 
 class _Law:

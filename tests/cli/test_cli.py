@@ -1,4 +1,4 @@
-"""The command line: help, exit status, messages, Ctrl-C, the self test, libraries that are missing.
+"""The command line: help, exit status, messages, libraries that are missing.
 
 Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
 """
@@ -6,7 +6,6 @@ Where only the hand-over to the executable matters, a small script stands in for
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -22,9 +21,6 @@ from myork.stations import solve
 from tests.scenes import refuses
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
-#: Longest wait for a process that has nothing to compute; a failure, not a measurement [s]
-PATIENCE = 60
-
 #: Where a package lies below its prefix
 PACKAGE_PLACE = "prefix/lib/python3/site-packages/myork/stations/solve.py"
 
@@ -172,37 +168,6 @@ def test_quiet_shows_no_progress(solver, deck, tmp_path, capsys):
     assert status_of("solve", deck, "--out", tmp_path / "out", "-q") == 2
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "myork: refused\n")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupt_waits_for_the_clean_end(solver, deck, tmp_path, number):
-    """The executable gets one signal, SIGTERM, which no shell ignores: it finishes and writes."""
-    written = tmp_path / "last_state"
-    fake = solver(
-        "told = []\n"
-        "signal.signal(signal.SIGTERM, lambda *_: told.append(1))\n"
-        "print('step  1/2  load 0.5', flush=True)\n"
-        "while not told: time.sleep(0.02)\n"
-        "time.sleep(0.2)\n"
-        f"open({str(written)!r}, 'w').write(str(len(told)))\n"
-        "sys.exit('stopped in load step 2; step 1 is written')\n"
-    )
-    code = (
-        "import sys, myork.cli as cli, myork.stations.solve as solve; "
-        f"sys.executable = {str(fake)!r}; solve.__file__ = '/'; sys.exit(cli.main())"
-    )
-    process = subprocess.Popen(
-        [Path(sys.prefix, "bin", "python3"), "-c", code, "solve", deck, "--out", tmp_path / "out"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None and process.stdout.readline() == "step  1/2  load 0.5\n"
-    process.send_signal(number)
-    _, message = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-    assert message == "myork: stopped in load step 2; step 1 is written\n"
-    assert written.read_text() == "1"
 
 
 #: Another version, which no machine has

@@ -136,7 +136,8 @@ def test_a_damaged_summary_is_dropped(inputs: Path, tmp_path: Path, damage: str)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("program", OUT)
-def test_interrupt_keeps_what_converged(program: str, inputs: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_keeps_what_converged(program, number, inputs: Path, tmp_path: Path) -> None:
     """A thousand steps, stopped after the first: what converged is on disk and readable."""
     words = [inputs / "shear_3d.toml", OUT[program], tmp_path, "--set", "load.steps=1000"]
     process = subprocess.Popen(
@@ -145,7 +146,7 @@ def test_interrupt_keeps_what_converged(program: str, inputs: Path, tmp_path: Pa
     )  # fmt: skip
     assert process.stdout is not None
     next(line for line in process.stdout if line.startswith("step"))
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, message = process.communicate(timeout=PATIENCE)
     summary = read_summary(tmp_path)
     assert process.returncode == 1 and summary["converged"] is False

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from myork.imaging.phantom import make_phantom
+from myork.imaging.phantom import make_phantom, rician
 from myork.records import Image
 from myork.segmentation import shading as module
 from myork.segmentation.regions import body_mask
@@ -22,8 +22,8 @@ def shaded(ends, beside, *, slices=slice(1, 2), size=(160, 160, 3), spacing=(0.8
     coil = (1.0 + (away**2).sum(-1) / 60.0**2) ** -1.5
     low, high = coil[mask].min(), coil[mask].max()
     field = ends[0] + (ends[1] - ends[0]) * (coil - low) / (high - low)
-    noise = np.random.default_rng(1).normal(0.0, 16.0, (2, *field.shape))
-    return Image(np.hypot(whole.data * field + noise[0], noise[1]), whole.affine), mask, field
+    noisy = rician(whole.data * field, 16.0, np.random.default_rng(1))
+    return Image(noisy, whole.affine), mask, field
 
 
 def likeness(found, truth, mask):

@@ -9,7 +9,7 @@ from scipy import ndimage
 from myork.chain import run_chain
 from myork.core.deck import table_defaults, text_of_tables
 from myork.imaging.io import read_image, read_labels
-from myork.imaging.phantom import TISSUES, make_phantom
+from myork.imaging.phantom import TISSUES, make_phantom, rician
 from myork.model.cloud import build_cloud
 from myork.model.shares import checked_parts
 from myork.records import Image, Labels
@@ -31,12 +31,10 @@ def coarse(values, n=4):
 
 def seen(fine, snr, seed=1, channels=(0, 1, 2)):
     """Images of fine labels in voxels four times as wide, shaded and with noise; true parts."""
-    random = np.random.default_rng(seed)
     clean = coarse(SIGNALS[fine][..., list(channels)].astype(float))
     x = np.linspace(-1, 1, clean.shape[0]).reshape(-1, 1, 1, 1)
-    noise = random.normal(0.0, 400.0 / snr, (2, *clean.shape))
     truth = coarse(np.stack([fine == n for n in range(5)], axis=-1).astype(float))
-    return np.hypot(clean * (1 + 0.15 * x) + noise[0], noise[1]), truth
+    return rician(clean * (1 + 0.15 * x), 400.0 / snr, np.random.default_rng(seed)), truth
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from myork.errors import FileError, InputError
 from myork.imaging.io import read_labels, read_reference
+from myork.imaging.phantom import rician
 from myork.records import Image, Labels
 from myork.segmentation import walk
 from myork.segmentation.channels import smoothed_tensor
@@ -360,8 +361,8 @@ def bright_fat(folder, seed, contrast=3.0, rim=4.0, snr=20.0):
     kind = np.select([r > 32, r > 32 - rim, bone < 4, bone < 6, np.abs(i) < 0.9], [0, 3, 4, 5, 3],
                      np.where(i < 0, 1, 2))  # fmt: skip
     clean = 100.0 * np.choose(kind, [0, 1, 1.05, contrast, contrast * 0.9, 0.15])
-    noise = np.random.default_rng(seed).normal(0, 100 / snr, (2, *kind.shape))
-    save(folder, AFFINE, leg=np.hypot(clean + noise[0], noise[1]) * (kind > 0))
+    leg = rician(clean, 100 / snr, np.random.default_rng(seed))
+    save(folder, AFFINE, leg=leg * (kind > 0))
     return kind.astype(np.int32)
 
 

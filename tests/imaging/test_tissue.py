@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from myork.core.deck import table_defaults
-from myork.imaging.phantom import TISSUES, make_phantom
+from myork.imaging.phantom import TISSUES, make_phantom, rician
 from myork.model.boundary import boundary_sets
 from myork.model.cloud import build_cloud
 from myork.model.points import BONE, changed_volumes, coarsen, select, trimmed
@@ -138,8 +138,8 @@ def limb(muscle=0.4, fat=1.0, skin=45.0, core=34.0, gap=4, noise=0.02, bone=7.0)
     body, flesh = disc(skin), disc(core) & ~disc(bone) & (np.minimum(i, j) > gap // 2)
     grey = np.where(flesh, muscle, fat) * body
     grey[disc(bone) & ~disc(bone - 2.0)] = 0.02
-    real, other = np.random.default_rng(1).normal(0.0, noise, (2, *grey.shape))
-    return Image(100 * np.hypot(grey + real, other), affine_of((2.0, 2.0, 5.0))), flesh, body
+    noisy = rician(grey, noise, np.random.default_rng(1))
+    return Image(100 * noisy, affine_of((2.0, 2.0, 5.0))), flesh, body
 
 
 def test_fat_between_muscles_is_fat_without_a_doubt():
@@ -158,8 +158,7 @@ def test_bone_of_images_of_water_and_fat():
     """Their sum shows fat and muscle alike, what little signal cortex has is mostly noise."""
     whole, clean = limb(muscle=1.0)[0], limb(muscle=0.05, noise=0.0)[0].data
     clean[disc(7.0) & ~disc(5.0)] *= 0.1
-    noise = np.random.default_rng(2).normal(0.0, 2.0, (2, *clean.shape))
-    fat = np.hypot(clean + noise[0], noise[1]) / np.maximum(whole.data, 1e-9)
+    fat = rician(clean, 2.0, np.random.default_rng(2)) / np.maximum(whole.data, 1e-9)
     found = leg_tissues(whole, fat=Image(np.clip(fat, 0.0, 1.0) * disc(45.0), whole.affine))
     assert dice(found.labels.data == 4, disc(7.0)) > 0.95 and not found.doubts
 

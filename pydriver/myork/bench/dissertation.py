@@ -95,17 +95,19 @@ def _aged(name: str, value: float | None, key: str, blocks: str = "", note: str 
     return Row(name, value, (f"old{blocks}", key, f"young{blocks}", key), note)
 
 
+_MADE = "the phantom is made with this volume"
 _SIGMA = "sigma_max is not in the dissertation"
 _COARSE = "the same, blocks of 3.75 mm"
 _NEAREST = (
-    'with `approximation.interface_fibers = "nearest"`, the default of decks, as much contracts as '
-    "there is muscle, whatever the blocks: the force falls with the muscle's volume, and not by "
-    "more as published. With the fibers of each point a layer around fat and connective tissue is "
-    "lost, which is as thick as the blocks and thinner with finer ones (docs/galerkin.md)"
+    'with `approximation.interface_fibers = "nearest"`, the default of decks, the volume that '
+    "contracts is that of the muscle, whatever the blocks: the force falls with this volume, "
+    "whereas the published one falls by more. With the fibers of each point a layer around fat "
+    "and connective tissue is lost; it is as thick as a block, thus thinner with finer ones "
+    "(docs/galerkin.md)"
 )
 _AGED = (
     *(
-        Row(f"{name}, {age} [cm³]", value, (age, f"images.{key}"), "the phantom is made with it")
+        Row(f"{name}, {age} [cm³]", value, (age, f"images.{key}"), _MADE)
         for name, key, *values in (
             ("muscle", "muscle", 98.93, 61.89),
             ("IMAT", "fat", 2.83, 6.15),
@@ -118,10 +120,11 @@ _AGED = (
         "F_max, young [N]",
         68.76,
         ("young", "force"),
-        "neither the stress sigma_max of the fibers nor the muscles' lengths are in the "
-        "dissertation; with sigma_max = 30 N/cm² forces are another, their ratio is what compares",
+        "the dissertation gives neither the stress sigma_max of the fibers nor the lengths of "
+        "the muscles; with sigma_max = 30 N/cm² the forces differ, but their ratio can be "
+        "compared",
     ),
-    Row("F_max, old [N]", 37.74, ("old", "force"), f"as for the young muscle: {_SIGMA}"),
+    Row("F_max, old [N]", 37.74, ("old", "force"), f"as with the young muscle, {_SIGMA}"),
     _aged("F_max, old over young", 0.548, "force"),
     _aged(_COARSE, 0.548, "force", ", 3 pixels"),
     _aged("muscle beside fat with the nearest fiber", 0.548, "force", ", nearest", _NEAREST),
@@ -133,7 +136,7 @@ _PER_VOLUME = (
             f"force per total volume, {age} [N/cm³]",
             value,
             (age, "force_per_volume"),
-            f"{_SIGMA}: proportional to it but for the passive stress",
+            f"{_SIGMA}; the force is proportional to it, except for the passive stress",
         )
         for age, value in (("young", 0.430), ("old", 0.294))
     ),
@@ -147,8 +150,8 @@ _AGED_RUNS = {
     for name in ("young", "old")
 }
 _AGED_NOTE = (
-    "phantoms with the published volumes, blocks of 5 mm (4 pixels), fibers of each point, which "
-    "is why fat and connective tissue do not contract"
+    "phantoms with the published volumes, blocks of 5 mm (4 pixels); each point has its own "
+    "fibers, so that fat and connective tissue do not contract"
 )
 
 _CHAPTER_4 = (
@@ -177,11 +180,10 @@ _CHAPTER_4 = (
             Row("DC by two phases and a seed", 0.8744, ("phase", "dice")),
         ),
         30,
-        "the published images are not public, and no others of a calf with diffusion tensors and "
-        "labels are at hand: phantoms against their truth, by three level sets in channels of the "
-        "image and of "
-        "the fibers, and by grey values alone where fat lies around the muscle; slices at the same "
-        "part of the height",
+        "the published images are not public, and we have no others of a calf with diffusion "
+        "tensors and labels. Phantoms are compared with their truth: by three level sets in "
+        "channels of the image and of the fibers, and by grey values alone where fat surrounds "
+        "the muscle. Slices are at the same fraction of the height",
         Picture(
             pictures.gastrocnemius,
             "Medial gastrocnemius by three level sets in channels of image and fibers, beside the "
@@ -203,8 +205,8 @@ _CHAPTER_4 = (
             Row("muscle", None, ("tissue", "muscle")),
         ),
         10,
-        "the figure shows pixels of a subject and gives no score; a phantom with sheets thinner "
-        "than a pixel, whose truth is known",
+        "the figure shows pixels of a subject and gives no score; this is a phantom with sheets "
+        "thinner than a pixel, whose truth is known",
         Picture(
             pictures.connective_tissue,
             "Connective tissue of a calf over the muscle around, beside the true one",
@@ -279,9 +281,9 @@ _LINEAR = (
     ),
     _rates(
         "5.7", "cantilever", (3.0, 2.0), ", theory (5.18)",
-        "the rates stand on the figure only, which has no numbers in the text: theory is "
-        "compared. Traction rows of weight 1, as published, are outvoted by the many more rows "
-        "inside, which costs an order in L2: with support 4h the rate is 3, `myork bench linear`",
+        "the text gives no rates for the figure, so ours are compared with theory. Traction rows "
+        "of weight 1, as published, count too little beside the many rows inside, which costs an "
+        "order in L2: with support 4h the rate is 3 (`myork bench linear`)",
     ),
     _SINES._replace(
         runs=_SINES.runs | _CUBE.runs, rows=_SINES.rows + _CUBE.rows, picture=_CUBE.picture
@@ -309,7 +311,7 @@ def _both(
         {form: Run("solve", deck, more) for form, more in words.items()},
         tuple(Row(f"{form}, middle [N/cm²]", value, (form, f"probes.{probe}")) for form in words),
         1 if deck == "shear_3d" else 5,
-        f"the figure shows fields; {value:.0f} is the exact value of the text; {note}",
+        f"the figure shows fields; {value:.0f} is the exact value in the text{note}",
         Picture(
             partial(pictures.both_fields, axes=axes, name=title, exact=value),
             f"{title} in its middle plane, by RKCM and by RKPM with the transformation method",
@@ -328,14 +330,14 @@ _NONLINEAR = (
             "gamma = 2.5, closed form (5.110) [N/cm²]",
             285.71875,
             "history.4.probes.shear_stress",
-            "the closed form is that of an infinitely wide block, ends are free here",
+            "the closed form is that of an infinitely wide block; here the ends are free",
         ),
         ("gamma = 5 [N/cm²]", 8198.0, "probes.shear_stress"),
     ),
     _both(
         "5.13", "Shear stress of the sheared block", "shear_3d", "shear_stress", 8198.0, 2, (0, 1),
-        "as the text says, RKCM is smooth and RKPM oscillates, most at the free ends, which RKCM "
-        "with weights of 1 does not see",
+        ". As the text says, RKCM is smooth and RKPM oscillates, most at the free ends, which have "
+        "no effect on RKCM with weights of 1",
     ),
     Table(
         "figure-5.16", "Axial stress in tension and compression",
@@ -355,8 +357,8 @@ _NONLINEAR = (
     ),
     _both(
         "5.17", "Axial stress in compression", "uniaxial_compression", "stress", -7309.0, 4, (0, 0),
-        "the text has oscillations of RKPM: here the state is homogeneous by both methods, as the "
-        "gradients of cells are those of their surfaces and pass the patch test",
+        ", which reports oscillations of RKPM. Here the state is homogeneous with both methods, "
+        "since the gradients of cells follow from their surfaces and pass the patch test",
     ),
     _solved(
         "5.20", "Stress in equibiaxial tension", "equibiaxial", 3,
@@ -376,9 +378,9 @@ _NONLINEAR = (
             "inner radius doubled, closed form, incompressible [N/cm²]",
             -16.3204379125344,
             "probes.radial_stress",
-            "the closed form is that of an incompressible tube; with K = 1000, as published, "
-            "the exact stress is -15.59 N/cm² (reference in the deck), and the published form "
-            "is 4 % off it: `myork bench nonlinear`",
+            "the closed form is that of an incompressible tube. With K = 1000, as published, the "
+            "exact stress is -15.59 N/cm² (reference in the deck), and the published form is 4 % "
+            "off it (`myork bench nonlinear`)",
         ),
     ),
     Table(
@@ -397,8 +399,8 @@ _NONLINEAR = (
             )
         ),
         80,
-        "the figure has no numbers in the text, which says that both methods agree very well; "
-        "8 Gauss points a cell and the transformation method, as published",
+        "the text gives no numbers for the figure but says that both methods agree very well; 8 "
+        "Gauss points a cell and the transformation method, as published",
         Picture(
             pictures.both_curves,
             "Muscle block with fixed ends: stress in the middle and reaction over activation, by "
@@ -421,9 +423,9 @@ _NONLINEAR = (
             for angle in ("0", "10", "17")
         ),
         40,
-        "the dissertation names no angle, and its fibers are those of a subject; the phantom's "
-        "lean by 17° in the mean. An assumed direction along the axis of the leg gives the "
-        "published ratio, one that leans a smaller one. Blocks of 5 mm",
+        "the dissertation names no angle, and its fibers are those of a subject; those of the "
+        "phantom lean by 17° on average. An assumed direction along the axis of the leg gives "
+        "the published ratio, an inclined one gives less. Blocks of 5 mm",
     ),
 )
 
@@ -437,10 +439,10 @@ _PARTS = {
 _FIRST_STEP = ("load.steps=1", "boundary.y1.u_x=0.1")
 _QR = ("solver.linear=dgels",)
 _MACHINE = (
-    "processor seconds of another machine and program of 2015. Ours evaluates equal neighbourhoods "
-    "once and not at every point, and factorises a sparse matrix of the Galerkin form by CHOLMOD "
-    "where a dense LU is published. What the tables say holds: RKCM assembles faster and solves "
-    "slower"
+    "processor seconds of another machine and program of 2015. Ours evaluates equal "
+    "neighbourhoods once instead of at every point, and factorises the sparse matrix of the "
+    "Galerkin form by CHOLMOD, where a dense LU is published. The conclusion of the tables "
+    "holds: RKCM assembles faster and solves more slowly"
 )
 
 
@@ -489,7 +491,7 @@ _PERFORMANCE = (
             for size in ("coarse", "fine")
         ),
         11,
-        "the figure has no numbers in the text, which compares the curves of both methods",
+        "the text gives no numbers for the figure but compares the curves of both methods",
     ),
 )
 
@@ -530,25 +532,25 @@ _MOTION_TABLES = (
         "6.1", "wave in 1-D", "wave_1d",
         {"order 2, 3h": (_STRONG,), "order 3, 3.5h, weights (6.41)": (_STRONG, *_THIRD)},
         (3.202e-3, 4.791e-4, 5.597e-9),
-        "the exact motion is one sine, so that e1 at r = 1 is what else the full solution by "
-        "collocation holds, and depends on the basis. The dissertation names the support, 3h, but "
-        "no order or kernel for this problem; order 3 needs 3.5h at the ends and gives the "
-        "published e1. At r = 25 of 30 states e1 is what the last modes hold",
+        "the exact motion is a single sine, so that e1 at r = 1 is what else the full "
+        "collocation solution contains, which depends on the basis. The dissertation gives the "
+        "support, 3h, but no order or kernel for this problem; order 3 needs 3.5h at the ends "
+        "and gives the published e1. At r = 25 of 30 states e1 is what the last modes contain",
     ),
     _motions(
         "6.2", "bar in 1-D", "bar_1d",
         {"E = 1 and 1/4": (_STRONG,)},
         (5.776, 3.547e-2, 3.018e-7),
-        "both stiffnesses of the bar stand in a figure only. e1 at r = 1 grows with their ratio: "
-        "2.64 with --set 'linear.E=\"x < 8 ? 1 : 0.5\"', 4.68 with 0.1, 4.95 with 0.05. At "
-        "r = 25 of 30 states either number is what the least modes hold",
+        "both stiffnesses of the bar are in a figure only. e1 at r = 1 grows with their ratio: "
+        "2.64 with --set 'linear.E=\"x < 8 ? 1 : 0.5\"', 4.68 with 0.1, 4.95 with 0.05. At r = 25 "
+        "of 30 states both numbers are what the last modes contain",
     ),
 )
 _TIMES = (
-    "processor minutes of another machine (32 cores for the muscles) and program of 2015; ours "
-    "are of one thread, the full model by dense QR as published (one iteration timed, times their "
-    "number), the reduced one with rows assembled in full and Cholesky's factor. The share saved "
-    "is what compares"
+    "processor minutes of another machine (32 cores for the muscles) and program of 2015. Ours "
+    "are of one thread: the full model by dense QR as published (one iteration timed, times "
+    "their number), the reduced one with rows assembled in full and a Cholesky factor. Only the "
+    "share saved can be compared"
 )
 _TOLERANCE = (
     "At r = 10 what is left is the tolerance of the iteration, here 1e-6, which the dissertation "
@@ -611,9 +613,9 @@ _PATH_TABLES = (
             5: (15.109, 84.661, 1.188e-3, 5.267e-3),
             20: (18.445, 81.274, 2.393e-6, 1.060e-5),
         },
-        "the first load steps carry the difference: with K = 1e8 nearly all of the residual is "
-        "volume, and modes of the states are made for the largest of them. Modes of states of unit "
-        "norm, the rows beside them, do better; why: docs/reduced.md",
+        "the difference arises in the first load steps: with K = 1e8 nearly all of the residual "
+        "is volumetric, and modes are made for the largest states. Modes of states of unit norm, "
+        "the last column, do better (docs/reduced.md says why)",
     ),
     *_path(
         5, "inflated tube", "tube", lattice((17, 101)), 50, 196.983,
@@ -622,9 +624,9 @@ _PATH_TABLES = (
             5: (2.684, 98.637, 5.021e-5, 2.777e-4),
             10: (2.968, 98.493, 5.305e-6, 2.933e-5),
         },
-        "e2 is the norm over all components of the gradient: their sums at each point, as "
-        "(6.72) is printed, would give 0.596 and 5.2e-4 at r = 2 and 5. "
-        f"{_TOLERANCE}: with --set solver.tolerance=1e-3 e1 is 2.7e-6 and e2 1.5e-5",
+        "e2 is the norm over all components of the gradient; their sums at each point, as (6.72) "
+        f"is printed, would give 0.596 and 5.2e-4 at r = 2 and 5. {_TOLERANCE}: with --set "
+        "solver.tolerance=1e-3 e1 is 2.7e-6 and e2 1.5e-5",
     ),
     *_path(
         7, "muscle block", "muscle_block",
@@ -635,12 +637,12 @@ _PATH_TABLES = (
             10: (24.420, 93.445, 2.277e-6, 2.402e-6),
         },
         "the support is not given: 3h is that of sections 5.3.10.1 and 5.3.10.2, 4h that of the "
-        "tube, and section 5.3.10.3 names none. The published form locks here, and what few modes "
-        "leave of such a state depends on support and number of points by factors; the published "
-        "numbers lie among those of 3h to 4h: docs/reduced.md, `myork rom "
-        "inputs/muscle_block.toml` with the overrides above, --set geometry.source=[5,5,9] --set "
-        "geometry.collocation=[9,9,17] and --set approximation.support=4. sigma_max and the "
-        f"activation at the end are not given either and scale the errors. {_TOLERANCE}",
+        "tube, and section 5.3.10.3 names none. The published form locks here, and what few "
+        "modes miss of such a state changes by factors with the support and the number of "
+        "points; the published numbers lie between those of 3h and 4h (docs/reduced.md; `myork "
+        "rom inputs/muscle_block.toml` with the overrides above, --set geometry.source=[5,5,9] "
+        "--set geometry.collocation=[9,9,17] and --set approximation.support=4). sigma_max and "
+        f"the final activation, which scale the errors, are not given either. {_TOLERANCE}",
     ),
     *_path(
         9, "medial gastrocnemius", "mg_muscle", (*_RKCM, *_MG_SIZE),
@@ -649,12 +651,12 @@ _PATH_TABLES = (
             5: (19.9, 98.935, 1.365e-2, 1.376e-2),
             10: (21.932, 98.826, 3.999e-5, 3.983e-5),
         },
-        "a phantom's muscle with other points and other fibers, activation 0.3 and sigma_max "
-        "30 N/cm²: the dissertation gives neither of these two. It takes the fibers of single "
-        'pixels and raises the activation "to a maximum level"; ours are smoothed. The rows `full '
-        "activation` have both so, on the deck's own 451 points: the activation does most of it. "
-        f"{_TOLERANCE}. What else was tried, and what the verdict says of the published form: "
-        "docs/reduced.md",
+        "a phantom's muscle with other points and fibers, activation 0.3 and sigma_max 30 N/cm², "
+        "neither of which the dissertation gives. It takes the fibers of single pixels and "
+        'raises the activation "to a maximum level"; ours are smoothed. The rows `full '
+        "activation` do both, on the deck's own 451 points; most of the change is due to the "
+        f"activation. {_TOLERANCE}. docs/reduced.md has what else was tried, and what the verdict "
+        "says of the published form",
     ),
 )
 

@@ -12,6 +12,7 @@ import resource
 import shlex
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -481,24 +482,54 @@ def _heading(name: str) -> str:
 def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
     """A table as the command prints it and as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
-    lines += ["```", *_runs_text(entry), "```", ""]
-    lines += [f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|"]
-    lines += [f"| {' | '.join(_cells(row))} |" for row in rows]
+    lines += [*(f"`{line}`" for line in _runs_text(entry)), ""]
+    heads, cells = _grid(entry, rows, r" \*")
+    lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    lines += [f"| {' | '.join(line)} |" for line in cells]
     if drawn and entry.picture is not None:
-        caption = entry.picture.caption
-        lines += ["", f"![{caption}]({_picture(entry.name)})", "", f"*{caption}*"]
+        lines += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
     return "\n".join([*lines, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
 
 
-#: Columns of a table
-_COLUMNS = ("row", "published", "ours", "ratio", "CPU [s]")
+def _grid(
+    entry: Table, rows: Sequence[Mapping[str, Any]], far: str
+) -> tuple[list[str], list[list[str]]]:
+    """Columns and lines of a table as text; `far` marks what is far off."""
+    beside = beside_of(entry)
+    more = {beside[row["row"]]: _number(row["ours"]) for row in rows if row["row"] in beside}
+    columns = list(dict.fromkeys(column for _, column in more))
+    lines = [
+        [
+            row["row"],
+            _number(row["published"]),
+            _number(row["ours"]),
+            _number(row["ratio"], 3) + (far if row["far"] else ""),
+            _number(row["cpu_s"], 3),
+            *(more.get((row["row"], column), "") for column in columns),
+        ]
+        for row in rows
+        if row["row"] not in beside
+    ]
+    return ["row", "published", "ours", "ratio", "CPU [s]", *columns], lines
 
 
-def _cells(row: Mapping[str, Any], far: str = r" \*") -> list[str]:
-    """A row as text; `far` marks what is far off."""
-    ratio = _number(row["ratio"], 3) + (far if row["far"] else "")
-    numbers = (_number(row["published"]), _number(row["ours"]), ratio, _number(row["cpu_s"], 3))
-    return [row["row"], *numbers]
+def beside_of(entry: Table) -> dict[str, tuple[str, str]]:
+    """Rows without a published number that stand in the line of another one, and their columns.
+
+    Such a row reads the same run, and its name is that of the other with the column behind it; a
+    column has two rows at least.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for row in entry.rows:
+        name, _, unit = row.name.partition(" [")
+        for other in entry.rows:
+            start, _, same = other.name.partition(" [")
+            column = name.removeprefix(start)
+            alike = unit == same and row.quantity[0] == other.quantity[0]
+            if alike and row.published is None and column.startswith((" ", ", ")):
+                found[row.name] = other.name, column.lstrip(", ")
+    shared = Counter(column for _, column in found.values())
+    return {name: place for name, place in found.items() if shared[place[1]] > 1}
 
 
 def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | None) -> Section:
@@ -506,7 +537,7 @@ def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | 
     parts = [Markup("<p><code>{}</code></p>").format(line) for line in _runs_text(entry)]
     if picture is not None and entry.picture is not None:
         parts.append(figure(picture, entry.picture.caption))
-    parts.append(table(_COLUMNS, [_cells(row, " *") for row in rows]))
+    parts.append(table(*_grid(entry, rows, " *")))
     parts += [Markup("<p>{}</p>").format(_sentence(note)) for note in _notes(rows)]
     return Section(entry.name, f"{_heading(entry.name)}: {entry.title}", parts)
 
