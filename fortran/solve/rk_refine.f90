@@ -40,8 +40,9 @@ module rk_refine
    real(wp), parameter :: most_growth = 2.0_wp
    !> Growth of all cells that is worth another solution where the cost allows no more
    real(wp), parameter :: least_growth = 1.3_wp
-   !> Power of the unknowns with which time grows, plane and space
-   real(wp), parameter :: growth_of_time(2:3) = [1.5_wp, 2.0_wp]
+   !> Power of the points with which the time of factors grows, plane and space: that of all grows
+   !> from a power of one towards it
+   real(wp), parameter :: growth_of_factors(2:3) = [1.5_wp, 2.0_wp]
    !> Lattices that are tried
    integer, parameter :: most_levels = 12
 
@@ -108,12 +109,13 @@ subroutine refine(self, deck, model, receiver, error)
    type(companion_type) :: companion
    type(bars_type) :: bars
    type(deck_type) :: coarser, finer
-   real(wp) :: start, before, growth, now, worst
+   real(wp) :: start, before, growth, now, worst, power, points, points_before, solving, &
+      & solving_before
    real(wp), allocatable :: bar(:), left(:), share(:, :)
-   integer, allocatable :: before_cells(:), cells(:), next(:), limit(:)
+   integer, allocatable :: before_cells(:), cells(:), next(:), aimed(:), limit(:)
    logical, allocatable :: counts(:)
    character(len=word_length), allocatable :: graded(:)
-   integer :: level, halvings
+   integer :: d, level, halvings
    character(len=:), allocatable :: line
    character(len=override_length), allocatable :: words(:)
 
@@ -128,6 +130,8 @@ subroutine refine(self, deck, model, receiver, error)
    before = start
    halvings = 0
    growth = 1.0_wp
+   points = 0.0_wp
+   solving = 0.0_wp
    do level = 1, most_levels
       call new_scene(scene, deck, model, error)
       if (allocated(error)) return
@@ -154,7 +158,12 @@ subroutine refine(self, deck, model, receiver, error)
          worst = maxval(bar, mask=counts)
          ! what voxels leave open no blocks will close
          left = bar - bars%open
-         if (any(counts .and. left > self%wanted)) call shares(answer, cells, bars, share)
+         call forecast()
+         if (another()) then
+            if (any(counts .and. left > self%wanted)) call shares(answer, cells, bars, share)
+         else if (.not. allocated(share)) then
+            allocate (share(size(cells), size(bar)), source=1.0_wp/size(cells))
+         end if
          self%start = run
          self%companion = companion
          self%bars = bars
@@ -231,8 +240,10 @@ subroutine refine(self, deck, model, receiver, error)
          end if
          if (allocated(scene%cloud%block)) return
          ! as many as there may be, where they are worth another solution
+         aimed = next
          do while (.not. possible(next))
-            next = max(cells, 2*int(0.45_wp*next))
+            d = maxloc(real(next, wp)/aimed, dim=1, mask=next > cells)
+            next(d) = max(cells(d), next(d) - 2)
             if (product(real(next, wp)) < least_growth*product(real(cells, wp))) return
          end do
       end if
@@ -282,6 +293,33 @@ contains
       self%start = run
    end subroutine end_at_first
 
+   !> How long the solutions of this lattice took, and the power of the points with which this time
+   !> grows to the next one: half way from what the last two lattices showed to that of factors,
+   !> which alone is known of the first one
+   subroutine forecast()
+      real(wp) :: seen
+
+      call cpu_time(now)
+      self%seconds = now - start
+      points_before = points
+      solving_before = solving
+      points = product(real(cells, wp) + 1.0_wp)
+      solving = now - before
+      power = growth_of_factors(scene%cloud%nd)
+      if (points_before <= 0.0_wp) return
+      seen = log(solving/solving_before)/log(points/points_before)
+      power = 0.5_wp*(power + min(power, max(1.0_wp, seen)))
+   end subroutine forecast
+
+   !> Whether the cost allows another lattice after the solutions that tell where it needs points
+   logical function another()
+      real(wp) :: sharing
+
+      ! one for each direction, with half of the points
+      sharing = size(cells)*solving*0.5_wp**power
+      another = self%seconds + sharing + solving*least_growth**power <= self%cost
+   end function another
+
    !> Whether a lattice can be solved within the cost
    logical function possible(cells_then)
       !> Its cells, shape (nd)
@@ -304,8 +342,7 @@ contains
       !> Its cells, shape (nd)
       integer, intent(in) :: cells_then(:)
 
-      expected = (now - before)*(product(real(cells_then, wp) + 1.0_wp) &
-         & /product(real(cells, wp) + 1.0_wp))**growth_of_time(scene%cloud%nd)
+      expected = solving*(product(real(cells_then, wp) + 1.0_wp)/points)**power
    end function expected
 
 end subroutine refine
