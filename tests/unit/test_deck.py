@@ -423,18 +423,19 @@ SCHEMA = ROOT / "fortran" / "deck" / "schema.toml"
 
 
 @pytest.fixture(scope="module")
-def make_schema() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_schema", SCHEMA.with_name("make_schema.py"))
+def pages() -> ModuleType:
+    """docs/reference.py, which reads the schema."""
+    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs" / "reference.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def test_deck_reference_is_current(make_schema: ModuleType) -> None:
+def test_deck_reference_is_current(pages: ModuleType) -> None:
     written = (ROOT / "docs" / "decks.md").read_text(encoding="utf-8")
-    text = make_schema.reference(make_schema.read_schema(SCHEMA))
-    assert written == text, "run python fortran/deck/make_schema.py --reference"
+    text = pages.reference(pages.read_schema(SCHEMA))
+    assert written == text, "run python docs/reference.py"
 
 
 #: Values of another type
@@ -502,9 +503,9 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
             yield key, deck(own, condition, **{key: right}), "only for|needs"
 
 
-def test_every_declaration_is_enforced(make_schema: ModuleType) -> None:
+def test_every_declaration_is_enforced(pages: ModuleType) -> None:
     """Types, ranges, choices, lengths and conditions of all keys: each is broken once."""
-    schema = make_schema.read_schema(SCHEMA)
+    schema = pages.read_schema(SCHEMA)
     count, wrong = 0, []
     for name in schema.keys() - {""}:
         for key, tables, said in violations(schema, name):
@@ -520,11 +521,11 @@ def test_every_declaration_is_enforced(make_schema: ModuleType) -> None:
     assert count > 500 and not wrong
 
 
-def test_every_table_has_an_example_with_known_keys(make_schema: ModuleType) -> None:
+def test_every_table_has_an_example_with_known_keys(pages: ModuleType) -> None:
     """From a deck that the tests solve, or from the schema."""
-    for name, table in make_schema.read_schema(SCHEMA).items():
+    for name, table in pages.read_schema(SCHEMA).items():
         if name:
-            shown = make_schema.example(name, table).split("```toml\n")[1].split("```")[0]
+            shown = pages.example(name, table).split("```toml\n")[1].split("```")[0]
             (found,) = tomllib.loads(shown).items()
             entry = found[1][0] if table.get("many") else found[1]
             assert found[0] == name and set(entry) <= set(table["keys"]), shown
