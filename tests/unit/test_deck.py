@@ -518,7 +518,7 @@ def test_every_declaration_is_enforced(pages: ModuleType) -> None:
             place = rf"^tables: {name}(\.[^.: ]+)?\.{key}"
             if not re.search(f"{place}: .*({said})", text, re.M):
                 wrong.append((key, tables, said, text))
-    assert count > 500 and not wrong
+    assert count > 400 and not wrong
 
 
 def test_every_table_has_an_example_with_known_keys(pages: ModuleType) -> None:
