@@ -41,8 +41,8 @@ from myork.types import F64, Mask
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
 #: The published way: three level sets from clusters, grey values and (e1, e2, e3) of the fibers
-_LEVEL_SETS = ("image.regions=8", "image.start=kmeans")
-_SEEDS = ("image.regions=3", "image.start=seeds", "image.fiber_channels=dyad")
+_LEVEL_SETS = ("image.regions=8",)
+_SEEDS = ("image.regions=3", "image.fiber_channels=dyad")
 _FIBERS = "image.fiber_channels=aligned"
 _LENGTH = ("image.mu=0.1", "image.tolerance=0.001")
 _SURFACE = ("mg_tracts", *_LENGTH, "bias.method=none")
@@ -174,14 +174,14 @@ def seeds_inside(truth: Labels) -> list[Muscle]:
 def scores(name: str, data: Path) -> dict[str, dict[str, Any]]:
     """Scores of a run of `RUNS` by muscle, with the deck's files in a folder.
 
-    Without `image.start = "seeds"` each component of a region is assigned to the muscle that most
+    Without seeds each component of a region is assigned to the muscle that most
     of it belongs to, which is the best that manual grouping can do.
     """
     (stem, *words), snr = RUNS[name]
     path = DECKS / f"{stem}.toml"
     deck = load_deck(path, [*words, *data_overrides(path, data, words)])
     real = (surface if "surface" in deck["build"] else slice_of_calves)(deck, snr)
-    by_seeds = deck["image"]["start"] == "seeds"
+    by_seeds = _SEEDS[0] in words
     found = segment_images(
         real.images if by_seeds else replace(real.images, reference=real.truth),
         {**deck["image"], "split": "pieces"},

@@ -26,13 +26,13 @@ module rk_corners
 
 contains
 
-!> Whether source points are the corners of equal cells: in boxes whose points keep to their even
-!> lattice, and in bodies of voxels
+!> Whether source points are the corners of equal cells: in boxes with an even lattice, and in
+!> bodies of voxels
 pure logical function has_corners(cloud)
    type(cloud_type), intent(in) :: cloud
 
    has_corners = allocated(cloud%block) .or. (allocated(cloud%lattice) &
-      & .and. .not. (cloud%polar .or. cloud%jittered .or. any(maxval(cloud%spacing, dim=2) &
+      & .and. .not. (cloud%polar .or. any(maxval(cloud%spacing, dim=2) &
       & > (1.0_wp + alike)*minval(cloud%spacing, dim=2))))
 end function has_corners
 

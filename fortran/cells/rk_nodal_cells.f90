@@ -14,7 +14,6 @@ module rk_nodal_cells
    use rk_groups, only : groups_of, slots, threes
    use rk_lattice, only : digits_of, lattice_frame, set_number
    use rk_precision, only : wp
-   use rk_voronoi, only : voronoi_facets
    use rk_voxels, only : voxel_facets
    implicit none
    private
@@ -28,8 +27,8 @@ module rk_nodal_cells
 
 contains
 
-!> Cells of all source points: from the lattice where there is one and the points keep to it, by
-!> Voronoi's rule where they do not, of whole voxels in a model, where blocks have several points
+!> Cells of all source points: from the lattice where there is one, of whole voxels in a model,
+!> where blocks have several points
 subroutine nodal_cells(self, cloud, error)
    type(cells_type), intent(out) :: self
    type(cloud_type), intent(in) :: cloud
@@ -41,9 +40,7 @@ subroutine nodal_cells(self, cloud, error)
    integer :: is, lattice(3), at(3)
 
    if (allocated(cloud%lattice)) then
-      if (cloud%jittered) then
-         call voronoi_facets(facets, cloud, error)
-      else if (cloud%nd == 2) then
+      if (cloud%nd == 2) then
          call lattice_facets_2d(facets, cloud)
       else
          call lattice_facets_3d(facets, cloud)

@@ -58,6 +58,7 @@ struct TableSpec {
    std::string not_beside; // a table that may stand in place of this one
    std::size_t most;       // entries
    std::vector<std::string> needed_by, at_least;
+   std::map<std::string, std::string> instead; // keys that are no more, and what to do without them
    std::vector<KeySpec> keys;
 
    const KeySpec *find(const std::string &key) const;
@@ -207,6 +208,7 @@ std::string suggest(const std::string &word, const std::vector<std::string> &kno
                     const std::string &otherwise);
 // "unknown key", and the nearest one or the table it belongs to
 std::string unknown_key(const TableSpec &table, const std::string &key);
+std::string unknown_table(const std::string &name);
 // Bytes of a file; nothing, and why, where it cannot be read
 std::optional<std::string> read_bytes(const std::string &path, std::string &why);
 // "; did you mean ...?" for a deck that is not there

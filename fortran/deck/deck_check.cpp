@@ -360,19 +360,8 @@ static std::vector<std::string> names_of(const std::string &kind, int dimension)
    return names;
 }
 
-// Names of the functions that expressions may call
-static std::vector<std::string> functions_of(Deck &deck) {
-   std::vector<std::string> tables;
-   for (Section *table : deck.entries("table")) {
-      if (table_name_fault(table->text("name")).empty())
-         tables.push_back(table->text("name"));
-   }
-   return tables;
-}
-
 // Whether texts in the place of numbers are expressions
-static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value,
-                             const std::vector<std::string> &tables) {
+static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
    if (deck.dimension() == 0)
       return;
    // the time is of no meaning where nothing moves
@@ -392,14 +381,11 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
          fields_of(deck.dimension(), deck.single("linear") != nullptr);
       names.insert(names.end(), fields.begin(), fields.end());
    }
-   // a table may have the name of a field
-   const std::vector<std::string> no_tables;
    const auto check = [&](const Value &one, const std::string &which) {
       if (one.kind != Value::Kind::text)
          return;
       const std::string fault = kind == "energy" ? energy_tape(one.text, names).fault
-                                                 : expression_fault(one.text, names,
-                                                                    kind == "fields" ? no_tables : tables);
+                                                 : expression_fault(one.text, names);
       if (!fault.empty())
          deck.refuse(section, key.name, which + quoted(one.text) + " " + fault);
    };
@@ -440,7 +426,6 @@ void check_schema(Deck &deck) {
    for (Section &section : deck.sections)
       check_groups(deck, section, check_presence(deck, section));
    Names names;
-   const std::vector<std::string> tables = functions_of(deck);
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {
          const auto found = section.values.find(key.name);
@@ -451,7 +436,7 @@ void check_schema(Deck &deck) {
          else
             check_names(deck, section, key, found->second, names);
          if (!key.expression.empty() && !section.refused.count(key.name))
-            check_expression(deck, section, key, found->second, tables);
+            check_expression(deck, section, key, found->second);
       }
       for (const std::string &key : section.refused)
          section.values.erase(key);

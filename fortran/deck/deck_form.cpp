@@ -17,16 +17,6 @@ constexpr double usual_accuracy = 0.02;
 // Points this close to a surface, of the size of the body, lie on it
 constexpr double on_surface_tolerance = 1e-9;
 
-// Gauss points need cells between source points, of a lattice or of voxels; nodal cells do not
-static std::string galerkin_form(const Deck &deck) {
-   // linear problems are posed on boxes, whose cells hold jittered points as well
-   if (deck.single("linear"))
-      return "rkpm-gauss";
-   const Value *jitter = deck.value("geometry", "jitter");
-   const bool scattered = !deck.single("geometry") || (jitter && jitter->number() > 0.0);
-   return scattered ? "rkpm-scni" : "rkpm-gauss";
-}
-
 static bool on_surface(const Section &geometry, const Value &point) {
    const auto number = [&](const char *key) {
       const Value *value = geometry.find(key);
@@ -287,7 +277,8 @@ void choose_form(Deck &deck) {
    if (const Value *given = scene.find("method"))
       method = *given;
    if (method.text.empty() || method.text == "auto")
-      method.text = galerkin_form(deck);
+      // Gauss points need cells between source points, of a lattice or of voxels; nodal cells do not
+      method.text = deck.single("geometry") ? "rkpm-gauss" : "rkpm-scni";
    if (method.text == "rkpm")
       method.text = "rkpm-scni";
    scene.values["method"] = method;

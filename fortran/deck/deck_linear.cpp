@@ -41,7 +41,7 @@ static void check_values(Deck &deck, const Section &linear) {
    }
    const auto fields = static_cast<std::size_t>(scalar ? 1 : dimension);
    for (const Section *section : {&linear, deck.single("dynamics")}) {
-      for (const char *key : {"source", "exact", "displacement", "velocity"}) {
+      for (const char *key : {"source", "exact", "velocity"}) {
          const Value *value = section ? section->find(key) : nullptr;
          if (value && value->items.size() != fields && dimension > 0)
             deck.refuse(*section, key,

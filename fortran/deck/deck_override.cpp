@@ -79,7 +79,7 @@ static std::pair<Section *, const KeySpec *> find_key(Deck &deck, const Origin &
 
    const TableSpec *spec = find_table(table);
    if (!spec) {
-      deck.complain(origin, table, "unknown table" + suggest(table, table_names(), "known tables are:"));
+      deck.complain(origin, table, unknown_table(table));
       return {};
    }
    const KeySpec *key_spec = spec->find(key);

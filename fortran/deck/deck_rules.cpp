@@ -169,19 +169,9 @@ static void check_compared(Deck &deck) {
    }
 }
 
-static void check_table_names(Deck &deck) {
-   for (Section *table : deck.entries("table")) {
-      const Value *name = table->find("name");
-      const std::string fault = name ? table_name_fault(name->text) : "";
-      if (!fault.empty())
-         deck.refuse(*table, "name", fault);
-   }
-}
-
 void check_rules(Deck &deck) {
    const int dimension = deck.dimension();
    const Section *geometry = deck.single("geometry");
-   check_table_names(deck);
    check_materials(deck);
    check_order(deck);
    check_boundary(deck);

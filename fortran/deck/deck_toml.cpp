@@ -130,8 +130,7 @@ bool read_toml(Deck &deck) {
          deck.sections.front().values[name] = convert(node);
          deck.sections.front().values[name].origin = origin_of(key);
       } else if (node.is_table() || (node.as_array() && node.as_array()->is_array_of_tables())) {
-         deck.complain(origin_of(key), name,
-                       "unknown table" + suggest(name, table_names(), "known tables are:"));
+         deck.complain(origin_of(key), name, unknown_table(name));
       } else {
          deck.complain(origin_of(key), name, unknown_key(outside, name));
       }

@@ -7,11 +7,9 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
-#include <deque>
 #include <iterator>
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <sstream>
 #include <unordered_map>
 
@@ -53,75 +51,11 @@ static double negated(double a) { return a == 0.0 ? 1.0 : 0.0; }
 
 namespace {
 
-// What stands between an expression and the tables that it may call: a name and a number a line
-constexpr char tables_follow = '\x1e';
-// Function by which tables are called inside
-const char *const lookup_name = "rk_table";
-
-// A function that is given by its values at rising places, the same before and after them
-struct Table {
-   std::vector<double> x, value;
-   bool smooth = false;
-
-   double at(double place) const {
-      if (!(place > x.front()))
-         return std::isnan(place) ? place : value.front();
-      if (place >= x.back())
-         return value.back();
-      const auto next = static_cast<std::size_t>(std::upper_bound(x.begin(), x.end(), place) - x.begin());
-      double part = (place - x[next - 1]) / (x[next] - x[next - 1]);
-      if (smooth)
-         part = part * part * part * (10.0 + part * (6.0 * part - 15.0));
-      return value[next - 1] + part * (value[next] - value[next - 1]);
-   }
-
-   bool operator==(const Table &other) const {
-      return x == other.x && value == other.value && smooth == other.smooth;
-   }
-};
-
-// All tables that were ever used: equal ones once, so that a number stands for its values
-std::mutex tables_door;
-std::deque<Table> all_tables;
-
-double looked_up(double number, double place) {
-   const std::lock_guard<std::mutex> here(tables_door);
-   return all_tables[static_cast<std::size_t>(number)].at(place);
-}
-
-double any_table(double place) { return place; }
-
-bool of_name(char c) { return std::isalnum(static_cast<unsigned char>(c)) || c == '_'; }
-
-// The expression alone, with calls of tables in the words of the parser
-std::string plain_text(const std::string &code) {
-   const std::size_t end = code.find(tables_follow);
-   std::string text = code.substr(0, end);
-   std::istringstream tables(end == std::string::npos ? "" : code.substr(end + 1));
-   std::string name, number;
-   while (tables >> name >> number) {
-      for (std::size_t at = text.find(name); at != std::string::npos; at = text.find(name, at + 1)) {
-         std::size_t open = at + name.size();
-         if ((at > 0 && of_name(text[at - 1])) || (open < text.size() && of_name(text[open])))
-            continue;
-         open = text.find('(', open);
-         if (open != std::string::npos)
-            text.replace(at, open + 1 - at, std::string(lookup_name) + "(" + number + ",");
-      }
-   }
-   return text;
-}
-
 struct Compiled {
    std::array<double, name_count + field_count> place{};
    mu::Parser parser;
 
-   Compiled(const std::string &code, const std::vector<std::string> &names,
-            const std::vector<std::string> &tables = {}) {
-      const std::string text = plain_text(code);
-      parser.DefineFun(lookup_name, looked_up);
-      for (const std::string &name : tables)
-         parser.DefineFun(name, any_table);
+   Compiled(const std::string &text, const std::vector<std::string> &names) {
       parser.ClearConst();
       parser.DefineConst("pi", std::acos(-1.0));
       parser.DefineOprt("and", both, mu::prLAND, mu::oaLEFT);
@@ -147,8 +81,6 @@ static std::string known(const mu::Parser &parser, const std::vector<std::string
    list += "pi; functions are ";
    bool first = true;
    for (const auto &[name, unused] : parser.GetFunDef()) {
-      if (name == lookup_name)
-         continue;
       list += (first ? "" : ", ") + name;
       first = false;
    }
@@ -215,19 +147,16 @@ static std::string parser_fault(const mu::Parser::exception_type &fault, const s
 static const char *const several_values =
    "is not an expression: several values with commas between, one is needed";
 
-std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
-                             const std::vector<std::string> &tables) {
+std::string expression_fault(const std::string &text, const std::vector<std::string> &names) {
    const std::string seen = first_fault(text);
    if (!seen.empty())
       return seen;
    try {
-      Compiled compiled(text, names, tables);
-      if (compiled.parser.GetExpr().find(lookup_name) != std::string::npos)
-         return std::string("is not an expression: ") + lookup_name + " is not a function";
+      Compiled compiled(text, names);
       compiled.parser.Eval();
       return compiled.parser.GetNumResults() > 1 ? several_values : "";
    } catch (const mu::Parser::exception_type &fault) {
-      return parser_fault(fault, text, known(Compiled("0", names, tables).parser, names));
+      return parser_fault(fault, text, known(Compiled("0", names).parser, names));
    }
 }
 
@@ -344,18 +273,6 @@ Fields fields_in(const std::string &text) {
    return most;
 }
 
-std::string table_name_fault(const std::string &name) {
-   const bool word = !name.empty() && !std::isdigit(static_cast<unsigned char>(name.front())) &&
-                     std::all_of(name.begin(), name.end(), of_name);
-   if (!word)
-      return "must consist of letters, digits and _, and not begin with a digit: expressions use it";
-   const Compiled empty("0", expression_names());
-   const std::vector<std::string> &names = expression_names();
-   const bool taken = std::find(names.begin(), names.end(), name) != names.end() || name == "pi" ||
-                      name == "and" || name == "or" || empty.parser.GetFunDef().count(name) > 0;
-   return taken ? "is already used in expressions: take another name" : "";
-}
-
 bool expression_uses(const std::string &text, const std::string &name, bool of_fields) {
    try {
       Compiled compiled(text, of_fields ? all_names() : expression_names());
@@ -390,17 +307,6 @@ double rk_expression_value(const char *text, const double *values, int of_fields
    } catch (const mu::Parser::exception_type &) {
       return std::numeric_limits<double>::quiet_NaN();
    }
-}
-
-// Number by which expressions call a table; its places rise
-int rk_expression_table(int n, const double *x, const double *value, int smooth) {
-   const rk::Table table{{x, x + n}, {value, value + n}, smooth != 0};
-   const std::lock_guard<std::mutex> here(rk::tables_door);
-   const auto found = std::find(rk::all_tables.begin(), rk::all_tables.end(), table);
-   const auto number = static_cast<int>(found - rk::all_tables.begin());
-   if (found == rk::all_tables.end())
-      rk::all_tables.push_back(table);
-   return number;
 }
 
 int rk_fields_in(const char *text) { return static_cast<int>(rk::fields_in(text)); }

@@ -16,11 +16,7 @@ const std::vector<std::string> &field_names();
 
 // Why a text is not an expression in these names and functions of one value, with the place of the
 // mistake; "" where it is one
-std::string expression_fault(const std::string &text, const std::vector<std::string> &names,
-                             const std::vector<std::string> &tables = {});
-
-// Why a word cannot name a table; "" where it can
-std::string table_name_fault(const std::string &name);
+std::string expression_fault(const std::string &text, const std::vector<std::string> &names);
 
 // Whether a name occurs in an expression, of place, time and normal or of fields
 bool expression_uses(const std::string &text, const std::string &name, bool of_fields = false);

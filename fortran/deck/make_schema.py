@@ -1,12 +1,9 @@
-"""Turn schema.toml into tables of C++, records of Fortran and docs/decks.md.
+"""Turn schema.toml into tables of C++ and records of Fortran, as the build does.
 
 Usage::
 
     python make_schema.py --table schema.toml schema_table.cpp
     python make_schema.py --records schema.toml rk_deck_records.f90 deck_records.f90
-    python make_schema.py --reference
-
-The build does the first two.
 
 Needs nothing but Python 3.10 and a TOML parser: ``tomllib`` (Python 3.11), ``tomli``, or the copy
 of tomli inside pip.
@@ -16,16 +13,14 @@ from __future__ import annotations
 
 import importlib
 import json
-import re
 import sys
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).resolve().parent
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
 TABLE_ATTRIBUTES = {
     "about", "example", "many", "named_by", "required", "needed_by", "not_beside", "at_least",
-    "most", "record",
+    "most", "record", "instead",
 }  # fmt: skip
 KEY_ATTRIBUTES = {
     "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
@@ -73,14 +68,16 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
             "use Python 3.11 or newer, or install tomli"
         )
     tables: dict[str, dict[str, Any]] = {"": {"about": "", "keys": {}}}
+    tables[""]["instead"] = document.pop("instead", {})
     for name, table in document.items():
         if "type" in table:
             tables[""]["keys"][name] = table
             continue
-        tables[name] = {k: v for k, v in table.items() if not isinstance(v, dict)}
-        keys = {k: v for k, v in table.items() if isinstance(v, dict)}
-        named = keys.pop("keys", {})
-        tables[name]["keys"] = {**keys, **named}
+        own = ("keys", "instead")
+        tables[name] = {k: v for k, v in table.items() if k in own or not isinstance(v, dict)}
+        keys = {k: v for k, v in table.items() if k not in own and isinstance(v, dict)}
+        tables[name]["keys"] = {**keys, **tables[name].get("keys", {})}
+        tables[name].setdefault("instead", {})
     check(tables)
     return tables
 
@@ -96,6 +93,7 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         for word in [table.get("named_by"), *table.get("at_least", []), *taken]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
+        wrong += [f"[{name}]: {key} is a key" for key in table["instead"] if key in table["keys"]]
         if table.get("not_beside", name) not in tables:
             wrong.append(f"[{name}]: no table {table['not_beside']}")
         for key, spec in table["keys"].items():
@@ -210,6 +208,8 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
         head.append(quoted(table.get("not_beside", "")))
         head.append(str(most(table)))
         head += [texts(table.get(word, [])) for word in ("needed_by", "at_least")]
+        pairs = [f"{{{quoted(k)}, {quoted(v)}}}" for k, v in table["instead"].items()]
+        head.append("{" + ", ".join(pairs) + "}")
         keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
         lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
     lines.append("   };\n   return tables;\n}\n\n} // namespace rk\n")
@@ -272,150 +272,6 @@ def records(tables: dict[str, dict[str, Any]], frame: str) -> str:
     return frame.replace("   include 'deck_records.inc'\n", text)
 
 
-# ---- reference -----------------------------------------------------------------------------------
-
-INTRODUCTION = """# Decks
-
-<!-- Made from fortran/deck/schema.toml by `python fortran/deck/make_schema.py --reference` -->
-
-A deck is a TOML file that both `myork` and `myork-solve` read. Unknown keys, wrong types, missing
-keys and impossible values are errors, all listed at once, each as `file:line: table.key: what`.
-Paths are relative to the deck. Numbers are in the units that `[units]` declares; a number may be
-written as an integer, never as `nan`, and as `inf` only where the key allows it. A table that is absent takes its defaults.
-Arrays have at most 100,000 items; of more than 100 errors the first 100 found are listed.
-
-`--set table.key=value` replaces a value and is checked like the deck. It addresses a table, the
-first entry of an array of tables (`material.K`), or an entry by its name (`material.fat.K`,
-`boundary.x1.u_x`, `probe.mid.point`) or number (`reference.2.source`). Values are written as in
-TOML (`geometry.source=[5,5,9]`); a word needs no quotes (`solver.linear=dgels`).
-
-Where a key takes an expression, a text stands in place of a number: `"0.1*sin(pi*x)"`. It may have
-the coordinates x, y, z, the distance r from the z axis and the angle theta about it, pi, numbers,
-`+ - * / ^`, comparisons, `and`, `or`, `not( )`, `c ? a : b` and functions: `sin cos tan asin acos
-atan atan2 sinh cosh tanh asinh acosh atanh exp ln log2 log10 sqrt abs sign rint min max sum avg`
-(`log` is `ln`). What is not an expression, and a name that has no meaning there, is an error with its
-position.
-
-A point on the edge of two boundary sets takes a displacement component where either set prescribes
-it. Traction rows there use the normal of the traction set, the mean normal where two traction sets
-meet.
-"""
-
-
-def code(words: list[str]) -> str:
-    """Words in code type."""
-    return ", ".join(f"`{word}`" for word in words)
-
-
-def allowed(spec: dict[str, Any]) -> str:
-    """Range, choices and length of a key, in words."""
-    parts = []
-    if "choices" in spec:
-        parts.append(code(spec["choices"]))
-    signs = {"min": "≥", "above": ">", "max": "≤", "below": "<"}
-    parts += [f"{sign} {spec[word]}" for word, sign in signs.items() if word in spec]
-    if spec.get("infinite"):
-        parts.append("or `inf`")
-    if "length" in spec:
-        one_each = spec["length"] == "dimension"
-        parts.append("one per dimension" if one_each else f"{spec['length']} items")
-    if spec.get("refers_to"):
-        parts.append(f"name of a [[{spec['refers_to']}]]")
-    parts += [word for word in ("unique", "ascending") if spec.get(word)]
-    if "as_many_as" in spec:
-        parts.append(f"as many as {' or '.join(code([word]) for word in spec['as_many_as'])}")
-    if "not_beside" in spec:
-        parts.append(f"not beside {code(spec['not_beside'])}")
-    if "expression" in spec:
-        parts.append("in " + EXPRESSIONS[spec["expression"]])
-    return "; ".join(parts)
-
-
-def needed(spec: dict[str, Any]) -> str:
-    """Default of a key, or when it is needed."""
-    if spec.get("required") and "only_if" not in spec:
-        return "needed"
-    words = []
-    if "default" in spec:
-        words.append(f"`{toml_text(spec['default'])}`")
-    words += [
-        f"`{toml_text(choice['is'])}` for {condition_text(choice['when'])}"
-        for choice in spec.get("default_if", [])
-    ]
-    if "only_if" in spec:
-        need, text = "needed" if spec.get("required") else "only", condition_text(spec["only_if"])
-        words.append(f"{need} {text if text.startswith('beside') else 'for ' + text}")
-    return ", ".join(words)
-
-
-def condition_text(conditions: dict[str, list[Any]]) -> str:
-    """Conditions in words, long lists cut short."""
-    parts = []
-    for key, values in conditions.items():
-        if key in FACTS:
-            parts.append(FACTS[key])
-            continue
-        if not values:
-            parts.append(f"beside {code([key])}")
-            continue
-        short = [*values[:2], "…", values[-1]] if len(values) > 4 else values
-        parts.append(f"{key} = {' or '.join(str(value) for value in short)}")
-    return " and ".join(parts)
-
-
-def example(name: str, table: dict[str, Any]) -> str:
-    """The table as the deck of inputs/ with most of its keys has it, or as the schema says."""
-    head = rf"\[\[{name}\]\]" if table.get("many") else rf"\[{name}\]"
-    found = "", table.get("example", "")
-    folder = HERE.parents[1] / "inputs"
-    for path in sorted([*folder.glob("*.toml"), *folder.glob("images/*.toml")]):
-        text = path.read_text(encoding="utf-8")
-        for block in re.findall(rf"^{head}[^\n]*\n(?:[^\[\s][^\n]*\n| [^\n]*\n)+", text, re.M):
-            keys, best = (len(re.findall(r"^\w+ = ", own, re.M)) for own in (block, found[1]))
-            if keys > best and block.count("\n") < 17 and "example" not in table:
-                found = f"inputs/{path.relative_to(folder).as_posix()}", block
-    where, text = found
-    if not text:
-        return ""
-    return f"\n```toml\n{text}```\n" + (f"\nFrom `{where}`.\n" if where else "")
-
-
-def section(name: str, table: dict[str, Any]) -> str:
-    """Heading, table of keys and an example."""
-    title = f"[[{name}]]" if table.get("many") else f"[{name}]"
-    sentences = [table["about"]]
-    if table.get("required"):
-        sentences.append("Needed in every deck.")
-    if "needed_by" in table:
-        sentences.append(f"Needed by {code(table['needed_by'])}.")
-    if "not_beside" in table:
-        sentences.append(f"It is not needed beside `[{table['not_beside']}]`.")
-    if "named_by" in table:
-        sentences.append(f"An entry is named by its `{table['named_by']}`.")
-    if table.get("many"):
-        sentences.append(f"There may be {most(table):,} at most.")
-    if "at_least" in table:
-        sentences.append(f"At least one of {code(table['at_least'])}.")
-    lines = [f"\n## `{title}`\n\n" if name else "\n## Before the first table\n"]
-    lines.append(" ".join(sentences) + "\n\n" if name else "\n")
-    lines.append("| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
-    for key, spec in table["keys"].items():
-        kind = spec["type"]
-        if spec.get("or_number") or spec.get("scalar"):
-            kind += " or single value" if "expression" in spec else " or number"
-        if "expression" in spec:
-            kind = kind.replace("texts", "expressions").replace("text", "expression")
-            kind += "" if "expression" in kind else " or expression"
-        cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
-        lines.append("| " + " | ".join(cells) + " |\n")
-    return "".join(lines) + (example(name, table) if name else "")
-
-
-def reference(tables: dict[str, dict[str, Any]]) -> str:
-    """Text of docs/decks.md."""
-    return INTRODUCTION + "".join(section(name, table) for name, table in tables.items())
-
-
 def main(arguments: list[str]) -> None:
     """Do what the command line says."""
     if len(arguments) == 3 and arguments[0] == "--table":
@@ -425,10 +281,6 @@ def main(arguments: list[str]) -> None:
         Path(arguments[3]).write_text(
             records(read_schema(Path(arguments[1])), frame), encoding="utf-8"
         )
-    elif arguments == ["--reference"]:
-        target = HERE.parents[1] / "docs" / "decks.md"
-        target.parent.mkdir(exist_ok=True)
-        target.write_text(reference(read_schema(HERE / "schema.toml")), encoding="utf-8")
     else:
         sys.exit(__doc__)
 

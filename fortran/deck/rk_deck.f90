@@ -459,28 +459,16 @@ subroutine get_values(self, key, value)
    end do
 end subroutine get_values
 
-!> Set an expression and the tables of the deck that it calls
+!> Set an expression
 subroutine set_expression(self, key, text, expression)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
    character(len=*), intent(in) :: text
    !> Expression with its place in the deck
    class(expression_type), intent(inout) :: expression
-   character(len=:), allocatable :: at, curve, name
-   real(wp), allocatable :: x(:), values(:)
-   integer :: k
 
    expression%text = text
    call cite(self, key, expression%where)
-   do k = 1, self%count('table')
-      at = 'table.'//to_text(k)
-      call self%get(at//'.name', name)
-      if (index(text, name) == 0) cycle
-      call self%get(at//'.x', x)
-      call self%get(at//'.value', values)
-      call self%get(at//'.curve', curve)
-      call expression%add_table(name, x, values, curve == 'smooth')
-   end do
 end subroutine set_expression
 
 subroutine get_text(self, key, value)

@@ -39,12 +39,10 @@ module rk_expression
    type :: expression_type
       !> As it was written; not allocated where no expression was given
       character(len=:), allocatable :: text
-      !> Tables that it may call, a name and its number a line; not allocated without any
-      character(len=:), allocatable :: tables
       !> Where it was written, and its key, for messages
       character(len=:), allocatable :: where
    contains
-      procedure :: given, add_table
+      procedure :: given
       procedure :: at => value_at, gradient, varies, of_fields, uses_field, kind_of_fields
    end type expression_type
 
@@ -64,12 +62,6 @@ module rk_expression
          integer(c_int), value :: of_fields
          real(c_double) :: value
       end function c_value
-      function c_table(n, x, value, smooth) result(number) bind(c, name='rk_expression_table')
-         import :: c_double, c_int
-         integer(c_int), value :: n, smooth
-         real(c_double), intent(in) :: x(*), value(*)
-         integer(c_int) :: number
-      end function c_table
       function c_fields_in(text) result(kind) bind(c, name='rk_fields_in')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: text(*)
@@ -100,42 +92,12 @@ elemental logical function given(self)
    given = allocated(self%text)
 end function given
 
-!> Add a table that it may call
-subroutine add_table(self, name, x, value, smooth)
-   !> Expression that is given
-   class(expression_type), intent(inout) :: self
-   character(len=*), intent(in) :: name
-   !> Rising places, shape (n)
-   real(wp), intent(in) :: x(:)
-   !> Values there, shape (n)
-   real(wp), intent(in) :: value(:)
-   !> Without slope and curvature at the places, straight between them otherwise
-   logical, intent(in) :: smooth
-
-   if (.not. allocated(self%tables)) self%tables = ''
-   self%tables = self%tables//name//' '//to_text(int(c_table(int(size(x), c_int), x, value, &
-      & merge(1_c_int, 0_c_int, smooth))))//new_line('a')
-end subroutine add_table
-
-!> The expression with its tables
-subroutine get_code(self, code)
-   class(expression_type), intent(in) :: self
-   character(len=:), allocatable, intent(out) :: code
-
-   code = self%text
-   ! what expression.cpp looks for
-   if (allocated(self%tables)) code = code//achar(30)//self%tables
-end subroutine get_code
-
 !> Whether the time is part of it
 logical function varies(self)
    class(expression_type), intent(in) :: self
-   character(len=:), allocatable :: code
 
    varies = .false.
-   if (.not. self%given()) return
-   call get_code(self, code)
-   varies = c_uses(code//c_null_char, 't'//c_null_char, 0_c_int) /= 0
+   if (self%given()) varies = c_uses(self%text//c_null_char, 't'//c_null_char, 0_c_int) /= 0
 end function varies
 
 !> Whether a field is part of an expression of fields
@@ -183,14 +145,12 @@ subroutine value_at(self, x, value, error, time, normal)
    !> Outward unit normal, shape (nd) [-]
    real(wp), intent(in), optional :: normal(:)
    real(wp) :: place(9)
-   character(len=:), allocatable :: code
 
    place = 0.0_wp
    if (present(time)) place(6) = time
    if (present(normal)) place(7:6 + size(normal)) = normal
    call set_place(x, place)
-   call get_code(self, code)
-   value = c_value(code//c_null_char, place, 0_c_int)
+   value = c_value(self%text//c_null_char, place, 0_c_int)
    if (abs(value) <= huge(value) .or. allocated(error)) return
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))

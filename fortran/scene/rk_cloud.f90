@@ -96,8 +96,6 @@ module rk_cloud
       real(wp), allocatable :: line(:, :)
       !> Place of each collocation point of such a body in their own lattice, from 0, shape (nd, nc)
       integer, allocatable :: place(:, :)
-      !> The source points have left the lattice
-      logical :: jittered = .false.
       !> The directions are radius and angle
       logical :: polar = .false.
    contains

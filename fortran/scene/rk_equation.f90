@@ -57,11 +57,9 @@ subroutine density_at(self, x, density, error)
       & //to_text(density)//' as at '//to_text(x))
 end subroutine density_at
 
-!> Displacement or velocity at the start
-subroutine initial(self, displacement, x, value, error)
+!> Velocity at the start
+subroutine initial(self, x, value, error)
    class(motion_type), intent(in) :: self
-   !> The displacement, otherwise the velocity
-   logical, intent(in) :: displacement
    real(wp), intent(in) :: x(:)
    !> Components, those of no meaning 0
    real(wp), intent(out) :: value(3)
@@ -71,11 +69,7 @@ subroutine initial(self, displacement, x, value, error)
 
    value = 0.0_wp
    do i = 1, size(x)
-      if (displacement) then
-         call self%displacement(i)%at(x, value(i), error)
-      else
-         call self%velocity(i)%at(x, value(i), error)
-      end if
+      call self%velocity(i)%at(x, value(i), error)
    end do
 end subroutine initial
 

@@ -1,11 +1,11 @@
 !> Clouds of simple bodies, whose points lie on a lattice, and the numbering of lattices.
 module rk_lattice
    use rk_cloud, only : cloud_type
-   use rk_precision, only : i8, pi, wp
+   use rk_precision, only : pi, wp
    implicit none
    private
 
-   public :: new_box, new_annulus, jitter, lattice_frame, set_number, digits_of, place_of
+   public :: new_box, new_annulus, lattice_frame, set_number, digits_of, place_of
    public :: box_sides, outside_lattice
 
    !> Spacing at a side towards which a box is graded, of the mean one [-]
@@ -213,31 +213,6 @@ contains
    end function bend
 
 end subroutine new_annulus
-
-!> Move the source points of a box off their lattice, always in the same way. Those on the surface
-!> stay on their faces, edges and corners.
-subroutine jitter(self, share)
-   type(cloud_type), intent(inout) :: self
-   !> Largest move, in spacings [-]
-   real(wp), intent(in) :: share
-   real(wp) :: low, high, fraction
-   integer(i8) :: state
-   integer :: d, is
-
-   self%jittered = .true.
-   state = 1
-   do d = 1, self%nd
-      low = minval(self%source(d, :))
-      high = maxval(self%source(d, :))
-      do is = 1, size(self%source, 2)
-         ! minimal standard generator: Park, Miller, Commun. ACM 31 (1988), doi:10.1145/63039.63042
-         state = modulo(16807_i8*state, 2147483647_i8)
-         if (self%source(d, is) <= low .or. self%source(d, is) >= high) cycle
-         fraction = 2.0_wp*real(state, wp)/2147483647.0_wp - 1.0_wp
-         self%source(d, is) = self%source(d, is) + share*fraction*self%spacing(d, is)
-      end do
-   end do
-end subroutine jitter
 
 !> Corner and spacing of a lattice, in radius and angle where it is polar
 pure subroutine lattice_frame(cloud, low, step)

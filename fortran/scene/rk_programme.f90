@@ -10,7 +10,6 @@
 module rk_programme
    use rk_deck_records, only : amplitude_keys
    use rk_precision, only : wp
-   use rk_sort, only : sort
    implicit none
    private
 
@@ -39,8 +38,6 @@ module rk_programme
       type(amplitude_keys), allocatable :: amplitude(:)
       !> Rotations
       type(rotation_type), allocatable :: rotation(:)
-      !> Load times whose states are wanted, in place of equal steps; not allocated without [-]
-      real(wp), allocatable :: output(:)
    contains
       procedure :: count => count_factors, factors, value => value_at, sine_of, plan
       procedure :: begins_loaded
@@ -127,27 +124,17 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    end associate
 end function value_at
 
-!> Load steps: equal ones, or those that were asked for, and all knots of amplitudes. Steps in which
+!> Load steps: equal ones and all knots of amplitudes. Steps in which
 !> something rotates far are taken in several.
 pure function plan(self, steps) result(planned)
    class(programme_type), intent(in) :: self
-   !> Equal steps, where no load times were asked for
+   !> Equal steps
    integer, intent(in) :: steps
    type(plan_type) :: planned
-   real(wp), allocatable :: output(:)
    real(wp) :: before
-   integer, allocatable :: place(:)
    integer :: a, k
 
-   if (allocated(self%output)) then
-      call sort(self%output, place)
-      allocate (output(size(place)))
-      output(place) = self%output
-      planned%load = [1.0_wp]
-      call merge_loads(planned%load, output)
-   else
-      planned%load = [(real(k, wp)/real(steps, wp), k=1, steps)]
-   end if
+   planned%load = [(real(k, wp)/real(steps, wp), k=1, steps)]
    if (allocated(self%amplitude)) then
       do a = 1, size(self%amplitude)
          call merge_loads(planned%load, self%amplitude(a)%time)
@@ -161,7 +148,7 @@ pure function plan(self, steps) result(planned)
       before = planned%load(k)
    end do
    ! a power of two of this is met exactly
-   if (self%count() == 1 .and. .not. allocated(self%output)) planned%most = 1.0_wp/real(steps, wp)
+   if (self%count() == 1) planned%most = 1.0_wp/real(steps, wp)
    planned%loaded = self%begins_loaded()
    planned%first_most = 1.0_wp/turns(self, -1.0_wp, 0.0_wp)
 end function plan

@@ -299,8 +299,7 @@ subroutine choose_companion(self, scene, deck, near, points, words)
    end if
    if (self%other_form) then
       self%method = 'rkpm-scni'
-      if (allocated(scene%cloud%lattice) .and. .not. scene%cloud%jittered) &
-         & self%method = 'rkpm-gauss'
+      if (allocated(scene%cloud%lattice)) self%method = 'rkpm-gauss'
       words = [character(len=override_length) :: words, 'scene.method='//self%method]
       ! on few cells the weak form is as far off as the answer, and to the same side
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then

@@ -73,7 +73,7 @@ subroutine label_regions(scene, deck, error)
    associate (cloud => scene%cloud)
       call fill_points(cloud, scene%tissue, deck, error)
       if (allocated(error) .or. .not. allocated(cloud%fraction)) return
-      if (scene%method == 'rkpm-gauss' .and. .not. cloud%jittered .and. (.not. cloud%polar &
+      if (scene%method == 'rkpm-gauss' .and. (.not. cloud%polar &
          & .or. scene%approximation%window == window_polar)) call find_planes(cloud, scene%tissue, &
          & scene%approximation%kink_axis, scene%approximation%kink, close, error)
       scene%thin_layers = close .and. cloud%nd == 3

@@ -14,7 +14,7 @@ module rk_deck_scene
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
-   use rk_lattice, only : box_sides, jitter, lattice_frame, new_annulus, new_box
+   use rk_lattice, only : box_sides, lattice_frame, new_annulus, new_box
    use rk_memory, only : available_bytes
    use rk_precision, only : wp
    use rk_programme, only : programme_type
@@ -59,7 +59,7 @@ subroutine new_scene(scene, deck, model, error)
       if (allocated(error)) return
       call read_linear(scene, deck, error)
       if (.not. allocated(error) .and. scene%method == 'rkpm-gauss' .and. .not. &
-         & (scene%cloud%jittered .or. allocated(scene%motion))) call find_jumps(scene, error)
+         & allocated(scene%motion)) call find_jumps(scene, error)
       call read_probes(scene, deck, error)
       return
    end if
@@ -119,7 +119,6 @@ subroutine read_geometry(cloud, deck, model, error)
       end if
       call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, &
          & box_sides(graded))
-      if (body%jitter > 0.0_wp) call jitter(cloud, body%jitter)
    case ('annulus')
       call new_annulus(cloud, body%inner_radius, body%outer_radius, body%source, body%collocation)
    case default
@@ -228,7 +227,7 @@ subroutine get_approximation(deck, text)
    text = text//', support '//to_text(support)
 end subroutine get_approximation
 
-!> Amplitudes and output times
+!> Amplitudes
 subroutine read_programme(programme, deck)
    type(programme_type), intent(out) :: programme
    type(deck_type), intent(in) :: deck
@@ -238,7 +237,6 @@ subroutine read_programme(programme, deck)
    do k = 1, size(programme%amplitude)
       call programme%amplitude(k)%read(deck, 'amplitude.'//to_text(k))
    end do
-   if (deck%has('load.at')) call deck%get('load.at', programme%output)
 end subroutine read_programme
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over

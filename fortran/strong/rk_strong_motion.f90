@@ -187,35 +187,32 @@ contains
 
 end subroutine limit
 
-!> Coefficients at the start (6.42a), and one time step later
+!> Coefficients at the start, at rest position, and one time step later
 subroutine start(self, first, second, error)
    class(strong_motion), intent(inout) :: self
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: given(size(self%values, 1), 2), value(3)
+   real(wp) :: given(size(self%values, 1)), value(3)
    real(wp), allocatable :: fit(:, :)
-   integer :: b, inside, k, row
+   integer :: b, inside, row
 
    associate (problem => self%problem)
       do b = 1, size(problem%rows%place)
          row = problem%rows%row(b)
-         do k = 1, 2
-            call self%motion%initial(k == 1, problem%scene%cloud%points(:, &
-               & problem%rows%place(b)), value, error)
-            if (allocated(error)) return
-            given(row + 1:row + problem%fields, k) = value(:problem%fields)
-         end do
+         call self%motion%initial(problem%scene%cloud%points(:, problem%rows%place(b)), value, &
+            & error)
+         if (allocated(error)) return
+         given(row + 1:row + problem%fields) = value(:problem%fields)
       end do
       inside = problem%rows%row(problem%inside + 1)
    end associate
    call invert(self%values, fit, error)
    if (.not. allocated(error)) call self%loads(0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
-   first = matmul(fit, given(:, 1))
+   first = 0.0_wp
    ! (6.42b), with the half step that the loads make
-   second = first + self%motion%time_step*matmul(fit, given(:, 2)) &
-      & + 0.5_wp*self%motion%time_step**2*matmul(fit(:, :inside), &
-      & (matmul(self%operator(:inside, :), first) + self%force(:inside))/self%density(:inside))
+   second = self%motion%time_step*matmul(fit, given) + 0.5_wp*self%motion%time_step**2 &
+      & *matmul(fit(:, :inside), self%force(:inside)/self%density(:inside))
    if (self%varies) call self%loads(self%motion%time_step, self%force, self%held, error)
 end subroutine start
 

@@ -167,13 +167,13 @@ subroutine new_galerkin(self, scene, error)
    if (self%cells%smoothed) call new_recovery(self%recovery, scene, self%cells, error)
    if (.not. allocated(error) .and. scene%approximation%order == 1 &
       & .and. allocated(scene%cloud%lattice) .and. .not. (scene%cloud%polar &
-      & .or. scene%cloud%jittered .or. self%linear .or. self%cells%smoothed)) then
+      & .or. self%linear .or. self%cells%smoothed)) then
       allocate (self%faces)
       call new_free_faces(self%faces, scene, error)
    end if
    if (allocated(error)) return
    if (allocated(self%pressure%share) .and. allocated(scene%cloud%lattice) &
-      & .and. .not. (self%linear .or. allocated(scene%motion) .or. scene%cloud%jittered &
+      & .and. .not. (self%linear .or. allocated(scene%motion) &
       & .or. self%mixture%activation_jumps())) then
       allocate (self%walls)
       call new_walls(self%walls, scene, self%cells, self%surface, error)

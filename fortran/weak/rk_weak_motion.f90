@@ -122,21 +122,21 @@ subroutine limit(self, step, error)
    if (.not. allocated(error) .and. value > 0.0_wp) step = 2.0_wp/sqrt(value)
 end subroutine limit
 
-!> Coefficients at the start, whose values are the projected ones (6.42), and one time step later
+!> Coefficients at the start, at rest position, and one time step later, by the projected velocity
+!> (6.42)
 subroutine start(self, first, second, error)
    class(weak_motion), intent(inout) :: self
    real(wp), contiguous, intent(inout) :: first(:), second(:)
    type(error_type), allocatable, intent(out) :: error
-   real(wp), dimension(self%n) :: side, speed, image
+   real(wp), dimension(self%n) :: side, speed
 
-   call project(self, .true., first, error)
-   if (.not. allocated(error)) call project(self, .false., speed, error)
+   first = 0.0_wp
+   call project(self, speed, error)
    if (.not. allocated(error)) call self%loads(0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
    associate (dt => self%motion%time_step)
-      call self%product('mass', first + dt*speed, side)
-      call self%product('stiffness', first, image)
-      side = side + 0.5_wp*dt**2*(self%force - image)
+      call self%product('mass', dt*speed, side)
+      side = side + 0.5_wp*dt**2*self%force
       if (self%varies) call self%loads(dt, self%force, self%held, error)
       if (.not. allocated(error)) call self%solve(side + self%held, second)
    end associate
@@ -171,11 +171,9 @@ subroutine solve(self, y, x)
    call self%factor%solve(x)
 end subroutine solve
 
-!> Initial displacement or velocity by the consistent mass: what is nearest to it
-subroutine project(self, displacement, x, error)
+!> Initial velocity by the consistent mass: what is nearest to it
+subroutine project(self, x, error)
    class(weak_motion), intent(in) :: self
-   !> The displacement, otherwise the velocity
-   logical, intent(in) :: displacement
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    type(error_type), allocatable, intent(out) :: error
@@ -184,7 +182,7 @@ subroutine project(self, displacement, x, error)
    integer :: q
 
    do q = 1, size(self%inertia)
-      call self%motion%initial(displacement, self%problem%cells%point(:, q), value(:, q), error)
+      call self%motion%initial(self%problem%cells%point(:, q), value(:, q), error)
       if (allocated(error)) return
    end do
    side = 0.0_wp

@@ -400,7 +400,7 @@ _COMMANDS = {
         _station("chain:segment_and_draw", "labels and fibers in {out}"),
         "images to label map, fibers and scores",
         "  myork segment inputs/mg_muscle.toml\n"
-        "  myork segment inputs/leg_muscles.toml --set image.iterations=300\n"
+        "  myork segment inputs/leg_muscles.toml --set image.tolerance=0.01\n"
         "  myork segment inputs/images/thighs.toml --data ~/images",
         _IMAGES,
     ),

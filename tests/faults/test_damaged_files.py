@@ -57,7 +57,7 @@ def disc() -> np.ndarray:
 
 def segmented(**files: Path) -> dict[str, Any]:
     """Deck of two regions, which take some tenths of a second."""
-    image = {"iterations": 20, **{key: str(path) for key, path in files.items()}}
+    image = {"tolerance": 0.1, **{key: str(path) for key, path in files.items()}}
     return {"scene": {"dimension": 3}, "image": image, "bias": {"method": "none"}}
 
 

@@ -88,7 +88,7 @@ def test_build_writes_a_table_of_the_muscles(tmp_path):
     save(out, affine, **tensor_maps(phantom.clean_tensor), **images)
     table = dict(
         labels="labels.nii.gz", fibers="fibers.nii.gz", collocation_stride=[3, 3, 1],
-        source_stride=[6, 6, 2], islands="drop",
+        source_stride=[6, 6, 2],
     )  # fmt: skip
     built(tmp_path, **table)
     rows = list(csv.DictReader((out / "muscles.csv").read_text().splitlines()))

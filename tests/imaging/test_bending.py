@@ -86,7 +86,7 @@ def test_segment_bends_the_reference(tmp_path):
     files = {"now": today.anatomy, "then": then, "old": drawn, "truth": today.truth}
     save(tmp_path, then.affine, **{name: one_slice(one) for name, one in files.items()})
     keys = {"anatomy": "now.nii.gz", "regions": 2, "phase": "dark", "split": "nearest",
-            "reference": "old.nii.gz", "truth": "truth.nii.gz", "reference_margin": 0}  # fmt: skip
+            "reference": "old.nii.gz", "truth": "truth.nii.gz", "margin": 0}  # fmt: skip
 
     def run(**more):
         bias = {"method": "auto"}

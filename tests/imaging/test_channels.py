@@ -96,7 +96,7 @@ DIXON = {"magnitude": ["m0.nii.gz", "m1.nii.gz"], "phase": ["p0.nii.gz", "p1.nii
 @pytest.mark.slow
 def test_echoes_become_water_fat_and_tissue(tmp_path):
     kind, truth = echoes(tmp_path)
-    keys = {"regions": 2, "phase": "bright", "label": "muscle"}
+    keys = {"regions": 2, "phase": "bright"}
     tables = {"dixon": DIXON, "tissue": {"find": True}}
     summary, out = segmented(tmp_path, image=keys, **tables), tmp_path / "out"
     fraction = read_image(out / "fat_fraction.nii.gz").data

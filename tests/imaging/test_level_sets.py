@@ -8,15 +8,15 @@ from myork.core.level_sets import evolve_level_sets
 from myork.records import Image
 from myork.segmentation.channels import scaled_values
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
-from myork.segmentation.regions import otsu, piece_with_seed
+from myork.segmentation.regions import otsu
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import kmeans, level_sets_of, regions_of
 from tests.images import affine_of, centred
 from tests.scenes import refuses
 
 DEFAULTS = table_defaults("image")
-STEERING = {key: DEFAULTS[key] for key in ("mu", "tolerance", "iterations")}
-STEERING |= {"nu": 0.0, "epsilon": 0.5, "dt": 500.0}
+STEERING = {key: DEFAULTS[key] for key in ("mu", "tolerance")}
+STEERING |= {"iterations": 300, "nu": 0.0, "epsilon": 0.5, "dt": 500.0}
 
 
 def choice(**changes):
@@ -221,14 +221,3 @@ def test_regions_without_an_image():
     refuses("region to segment is empty", phase_of, image, image.data < 0)
     flat = Image(np.ones((8, 8, 1)), np.eye(4), "flat.nii")
     refuses("flat.nii: the region to segment has one grey value", phase_of, flat, flat.data > 0)
-
-
-def test_seed_picks_one_of_two_pieces():
-    image, inside = disc()
-    for x, said in ((900.0, "lies outside of disc"), (0.0, "does not lie in the segmented phase")):
-        refuses(said, piece_with_seed, inside, image, [x, 0.0, 0.0])
-    mask = np.zeros((10, 10, 2), bool)
-    mask[1:3] = mask[6:9] = True
-    image = Image(np.zeros(mask.shape), affine_of((-2.0, 2.0, 5.0)), "two")
-    piece = piece_with_seed(mask, image, [-14.0, 8.0, 5.0])
-    assert np.array_equal(piece[6:9], mask[6:9]) and not piece[:6].any()

@@ -169,11 +169,11 @@ DECK = {
     "image": {
         "anatomy": "t1.nii.gz", "tensor": "dti.nii.gz", "reference": "old.nii.gz",
         "region": "near.nii.gz", "body": "body.nii.gz", "truth": "truth.nii.gz",
-        "regions": 3, "iterations": 40,
+        "regions": 3, "tolerance": 0.01,
     },
     "bias": {"method": "none"},
     "build": {
-        "collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "islands": "drop", "ids": [1],
+        "collocation_stride": [4, 4, 1], "source_stride": [8, 8, 1], "ids": [1],
     },
 }  # fmt: skip
 
@@ -233,7 +233,7 @@ def test_parts_and_activation_of_another_grid_are_interpolated(calves, tmp_path)
     parts, active = (reordered(Image(x, affine)) for x in (parts, (height.data - low) / rise))
     save(tmp_path, affine, labels=fine.truth, parts=parts, active=active)
     table = {"labels": "labels.nii.gz", "fractions": "parts.nii.gz", "activation": "active.nii.gz"}
-    built(tmp_path, **table, collocation_stride=[4, 4, 2], source_stride=[8, 8, 4], islands="drop")
+    built(tmp_path, **table, collocation_stride=[4, 4, 2], source_stride=[8, 8, 4])
     moved = json.loads((tmp_path / "out" / "summary.json").read_text())["resampled"]
     assert [entry["how"] for entry in moved] == ["linear", "linear"]
     model = read_model(tmp_path / "out" / "model.h5")

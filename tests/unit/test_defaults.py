@@ -22,8 +22,6 @@ _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
     ({"scene": {"dimension": 2, "method": "auto"}}, "rkpm-gauss"),
     ({"scene": {"dimension": 2, "method": "rkpm"}}, "rkpm-scni"),
     ({"scene": {"dimension": 2, "method": "rkcm"}}, "rkcm"),
-    ({"geometry": {**SHEET["geometry"], "jitter": 0.0}}, "rkpm-gauss"),
-    ({"geometry": {**SHEET["geometry"], "jitter": 0.1}}, "rkpm-scni"),
     ({"geometry": ANNULUS}, "rkpm-gauss"),
     ({"scene": {"dimension": 3}, "geometry": {"kind": "model"}}, "rkpm-gauss"),
     ({"material": [{**RUBBER, "K": float("inf")}]}, "rkpm-gauss"),

@@ -39,7 +39,7 @@ DECKS: dict[str, tuple[dict[str, Any], str]] = {
     "soft cube": (cube(5, SOFT), "rkpm-gauss"),
     "stiff cube": (cube(5, STIFF), "rkpm-gauss"),
     "stiff cube, even number of points": (cube(6, STIFF), "rkpm-gauss"),
-    "jittered cube": (cube(5, jitter=0.2), "rkpm-scni"),
+    "cube of nodal cells": (cube(5) | {"scene": {"dimension": 3, "method": "rkpm"}}, "rkpm-scni"),
     "tube": (
         scene("auto", annulus(5, 15), material=[STIFF],
               boundary=[*PLANES[:2], {"set": "inner", "radial": 4}]), "rkpm-gauss",

@@ -1,13 +1,9 @@
-"""Which steps of a deck give the snapshots of `[rom]`."""
+"""How many steps of a deck give the snapshots of `[rom]`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
-
-from myork.types import I32
 
 # Load steps that give the snapshots where the deck takes its load in one.
 _STEPS = 10
@@ -23,12 +19,3 @@ def step_count(deck: Mapping[str, Any]) -> int:
         return round(deck["dynamics"]["end_time"] / deck["dynamics"]["time_step"])
     steps, wanted = int(deck["load"]["steps"]), max(deck["rom"]["modes"])
     return max(_STEPS, wanted) if steps == 1 < wanted else steps
-
-
-def snapshot_steps(table: Mapping[str, Any], count: int) -> I32:
-    """Numbers, from 0, of the steps whose states are snapshots.
-
-    - `table`: `[rom]` of the deck
-    - `count`: number of steps
-    """
-    return np.array(table.get("steps", range(1, count + 1)), np.int32) - 1

@@ -176,7 +176,7 @@ class Diffusion(NamedTuple):
 def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
     """Tensors of a deck: from a file of tensors, or fitted to diffusion-weighted images.
 
-    - `table`: table `image` of the deck: `tensor` with `tensor_frame`, or `dwi`, see
+    - `table`: table `image` of the deck: `tensor`, or `dwi`, see
       `read_diffusion`; `gradient_axes`
     - `folder`: where the deck's relative paths start
     - returns none where the deck names neither
@@ -189,7 +189,7 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
     if "tensor" not in table:
         return None
     tensor = read_image(folder / table["tensor"], values=6)
-    return Diffusion(turn_tensors(tensor, axes, table["tensor_frame"]), None)
+    return Diffusion(turn_tensors(tensor, axes), None)
 
 
 def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
@@ -218,15 +218,14 @@ def gradient_files(path: Path) -> tuple[Path, Path]:
     return bval, bvec
 
 
-def turn_tensors(tensor: Image, axes: F64, tensor_frame: str = "world") -> Image:
+def turn_tensors(tensor: Image, axes: F64) -> Image:
     """Tensors in the world frame with the voxel axes of the gradients exchanged or flipped.
 
     - `tensor`: shape `(ni, nj, nk, 6)`
     - `axes`: signed permutation of the voxel axes, shape `(3, 3)`
-    - `tensor_frame`: axes of the components: `world` or `voxel`
     """
     columns = frame(tensor.affine)
-    turn = columns @ axes @ (columns.T if tensor_frame == "world" else np.eye(3))
+    turn = columns @ axes @ columns.T
     if np.array_equal(turn, np.eye(3)):
         return tensor
     full = turn @ full_tensors(tensor.data) @ turn.T

@@ -6,10 +6,10 @@ is known in closed form. Fat fills the rest inside the skin, around two bones. O
 hold fat and connective tissue in exact parts of their volume.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -101,6 +101,14 @@ class Phantom:
     #: Signal of a diffusion image without gradient and without noise, shape `(ni, nj, nk)` [-]
     still: Image
     clean_tensor: Image  #: Tensors without noise
+
+
+#: Arguments of `make_phantom` for the kinds that decks know
+KINDS: dict[str, Mapping[str, Any]] = {
+    "apart": {},
+    "packed": {"septum": 0.0, "growth": 15.0},
+    "aged": {"septum": 0.6, "growth": 15.0, "aponeurosis": 1.5, "imat": 0.03, "imct": 0.10},
+}
 
 
 def make_phantom(

@@ -76,7 +76,7 @@ def build_cloud(
     if part.data.shape[2] == 1:
         block, stride = [*block[:2], 1], [*stride[:2], 1]
     merged = points.coarsen(part, block, table["merge"])
-    coarse, islands = points.connected_body(merged, table["islands"])
+    coarse, islands = points.connected_body(merged)
     body = coarse.data > 0
     left_out = (merged.data > 0) & ~body
     parts = None

@@ -142,11 +142,10 @@ def changed_volumes(
     return sentences
 
 
-def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
-    """Find pieces that touch neither end, which nothing would hold in place.
+def connected_body(labels: Labels) -> tuple[Labels, list[str]]:
+    """Leave out pieces that touch neither end, which nothing would hold in place.
 
     - `labels`: label map whose first and last slice are the ends; a single slice has no ends
-    - `islands`: `error` refuses them by name, `drop` leaves them out
     - returns labels without the pieces, and a sentence for each piece left out
     """
     body = labels.data > 0
@@ -165,14 +164,6 @@ def connected_body(labels: Labels, islands: str) -> tuple[Labels, list[str]]:
         sentences.append(
             f"island of {len(voxels)} points ({', '.join(names)}) around "
             f"({', '.join(f'{c:.1f}' for c in centre)}) mm is connected to neither end"
-        )
-    if islands == "error":
-        more = f"\n  and {len(loose) - 5} more" if len(loose) > 5 else ""
-        raise InputError(
-            f"{labels.name}: {len(loose)} pieces would float freely:\n  "
-            + "\n  ".join(sentences[:5])
-            + more
-            + '\nset build.islands = "drop" to leave them out, or correct the labels'
         )
     kept = np.where(np.isin(pieces, loose), 0, labels.data)
     return Labels(kept, labels.affine, labels.names, labels.name), sentences

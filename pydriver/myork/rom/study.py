@@ -10,10 +10,10 @@ import numpy as np
 from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.core.scene import Scene
-from myork.core.snapshots import snapshot_steps, step_count
+from myork.core.snapshots import step_count
 from myork.core.states import Fields, States
 from myork.errors import InputError
-from myork.rom.basis import proper_orthogonal_modes, unit_states
+from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.probes import named_probes
 from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES, override_text
@@ -112,15 +112,10 @@ def _check_modes(scene: Scene) -> None:
             "reduced models are for nonlinear problems and motions: a static linear "
             "problem takes one solve, so there is nothing to gain"
         )
-    chosen = snapshot_steps(scene.deck["rom"], scene.steps)
-    if chosen[-1] >= scene.steps:
-        raise InputError(
-            f"rom.steps: {chosen[-1] + 1} is requested, but there are {scene.steps} load steps"
-        )
-    wanted, limit = max(scene.deck["rom"]["modes"]), min(chosen.size, scene.dofs)
+    wanted, limit = max(scene.deck["rom"]["modes"]), min(scene.steps, scene.dofs)
     if wanted > limit:
         raise InputError(
-            f"rom.modes: {wanted} modes are requested, but {chosen.size} load steps give at most "
+            f"rom.modes: {wanted} modes are requested, but {scene.steps} load steps give at most "
             f"{limit}: take more load.steps or fewer modes"
         )
 
@@ -131,10 +126,7 @@ def _study(
     """Modes and reduced models of the full states."""
     table = scene.deck["rom"]
     started = time.perf_counter()
-    seen = full.x[snapshot_steps(table, scene.steps)]
-    modes, values = proper_orthogonal_modes(
-        unit_states(seen) if table["snapshots"] == "unit" else seen
-    )
+    modes, values = proper_orthogonal_modes(full.x)
     basis_s = time.perf_counter() - started
     path = PathStates.of(scene, full.x, full.load)
     models = []
@@ -161,7 +153,7 @@ def _study(
             f"  speed-up {model['speedup_vs_full']:.1f}"
         )
     return {
-        "snapshots": len(seen),
+        "snapshots": len(full.x),
         "pov": values.tolist(),
         "full": {
             "dofs": scene.dofs,

@@ -13,7 +13,6 @@ from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
 from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.outlines import pull_of_outlines
-from myork.segmentation.regions import piece_with_seed
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
@@ -236,14 +235,12 @@ def label_by_phase(table: Mapping[str, Any], image: Image, grey: F64, result: Re
         names = {number + 1: f"region_{number}" for number in range(table["regions"])}
         return Labels(result.region + 1, image.affine, names, "segmentation")
     inside = wanted_phase(result, grey, table["phase"])
-    if "seed" in table:
-        inside = piece_with_seed(inside, image, table["seed"])
     if not inside.any():
         raise InputError(
             f"{image.name}: the segmentation of the {table['phase']} phase is empty; check "
             "image.phase, image.box and image.mu"
         )
-    return Labels(inside.astype(np.int32), image.affine, {1: table["label"]}, "segmentation")
+    return Labels(inside.astype(np.int32), image.affine, {1: "muscle"}, "segmentation")
 
 
 def label_by_reference(
@@ -255,6 +252,6 @@ def label_by_reference(
     wanted = result.region >= 0
     if table["regions"] == 2:
         wanted = wanted_phase(result, grey, table["phase"])
-    label = nearest_labels(wanted, reference.data, image.spacing, table["reference_margin"])
+    label = nearest_labels(wanted, reference.data, image.spacing, table["margin"])
     names = Labels(label, image.affine, reference.names).present
     return Labels(label, image.affine, names, "segmentation")

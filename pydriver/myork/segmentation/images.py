@@ -30,7 +30,7 @@ from myork.segmentation.grouping import (
     rule_seeds,
 )
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
-from myork.segmentation.regions import body_mask, box_mask, grown_mask, piece_with_seed
+from myork.segmentation.regions import body_mask, box_mask, grown_mask
 from myork.segmentation.shading import check_positive, shading, variation_doubt
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
@@ -160,12 +160,10 @@ def segment_images(
     reference, lost = _bent(images, body, progress)
     region = body
     if images.region is not None:
-        region = body & grown_mask(images.region, table["region_margin"])
+        region = body & grown_mask(images.region, table["margin"])
     if "box" in table:
         region = region & box_mask(image, table["box"])
     check_seeds(region, image, muscles)
-    if reference is None and not muscles and "seed" in table:
-        piece_with_seed(region, image, table["seed"])  # refuses one outside before the level sets
     grey = scaled_values(image, region)
     more, weights = images.values(region, grey)
     shown = np.stack([grey, *more], axis=-1)
@@ -173,7 +171,7 @@ def segment_images(
     values = np.concatenate([shown, fibers], axis=3)
     every = [1.0, *weights, *[_FIBER_WEIGHT] * fibers.shape[3]]
     known = None
-    if table["start"] == "seeds":
+    if table["split"] == "pieces" and 2 < table["regions"] >= len(muscles) > 0:
         everywhere = np.where(region, 0, -1).astype(np.int32)
         seeds = rule_seeds(everywhere, image, muscles, table["seed_radius"])[1]
         known = seeded_regions(values * np.sqrt(every), region, seeds, table["regions"])
@@ -210,7 +208,7 @@ def segment_images(
     if result.unrest:
         doubts.append(
             f"{result.unrest} of {len(result.iterations)} blocks of slices still changed after "
-            f"image.iterations = {choice.iterations}; raise it, or image.tolerance"
+            f"{choice.iterations} iterations; raise image.tolerance, or image.mu"
         )
     warnings = [text for text in doubts if text]
     return Segmentation(

@@ -60,7 +60,7 @@ _SEEN = 0.1
 # Skin, and pixels of fat and air mixed, are as grey as muscle, no deeper than this [mm].
 _SKIN = 3.0
 # Two phases of a slice. The choice is this method's own: a leg has no keys for it.
-_PHASES = LevelSets(regions=2, start="otsu", mu=0.01, tolerance=1e-4, iterations=300)
+_PHASES = LevelSets(regions=2, start="otsu", mu=0.01, tolerance=1e-4)
 
 
 # Part of the body that a threshold finds beyond the level set's skin

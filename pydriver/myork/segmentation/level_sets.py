@@ -32,12 +32,12 @@ class LevelSets:
     """What to segment with; decks have the defaults of what has none here."""
 
     regions: int  #: Number of regions, 2 to 64
-    #: `otsu` (threshold of the first channel, two regions) or `kmeans`, without a map to start from
-    start: str
     mu: float | Sequence[float]  #: Weight of the length of each contour, or one for all [-]
     #: At rest, this part of the voxels changes its region in ten iterations at most
     tolerance: float
-    iterations: int  #: Largest number of iterations
+    #: `otsu` (threshold of the first channel, two regions) or `kmeans`, without a map to start from
+    start: str = "kmeans"
+    iterations: int = 300  #: Largest number of iterations
     volume: bool = False  #: Whether the slices are one volume; else each is a problem of its own
     nu: float = 0.0  #: Weight of the areas inside [-]
     epsilon: float = 0.5  #: Width of the step function (3.16) [-]
@@ -156,10 +156,7 @@ def _first_level_sets(
         first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     elif choice.start == "otsu":
         if choice.regions > 2:
-            raise InputError(
-                f"image.start = 'otsu' makes two regions, image.regions is {choice.regions}; "
-                "take 'kmeans'"
-            )
+            raise InputError(f"'otsu' makes two regions, not {choice.regions}: take 'kmeans'")
         first = threshold_regions(channels[..., 0], region)
     else:
         first = np.zeros(region.shape, np.int32)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import depth_in_slices, seed_voxel
+from myork.imaging.geometry import depth_in_slices
 from myork.records import Image, Labels
 from myork.types import Mask
 
@@ -93,21 +93,3 @@ def grown_mask(labels: Labels, margin: float) -> Mask:
     if not inside.any():
         raise InputError(f"{labels.name}: the region is empty, no label is above zero")
     return ndimage.distance_transform_edt(~inside, sampling=labels.spacing) <= margin
-
-
-def piece_with_seed(mask: Mask, image: Image, seed: ArrayLike) -> Mask:
-    """Connected piece (over faces) of a mask that holds a place.
-
-    - `mask`: shape `(ni, nj, nk)`
-    - `seed`: world coordinates, shape `(3,)` [mm]
-    """
-    where = np.asarray(seed, float)
-    place = seed_voxel(image, where, "image.seed")
-    pieces, _ = ndimage.label(mask)
-    piece = pieces[place]
-    if piece == 0:
-        raise InputError(
-            f"image.seed = {where.tolist()} mm (voxel {place}) does not lie in the segmented "
-            "phase; move it into the muscle, or check image.phase and the region"
-        )
-    return pieces == piece

@@ -56,15 +56,10 @@ def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
       [-]
     - `region`: voxels that take part, shape `(ni, nj, nk)`
     - `known`: label of the seeds, from 1, -1 elsewhere, same shape
-    - `count`: number of regions: the labels less one, then the clusters
+    - `count`: number of regions, no fewer than labels: the labels less one, then the clusters
     - returns region of each voxel, zero outside of `region`, shape `(ni, nj, nk)`
     """
     labels = np.unique(known[known > 0])
-    if len(labels) > count:
-        raise InputError(
-            f"image.start = 'seeds': {len(labels)} muscles have seeds, image.regions is {count}; "
-            "raise it"
-        )
     inside = values[region]
     nearest, away = vq(inside, np.stack([values[known == n].mean(axis=0) for n in labels]))
     if count > len(labels):

@@ -7,7 +7,7 @@ from typing import Any
 
 from myork.console import ProgressCallback
 from myork.core.deck import load_deck
-from myork.core.snapshots import snapshot_steps, step_count
+from myork.core.snapshots import step_count
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
@@ -58,14 +58,9 @@ def _states(deck: str | Path, values: Mapping[str, Any], overrides: Sequence[str
     text = "\n".join([Path(deck).read_text(encoding="utf-8"), *overrides])
     if re.search(r"^\s*(\[\s*rom\s*\]|rom\.)", text, re.MULTILINE):
         table, count = values["rom"], step_count(values)
-        chosen = snapshot_steps(table, count) + 1
         modes = ", ".join(str(r) for r in table["modes"])
-        kind = ", each divided by its norm" if table["snapshots"] == "unit" else ""
-        few = " (more modes are refused)" if len(chosen) < max(table["modes"]) else ""
-        lines.append(
-            f"  rom           modes {modes} of {len(chosen)} of {count} states{kind}"
-            f"{few}: `myork rom`"
-        )
+        few = " (more modes are refused)" if count < max(table["modes"]) else ""
+        lines.append(f"  rom           modes {modes} of {count} states{few}: `myork rom`")
     return lines
 
 
@@ -139,10 +134,10 @@ def _images(values: Mapping[str, Any]) -> list[str]:
             f"  image         none given: a phantom calf of {_by(phantom['size'])} voxels of "
             f"{_by(phantom['spacing'])} mm with its diffusion tensors"
         ]
-    what = f"{len(values['muscle'])} muscles" if values["muscle"] else image["label"]
+    what = f"{len(values['muscle'])} muscles" if values["muscle"] else "muscle"
     lines.append(
         f"  segment       {what}: {image['regions']} regions by level sets, bias by "
-        f"{values['bias']['method']}, at most {image['iterations']} iterations"
+        f"{values['bias']['method']}"
     )
     return lines
 

@@ -157,7 +157,7 @@ def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
     else:
         tables["tissue"] = {"find": True}
         tables["build"] = {
-            "collocation_stride": [4, 4, 1], "source_stride": [4, 4, 1], "islands": "drop",
+            "collocation_stride": [4, 4, 1], "source_stride": [4, 4, 1],
             "ids": [1, 2], "flow": not found.dwi,
         }  # fmt: skip
         lines.append("muscles: no label map (_dseg), so tissues and no force")
@@ -172,7 +172,6 @@ def _model(found: _Found) -> dict[str, Any]:
             "labels": found.labels[0],
             "collocation_stride": [2, 2, 1],
             "source_stride": [4, 4, 1],
-            "islands": "drop",
             "flow": not found.dwi,
         },  # fmt: skip
         "geometry": {"kind": "model"},

@@ -22,7 +22,7 @@ from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import length_factor
 from myork.imaging.headers import Header, described_by, read_header
 from myork.imaging.io import read_image, read_labels, write_labels
-from myork.imaging.phantom import make_phantom, write_phantom
+from myork.imaging.phantom import KINDS, make_phantom, write_phantom
 from myork.model.architecture import fat_of_label
 from myork.model.fibers import fibers_of_labels
 from myork.records import Image, Labels
@@ -107,7 +107,7 @@ def _record(
                 warnings += _fat_doubt(name, fat, table["phase"])
     record = {
         "labels": entries,
-        "scores": {} if images.truth is None else _scores(table, labels, images.truth),
+        "scores": {} if images.truth is None else _scores(labels, images.truth),
         "iterations": int(found.regions.iterations.max()),
         "converged": not found.regions.unrest,
         "energy": found.regions.energy.tolist(),
@@ -169,8 +169,6 @@ def _fat_doubt(name: str, fat: float, phase: str) -> list[str]:
 
 def _check_rules(table: Mapping[str, Any], muscles: list[Muscle]) -> None:
     """Refuse rules that contradict each other before anything is computed."""
-    if table["start"] == "seeds" and not muscles:
-        raise InputError("image.start = 'seeds' needs [[muscle]] with seeds or a rim")
     maps = [f"image.{key}" for key in ("seeds", "reference") if key in table]
     if muscles and maps:
         raise InputError(f"{maps[0]} and [[muscle]] both define the muscles; leave one of them out")
@@ -191,11 +189,11 @@ def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
     return muscles
 
 
-def _scores(table: Mapping[str, Any], labels: Labels, truth: Labels) -> dict[str, Any]:
-    """Scores of the labels that the truth has as well."""
+def _scores(labels: Labels, truth: Labels) -> dict[str, Any]:
+    """Scores of the labels that the truth has as well; of a single one against all it has."""
     by_name = {name: [number] for number, name in truth.present.items()}
-    if set(labels.names.values()) == {table["label"]}:
-        by_name.setdefault(table["label"], list(truth.present))
+    if len(labels.names) == 1:
+        by_name.setdefault(next(iter(labels.names.values())), list(truth.present))
     pairs = {name: (n, by_name[name]) for n, name in labels.names.items() if name in by_name}
     return label_scores(labels.data, truth.data, pairs)
 
@@ -293,7 +291,8 @@ def read_images(
                 f"{stray[0]} are used"
             )
         progress(f"phantom of {' x '.join(map(str, deck['phantom']['size']))} voxels")
-        phantom = make_phantom(**deck["phantom"])
+        own = dict(deck["phantom"])
+        phantom = make_phantom(**KINDS[own.pop("kind")], **own)
         write_phantom(out, phantom)
         like = grid.of(phantom.anatomy, None)
         found = Images(
