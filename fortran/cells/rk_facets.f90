@@ -3,11 +3,10 @@ module rk_facets
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
-   use rk_tensor, only : vector_product
    implicit none
    private
 
-   public :: facets_type, add_flat, close_cells
+   public :: facets_type, close_cells
 
    !> Points of facets, grown as they come
    type :: facets_type
@@ -65,58 +64,6 @@ subroutine add(self, x, area, cell, other, set, part, entry)
    self%part(self%n) = 1.0_wp
    if (present(part)) self%part(self%n) = part
 end subroutine add
-
-!> Add four points that have area, centre and second moments of a flat facet in space: the Gauss
-!> points of a rectangle
-subroutine add_flat(self, area, centre, moment, first, cell, other, set)
-   class(facets_type), intent(inout) :: self
-   !> Area times normal, out of the cell [length^2]
-   real(wp), intent(in) :: area(3)
-   !> Centre [length]
-   real(wp), intent(in) :: centre(3)
-   !> Second moments about it over the area [length^2]
-   real(wp), intent(in) :: moment(3, 3)
-   !> A direction in the plane, of any length
-   real(wp), intent(in) :: first(3)
-   !> Cell, and the one on the other side, 0 on the surface
-   integer, intent(in) :: cell, other
-   !> Boundary set on the surface
-   integer, intent(in) :: set
-   real(wp) :: axis(3, 2)
-   integer :: k
-
-   call main_axes(area/norm2(area), first, moment, axis)
-   do k = 0, 3
-      call self%add(centre + merge(1, -1, btest(k, 0))*axis(:, 1) &
-         & + merge(1, -1, btest(k, 1))*axis(:, 2), 0.25_wp*area, cell, other, set)
-   end do
-end subroutine add_flat
-
-!> Main axes of the second moments of a flat facet, as long as its deviations along them
-pure subroutine main_axes(normal, first, moment, axis)
-   !> Unit normal
-   real(wp), intent(in) :: normal(3)
-   real(wp), intent(in) :: first(3)
-   !> Second moments about the centre over the area [length^2]
-   real(wp), intent(in) :: moment(3, 3)
-   !> Axes [length]
-   real(wp), intent(out) :: axis(3, 2)
-   real(wp) :: e(3), f(3), angle, along, across, mixed
-
-   e = first/norm2(first)
-   f = vector_product(normal, e)
-   along = dot_product(e, matmul(moment, e))
-   across = dot_product(f, matmul(moment, f))
-   mixed = dot_product(e, matmul(moment, f))
-   ! what is alike in all directions has no axes but rounding
-   angle = 0.0_wp
-   if (hypot(2.0_wp*mixed, along - across) > 1.0e-9_wp*(along + across)) &
-      & angle = 0.5_wp*atan2(2.0_wp*mixed, along - across)
-   axis(:, 1) = cos(angle)*e + sin(angle)*f
-   axis(:, 2) = cos(angle)*f - sin(angle)*e
-   axis(:, 1) = axis(:, 1)*sqrt(max(dot_product(axis(:, 1), matmul(moment, axis(:, 1))), 0.0_wp))
-   axis(:, 2) = axis(:, 2)*sqrt(max(dot_product(axis(:, 2), matmul(moment, axis(:, 2))), 0.0_wp))
-end subroutine main_axes
 
 subroutine grow(a, columns)
    !> Array

@@ -14,7 +14,7 @@ module rk_nodal_cells
    use rk_groups, only : groups_of, slots, threes
    use rk_lattice, only : digits_of, lattice_frame, set_number
    use rk_precision, only : wp
-   use rk_voronoi, only : voronoi_facets
+   use rk_tensor, only : vector_product
    use rk_voxels, only : voxel_facets
    implicit none
    private
@@ -28,8 +28,8 @@ module rk_nodal_cells
 
 contains
 
-!> Cells of all source points: from the lattice where there is one and the points keep to it, by
-!> Voronoi's rule where they do not, of whole voxels in a model, where blocks have several points
+!> Cells of all source points: between those of a lattice, of whole voxels in a model, where blocks
+!> have several points
 subroutine nodal_cells(self, cloud, error)
    type(cells_type), intent(out) :: self
    type(cloud_type), intent(in) :: cloud
@@ -41,13 +41,7 @@ subroutine nodal_cells(self, cloud, error)
    integer :: is, lattice(3), at(3)
 
    if (allocated(cloud%lattice)) then
-      if (cloud%jittered) then
-         call voronoi_facets(facets, cloud, error)
-      else if (cloud%nd == 2) then
-         call lattice_facets_2d(facets, cloud)
-      else
-         call lattice_facets_3d(facets, cloud)
-      end if
+      call lattice_facets(facets, cloud)
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
       allocate (group(slots, size(cloud%source, 2)))
@@ -138,37 +132,47 @@ pure integer function lattice_point(cloud, index)
    lattice_point = lattice_point + 1
 end function lattice_point
 
-!> Facets of a plane lattice, straight between the centres of its meshes; on the surface they meet
-!> in the source points
-subroutine lattice_facets_2d(facets, cloud)
+!> Facets of a lattice, straight between the centres of its meshes. Those of an annulus lie at their
+!> radius and angle, those of points off their lattice in the mean of the points around. On the
+!> surface of a plane body facets meet in the source points
+subroutine lattice_facets(facets, cloud)
    type(facets_type), intent(inout) :: facets
    type(cloud_type), intent(in) :: cloud
    real(wp) :: low(3), step(3)
-   integer :: i, d, o, last(2), end, half(2), index(3), next(3), is, from(2), to(2)
+   integer :: d, end, i, is, nd, other, set
+   integer, dimension(3) :: last, index, next, from, to
 
+   nd = cloud%nd
    call lattice_frame(cloud, low, step)
-   last = 2*(cloud%lattice - 1)
+   last = 0
+   last(:nd) = 2*(cloud%lattice - 1)
    do is = 1, size(cloud%source, 2)
       index = lattice_index(cloud, is)
-      do d = 1, 2
-         o = 3 - d
+      do d = 1, nd
          do end = 0, 1
-            ! in half spacings: where the cell ends in this direction, and its range along the other
-            half(d) = min(max(2*index(d) + 2*end - 1, 0), last(d))
-            from(d) = half(d)
-            to(d) = half(d)
-            from(o) = max(2*index(o) - 1, 0)
-            to(o) = min(2*index(o) + 1, last(o))
-            if (half(d) == 2*index(d)) then
-               do i = from(o), to(o) - 1
-                  from(o) = i
-                  to(o) = i + 1
-                  call edge(corner(from), corner(to), 0, set_number(cloud%polar, d, end))
-               end do
-            else if (end == 1) then
+            ! in half spacings: where the cell ends in this direction, its range along the others
+            from = max(2*index - 1, 0)
+            to = min(2*index + 1, last)
+            from(d) = min(max(2*index(d) + 2*end - 1, 0), last(d))
+            to(d) = from(d)
+            if (from(d) /= 2*index(d)) then
+               if (end == 0) cycle
                next = index
                next(d) = index(d) + 1
-               call edge(corner(from), corner(to), lattice_point(cloud, next), 0)
+               other = lattice_point(cloud, next)
+               call add_facet()
+               cycle
+            end if
+            other = 0
+            set = set_number(cloud%polar, d, end)
+            if (nd == 3) then
+               call add_facet()
+            else
+               do i = from(3 - d), to(3 - d) - 1
+                  from(3 - d) = i
+                  to(3 - d) = i + 1
+                  call add_facet()
+               end do
             end if
          end do
       end do
@@ -176,69 +180,57 @@ subroutine lattice_facets_2d(facets, cloud)
 
 contains
 
-   !> Place in the plane of a corner in half spacings
-   pure function corner(at) result(x)
-      integer, intent(in) :: at(2)
-      real(wp) :: x(2)
+   !> Gauss points of an edge, or of a quadrilateral that need not be flat
+   subroutine add_facet()
+      real(wp), dimension(nd) :: a, b, along, across, bent
+      real(wp), dimension(3) :: area, u, v
+      integer :: k, l, o, p
 
-      x = low(:2) + 0.5_wp*step(:2)*at
-      if (cloud%polar) x = x(1)*[cos(x(2)), sin(x(2))]
-   end function corner
-
-   !> Two Gauss points of an edge
-   subroutine edge(a, b, other, set)
-      real(wp), intent(in) :: a(2), b(2)
-      integer, intent(in) :: other, set
-      real(wp) :: normal(2)
-      integer :: k
-
-      ! a and b follow the other direction: turned to the side of growing d, then outwards
-      normal = [b(2) - a(2), a(1) - b(1)]
-      if (d == 2) normal = -normal
-      if (end == 0) normal = -normal
+      o = modulo(d, nd) + 1
+      p = modulo(d + 1, nd) + 1
+      a = corner(from)
+      b = corner(merge(to, from, [1, 2, 3] == o))
+      if (nd == 2) then
+         ! turned to the side of growing d, then outwards
+         area(:2) = merge(0.5_wp, -0.5_wp, (d == 1) .eqv. (end == 1))*[b(2) - a(2), a(1) - b(1)]
+         do k = 1, 2
+            call facets%add(0.5_wp*(a + b) + 0.5_wp*gauss(k)*(b - a), area(:2), is, other, &
+               & merge(set, 0, other == 0))
+         end do
+         return
+      end if
+      associate (c => corner(to), e => corner(merge(to, from, [1, 2, 3] == p)))
+         along = 0.5_wp*((b - a) + (c - e))
+         across = 0.5_wp*((e - a) + (c - b))
+         bent = 0.5_wp*((c - e) - (b - a))
+         a = 0.5_wp*(0.5_wp*(a + b) + 0.5_wp*(c + e))
+      end associate
       do k = 1, 2
-         call facets%add(0.5_wp*(a + b) + 0.5_wp*gauss(k)*(b - a), 0.5_wp*normal, is, other, set)
-      end do
-   end subroutine edge
-
-end subroutine lattice_facets_2d
-
-!> Facets of a lattice in space: rectangles half way between the source points
-subroutine lattice_facets_3d(facets, cloud)
-   type(facets_type), intent(inout) :: facets
-   type(cloud_type), intent(in) :: cloud
-   real(wp) :: low(3), step(3), from(3), to(3), x(3), area(3)
-   integer :: i, j, d, o, p, end, index(3), next(3), is
-
-   call lattice_frame(cloud, low, step)
-   do is = 1, size(cloud%source, 2)
-      index = lattice_index(cloud, is)
-      from = low + step*max(index - 0.5_wp, 0.0_wp)
-      to = low + step*min(index + 0.5_wp, real(cloud%lattice - 1, wp))
-      do d = 1, 3
-         o = modulo(d, 3) + 1
-         p = modulo(d + 1, 3) + 1
-         do end = 0, 1
-            next = index
-            next(d) = index(d) + 2*end - 1
-            if (end == 0 .and. next(d) >= 0) cycle
-            x(d) = merge(to(d), from(d), end == 1)
-            area = 0.0_wp
-            area(d) = 0.25_wp*(2*end - 1)*(to(o) - from(o))*(to(p) - from(p))
-            do i = 1, 2
-               do j = 1, 2
-                  x(o) = 0.5_wp*(from(o) + to(o)) + 0.5_wp*gauss(i)*(to(o) - from(o))
-                  x(p) = 0.5_wp*(from(p) + to(p)) + 0.5_wp*gauss(j)*(to(p) - from(p))
-                  if (next(d) < 0 .or. next(d) >= cloud%lattice(d)) then
-                     call facets%add(x, area, is, 0, set_number(.false., d, end))
-                  else
-                     call facets%add(x, area, is, lattice_point(cloud, next), 0)
-                  end if
-               end do
-            end do
+         do l = 1, 2
+            u = along + gauss(l)*bent
+            v = across + gauss(k)*bent
+            area = merge(0.25_wp, -0.25_wp, end == 1)*vector_product(u, v)
+            call facets%add(a + 0.5_wp*(gauss(k)*along + gauss(l)*across &
+               & + gauss(k)*gauss(l)*bent), area, is, other, merge(set, 0, other == 0))
          end do
       end do
-   end do
-end subroutine lattice_facets_3d
+   end subroutine add_facet
+
+   !> Place of a corner in half spacings
+   pure function corner(at) result(x)
+      integer, intent(in) :: at(3)
+      real(wp) :: x(nd)
+      integer :: k
+
+      x = low(:nd) + 0.5_wp*step(:nd)*at(:nd)
+      if (cloud%polar) x = x(1)*[cos(x(2)), sin(x(2))]
+      if (.not. cloud%jittered) return
+      x = 0.0_wp
+      do k = 0, 2**nd - 1
+         x = x + 0.5_wp**nd*cloud%source(:, lattice_point(cloud, (at + ibits(k, [0, 1, 2], 1))/2))
+      end do
+   end function corner
+
+end subroutine lattice_facets
 
 end module rk_nodal_cells
