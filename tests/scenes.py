@@ -66,13 +66,13 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("scene.method=rkpm-gauss", "material.K=inf", "load.steps=1", *_ORDERS),
     ),
     "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
-    "nodal cells, not formed": (
+    "Gauss cells, not formed": (
         "muscle_fibers",
-        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LINEAR),
+        ("scene.method=rkpm-gauss", "galerkin.direct_limit=0", *_LINEAR),
     ),
-    "nodal cells, rows and sums shared by threads": (
+    "Gauss cells, rows and sums shared by threads": (
         "muscle_fibers",
-        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
+        ("scene.method=rkpm-gauss", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
     ),
     **{
         f"displacement, {solver}": (
