@@ -160,6 +160,7 @@ subroutine lattice_facets(facets, cloud)
                next = index
                next(d) = index(d) + 1
                other = lattice_point(cloud, next)
+               set = 0
                call add_facet()
                cycle
             end if
@@ -194,8 +195,7 @@ contains
          ! turned to the side of growing d, then outwards
          area(:2) = merge(0.5_wp, -0.5_wp, (d == 1) .eqv. (end == 1))*[b(2) - a(2), a(1) - b(1)]
          do k = 1, 2
-            call facets%add(0.5_wp*(a + b) + 0.5_wp*gauss(k)*(b - a), area(:2), is, other, &
-               & merge(set, 0, other == 0))
+            call facets%add(0.5_wp*(a + b) + 0.5_wp*gauss(k)*(b - a), area(:2), is, other, set)
          end do
          return
       end if
@@ -211,7 +211,7 @@ contains
             v = across + gauss(k)*bent
             area = merge(0.25_wp, -0.25_wp, end == 1)*vector_product(u, v)
             call facets%add(a + 0.5_wp*(gauss(k)*along + gauss(l)*across &
-               & + gauss(k)*gauss(l)*bent), area, is, other, merge(set, 0, other == 0))
+               & + gauss(k)*gauss(l)*bent), area, is, other, set)
          end do
       end do
    end subroutine add_facet
