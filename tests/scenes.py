@@ -66,13 +66,13 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("scene.method=rkpm-gauss", "material.K=inf", "load.steps=1", *_ORDERS),
     ),
     "nodal cells": ("muscle_fibers", ("scene.method=rkpm-scni", *_LINEAR)),
-    "Gauss cells, not formed": (
+    "nodal cells, not formed": (
         "muscle_fibers",
-        ("scene.method=rkpm-gauss", "galerkin.direct_limit=0", *_LINEAR),
+        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_LINEAR),
     ),
-    "Gauss cells, rows and sums shared by threads": (
+    "nodal cells, rows and sums shared by threads": (
         "muscle_fibers",
-        ("scene.method=rkpm-gauss", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
+        ("scene.method=rkpm-scni", "galerkin.direct_limit=0", *_ORDERS, *_ROWS),
     ),
     **{
         f"displacement, {solver}": (

@@ -23,6 +23,8 @@ module rk_nodal_values
       !> Middle and half length of the interval that holds the eigenvalues
       real(wp) :: middle = 1.0_wp
       real(wp) :: half = 0.5_wp
+      !> Chebyshev steps
+      integer, private :: steps = 0
    contains
       !> Coefficients from values, or their transposed
       procedure :: invert
@@ -30,36 +32,38 @@ module rk_nodal_values
 
    !> Largest eigenvalue: rows sum to one, a little more near edges
    real(wp), parameter :: largest = 1.1_wp
-   !> Chebyshev steps: a spindle of voxels whose blocks are cut by the surface takes 600 iterations
-   !> of minimal residuals to 1e-6 with three of them, 370 with six and 350 with ten
-   integer, parameter :: steps = 6
    !> Smallest eigenvalue of one direction that is worth a step
    real(wp), parameter :: smallest = 0.3_wp
 
 contains
 
 !> Set up the map
-subroutine new_nodal_values(self, shape)
+subroutine new_nodal_values(self, shape, place, steps)
    type(nodal_values_type), intent(out) :: self
-   !> Shape functions at the source points
+   !> Shape functions at places
    type(shape_type), target, intent(in) :: shape
+   !> Place of each source point among them, shape (ns)
+   integer, intent(in) :: place(:)
+   !> Chebyshev steps
+   integer, intent(in) :: steps
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    real(wp) :: own
    integer :: i, n, ns
    integer(i8), allocatable :: entry(:)
 
-   ns = shape%np
+   ns = size(place)
+   self%steps = steps
    associate (row => self%row%place)
       allocate (row%offset(ns + 1))
       row%offset(1) = 0
       do i = 1, ns
-         row%offset(i + 1) = row%offset(i) + shape%count(i)
+         row%offset(i + 1) = row%offset(i) + shape%count(place(i))
       end do
       allocate (row%index(row%offset(ns + 1)), self%row%value(row%offset(ns + 1)))
       own = 0.0_wp
       do i = 1, ns
-         call shape%row(i, nodes, values)
+         call shape%row(place(i), nodes, values)
          n = size(nodes)
          associate (at => row%offset(i))
             row%index(at + 1:at + n) = nodes
@@ -93,7 +97,7 @@ subroutine invert(self, transposed, x)
    step = x/self%middle
    x = step
    rho = self%half/self%middle
-   do k = 1, steps
+   do k = 1, self%steps
       if (transposed) then
          call self%row_t%product(step, image, .false.)
       else

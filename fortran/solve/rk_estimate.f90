@@ -199,9 +199,10 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
       & + merge(8.0_wp, 16.0_wp, method == 'rkpm-gauss')*self%entries &
       & + merge(4.0_wp*self%unknowns*band, 8.0_wp*(self%unknowns*band + self%entries), single)
    self%flops = merge(0.5_wp, factor, single)*self%unknowns*band**2
-   if (displacements <= limit .or. method /= 'rkpm-gauss' .or. kind == 'annulus') return
-   ! never formed: moduli, gradients at the points, values at the source points, matrices of seven
-   ! entries a point with their levels and vectors, and the work of an iteration through all points
+   if (displacements <= limit .or. (method == 'rkpm-gauss' .and. kind == 'annulus')) return
+   ! never formed: moduli, gradients at the points, the constant part of one component, matrices of
+   ! seven entries a point with their levels and vectors, and the work of an iteration through all
+   ! points
    self%solver = 'minres'
    self%bytes = self%places*8.0_wp*(2.0_wp*81.0_wp + self%members*(3.0_wp*self%nd + 2.0_wp)) &
       & + 12.0_wp*self%ns*(coupled + 25.0_wp*self%nd)

@@ -186,7 +186,7 @@ subroutine new_galerkin(self, scene, error)
    covering = csr_type([0_i8], [integer ::])
    if (allocated(self%held)) covering = self%held%points%shape%neighbour
    call new_tangent(self%matrix, scene, blocks, self%cells, self%gradient, self%multiplier, &
-      & self%surface, covering, shear, error)
+      & self%surface, self%inside, covering, shear, error)
    if (allocated(error)) return
    self%inexact = .not. self%matrix%formed
    self%square = .true.

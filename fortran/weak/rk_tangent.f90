@@ -52,9 +52,9 @@ module rk_tangent
       logical :: formed = .true.
       !> Stiffness of the groups where it is not formed
       type(group_stiffness) :: groups
-      !> Supports of the surface by unknowns, and what pressures that follow it add to them in the
-      !> linearisation
-      type(sparse_rows), private :: supports, followers
+      !> Supports of the surface by unknowns, what pressures that follow it add to them in the
+      !> linearisation, and the stabilisation of a component by source points
+      type(sparse_rows), private :: supports, followers, stabilising
       !> Tolerance of Newton's iteration, whose solves need no more digits [-]
       real(wp) :: wanted = 0.0_wp
       !> Pressures that go from one solve to the next where it is not formed
@@ -106,7 +106,8 @@ module rk_tangent
 contains
 
 !> Set up the places of the entries and, where it is not formed, the preconditioner
-subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, held, shear, error)
+subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, inside, held, &
+   & shear, error)
    type(tangent_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
    !> Source points and plates
@@ -119,6 +120,8 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, he
    type(multiplier_type), intent(in) :: multiplier
    !> Conditions on the surface
    type(surface_type), intent(in) :: surface
+   !> Shape functions at the integration points
+   type(shape_type), intent(in) :: inside
    !> Source points that cover each held one
    type(csr_type), intent(in) :: held
    !> Shear modulus at each point, shape (np) [stress]
@@ -127,9 +130,9 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, he
    type(error_type), allocatable, intent(out) :: error
    integer :: k
 
-   self%formed = gradient%nd*ns <= scene%galerkin%direct_limit .or. cells%smoothed &
-      & .or. allocated(scene%equation%problem) .or. allocated(scene%motion) &
-      & .or. .not. has_corners(scene%cloud)
+   self%formed = gradient%nd*ns <= scene%galerkin%direct_limit
+   if (.not. cells%smoothed) self%formed = self%formed .or. allocated(scene%equation%problem) &
+      & .or. allocated(scene%motion) .or. .not. has_corners(scene%cloud)
    self%keeps = size(held%offset) > 1
    if (self%keeps .and. .not. self%formed) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs a tangent ' &
@@ -149,7 +152,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, he
       & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%plates%coupled(surface%shape%neighbour)))
    call new_group_stiffness(self%groups, cells, shear)
    call new_carried_pressure(self%pressures, 1 + gradient%nd, size(self%groups%bulk))
-   call new_preconditioner(self%preconditioner, scene, cells, surface, shear, error)
+   call new_preconditioner(self%preconditioner, scene, cells, surface, inside, shear, error)
 end subroutine new_tangent
 
 !> Begin a load step: nothing is carried from the last one
@@ -215,16 +218,18 @@ subroutine keep_followers(self, constant)
    call move_alloc(whole, self%value)
 end subroutine keep_followers
 
-!> Complete the constant part, which has the supports: stabilise nodal cells in it, or keep it as
-!> rows where the tangent is not formed
+!> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
+!> their own where the tangent is not formed
 subroutine complete(self, cells, inside, modulus)
    !> Tangent, whose entries are those of the supports
    class(tangent_type), intent(inout) :: self
+   !> Nodal cells
    type(cells_type), intent(in) :: cells
-   !> Shape functions at the integration points
+   !> Shape functions at their points
    type(shape_type), target, intent(in) :: inside
    !> Modulus of the stabilisation of each cell, shape (np) [stress]
    real(wp), intent(in) :: modulus(:)
+   type(symmetric_matrix) :: component
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:)
 
@@ -236,6 +241,12 @@ subroutine complete(self, cells, inside, modulus)
    call self%compressed(start, column, value)
    call new_sparse_rows(self%supports, start, column, value)
    if (allocated(self%followers%value)) deallocate (self%followers%value)
+   if (.not. cells%smoothed) return
+   call new_symmetric(component, 1, maxval(cells%node), inside%neighbour)
+   call stabilise(component, component%value, cells, inside, modulus)
+   call component%compressed(start, column, value)
+   call new_sparse_rows(self%stabilising, start, column, value)
+   call self%stabilising%share()
 end subroutine complete
 
 !> Product of the part that never changes with a vector
@@ -251,39 +262,49 @@ subroutine constant_product(self, constant, x, y)
    if (self%formed) then
       call constant%product(x, y)
    else
-      call add_rows(self%supports, x, y, .false.)
+      call supports_product(self, x, y)
    end if
 end subroutine constant_product
 
-!> Product of rows with one vector, or its sum with what is there
-subroutine add_rows(rows, x, y, add)
-   type(sparse_rows), intent(in) :: rows
+!> Product of supports and stabilisation where the tangent is not formed
+subroutine supports_product(self, x, y)
+   class(tangent_type), intent(in) :: self
    !> Displacements, shape (n) [length]
    real(wp), contiguous, target, intent(in) :: x(:)
    !> Forces, shape (n) [force]
    real(wp), contiguous, target, intent(inout) :: y(:)
-   logical, intent(in) :: add
    real(wp), pointer, contiguous :: to(:, :), from(:, :)
+   integer :: nd, ns
 
    from(1:1, 1:size(x)) => x
    to(1:1, 1:size(y)) => y
-   call rows%product(from, to, add)
-end subroutine add_rows
+   call self%supports%product(from, to, .false.)
+   if (.not. allocated(self%stabilising%value)) return
+   nd = self%block
+   ns = size(self%stabilising%place%offset) - 1
+   from(1:nd, 1:ns) => x(:nd*ns)
+   to(1:nd, 1:ns) => y(:nd*ns)
+   call self%stabilising%product(from, to, .true.)
+end subroutine supports_product
 
 !> Product of what is not that of the groups, or of the matrix where it is formed
 subroutine linear_product(self, x, y)
    class(tangent_type), intent(in) :: self
    !> Displacements, shape (n) [length]
-   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, target, intent(in) :: x(:)
    !> Forces, shape (n) [force]
-   real(wp), contiguous, intent(inout) :: y(:)
+   real(wp), contiguous, target, intent(inout) :: y(:)
+   real(wp), pointer, contiguous :: to(:, :), from(:, :)
 
    if (self%formed) then
       call self%product(self%value, x, y)
       return
    end if
-   call add_rows(self%supports, x, y, .false.)
-   if (allocated(self%followers%value)) call add_rows(self%followers, x, y, .true.)
+   call supports_product(self, x, y)
+   if (.not. allocated(self%followers%value)) return
+   from(1:1, 1:size(x)) => x
+   to(1:1, 1:size(y)) => y
+   call self%followers%product(from, to, .true.)
 end subroutine linear_product
 
 !> y = K u with all of the tangent

@@ -109,7 +109,7 @@ CARRIED = {
     "mixed": {"scene": {"dimension": 3, "method": "rkcm-mixed"}},
     "incompressible": {"material": [{**RUBBER["material"][0], "K": float("inf")}]},
     "halved": {"solver": {"max_iterations": 3}},
-    "minres": {"scene": {"dimension": 3, "method": "rkpm-gauss"}, "galerkin": {"direct_limit": 0}},
+    "minres": {"scene": {"dimension": 3, "method": "rkpm-scni"}, "galerkin": {"direct_limit": 0}},
     # rates that jump
     "programme": {
         "amplitude": [{"name": "there", "time": [0, 0.4, 1], "value": [0, 1, 1]}],

@@ -65,7 +65,7 @@ def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
 def test_a_pressure_where_the_tangent_is_not_formed():
     """Minimal residuals have the stiffness of the pressure: without it 14 steps are needed here."""
     tables = scene(
-        "rkpm-gauss", box(7, 7, 4, size=[2, 2, 0.5], places=(7, 7, 4)), material=[neo(2, 200)],
+        "rkpm-scni", box(7, 7, 4, size=[2, 2, 0.5], places=(7, 7, 4)), material=[neo(2, 200)],
         boundary=[*map(held, ("x0", "x1", "y0", "y1")), {"set": "z0", "pressure": 1}],
         probe=probes("up u_z 1 1 0.25"),
     )  # fmt: skip
@@ -77,7 +77,7 @@ def test_a_pressure_where_the_tangent_is_not_formed():
 def test_a_free_rim_above_the_limit_is_named_where_nothing_converges():
     """A message of steps and gradients alone would not tell that a factor converges."""
     body, few = box(5, 5, 3, size=[2, 2, 0.5], places=(5, 5, 3)), {"max_iterations": 4}
-    tables = loaded("rkpm-gauss", body, neo(2, 200), "x0 z0", {"pressure": 6}, solver=few)
+    tables = loaded("rkpm-scni", body, neo(2, 200), "x0 z0", {"pressure": 6}, solver=few)
     tables["load"] = {"max_halvings": 0}
     with pytest.raises(ConvergenceError, match=r"rim .*direct_limit = 225 .*constrain the rim"):
         solved(tables, "galerkin.direct_limit=0")
@@ -155,7 +155,7 @@ def test_a_plate_where_the_tangent_is_not_formed(bulk):
     """Minimal residuals find what a factor finds, also of an inclined tendon beside another."""
     end = {**GUIDED, "tendon": 20, "direction": [0, 0, 1], "pull": 0.1}
     beside = {"set": "x1", "u_y": 0, "tendon": 5, "direction": [1, 0, 0.5], "pull": 0.02}
-    tables = tendon(end, "rkpm-gauss", material=[{**MUSCLE, "K": bulk}])
+    tables = tendon(end, "rkpm-scni", material=[{**MUSCLE, "K": bulk}])
     tables["boundary"].append(beside)
     factored = solved(tables).last()
     assert factored["force"] > 0.1
