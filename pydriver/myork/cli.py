@@ -5,6 +5,7 @@ is refused; 2 bad input; 3 a missing or broken part of the installation.
 """
 
 import argparse
+import csv
 import importlib
 import os
 import re
@@ -143,7 +144,11 @@ def _station(place: str, says: str = "", **more: str) -> _Run:
 
     def run(options: argparse.Namespace, console: Console) -> str:
         options.out.mkdir(parents=True, exist_ok=True)
-        with asked(options.out) if "verbosity" in more else nullcontext():
+
+        def head() -> Any:
+            return _load("core.deck:deck_head")(options.deck, options.set)
+
+        with asked(options.out, head) if "verbosity" in more else nullcontext():
             if options.deck.is_dir():
                 read = _load("stations.folder:deck_of_folder")
                 options.deck, lines = read(options.deck, options.out)
@@ -272,13 +277,22 @@ def _rom_check(options: argparse.Namespace, console: Console) -> str:
 
 
 def _sweep(options: argparse.Namespace, console: Console) -> str:
-    table = _load("sweeps:sweep")(
+    table: Path = _load("sweeps:sweep")(
         options.deck, options.vary, options.out, samples=options.samples, seed=options.seed,
         workers=options.workers, dask=options.dask, model=options.model, overrides=options.set,
         dry_run=options.dry_run,
         progress=print if options.dry_run else console,
     )  # fmt: skip
-    return "" if options.dry_run else f"table: {table}"
+    if options.dry_run:
+        return ""
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    if all(row["verdict"] in ("failed", "refused") for row in rows):
+        raise ConvergenceError(
+            f"no point of the sweep has an answer: all {len(rows)} failed or were refused, the "
+            f"first because: {rows[0]['message']} (table: {table})"
+        )
+    return f"table: {table}"
 
 
 def _identify(options: argparse.Namespace, console: Console) -> str:

@@ -110,6 +110,24 @@ def test_table(deck: Path, tmp_path: Path) -> None:
     assert table[MU].to_pylist() == [5, 5, 10, 10, 20, 20]
 
 
+@pytest.mark.parametrize(("values", "status"), [("-1.9,-1.8", 1), ("-1.9,0.1", 0)])
+def test_a_sweep_without_any_answer_fails(
+    deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], values: str, status: int
+) -> None:
+    """One good point is enough for status 0; without one the command fails, again when resumed."""
+    out = tmp_path / "out"
+    for _ in range(2):
+        # a strip crushed to a twentieth in one step
+        words = ["sweep", str(deck), "--vary", f"boundary.x1.u_x={values}", "--out", str(out)]
+        assert main([*words, "--set", "load.max_halvings=0", "-q"]) == status
+        said = capsys.readouterr().err
+        failed = "no point of the sweep has an answer: all 2 failed or were refused" in said
+        assert failed == (status == 1)
+    rows = rows_of(out)
+    assert [row["verdict"] == "accepted" for row in rows] == [False, status == 0]
+    assert not failed or rows[0]["message"] in said
+
+
 @pytest.mark.slow
 def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parquet is one of the optional packages: the table is written, and the lack told."""

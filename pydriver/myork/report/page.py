@@ -93,7 +93,7 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _about(summary: Mapping[str, Any]) -> str:
     """One line: method, sizes and time."""
-    if "method" not in summary:
+    if "source_points" not in summary:
         return "Output of MyoRK"
     sizes = ("dimension", "source_points", "collocation_points", "dofs")
     line = Markup("{}, {}-D, {} source points, {} collocation points, {} unknowns").format(
