@@ -67,6 +67,11 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
             f"{bval}: the b value {b.max():g} is implausible; its unit is s/mm^2, "
             "values are from 0 to some 5000"
         )
+    if (b <= STILL).all():
+        raise InputError(
+            f"{bval}: no b value is above {STILL:g} s/mm^2, the highest is {b.max():g}: diffusion-"
+            "weighted images are needed; 1 ms/um^2 is 1000 s/mm^2"
+        )
     with np.errstate(over="ignore"):
         length = np.linalg.norm(vector, axis=1)
     lost = np.flatnonzero((b > STILL) & (np.abs(length - 1.0) > 0.05))

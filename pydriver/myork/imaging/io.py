@@ -7,6 +7,7 @@ import csv
 import gzip
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ _WHOLE = 1e-3  # labels are so near to whole numbers
 _LAST_LABEL = int(np.iinfo(np.int32).max)
 # Scales (scl_slope) below are of values that were spread; larger ones of images
 _SPREAD = 0.25
+# sform and qform that differ by more of a voxel are not the same geometry
+_APART = 0.5
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
@@ -278,7 +281,27 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
         raise FileError(f"{path}: cannot be read: {_said(reason)}") from None
     affine = np.array(file.affine, dtype=float)
     affine[:3] *= _TO_MM.get(unit, 1.0)
+    shift = _forms_apart(file) * _TO_MM.get(unit, 1.0)
+    if shift > _APART * np.linalg.norm(affine[:3, :3], axis=0).min():
+        note(
+            f"{path}: sform and qform of its header place voxels up to {shift:.3g} mm apart; the "
+            "sform is used here, but other programs use the qform: check which one is right"
+        )
     return values, affine
+
+
+def _forms_apart(file: Any) -> float:
+    """How far sform and qform place a corner apart at most; 0 without one of them [its unit]."""
+    header = file.header
+    if not (header["sform_code"] and header["qform_code"]):
+        return 0.0
+    try:
+        difference = header.get_sform() - header.get_qform()
+    except (nibabel.spatialimages.HeaderDataError, ValueError):  # not a unit quaternion
+        return 0.0
+    shape = (*file.shape, 1, 1, 1)[:3]
+    ends = np.array([[*place, 1.0] for place in product(*((0, n - 1) for n in shape))])
+    return float(np.linalg.norm(ends @ difference[:3].T, axis=1).max())
 
 
 def _whole_numbers(proxy: Any) -> np.ndarray:

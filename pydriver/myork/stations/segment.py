@@ -84,9 +84,9 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         progress("materials of the leg")
         parts["tissue"] = find_tissues(deck, out, found, grid)
         record["warnings"] += parts["tissue"].pop("warnings")
-    record["warnings"] += grid.doubts
     for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)
+    record["warnings"] += grid.doubts
     return parts
 
 
@@ -386,7 +386,7 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
         strength = fields.pop()
     if len(times) == 0 or not strength:
         if written and not table.get("echo_times"):
-            files.grid.doubts.append(
+            files.grid.doubt(
                 f"the headers of dixon.magnitude hold {len(written)} echo times and no field: the "
                 "first echo is taken as in phase, the second as opposed; give dixon.field_strength"
             )
