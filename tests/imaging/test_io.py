@@ -287,8 +287,8 @@ def test_each_fault_is_found_and_no_other(seed):
     moved[..., at] = np.roll(moved[..., at], random.choice([-6, 5]), axis)
     ghost[..., at] += random.uniform(0.08, 0.25) * np.roll(ghost[..., at], 20, axis)
     for data, why in (
-        (empty, "no signal"), (repeated, "the values of"), (jump, "a signal more"),
-        (lower, "a signal more"), (moved, "a place 3 voxels"), (ghost, "a copy of the body"),
+        (empty, "no signal"), (repeated, "the values of"), (jump, "a signal that differs"),
+        (lower, "a signal that differs"), (moved, "a shift of 3 voxels"), (ghost, "a copy of the body"),
     ):  # fmt: skip
         (fault,) = faults_of(data)
         assert fault.slices == [at] and fault.why.startswith(why)

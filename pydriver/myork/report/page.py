@@ -80,8 +80,12 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """How the run ended, and whether its images were measured."""
     steps = summary.get("steps")
     if summary.get("converged"):
-        verdict = summary.get("verdict", {}).get("state", "")
-        yield _VERDICTS.get(verdict, ("unsure", "converged"))
+        verdict = summary.get("verdict", {})
+        state, reasons = verdict.get("state", ""), verdict.get("reasons", ())
+        if state == "accepted" and any(text.startswith("no error estimate") for text in reasons):
+            yield "unsure", "accepted without an error estimate"
+        else:
+            yield _VERDICTS.get(state, ("unsure", "converged"))
     elif summary.get("converged") is False:
         reached = (
             f"not converged, last state at load {fraction(steps[-1].get('load'))}" if steps else ""
