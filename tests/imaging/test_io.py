@@ -103,11 +103,11 @@ def test_names_of_a_folder_are_for_references_only(tmp_path):
     for other in ('{"labels": ["soleus"]}', '{"1": "soleus"}', '{"a": 1e999}', "[]", "soleus"):
         (tmp_path / "labels.json").write_text(other)
         assert read_labels(path).names == read_reference(path, lines.append).names == {}
-        assert "a.nii.gz" in lines[-1] and "labels.json: must hold" in lines.pop()
+        assert "a.nii.gz" in lines[-1] and "labels.json: must contain" in lines.pop()
     (tmp_path / "a.json").write_text(json.dumps({"tibialis": 1}))
     assert read_reference(path, lines.append).names == {1: "tibialis"} and not lines
     (tmp_path / "a.json").write_text("[]")  # its own file must be right
-    refuses("a.json: must hold", read_reference, path, lines.append)
+    refuses("a.json: must contain", read_reference, path, lines.append)
 
 
 def test_grids_that_differ():
@@ -248,7 +248,7 @@ def test_times_of_the_deck_stand_before_those_of_headers(tmp_path):
         table(tmp_path / f"s_echo-{number}_MEGRE.json", EchoTime=0.0012 * number)
     one = files(tmp_path)
     assert _times(one, print) == ((), 0.0)
-    assert "hold 2 echo times and no field" in one.grid.doubts[0]
+    assert "contain 2 echo times but no field" in one.grid.doubts[0]
     times, strength = _times(files(tmp_path, field_strength=3.0), print)
     np.testing.assert_allclose([*times, strength], [1.2, 2.4, 3.0])
     own = files(tmp_path, echo_times=[2.3, 4.6], field_strength=1.5)
@@ -288,7 +288,8 @@ def test_each_fault_is_found_and_no_other(seed):
     ghost[..., at] += random.uniform(0.08, 0.25) * np.roll(ghost[..., at], 20, axis)
     for data, why in (
         (empty, "no signal"), (repeated, "the values of"), (jump, "a signal that differs"),
-        (lower, "a signal that differs"), (moved, "a shift of 3 voxels"), (ghost, "a copy of the body"),
+        (lower, "a signal that differs"), (moved, "a shift of 3 voxels"),
+        (ghost, "a copy of the body"),
     ):  # fmt: skip
         (fault,) = faults_of(data)
         assert fault.slices == [at] and fault.why.startswith(why)

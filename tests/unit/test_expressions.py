@@ -116,7 +116,7 @@ def test_tables_of_two_scenes_with_one_name() -> None:
 
 
 @pytest.mark.parametrize(("table", "what"), [
-    ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must ascend: item 2, 0, follows 0"),
+    ({"name": "k", "x": [0, 0], "value": [1, 2]}, "must increase: item 2, 0, follows 0"),
     ({"name": "sin", "x": [0], "value": [1]}, "is already used in expressions"),
     ({"name": "2k", "x": [0], "value": [1]}, "must consist of letters, digits and _"),
     ({"name": "other", "x": [0], "value": [1]}, "unknown name 'k'"),

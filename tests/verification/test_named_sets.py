@@ -215,7 +215,7 @@ HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
     ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
      "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
     ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
-     "set pad: it holds 1 boundary points, but none of the"),
+     "set pad: it contains 1 boundary points, but none of the"),
 ])  # fmt: skip
 def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: str) -> None:
     tables = column("rkpm-gauss", sets, [boundary] if boundary else [])

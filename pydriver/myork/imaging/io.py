@@ -207,12 +207,12 @@ def _read_names(path: Path) -> dict[int, str]:
     try:
         table = json.loads(read_text(path), object_pairs_hook=_once)
     except (ValueError, RecursionError) as reason:
-        raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
+        raise InputError(f'{path}: must contain {{"name": label}}: {reason}') from None
     labels = list(table.values()) if isinstance(table, dict) else [None]
     right = all(type(label) is int and 0 <= label <= _LAST_LABEL for label in labels)
     if not right or len(set(labels)) < len(labels):
         raise InputError(
-            f'{path}: must hold {{"name": label}}, each name with a different label from 0 to '
+            f'{path}: must contain {{"name": label}}, each name with a different label from 0 to '
             f"{_LAST_LABEL}"
         )
     return {label: name for name, label in table.items()}

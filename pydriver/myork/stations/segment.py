@@ -387,8 +387,9 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
     if len(times) == 0 or not strength:
         if written and not table.get("echo_times"):
             files.grid.doubt(
-                f"the headers of dixon.magnitude hold {len(written)} echo times and no field: the "
-                "first echo is taken as in phase, the second as opposed; give dixon.field_strength"
+                f"the headers of dixon.magnitude contain {len(written)} echo times but no field: "
+                "the first echo is taken as in phase, the second as opposed; give "
+                "dixon.field_strength"
             )
         return table.get("echo_times", ()), table.get("field_strength", 0.0)
     text = ", ".join(f"{time:.4g}" for time in times)
