@@ -122,6 +122,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    self%state = accepted
    self%reasons = ''
    off = 0.0_wp
+   call warn_of_units(deck, outcome, receiver)
    if (allocated(outcome%ended)) then
       ! which is a warning already
       self%state = refused
@@ -169,6 +170,30 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       self%reasons = self%reasons//'remedy: '//text//new_line('a')
    end if
 end subroutine judge
+
+!> Warn of the default stress of muscle in a deck of other units than N and cm
+subroutine warn_of_units(deck, outcome, receiver)
+   type(deck_type), intent(in) :: deck
+   type(outcome_type), intent(inout) :: outcome
+   class(recorder_type), intent(inout) :: receiver
+   character(len=:), allocatable :: key, name, model, force, length
+   real(wp) :: stress
+   integer :: i
+
+   call deck%get('units.force', force)
+   call deck%get('units.length', length)
+   if (force == 'N' .and. length == 'cm') return
+   do i = 1, deck%count('material')
+      key = 'material.'//to_text(i)
+      call deck%get(key//'.model', model)
+      if (model /= 'muscle' .or. deck%given(key//'.sigma_max')) cycle
+      call deck%get(key//'.name', name)
+      call deck%get(key//'.sigma_max', stress)
+      call outcome%warn('material '//name//': sigma_max is the default, '//to_text(stress, 3) &
+         & //' N/cm^2, but its unit in this deck is '//force//'/'//length//'^2: give its value', &
+         & receiver)
+   end do
+end subroutine warn_of_units
 
 !> Compare an answer with the known solution, or with a second one
 subroutine judge_by_others(self, answer, with_companion, search, outcome)

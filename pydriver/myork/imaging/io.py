@@ -160,7 +160,7 @@ def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np
         what = "is not a regular file" if path.exists() else "there is no such file"
         raise FileError(f"{path}: {what}")
     elif path.suffix in ITK_SUFFIXES:
-        data, affine = load_itk(path)
+        data, affine = load_itk(path, note)
     else:
         data, affine = load_nifti(path, raw, note)
     check_kind(str(path), data.dtype)
