@@ -102,5 +102,8 @@ def _numbers(path: Path) -> F64:
     except ValueError as reason:
         raise InputError(f"{path}: rows of numbers are needed: {reason}") from None
     if not np.isfinite(found).all():
-        raise InputError(f"{path}: a number is not finite")
+        raise InputError(
+            f"{path}: a number is not finite; images without gradient have b = 0 and the direction "
+            "0 0 0"
+        )
     return found
