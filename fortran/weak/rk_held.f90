@@ -228,11 +228,9 @@ subroutine set(self, scene, shear, bulk, n, error)
             a = 0
             if (points%essential(i, h)) a = contradiction(points%value(:, i, h), value(:, i, e))
             if (a > 0) then
-               call fatal_error(error, err_input, 'boundary sets that meet prescribe two ' &
-                  & //'displacements, '//to_text(points%value(a, i, h))//' and ' &
-                  & //to_text(value(a, i, e))//', for component '//to_text(i)//' at ' &
-                  & //to_text(self%x(:, h))//': leave one of them out there, by a [[set]] ' &
-                  & //'with where')
+               call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
+                  & //to_text(points%value(a, i, h))//' and '//to_text(value(a, i, e)) &
+                  & //', for component '//to_text(i)//' at '//to_text(self%x(:, h)))
                return
             end if
             points%essential(i, h) = .true.
