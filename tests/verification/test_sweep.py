@@ -337,7 +337,13 @@ def test_only_a_death_costs_a_point_a_message(deck, tmp_path, monkeypatch, here,
 def test_the_folder_of_a_sweep_keeps_the_whole_name(deck, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     deck.rename("strip.1.toml")
-    monkeypatch.setattr("myork.sweeps.sweep", lambda deck, vary, out, **_: out)
+
+    def table(deck, vary, out, **_):
+        out.mkdir(parents=True)
+        (out / "sweep.csv").write_text("verdict,message\naccepted,\n")
+        return out / "sweep.csv"
+
+    monkeypatch.setattr("myork.sweeps.sweep", table)
     assert main(["sweep", "strip.1.toml", "--vary", "material.rubber.mu=5,6"]) == 0
     assert "strip.1_sweep" in capsys.readouterr().out
 
