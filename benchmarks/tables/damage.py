@@ -22,7 +22,7 @@ from myork.types import F64
 HALVES = {"tuned": (0, 50), "other": (8000, 50)}
 FAULTS = ("empty", "repeated", "displaced", "ghost", "jump")
 #: First words of what is said of each
-WORDS = ("no signal", "the values of", "a place", "a copy", "a signal")
+WORDS = ("no signal", "the values of", "a shift", "a copy", "a signal")
 
 
 def series(random: np.random.Generator, number: int, thighs: Image | None) -> Image:

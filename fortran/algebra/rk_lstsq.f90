@@ -461,7 +461,7 @@ subroutine check_rank(op, factor, rcond, error)
    if (rcond > op%n*epsilon(1.0_wp)) return
    call get_names(op, abs(v), names)
    call fatal_error(error, err_linalg, 'the equations do not determine '//names//' (rank below ' &
-      & //to_text(op%n)//'): prescribe more displacements, or take more collocation points')
+      & //to_text(op%n)//'): prescribe more displacements, or use more collocation points')
 end subroutine check_rank
 
 !> An unknown that no equation sees

@@ -36,7 +36,7 @@ subroutine find_surface_sets(self, cloud, error)
    end if
    do k = cloud%sides() + 1, size(cloud%set_names)
       if (any(self%within(k, :))) cycle
-      call fatal_error(error, err_input, 'set '//trim(cloud%set_names(k))//': it holds ' &
+      call fatal_error(error, err_input, 'set '//trim(cloud%set_names(k))//': it contains ' &
          & //to_text(count(cloud%within(k, :)))//' boundary points, but none of the ' &
          & //to_text(size(self%set))//' places where the surface is integrated: enlarge the set, ' &
          & //'or use more points')

@@ -148,6 +148,9 @@ void fill(Flat &flat) {
          flat.numbers[section.spec->name][section.text(section.spec->named_by)] = section.index;
    }
    for (const rk::TableSpec &spec : rk::schema()) {
+      // of a refused deck a summary has the units and the method
+      if (spec.many && flat.deck.status != rk::Status::good)
+         continue;
       const std::vector<rk::Section *> sections = flat.deck.entries(spec.name);
       if (spec.many) {
          Entry list;
@@ -164,8 +167,7 @@ void fill(Flat &flat) {
 
 DeckView *open(rk::Deck deck) {
    Flat *flat = new Flat{{}, std::move(deck), {}, {}, {}};
-   if (flat->deck.status == rk::Status::good)
-      fill(*flat);
+   fill(*flat);
    look(*flat);
    return flat;
 }

@@ -266,7 +266,7 @@ static void check_series(Deck &deck, const Section &section, const KeySpec &key,
       if (item.number() > before.number())
          continue;
       deck.refuse(section, key.name,
-                  "must ascend: item " + std::to_string(i + 1) + ", " + item.plain() + ", follows " +
+                  "must increase: item " + std::to_string(i + 1) + ", " + item.plain() + ", follows " +
                      before.plain());
       return;
    }

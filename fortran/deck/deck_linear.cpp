@@ -81,7 +81,7 @@ static void check_linear_probes(Deck &deck, const Section &linear, const std::st
                                      : "") +
                          " is not known in a linear problem of " + problem + " by " + method +
                          (force && !forces && problem != "poisson"
-                             ? ", whose virtual work has no sources and no inertia: take "
+                             ? ", whose virtual work has no sources and no inertia: use "
                                "scene.method = rkpm-gauss"
                              : ""));
    }

@@ -27,7 +27,7 @@ static void check_materials(Deck &deck) {
       const Value *bulk = material->find("K");
       if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
          deck.refuse(*material, "K",
-                     "inf needs the pressure as an unknown: take scene.method = rkpm-gauss, "
+                     "inf needs the pressure as an unknown: use scene.method = rkpm-gauss, "
                      "rkpm-scni or rkcm-mixed instead of rkcm");
       const Value *activation = material->find("activation");
       if (activation && activation->kind == Value::Kind::text && method.compare(0, 4, "rkpm") != 0)
@@ -46,7 +46,7 @@ static void check_order(Deck &deck) {
    if (order && order->number() < 2.0 && (method == "rkcm" || method == "rkcm-mixed"))
       deck.refuse(*deck.single("approximation"), "order",
                   "must be at least 2 for scene.method = " + method +
-                      ": second derivatives of functions of order 1 do not converge; take "
+                      ": second derivatives of functions of order 1 do not converge; use "
                       "order = 2 and support = 3, or scene.method = rkpm-gauss");
 }
 
@@ -136,7 +136,7 @@ static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
                       ", not " + std::to_string(dimension));
    if (kind && kind->text == "model" && deck.word("scene", "method") == "rkcm-mixed")
       deck.refuse(geometry, "kind",
-                  "model has no lattice, whose cells the volume rows of rkcm-mixed need: take "
+                  "model has no lattice, whose cells the volume rows of rkcm-mixed need: use "
                   "scene.method = rkpm-gauss, rkpm-scni or rkcm");
 }
 

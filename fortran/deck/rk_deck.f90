@@ -105,7 +105,8 @@ module rk_deck
 
 contains
 
-!> Read and check a deck, in a file or in memory; the error has all complaints, a line each
+!> Read and check a deck, in a file or in memory; the error has all complaints, a line each, and the
+!> deck the correct keys of the tables that come once
 subroutine open_deck(deck, path, text, overrides, command, error)
    type(deck_type), intent(out) :: deck
    !> File, or the name of the text for messages

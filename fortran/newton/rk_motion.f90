@@ -244,7 +244,7 @@ subroutine march(body, motion, x, recorder, timer, error)
       ! a comparison that a NaN fails; loads make motions grow in proportion to time
       if (.not. maxval(abs(next)) <= blown_up*largest) then
          call fatal_error(error, err_convergence, 'the motion diverges at time ' &
-            & //to_text(k*motion%time_step)//': take a smaller dynamics.time_step, or method ' &
+            & //to_text(k*motion%time_step)//': use a smaller dynamics.time_step, or method ' &
             & //'"rkpm-gauss", whose limit is known')
          return
       end if

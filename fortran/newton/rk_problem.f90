@@ -196,7 +196,7 @@ subroutine get_advice(self, text)
          & //'remain: use method "rkpm-gauss"'
    else
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
-         & //'no step reduces the residual; take a smaller K, more points or less load'
+         & //'no step reduces the residual; use a smaller K, more points or less load'
    end if
 end subroutine get_advice
 

@@ -81,7 +81,7 @@ subroutine new_reduced(reduced, full, modes, projection, assembled, error)
    end if
    if (projection == 'galerkin' .and. .not. full%energetic) then
       call fatal_error(error, err_input, 'projection: collocation has more equations than ' &
-         & //'unknowns, which "galerkin" cannot project: take "least-squares"')
+         & //'unknowns, which "galerkin" cannot project: use "least-squares"')
    else if (projection == 'least-squares' .and. full%energetic) then
       call fatal_error(error, err_input, 'projection: nonlinear Galerkin forms have as many ' &
          & //'equations as unknowns and are projected by "galerkin"')
@@ -100,10 +100,10 @@ subroutine new_reduced(reduced, full, modes, projection, assembled, error)
    class default
       if (full%scene%galerkin%essential == 'transformation') then
          call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
-            & //'"transformation": take "penalty"')
+            & //'"transformation": use "penalty"')
       else
          call fatal_error(error, err_input, 'modes do not reduce method "'//full%scene%method &
-            & //'" with a material of K = inf, whose pressures are unknowns: take a finite K, ' &
+            & //'" with a material of K = inf, whose pressures are unknowns: use a finite K, ' &
             & //'1e3 times the shear modulus, or method "rkcm-mixed"')
       end if
    end select

@@ -84,7 +84,7 @@ subroutine new_moving_problem(self, full, modes, projection, error)
          body%test = modes
       else
          call fatal_error(error, err_input, 'projection: collocation has more equations ' &
-            & //'than unknowns, which "galerkin" cannot project: take "least-squares"')
+            & //'than unknowns, which "galerkin" cannot project: use "least-squares"')
          return
       end if
       self%linear = .true.

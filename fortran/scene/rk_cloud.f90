@@ -296,7 +296,7 @@ contains
       if (at == 0) return
       range = 'finite numbers not below 0'
       if (most < huge(1.0_wp)) range = 'numbers from 0 to '//to_text(most)
-      call complain("'"//name//"' must hold "//range//', but entry '//to_text(at - 1)//' is ' &
+      call complain("'"//name//"' must contain "//range//', but entry '//to_text(at - 1)//' is ' &
          & //to_text(values(at)))
    end subroutine check_numbers
 
@@ -312,7 +312,7 @@ contains
       call need_shape(name, shape(indices), [n])
       if (allocated(error)) return
       at = findloc(indices >= 0 .and. indices < count, .false., dim=1)
-      if (at > 0) call complain("'"//name//"' must hold indices from 0 to "//to_text(count - 1) &
+      if (at > 0) call complain("'"//name//"' must contain indices from 0 to "//to_text(count - 1) &
          & //', but entry '//to_text(at - 1)//' is '//to_text(indices(at)))
    end subroutine check_indices
 
@@ -367,7 +367,7 @@ contains
       integer :: at
 
       at = findloc(bad, .true., dim=1)
-      if (at > 0) call complain("'"//name//"' must hold finite numbers, but entry " &
+      if (at > 0) call complain("'"//name//"' must contain finite numbers, but entry " &
          & //to_text(at - 1)//' does not')
    end subroutine need_finite
 

@@ -117,7 +117,7 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
    real(wp), allocatable :: traction(:, :, :)
    logical, allocatable :: fixed(:, :)
    real(wp) :: value(factors, 3)
-   integer :: a, b, e, i, nd, n
+   integer :: a, b, e, i, nd, n, other
 
    nd = cloud%nd
    allocate (number(size(cloud%points, 2)), source=0)
@@ -149,9 +149,14 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
             if (self%essential(i, b)) then
                a = contradiction(self%value(:, i, b), value(:, i))
                if (a > 0) then
-                  call fatal_error(error, err_input, 'boundary sets prescribe two ' &
+                  other = findloc(number(cloud%boundary_point(:e - 1)) == b .and. &
+                     & fixed(i, :e - 1), .true., dim=1)
+                  call fatal_error(error, err_input, 'boundary sets ' &
+                     & //trim(cloud%set_names(cloud%boundary_set(other)))//' and ' &
+                     & //trim(cloud%set_names(cloud%boundary_set(e)))//' meet and prescribe two ' &
                      & //'displacements, '//to_text(self%value(a, i, b))//' and ' &
-                     & //to_text(value(a, i))//', for component '//to_text(i)//' at '//to_text(x))
+                     & //to_text(value(a, i))//', for component '//to_text(i)//' at ' &
+                     & //to_text(x)//': leave one of them out there, by a [[set]] with where')
                   return
                end if
             end if

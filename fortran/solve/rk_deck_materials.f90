@@ -40,7 +40,7 @@ subroutine read_materials(scene, deck, error)
    end do
    if (allocated(scene%cloud%activation) .and. index(scene%method, 'rkcm') == 1) &
       & call deck%complain('geometry.file', 'its activations vary from point to point, and ' &
-      & //'collocation needs their gradients: take scene.method = rkpm-gauss or rkpm-scni', error)
+      & //'collocation needs their gradients: use scene.method = rkpm-gauss or rkpm-scni', error)
    if (allocated(error)) return
    k = findloc(scene%tissue_of, 0, dim=1)
    if (k > 0) then

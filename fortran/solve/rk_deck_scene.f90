@@ -198,7 +198,7 @@ subroutine read_approximation(scene, deck, error)
       if (scene%approximation%window /= window_polar) return
       if (.not. cloud%polar) then
          call deck%complain('approximation.window', &
-            & '"polar" is for geometry.kind = annulus: take "product"', error)
+            & '"polar" is for geometry.kind = annulus: use "product"', error)
          return
       end if
       call lattice_frame(cloud, low, step)

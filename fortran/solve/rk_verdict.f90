@@ -71,9 +71,9 @@ module rk_verdict
    !> may be right where J at points is not: whoever reads the field is warned, and a probe of J has
    !> it in its bar
    real(wp), parameter :: of_point_volume = 0.05_wp
-   !> What speaks against a state whose tangent is not positive definite
+   !> Why a state is doubtful whose tangent is not positive definite
    character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
-      & //'positive definite: a small disturbance takes the body to another state; take more ' &
+      & //'positive definite: a small disturbance takes the body to another state; use more ' &
       & //'load.steps, reduce the load or constrain the body'
    !> Load steps in place of one where the second solution lost its way
    integer, parameter :: finer_steps = 4
@@ -122,6 +122,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    self%state = accepted
    self%reasons = ''
    off = 0.0_wp
+   call warn_of_units(deck, outcome, receiver)
    if (allocated(outcome%ended)) then
       ! which is a warning already
       self%state = refused
@@ -170,6 +171,30 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    end if
 end subroutine judge
 
+!> Warn of the default stress of muscle in a deck of other units than N and cm
+subroutine warn_of_units(deck, outcome, receiver)
+   type(deck_type), intent(in) :: deck
+   type(outcome_type), intent(inout) :: outcome
+   class(recorder_type), intent(inout) :: receiver
+   character(len=:), allocatable :: key, name, model, force, length
+   real(wp) :: stress
+   integer :: i
+
+   call deck%get('units.force', force)
+   call deck%get('units.length', length)
+   if (force == 'N' .and. length == 'cm') return
+   do i = 1, deck%count('material')
+      key = 'material.'//to_text(i)
+      call deck%get(key//'.model', model)
+      if (model /= 'muscle' .or. deck%given(key//'.sigma_max')) cycle
+      call deck%get(key//'.name', name)
+      call deck%get(key//'.sigma_max', stress)
+      call outcome%warn('material '//name//': sigma_max is the default, '//to_text(stress, 3) &
+         & //' N/cm^2, but its unit in this deck is '//force//'/'//length//'^2: give its value', &
+         & receiver)
+   end do
+end subroutine warn_of_units
+
 !> Compare an answer with the known solution, or with a second one
 subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(verdict_type), intent(inout) :: self
@@ -213,7 +238,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       if (outcome%unstrained) return
       if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
          & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
-         & //'across it, the body is too stiff to buckle; take more points')
+         & //'across it, the body is too stiff to buckle; use more points')
       if (self%companion%other_form) then
          from = other_text(self%companion)
          call judge_probes(self, problem, spread(of_forms(1), 1, size(from)), &
@@ -363,7 +388,7 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
    if (off <= of_point_volume) return
    call outcome%warn('J at points differs by '//to_text(100.0_wp*off, 2)//' % (root mean square) ' &
       & //'from the value given by the pressure: stresses and forces use its mean over cells; ' &
-      & //'take more points before you use J or F', receiver)
+      & //'use more points before you use J or F', receiver)
 end subroutine warn_of_volume
 
 !> Places of output that are turned inside out or whose stress is not finite. Corners of fixed faces
@@ -408,7 +433,7 @@ subroutine describe_broken(problem, outcome, text)
       & //to_text(outcome%min_j, 2)//': the material is inverted'
    call get_extent(problem, outcome%broken, extent)
    text = text//extent//'; values there are meaningless, ' &
-      & //'take more points there'
+      & //'use more points there'
 end subroutine describe_broken
 
 !> Places of output where the material has lost its ellipticity
@@ -695,7 +720,7 @@ subroutine judge_path(self, answer, outcome)
       reason = 'in smaller load steps it '//slower%ended//': this state was reached by a jump ' &
          & //'past that load; reduce the load or constrain the body'
    else if (slower%distance > of_distance(1)) then
-      reason = 'in smaller load steps it ends in another state; take more load.steps'
+      reason = 'in smaller load steps it ends in another state; use more load.steps'
    else
       return
    end if

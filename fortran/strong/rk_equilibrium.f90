@@ -339,7 +339,7 @@ subroutine check_answer(self, x, reason)
       stray = abs(volume - given)
       reason = 'the iteration stopped at a stationary point that is not a solution: off the ' &
          & //'rims, at collocation point '//to_text(ip)//', J is '//to_text(volume, 4) &
-         & //', by its pressure '//to_text(given, 4)//'; take smaller load steps or more points'
+         & //', by its pressure '//to_text(given, 4)//'; use smaller load steps or more points'
    end do
 end subroutine check_answer
 

@@ -226,7 +226,7 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
       left = rows%times(x) - wanted
       if (.not. norm2(left) <= sqrt(tolerance)*size_) then
          call fatal_error(error, err_linalg, 'displacements prescribed at source points are ' &
-            & //'missed by '//to_text(norm2(left)/size_, 2)//' of their size: take ' &
+            & //'missed by '//to_text(norm2(left)/size_, 2)//' of their size: use ' &
             & //'galerkin.essential = "penalty"')
          return
       end if

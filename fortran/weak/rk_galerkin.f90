@@ -196,7 +196,7 @@ subroutine new_galerkin(self, scene, error)
    ! minimal residuals cannot have a skew part
    if (self%inexact .and. has_free_rim(scene)) self%caveat = 'the rim of a surface with ' &
       & //'boundary.pressure moves freely, which makes the tangent unsymmetric, and above ' &
-      & //'galerkin.direct_limit its skew part is left out: take galerkin.direct_limit = ' &
+      & //'galerkin.direct_limit its skew part is left out: use galerkin.direct_limit = ' &
       & //to_text(self%n)//' where memory allows, constrain the rim, or reduce the load'
    if (self%linear) call new_pins(self%pins, scene, scene%galerkin%penalty*maxval(shear), error)
    if (.not. allocated(error)) call set_constants(self, shear, error)
@@ -637,12 +637,12 @@ subroutine hold_points(self, error)
 
    if (allocated(self%scene%motion)) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" is for problems ' &
-         & //'at rest: motions take galerkin.essential = "penalty"')
+         & //'at rest: motions use galerkin.essential = "penalty"')
       return
    end if
    if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" supports neither ' &
-         & //'tendons nor pressures with a free rim: take galerkin.essential = "penalty"')
+         & //'tendons nor pressures with a free rim: use galerkin.essential = "penalty"')
       return
    end if
    if (.not. allocated(self%held)) call new_held(self%held, self%scene, self%cells, &

@@ -136,7 +136,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    self%keeps = size(held%offset) > 1
    if (self%keeps .and. .not. self%formed) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs a tangent ' &
-         & //'that is factorised: take galerkin.direct_limit = '//to_text(gradient%nd*ns) &
+         & //'that is factorised: use galerkin.direct_limit = '//to_text(gradient%nd*ns) &
          & //' where memory allows, or galerkin.essential = "penalty"')
       return
    end if
@@ -462,7 +462,7 @@ subroutine solve_saddle(self, shift, share, right, both, report, error)
       & //'displacements and pressures, the tangent is not formed'
    if (.not. report%backward_error <= max(acceptable, share)) call fatal_error(error, err_linalg, &
       & 'minimal residuals reached '//to_text(report%backward_error, 2)//' in ' &
-      & //to_text(report%iterations)//' iterations: take galerkin.penalty = 10, ' &
+      & //to_text(report%iterations)//' iterations: use galerkin.penalty = 10, ' &
       & //'smaller load steps, or a galerkin.direct_limit of ' &
       & //to_text(self%n)//' where memory allows')
 end subroutine solve_saddle

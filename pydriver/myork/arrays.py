@@ -109,7 +109,7 @@ def _check_shape(name: str, found: Any, rule: Rule, known: dict[str, int]) -> No
     """Refuse another shape or kind of numbers, and note sizes that were not known."""
     if found.dtype.kind not in rule.kinds:
         words = {"iuf": "numbers", "iu": "whole numbers"}[rule.kinds]
-        raise InputError(f"'{name}' must hold {words}, not {found.dtype.name}")
+        raise InputError(f"'{name}' must contain {words}, not {found.dtype.name}")
     wanted = [known.get(n) if isinstance(n, str) else n for n in rule.shape]
     if len(found.shape) == len(wanted):
         for k, item in enumerate(rule.shape):
@@ -135,7 +135,7 @@ def _checked(name: str, found: Any, rule: Rule, known: Mapping[str, int]) -> NDA
         at = np.unravel_index(int(np.argmin(good)), good.shape)
         entry = ", ".join(str(int(k)) for k in at)
         raise InputError(
-            f"'{name}' must hold {_words(rule, most)}, but entry "
+            f"'{name}' must contain {_words(rule, most)}, but entry "
             f"{entry if len(at) == 1 else f'({entry})'} is {values[at]:.10g}"
         )
     return values.astype(rule.dtype, copy=False)

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import load_deck
+from myork.core.deck import deck_head, load_deck
 from myork.errors import ConvergenceError, RefusedError
 from myork.summary import asked
 
@@ -52,7 +53,8 @@ def run_chain(
     station: dict[str, Callable[..., Any]] = {
         "segment": segment_and_draw, "build": build, "solve": run_deck,
     }  # fmt: skip
-    with asked(Path(out)):
+    head = partial(deck_head, deck, overrides)
+    with asked(Path(out), head):
         names = stations_of(load_deck(deck, overrides))
     ended = None
     for number, name in enumerate(names, start=1):
@@ -60,7 +62,7 @@ def run_chain(
         more = {"verbosity": verbosity, "error": error} if name == "solve" else {}
         try:
             # a solve writes itself why it ended
-            with nullcontext() if name == "solve" else asked(Path(out)):
+            with nullcontext() if name == "solve" else asked(Path(out), head):
                 station[name](
                     deck, out, overrides=overrides, threads=threads, progress=progress, **more
                 )

@@ -5,6 +5,7 @@ is refused; 2 bad input; 3 a missing or broken part of the installation.
 """
 
 import argparse
+import csv
 import importlib
 import os
 import re
@@ -143,7 +144,11 @@ def _station(place: str, says: str = "", **more: str) -> _Run:
 
     def run(options: argparse.Namespace, console: Console) -> str:
         options.out.mkdir(parents=True, exist_ok=True)
-        with asked(options.out) if "verbosity" in more else nullcontext():
+
+        def head() -> Any:
+            return _load("core.deck:deck_head")(options.deck, options.set)
+
+        with asked(options.out, head) if "verbosity" in more else nullcontext():
             if options.deck.is_dir():
                 read = _load("stations.folder:deck_of_folder")
                 options.deck, lines = read(options.deck, options.out)
@@ -272,13 +277,22 @@ def _rom_check(options: argparse.Namespace, console: Console) -> str:
 
 
 def _sweep(options: argparse.Namespace, console: Console) -> str:
-    table = _load("sweeps:sweep")(
+    table: Path = _load("sweeps:sweep")(
         options.deck, options.vary, options.out, samples=options.samples, seed=options.seed,
         workers=options.workers, dask=options.dask, model=options.model, overrides=options.set,
         dry_run=options.dry_run,
         progress=print if options.dry_run else console,
     )  # fmt: skip
-    return "" if options.dry_run else f"table: {table}"
+    if options.dry_run:
+        return ""
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    if all(row["verdict"] in ("failed", "refused") for row in rows):
+        raise ConvergenceError(
+            f"no point of the sweep has an answer: all {len(rows)} failed or were refused, the "
+            f"first because: {rows[0]['message']} (table: {table})"
+        )
+    return f"table: {table}"
 
 
 def _identify(options: argparse.Namespace, console: Console) -> str:
@@ -392,13 +406,13 @@ class _Command(NamedTuple):
 _COMMANDS = {
     "demo": _Command(
         _call("demo:run_demo", "{found}", "out", threads="threads", progress="console"),
-        "phantom images to muscle force, trained reduced model, report and a page with sliders",
+        "run all steps on phantom images: force, trained reduced model, report, page with sliders",
         "  myork demo\n  myork demo --out /tmp/demo --threads 2",
         default="out/demo",
     ),
     "segment": _Command(
         _station("chain:segment_and_draw", "labels and fibers in {out}"),
-        "images to label map, fibers and scores",
+        "segment images: label map, fibers, and scores against a reference if there is one",
         "  myork segment inputs/mg_muscle.toml\n"
         "  myork segment inputs/leg_muscles.toml --set image.tolerance=0.01\n"
         "  myork segment inputs/images/thighs.toml --data ~/images",
@@ -407,7 +421,7 @@ _COMMANDS = {
     "resample": _Command(
         _call("stations.resample:resample", "image: {found}", "image", "like", "output", way="how",
               progress="console"),
-        "an image, label map, tensors or fibers on the grid of another image",
+        "interpolate an image, label map, tensors or fibers to the grid of another image",
         "  myork resample mask.nii.gz t1.nii.gz -o mask_on_t1.nii.gz\n"
         "  myork resample fibers.nii.gz t1.nii.gz -o fibers_on_t1.nii.gz --how tensor-wise",
         (
@@ -417,7 +431,7 @@ _COMMANDS = {
             _option(
                 "--how", "WAY",
                 "nearest, linear (volume by volume) or tensor-wise (tensors, fibers); default "
-                "nearest for labels (integers of at most 128 kinds, none negative), linear "
+                "nearest for labels (non-negative integers, at most 128 different ones), linear "
                 "for everything else",
             ),
         ),
@@ -425,14 +439,14 @@ _COMMANDS = {
     ),
     "build": _Command(
         _station("stations.build:build", "model in {out}"),
-        "labels and fibers to the points of a model (model.h5)",
+        "make the points of a model (model.h5) from labels and fibers",
         "  myork build inputs/mg_muscle.toml\n"
         "  myork build inputs/images/biceps.toml --data ~/images",
         _IMAGES,
     ),
     "run": _Command(
         _station("chain:run_chain", "report: {found}", verbosity="verbosity", error="error"),
-        "all stations of a deck: segment, build, solve and report",
+        "run all steps of a deck, from images to the report: segment, build, solve, report",
         "  myork run inputs/images/biceps.toml --data ~/images\n"
         "  myork run inputs/mg_muscle.toml --set load.activation=0.2\n"
         "  myork run study/sub-01\n"
@@ -469,7 +483,7 @@ _COMMANDS = {
     ),
     "rom": _Command(
         _station("rom:run_rom", "reduced models in {out}"),
-        "snapshots to reduced models, with errors and timings relative to the full solution",
+        "make reduced models from the states of a solve; errors and timings against the full model",
         "  myork rom inputs/muscle_block.toml\n"
         "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
         _DECK,
@@ -482,7 +496,7 @@ _COMMANDS = {
         (
             *_DECK,
             _vary("LOW:HIGH", "parameter with its range, such as load.activation=0:1"),
-            _option("-o --output", "FILE", "file of the model", Path),
+            _option("-o --output", "FILE", "file to write the model to", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
             _option("--full-solves", "N", "largest number of full solves", int, default=60),
             _option("--tests", "N", "additional full solves that test the model", int, default=16),
@@ -498,7 +512,7 @@ _COMMANDS = {
     ),
     "rom map": _Command(
         _rom_map,
-        "evaluate a reduced model on a grid of its parameters: a table",
+        "evaluate a reduced model on a grid of its parameters and write a table",
         "  myork rom map block.rom.h5 --vary load.activation=0:1:50 --vary u_z=-0.2:0.3:50",
         (
             _FILE,
@@ -520,7 +534,7 @@ _COMMANDS = {
     ),
     "sweep": _Command(
         _sweep,
-        "solve a deck for many values of its keys: one table; an interrupted sweep is resumed",
+        "solve a deck for many values of its keys, into one table; an interrupted sweep resumes",
         "  myork sweep inputs/muscle_block.toml --vary load.activation=0:1:5 \\\n"
         "      --vary material.muscle.sigma_max=20,30,40 --out out/sweep\n"
         "  myork sweep inputs/muscle_block.toml --vary 'load.activation=lhs(0,1)' --samples 64\n"
@@ -549,8 +563,8 @@ _COMMANDS = {
         "      --free material.muscle.sigma_max=20:60 --free material.muscle.A10=4:9",
         (
             _option(
-                "source", "MODEL", "MODEL is a reduced model (.rom.h5), or a deck whose scene is "
-                "solved in full", Path,
+                "source", "MODEL",
+                "reduced model (.rom.h5), or a deck, which is then solved in full", Path,
             ),
             _set("value of another parameter, or override of the deck"), _seed(),
             _option(
@@ -568,7 +582,7 @@ _COMMANDS = {
     ),
     "view": _Command(
         _view,
-        "a page with sliders for a reduced model: served on this machine until Ctrl-C, or one file",
+        "show a reduced model with sliders: on a local web page until Ctrl-C, or in one HTML file",
         "  myork view out/muscle/muscle.rom.h5\n"
         "  myork view muscle.rom.h5 --no-browser --port 8080\n"
         "  myork view muscle.rom.h5 --still muscle.html",
@@ -589,7 +603,7 @@ _COMMANDS = {
     ),
     "bench": _Command(
         _bench,
-        "in a checkout, solve the reference problems again and write their tables and curves",
+        "solve the reference problems again (in a checkout) and write their tables and curves",
         "  myork bench nonlinear\n  myork bench trust --quick\n"
         "  myork bench linear rom --out out/bench\n"
         "  myork bench all --quick",
@@ -604,7 +618,7 @@ _COMMANDS = {
     ),
     "reproduce": _Command(
         _reproduce,
-        "tables and figures of the dissertation computed again: published, ours, ratio, CPU time",
+        "compute tables and figures of the dissertation again: published, ours, ratio, CPU time",
         "  myork reproduce --list\n  myork reproduce 6.8 5.2 figure-5.2\n  myork reproduce all",
         (
             _option(
@@ -619,7 +633,7 @@ _COMMANDS = {
     ),
     "report": _Command(
         _report,
-        "HTML page of an output folder or a sweep",
+        "write an HTML page about an output folder or a sweep",
         "  myork report out/muscle_block\n"
         "  myork report out/muscle_block_sweep",
         (_option("folder", "DIR", "output folder of a command", Path),),
@@ -627,20 +641,20 @@ _COMMANDS = {
     ),
     "explain": _Command(
         _call("stations.explain:explain_deck", "", "deck", out="out", overrides="set"),
-        "print what will be solved: sizes, memory, cost; refuse what does not fit into memory",
+        "print what will be solved: sizes, memory, CPU time; refuse a model too large for memory",
         "  myork explain inputs/muscle_block.toml",
         _DECK,
     ),
     "check": _Command(
         _check,
-        "self-checks of a deck: tangent, materials, fibers, balance, restart, threads",
+        "check a deck: tangent, material curves, fibers, balance, restart, threads",
         "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
         (*_DECK, _flag("--quick", "skip the checks that solve the deck")),
         "put check.json there", "",
     ),
     "new": _Command(
         _call("stations.new:new_deck", "deck: {found}", "kind", "output"),
-        f"a commented deck to start from: {_KINDS}",
+        f"write a commented deck to start from: {_KINDS}",
         "  myork new box\n  myork new labels -o leg.toml",
         (
             _option("kind", "KIND", _KINDS),

@@ -113,7 +113,7 @@ def _cloud_of(file: h5py.File) -> PointCloud:
         raise InputError("'spacing' must be positive everywhere")
     columns = arrays.pop("fraction_label", np.zeros(0, np.int32))
     if "fraction" in arrays and columns.tolist() != sorted(labels):
-        raise InputError("'fraction_label' must hold the labels of 'label_names', ascending")
+        raise InputError("'fraction_label' must contain the labels of 'label_names', ascending")
     return PointCloud(
         **_with_voxels(arrays),
         set_names=tuple(sets),

@@ -101,7 +101,7 @@ class Results:
                 for s in steps]  # fmt: skip
         title, state = (
             escape(str(text))
-            for text in (summary.get("title", self.path), verdict.get("state", "not judged"))
+            for text in (summary.get("title") or self.path, verdict.get("state", "not judged"))
         )
         sizes = f"{self.nstep} steps, {self.npoint} points"
         return as_html(

@@ -1,10 +1,12 @@
 """The file `summary.json` of an output folder, to which each station adds its part."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import myork
 from myork.errors import FileError
 from myork.files import alone_in, read_json, write_json
 
@@ -17,10 +19,11 @@ WAITING = "summary.json.previous"
 
 
 @contextmanager
-def asked(folder: Path) -> Iterator[None]:
+def asked(folder: Path, head: Callable[[], Mapping[str, Any]]) -> Iterator[None]:
     """Let the summary in a folder say why a run ended before its solve wrote it.
 
     - `folder`: output folder; what another process has is left alone
+    - `head`: gives what the summary says of the deck of the run, as `deck_head`
     """
     try:
         yield
@@ -28,18 +31,21 @@ def asked(folder: Path) -> Iterator[None]:
         with suppress(FileError):
             if folder.is_dir():
                 with alone_in(folder):
-                    _write_refusal(folder, str(reason) or type(reason).__name__)
+                    _write_refusal(folder, head(), str(reason) or type(reason).__name__)
         raise
 
 
-def _write_refusal(folder: Path, message: str) -> None:
+def _write_refusal(folder: Path, head: Mapping[str, Any], message: str) -> None:
     _set_aside(folder)
     summary = readable_summary(folder)
     waiting = folder / WAITING
     if (folder / SOLUTION[0]).exists() and "converged" in summary and not waiting.exists():
         (folder / "summary.json").rename(waiting)
     verdict = {"state": "refused", "reasons": [message]}
-    refusal = {"converged": False, "message": message, "verdict": verdict, "steps": []}
+    refusal = {
+        **head, "version": myork.__version__, "converged": False, "message": message,
+        "verdict": verdict, "steps": [], "cpu_s": time.process_time(), "warnings": [],
+    }  # fmt: skip
     write_json(folder / "summary.json", {**_before(summary), **refusal})
 
 

@@ -271,10 +271,11 @@ LINES = np.column_stack([np.zeros((7, 2)), np.linspace(-30.0, 30.0, 7)])
 #: Damage to the file of a kind, and what is said of it
 ONCE: list[tuple[str, list[Edit], str]] = [
     ("dicom/1.dcm", [("cut", 140, None)], "has no data behind its header"),
-    *(("names/sound.json", text(names), "must hold|twice") for names in (
+    *(("names/sound.json", text(names), "must contain|twice") for names in (
         '{"a": 1.5}', '{"a": -1}', '{"a": 1e999}', '{"a": NaN}', '{"a": true}', '{"a": 1, "b": 1}',
         '{"a": {"b": 1}}', '{"a": 1, "a": 2}', '{"a": ' + "9" * 5000 + "}")),
     ("gradients/sound.bval", text("0" + " 5e8" * 7), "is implausible"),
+    ("gradients/sound.bval", text("0" + " 0.5" * 7), "no b value is above 50 s/mm"),
     ("gradients/sound.bvec", text("1e300 1 1 1 1 1 1 1\n" * 3), "must be unit vectors"),
     ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "of numbers"),
     ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "must be integers"),

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.phantom import make_phantom
-from myork.model.architecture import Maps, muscle_numbers
+from myork.model.architecture import Maps, cut_sides, muscle_numbers
 from myork.records import Image, Labels
 from myork.report import make_report
 from myork.stations.build import build
@@ -74,7 +74,25 @@ def test_a_ball_has_no_long_axis_and_a_tight_box_cuts_no_muscle():
     along = Image(np.tile([0.0, 0.0, 1.0], (21, 21, 21, 1)), np.eye(4))
     (found,) = muscle_numbers(ball, Maps(along))
     assert not found.cut and (found.pennation, found.pcsa) == (None, None)
+    assert not cut_sides(ball, 1)
     assert found.volume == pytest.approx(4 / 3 * np.pi * 1000, rel=0.05)
+
+
+@pytest.mark.parametrize(("flip", "turn"), [(1, 0), (-1, 0), (1, 1)])
+def test_sides_of_an_image_that_cut_a_muscle(flip, turn):
+    """A spindle whole, in its tightest box, and cut by two sides, whatever the order of voxels."""
+    x, y, z = centred(51, 51, 41)
+    own = ((x / 18) ** 2 + (y / 14) ** 2 < 1 - (z / 30) ** 2).astype(np.int32)
+    step = np.diag([flip, 1.0, 3.0, 1.0])
+    for box, sides in (
+        ((slice(None), slice(None)), []),
+        ((slice(8, 43), slice(12, 39)), []),
+        ((slice(20, None), slice(None)), ["left" if flip > 0 else "right"]),
+        ((slice(None), slice(17, 34)), ["anterior", "posterior"]),
+    ):
+        part = own[box] if not turn else own[box].transpose(2, 0, 1)
+        affine = step if not turn else step[:, [2, 0, 1, 3]]
+        assert cut_sides(Labels(part, affine), 1) == sides
 
 
 @pytest.mark.slow

@@ -8,7 +8,13 @@ from dipy.reconst.dti import TensorModel
 from benchmarks.truths.scanners import even_directions, reordered, write_gradients
 from myork.errors import InputError
 from myork.imaging import diffusion
-from myork.imaging.diffusion import fit_tensors, parse_axes, read_tensors, tensor_components
+from myork.imaging.diffusion import (
+    fit_tensors,
+    order_doubt,
+    parse_axes,
+    read_tensors,
+    tensor_components,
+)
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image
 from myork.imaging.phantom import make_phantom
@@ -69,6 +75,24 @@ def test_bad_signals_give_no_tensor_and_change_no_other(series):
     bad = np.isnan(found).any(axis=-1)
     assert np.argwhere(bad).tolist() == [[0, 0, 0], [1, 1, 0]]
     np.testing.assert_allclose(found[~bad], clean[~bad], rtol=1e-9)
+
+
+def test_a_table_in_another_order_is_doubted(phantom):
+    """Directions of other images, at any noise; not those with a flipped axis, nor seven images."""
+    for directions, snr in ((12, 5.0), (30, 25.0)):
+        dwi, table = phantom_dwi(phantom, snr=snr, directions=directions)
+        assert not order_doubt(dwi, table)
+        flipped = table.direction * [1.0, -1.0, 1.0]
+        assert not order_doubt(dwi, GradientTable(table.b, flipped))
+        order = np.arange(len(table.b))
+        weighted = np.flatnonzero(~table.still)
+        for seed in range(3):
+            order[weighted] = np.random.default_rng(seed).permutation(weighted)
+            said = order_doubt(dwi, GradientTable(table.b, table.direction[order]))
+            assert "the table may belong to another series" in said
+    few = np.r_[0, weighted[:6]]
+    some = Image(dwi.data[..., few], dwi.affine)
+    assert not order_doubt(some, GradientTable(table.b[few], table.direction[few[::-1]]))
 
 
 @pytest.mark.parametrize("directions", [even_directions(5), np.tile([[0, 0, 1.0]], (8, 1))])

@@ -105,6 +105,13 @@ def test_echoes_of_a_tree_and_what_is_refused(tmp_path):
     refuses(said, deck_of_folder, tmp_path / "other", tmp_path)
 
 
+def test_a_folder_of_decks_is_no_folder_of_images(tmp_path):
+    refuses("contains no DICOM images", deck_of_folder, tmp_path, tmp_path, kind=FileError)
+    touched(tmp_path / "box.toml")
+    refuses("is a folder; name a deck inside it, such as .*box.toml", deck_of_folder, tmp_path,
+            tmp_path)  # fmt: skip
+
+
 def test_runs_visits_and_tables_of_the_root(tmp_path):
     """A tree as public ones are: visits, runs, acquisitions; tables that all images inherit."""
     study = tmp_path / "study"

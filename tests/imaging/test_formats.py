@@ -53,6 +53,21 @@ def test_units_of_a_nrrd_header(tmp_path):
     assert image.data[1, 0, 0] == 1 and image.data[0, 0, 1] == 4
 
 
+@pytest.mark.parametrize(("suffix", "line"), [
+    (".nhdr", "space directions"), (".mhd", "ElementSpacing"), (".mhd", "TransformMatrix"),
+])  # fmt: skip
+def test_a_header_without_geometry_is_noted(tmp_path, suffix, line):
+    """SimpleITK takes cubes of 1 mm or unturned axes in silence."""
+    path, said = tmp_path / f"a{suffix}", []
+    write_labels(path, Labels(np.ones((2, 2, 2), np.int32), AFFINE))
+    read_labels(path, said.append)
+    assert not said
+    kept = [one for one in path.read_text().splitlines(True) if not one.startswith((line, "space"))]
+    path.write_text("".join(kept))
+    read_labels(path, said.append)
+    assert len(said) == 1 and "gives no size of voxels or no directions" in said[0]
+
+
 def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
     write_image(tmp_path / "a.mha", Image(np.ones((2, 2, 2)), AFFINE))
     for name in ("SimpleITK", "pydicom"):

@@ -7,6 +7,7 @@ import nibabel
 import numpy as np
 import pytest
 
+from myork.errors import InputError
 from myork.imaging.damage import damaged_slices, missing_slices
 from myork.imaging.diffusion import gradient_files
 from myork.imaging.geometry import check_same_grid
@@ -102,11 +103,11 @@ def test_names_of_a_folder_are_for_references_only(tmp_path):
     for other in ('{"labels": ["soleus"]}', '{"1": "soleus"}', '{"a": 1e999}', "[]", "soleus"):
         (tmp_path / "labels.json").write_text(other)
         assert read_labels(path).names == read_reference(path, lines.append).names == {}
-        assert "a.nii.gz" in lines[-1] and "labels.json: must hold" in lines.pop()
+        assert "a.nii.gz" in lines[-1] and "labels.json: must contain" in lines.pop()
     (tmp_path / "a.json").write_text(json.dumps({"tibialis": 1}))
     assert read_reference(path, lines.append).names == {1: "tibialis"} and not lines
     (tmp_path / "a.json").write_text("[]")  # its own file must be right
-    refuses("a.json: must hold", read_reference, path, lines.append)
+    refuses("a.json: must contain", read_reference, path, lines.append)
 
 
 def test_grids_that_differ():
@@ -186,6 +187,26 @@ def test_vectors_with_an_axis_of_time(tmp_path):
     assert np.array_equal(read_image(path, None).data, data[..., 0, :])
 
 
+def test_sform_and_qform_that_differ_are_noted(tmp_path):
+    """One voxel of shift is; rounding, a code of 0 and a damaged quaternion are not."""
+    path, affine = tmp_path / "labels.nii", np.diag([2.0, 2.0, 5.0, 1.0])
+    said, moved = [], affine.copy()
+    moved[0, 3] = 2.0
+    for qform, code, shift in (
+        (moved, 1, "2 mm"), (affine + 1e-4 * np.eye(4), 1, ""), (moved, 0, ""), (None, 1, ""),
+    ):  # fmt: skip
+        file = nibabel.Nifti1Image(np.ones((4, 4, 4), np.int16), affine)
+        file.set_qform(affine if qform is None else qform, code)
+        if qform is None:
+            file.header["quatern_b"] = 5.0
+        nibabel.save(file, path)
+        said.clear()
+        assert (read_labels(path, said.append).affine == affine).all()
+        assert len(said) == (shift != "") and all(
+            f"place voxels up to {shift} apart; the sform is used here" in text for text in said
+        )
+
+
 def test_a_header_without_codes_is_noted(tmp_path):
     file = nibabel.Nifti1Image(np.ones((2, 2, 2), np.uint8), AFFINE)
     for code, said in ((1, False), (0, True)):
@@ -196,6 +217,23 @@ def test_a_header_without_codes_is_noted(tmp_path):
             notes = []
             read(tmp_path / "a.nii", note=notes.append)
             assert any("left and right are not known" in note for note in notes) == said
+
+
+def test_what_a_header_lacks_is_said_before_what_it_makes_fail(tmp_path, capsys):
+    """Labels without geometry do not lie on their fibers: the warning comes before the refusal."""
+    affine = np.diag([2.0, 2.0, 2.0, 1.0])
+    affine[:3, 3] = -50.0
+    file = nibabel.Nifti1Image(np.ones((6, 6, 6), np.uint8), affine)
+    file.set_sform(affine, 0)
+    file.set_qform(affine, 0)
+    nibabel.save(file, tmp_path / "labels.nii")
+    fibers = np.tile(np.float32([0, 0, 1]), (6, 6, 6, 1))
+    nibabel.save(nibabel.Nifti1Image(fibers, affine), tmp_path / "fibers.nii")
+    names = {"labels": str(tmp_path / "labels.nii"), "fibers": str(tmp_path / "fibers.nii")}
+    deck = {"scene": {"dimension": 3}, "build": names}
+    with pytest.raises(InputError, match="do not overlap"):
+        build(deck, tmp_path / "out", progress=print)
+    assert "warning: " in capsys.readouterr().out.partition("left and right are not known")[0]
 
 
 def files(folder, **dixon):
@@ -210,7 +248,7 @@ def test_times_of_the_deck_stand_before_those_of_headers(tmp_path):
         table(tmp_path / f"s_echo-{number}_MEGRE.json", EchoTime=0.0012 * number)
     one = files(tmp_path)
     assert _times(one, print) == ((), 0.0)
-    assert "hold 2 echo times and no field" in one.grid.doubts[0]
+    assert "contain 2 echo times but no field" in one.grid.doubts[0]
     times, strength = _times(files(tmp_path, field_strength=3.0), print)
     np.testing.assert_allclose([*times, strength], [1.2, 2.4, 3.0])
     own = files(tmp_path, echo_times=[2.3, 4.6], field_strength=1.5)
@@ -249,8 +287,9 @@ def test_each_fault_is_found_and_no_other(seed):
     moved[..., at] = np.roll(moved[..., at], random.choice([-6, 5]), axis)
     ghost[..., at] += random.uniform(0.08, 0.25) * np.roll(ghost[..., at], 20, axis)
     for data, why in (
-        (empty, "no signal"), (repeated, "the values of"), (jump, "a signal more"),
-        (lower, "a signal more"), (moved, "a place 3 voxels"), (ghost, "a copy of the body"),
+        (empty, "no signal"), (repeated, "the values of"), (jump, "a signal that differs"),
+        (lower, "a signal that differs"), (moved, "a shift of 3 voxels"),
+        (ghost, "a copy of the body"),
     ):  # fmt: skip
         (fault,) = faults_of(data)
         assert fault.slices == [at] and fault.why.startswith(why)
@@ -275,7 +314,7 @@ def test_segment_and_build_name_the_slices(tmp_path):
     (entry,) = summary["damaged_slices"]
     wanted = {"slices": [7, 8], "why": "no signal", "station": "segment"}
     assert entry == {"file": entry["file"], **wanted}
-    said = "slices 7, 8 (from 0) have no signal"
+    said = "slices 7, 8 (counted from 0) have no signal"
     assert said in "\n".join(summary["segmentation"]["warnings"])
     build({"scene": {"dimension": 3}, "build": {"labels": found, "ids": [1]}}, tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())

@@ -203,7 +203,7 @@ def test_kmeans_finds_heaps_in_order_and_repeats_itself():
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"labels": THREE}, "the start has 3 regions, image.regions is 2"),
-    ({"mu": [0.1, 0.2]}, "image.mu has 2 weights; give one for all or 1, one a level set"),
+    ({"mu": [0.1, 0.2]}, "image.mu has 2 weights; give one for all level sets or one for each"),
     ({"regions": 3, "start": "otsu"}, "'otsu' makes two regions"),
 ])  # fmt: skip
 def test_impossible_choices(change, message):

@@ -246,7 +246,7 @@ def test_hash_of_any_length(write: Write, length: int) -> None:
        f"approximation.order: must be at least 2 for scene.method = {form}: second derivatives")
       for form in ("rkcm", "rkcm-mixed")),
     ("material.fat.K=inf; scene.method=rkcm",
-     "material.fat.K: inf needs the pressure as an unknown: take scene.method = rkpm-gauss"),
+     "material.fat.K: inf needs the pressure as an unknown: use scene.method = rkpm-gauss"),
 ])  # fmt: skip
 def test_wrong_override(write: Write, override: str, message: str) -> None:
     """One complaint, of the first one where others stand behind it."""
@@ -494,7 +494,7 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
         if "nonzero" in own:
             yield key, deck(own, **{key: [0] * len(right)}), "must not be zero"
         if "ascending" in own:
-            yield key, deck(own, **{key: right * 2}), "must ascend"
+            yield key, deck(own, **{key: right * 2}), "must increase"
         if own.get("required"):
             yield key, deck(own, **{key: None}), "missing"
         for other in own.get("not_beside", []):

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from myork.core.deck import load_deck
-from tests.scenes import annulus, box, held, probes, scene
+from tests.scenes import annulus, box, contracting, held, probes, scene, solved
 
 #: Tables of small bodies, and what a form gives where they name nothing
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
@@ -114,3 +114,21 @@ def test_approximation_by_what_is_asked(tables: dict[str, Any], wanted: dict[str
     (support,) = set(deck["approximation"]["support"])
     found = {**deck["galerkin"], **deck["approximation"], "support": support}
     assert {key: found[key] for key in wanted} == wanted
+
+
+@pytest.mark.parametrize(("units", "given", "warned"), [
+    (("N", "mm"), False, True), (("N", "mm"), True, False), (("N", "cm"), False, False),
+    (("kN", "cm"), False, True),
+])  # fmt: skip
+def test_the_default_stress_of_muscle_is_in_other_units(
+    units: tuple[str, str], given: bool, warned: bool
+) -> None:
+    """30 N/cm^2 is 0.3 N/mm^2, and the default is a number without a unit."""
+    block = contracting(3, 3, 5, load={"activation": 0.1})
+    block["units"] = dict(zip(("force", "length"), units, strict=True))
+    if not given:
+        del block["material"][0]["sigma_max"]
+    said = [text for text in solved(block).states.warnings if "sigma_max is the default" in text]
+    assert len(said) == warned
+    if said:
+        assert f"30 N/cm^2, but its unit in this deck is {units[0]}/{units[1]}^2" in said[0]

@@ -285,7 +285,7 @@ def test_activations_of_points_that_cannot_be() -> None:
     n = len(plain.points)
     for method, values, message in (
         ("auto", np.full(3, 0.5), "'activation' has shape (3,), but (768,) is needed"),
-        ("auto", np.full(n, 1.5), "'activation' must hold numbers from 0 to 1"),
+        ("auto", np.full(n, 1.5), "'activation' must contain numbers from 0 to 1"),
         ("rkcm", np.full(n, 0.5), "collocation needs their gradients"),
     ):
         tables = model_tables(method, activation=1.0)

@@ -259,9 +259,9 @@ def test_model_round_trip(model: Path) -> None:
 @pytest.mark.parametrize(("dataset", "value", "message"), [
     ("volume", None, "dataset 'volume' is missing"),
     ("fiber", np.ones((2, 3)), "'fiber' has shape (2, 3), but (3, 3)"),
-    ("points", np.full((3, 3), np.nan), "'points' must hold finite numbers, but entry 0"),
+    ("points", np.full((3, 3), np.nan), "'points' must contain finite numbers, but entry 0"),
     ("boundary_point", np.array([0, 3, 1]), "indices from 0 to 2, but entry 1 is 3"),
-    ("volume", -np.ones(3), "'volume' must hold finite numbers not below 0, but entry 0"),
+    ("volume", -np.ones(3), "'volume' must contain finite numbers not below 0, but entry 0"),
     ("source", np.ones(6), "'source': it has 1 dimension(s), but 2 are needed"),
     ("voxels/index", np.full((3, 3), -(2**30)), "an index beyond any image in entry 0"),
     ("voxels/size", np.array([1.0, 0.0, 1.0]), "'voxels/size' must be positive and finite"),

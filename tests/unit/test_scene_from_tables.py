@@ -158,13 +158,13 @@ def test_a_cloud_and_a_geometry_contradict(geometry, overrides, message) -> None
     ("points", np.zeros((5, 2)), "'points' has shape (5, 2), but (5, 3) is needed"),
     ("fiber", np.zeros((3, 3)), "'fiber' has shape (3, 3), but (441, 3) is needed"),
     ("label", np.ones(440, int), "'label' has shape (440,), but (441,) is needed"),
-    ("label", np.ones(441), "'label' must hold whole numbers, not float64"),
+    ("label", np.ones(441), "'label' must contain whole numbers, not float64"),
     ("area", np.ones(3), "'area' has shape (3,), but (98,) is needed"),
     ("spacing", 0.3, "'spacing' has shape (), but (80, 3) is needed"),
     (
         "boundary_point",
         np.full(98, 441),
-        "'boundary_point' must hold indices from 0 to 440, but entry 0 is 441",
+        "'boundary_point' must contain indices from 0 to 440, but entry 0 is 441",
     ),
 ])  # fmt: skip
 def test_arrays_that_do_not_fit_are_named(name, value, message) -> None:

@@ -128,7 +128,7 @@ def changed(name: str, value: float) -> PointCloud:
     (replace(graded(SOLID, 3.0), spacing=SOLID.spacing), "rkcm", "support"),
     *((SOLID, method, "a model of voxels") for method in ("rkpm-gauss", "rkpm-scni")),
     (SOLID, "rkcm-mixed", "model has no lattice"),
-    *((changed(name, np.nan), "rkcm", f"'{name}' must hold finite numbers")
+    *((changed(name, np.nan), "rkcm", f"'{name}' must contain finite numbers")
       for name in ("points", "source", "fiber")),
     (changed("fiber", 3.0), "rkcm", "geometry: fiber at co"),
 ])  # fmt: skip

@@ -615,7 +615,7 @@ def test_points_of_a_part_of_a_side_are_held(open_scene):
 
 def test_what_it_does_not_do_is_refused(open_scene):
     opened = open_scene(sheared(3, "rkpm-gauss"))
-    scenes.refuses('"transformation": take "penalty"', opened.reduce, np.eye(opened.dofs)[:, :3])
+    scenes.refuses('"transformation": use "penalty"', opened.reduce, np.eye(opened.dofs)[:, :3])
     with pytest.raises(InputError, match="factorised.*direct_limit = 375"):
         open_scene(sheared(3, "rkpm-scni"), "galerkin.direct_limit=0")
     free = sheared(3, "rkpm-gauss")

@@ -212,10 +212,12 @@ HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
     ([SIDE], {"set": "y0", "u_x": 0}, "is already used"),
     ([HALF], {"set": "pad", "u_x": 0.1},
      "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
+    ([], {"set": "x0", "u_x": 0.1},
+     "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for component 1 at (0, 0): leave"),
     ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
      "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
     ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
-     "set pad: it holds 1 boundary points, but none of the"),
+     "set pad: it contains 1 boundary points, but none of the"),
 ])  # fmt: skip
 def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: str) -> None:
     tables = column("rkpm-gauss", sets, [boundary] if boundary else [])

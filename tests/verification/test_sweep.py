@@ -110,6 +110,24 @@ def test_table(deck: Path, tmp_path: Path) -> None:
     assert table[MU].to_pylist() == [5, 5, 10, 10, 20, 20]
 
 
+@pytest.mark.parametrize(("values", "status"), [("-1.9,-1.8", 1), ("-1.9,0.1", 0)])
+def test_a_sweep_without_any_answer_fails(
+    deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], values: str, status: int
+) -> None:
+    """One good point is enough for status 0; without one the command fails, again when resumed."""
+    out = tmp_path / "out"
+    for _ in range(2):
+        # a strip crushed to a twentieth in one step
+        words = ["sweep", str(deck), "--vary", f"boundary.x1.u_x={values}", "--out", str(out)]
+        assert main([*words, "--set", "load.max_halvings=0", "-q"]) == status
+        said = capsys.readouterr().err
+        failed = "no point of the sweep has an answer: all 2 failed or were refused" in said
+        assert failed == (status == 1)
+    rows = rows_of(out)
+    assert [row["verdict"] == "accepted" for row in rows] == [False, status == 0]
+    assert not failed or rows[0]["message"] in said
+
+
 @pytest.mark.slow
 def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parquet is one of the optional packages: the table is written, and the lack told."""
@@ -319,7 +337,13 @@ def test_only_a_death_costs_a_point_a_message(deck, tmp_path, monkeypatch, here,
 def test_the_folder_of_a_sweep_keeps_the_whole_name(deck, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     deck.rename("strip.1.toml")
-    monkeypatch.setattr("myork.sweeps.sweep", lambda deck, vary, out, **_: out)
+
+    def table(deck, vary, out, **_):
+        out.mkdir(parents=True)
+        (out / "sweep.csv").write_text("verdict,message\naccepted,\n")
+        return out / "sweep.csv"
+
+    monkeypatch.setattr("myork.sweeps.sweep", table)
     assert main(["sweep", "strip.1.toml", "--vary", "material.rubber.mu=5,6"]) == 0
     assert "strip.1_sweep" in capsys.readouterr().out
 

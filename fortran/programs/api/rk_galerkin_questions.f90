@@ -32,7 +32,7 @@ subroutine ask_galerkin(problem, question, given, answer, error)
          call fatal_error(error, err_input, 'only nonlinear problems have trained reduced models')
       else if (problem%multiplier%extra > 0) then
          call fatal_error(error, err_input, 'a trained reduced model needs finite bulk ' &
-            & //'moduli; take K = 1e3 times the shear modulus instead of inf')
+            & //'moduli; use K = 1e3 times the shear modulus instead of inf')
       end if
       if (allocated(error)) return
       select case (question)

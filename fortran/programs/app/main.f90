@@ -21,7 +21,7 @@ program main
    use rk_resume, only : resume_points, resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
-   use rk_summary, only : earlier_entries, is_finished, is_solved, set_aside, write_summary
+   use rk_summary, only : earlier_entries, is_finished, set_aside, write_summary
    use rk_system, only : catch_signals, cpu_seconds, drop_previous, lock_folder, make_folder, &
       & peak_bytes, prepare_process, process_number, tell
    use rk_text, only : to_text
@@ -55,7 +55,10 @@ program main
    end if
    if (config%threads > 0) call omp_set_num_threads(config%threads)
    if (.not. config%explain) then
-      if (is_solved(config%out)) call claim()
+      call make_folder(config%out, error)
+      call leave_on(error)
+      call earlier_entries(config%out, earlier, damaged)
+      call claim()
    end if
    call open_deck(deck, config%deck, '', config%overrides, 'solve', error)
    call leave_on(error)
@@ -78,10 +81,6 @@ contains
       type(search_type) :: search
       integer(i8) :: began
 
-      call make_folder(config%out, error)
-      call leave_on(error)
-      call earlier_entries(config%out, earlier, damaged)
-      call claim()
       call system_clock(began)
       call new_problem(problem, scene, error)
       call deck%locate('geometry', error)
@@ -181,7 +180,7 @@ contains
 
    !> Have the output folder alone, with a summary that says that this run has not ended
    subroutine claim()
-      if (.not. claimed) call lock_folder(config%out, error)
+      call lock_folder(config%out, error)
       call leave_on(error)
       claimed = .true.
       call put_aside(.not. (config%resume .or. config%start /= ''), .false.)
@@ -194,7 +193,7 @@ contains
       !> A new solution begins
       logical, intent(in) :: begins
 
-      call set_aside(config%out, whole, begins, deck, scene, 'the run of process ' &
+      call set_aside(config%out, whole, begins, deck, 'the run of process ' &
          & //to_text(int(process_number()))//' has not ended, or was killed', error)
       call leave_on(error)
    end subroutine put_aside
@@ -208,7 +207,7 @@ contains
       if (.not. allocated(error)) return
       write (error_unit, '(a)', iostat=ignored) error%message
       if (claimed .and. .not. written) call set_aside(config%out, .not. (config%resume .or. &
-         & config%start /= ''), .false., deck, scene, error%message, unwritten)
+         & config%start /= ''), .false., deck, error%message, unwritten)
       if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
       stop 2, quiet=.true.
    end subroutine leave_on

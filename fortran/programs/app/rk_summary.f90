@@ -18,12 +18,12 @@ module rk_summary
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds, move_solution, peak_bytes, version_text
-   use rk_units, only : get_set_unit, put_probe_units, put_units
+   use rk_units, only : get_set_unit, put_deck_head, put_probe_units
    use rk_verdict, only : refused, verdict_names, verdict_type
    implicit none
    private
 
-   public :: write_summary, set_aside, earlier_entries, is_finished, is_solved
+   public :: write_summary, set_aside, earlier_entries, is_finished
 
    !> Entries of the stations before a solve, which hold whatever is solved; all others describe a
    !> solution, `rom` as well, and end with it
@@ -56,12 +56,8 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    associate (problem => output%problem, scene => output%problem%scene, &
       & converged => .not. allocated(outcome%ended))
       call json%begin_object()
-      call json%put('title', scene%title)
-      call json%put('deck_sha256', deck%sha256)
+      call put_deck_head(json, deck)
       call json%put('version', version_text())
-      call put_units(json, 'units', deck)
-      call json%put('method', scene%method)
-      call json%put('dimension', scene%cloud%nd)
       call json%begin_object('solver')
       call json%put('asked', scene%solver%linear)
       if (allocated(output%last%solver%used)) then
@@ -156,28 +152,16 @@ logical function is_finished(path)
    is_finished = converged .and. .not. was_refused
 end function is_finished
 
-!> Whether the summary in a folder is that of a solve, finished or not
-logical function is_solved(folder)
-   character(len=*), intent(in) :: folder
-   type(json_entry), allocatable :: entries(:)
-   logical :: damaged
-   integer :: k
-
-   call read_entries(folder//'/summary.json', entries, damaged)
-   is_solved = any([(entries(k)%key == 'converged', k=1, size(entries))])
-end function is_solved
-
 !> Set the solution in a folder aside (rk_system), and say in its place why there is none yet
-subroutine set_aside(folder, whole, begins, deck, scene, message, error)
+subroutine set_aside(folder, whole, begins, deck, message, error)
    !> Folder, claimed by this process
    character(len=*), intent(in) :: folder
    !> Move all its files, not its summary alone
    logical, intent(in) :: whole
    !> A new solution begins: also what has not finished makes room
    logical, intent(in) :: begins
-   !> Deck that was asked, and its scene; both as far as they could be read
+   !> Deck of the run, as far as it has been read
    type(deck_type), intent(in) :: deck
-   type(scene_type), intent(in) :: scene
    !> Why there is no solution
    character(len=*), intent(in) :: message
    type(error_type), allocatable, intent(out) :: error
@@ -196,8 +180,7 @@ subroutine set_aside(folder, whole, begins, deck, scene, message, error)
    reason = message
    if (allocated(error)) reason = error%message
    call json%begin_object()
-   if (allocated(scene%title)) call json%put('title', scene%title)
-   if (allocated(deck%sha256)) call json%put('deck_sha256', deck%sha256)
+   if (allocated(deck%sha256)) call put_deck_head(json, deck)
    call json%put('version', version_text())
    call json%put('converged', .false.)
    call json%put('message', reason)
@@ -206,6 +189,8 @@ subroutine set_aside(folder, whole, begins, deck, scene, message, error)
    call json%put('reasons', [reason])
    call json%end_object()
    call json%put_lines('steps', '')
+   call json%put('cpu_s', cpu_seconds())
+   call json%put('memory_peak_bytes', peak_bytes())
    call json%put_lines('warnings', '')
    call put_kept(json, earlier)
    call json%end_object()

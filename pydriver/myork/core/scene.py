@@ -361,7 +361,7 @@ class Scene:
                 f"{len(bad)} of {self.collocation_points} points have fields that are not finite, "
                 f"the first at {self.points()[bad[0]].tolist()}: J falls to "
                 f"{named['J'].min():.3g}, and where it is not positive the material is "
-                "inverted and has no stress; take more points there or less load",
+                "inverted and has no stress; use more points there or less load",
                 RuntimeWarning,
                 stacklevel=2,
             )

@@ -50,8 +50,8 @@ class Damage(NamedTuple):
         numbers = ", ".join(map(str, self.slices))
         plural = len(self.slices) > 1
         return (
-            f"{name}: slice{'s' * plural} {numbers} (from 0) {'have' if plural else 'has'} "
-            f"{self.why}: take {'them' if plural else 'it'} out of all images, or measure again"
+            f"{name}: slice{'s' * plural} {numbers} (counted from 0) {'have' if plural else 'has'} "
+            f"{self.why}: leave {'them' if plural else 'it'} out of all images, or measure again"
         )
 
 
@@ -60,9 +60,9 @@ def damaged_slices(image: Image) -> list[Damage]:
 
     - `image`: values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several
       volumes the mean is looked at
-    - returns `no signal` between slices with signal, `the values of the slice before`, a signal 1.4
-      times and a place 3 voxels off that of the neighbours, and `a copy of the body`; where all
-      from some slice on are off, it is named alone
+    - returns `no signal` between slices with signal, `the values of the slice before`, a signal
+      that differs by a factor of 1.4 and a shift of 3 voxels against the neighbours, and `a copy of
+      the body`; where all from some slice on are off, it is named alone
     """
     data = np.abs(np.asarray(image.data, float))
     data = data.mean(axis=3) if data.ndim == 4 else data
@@ -78,10 +78,11 @@ def damaged_slices(image: Image) -> list[Damage]:
         Damage(repeated, "the values of the slice before"),
         Damage(
             _off(whole, signal, np.log(_JUMP)),
-            f"a signal more than {_JUMP} times off its neighbours'",
+            f"a signal that differs from the neighbours by a factor of more than {_JUMP}",
         ),
         Damage(
-            _off(whole, place, _MOVED), f"a place {_MOVED:g} voxels or more off its neighbours'"
+            _off(whole, place, _MOVED),
+            f"a shift of {_MOVED:g} voxels or more against the neighbours",
         ),
         Damage(_ghosts(whole, slices[whole], smooth), "a copy of the body in the air (ghost)"),
     ]

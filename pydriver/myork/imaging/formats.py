@@ -8,10 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from myork.console import ProgressCallback
 from myork.errors import FileError, InputError, optional
 
 ITK_SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd")
 
+_NRRD = (".nrrd", ".nhdr")
+# What a header of MetaImage and of NRRD has where it gives sizes and directions of voxels
+_GEOMETRY = (
+    re.compile(r"(?is)(?=.*^ElementSpacing)(?=.*^(TransformMatrix|Rotation|Orientation))", re.M),
+    re.compile(r"(?im)^space directions:"),
+)
 # Turns the axes of the world of SimpleITK into those of this package, and back
 _FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 # No header is longer [bytes].
@@ -20,8 +27,11 @@ _LONGEST_HEADER = 1 << 20
 _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "microns": 0.001}
 
 
-def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Values as they are stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm]."""
+def load_itk(path: Path, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray]:
+    """Values as they are stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm].
+
+    - `note`: called with what the header lacks
+    """
     itk = optional("SimpleITK", "formats", path)
     try:
         image = itk.ReadImage(str(path))
@@ -30,6 +40,13 @@ def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
             f"{path}: cannot be read: {_said(reason)}; it was cut off, its data file is "
             "not there or its header is damaged: copy or write it again"
         ) from None
+    header = _header(path)
+    if not _GEOMETRY[path.suffix in _NRRD].search(header):
+        note(
+            f"{path}: its header gives no size of voxels or no directions of their axes; cubes of "
+            "1 mm along left, posterior, superior are assumed where they are missing: write the "
+            "file with its geometry"
+        )
     dimension = image.GetDimension()
     vectors = image.GetNumberOfComponentsPerPixel() > 1
     # Axes come as (..., k, j, i), the components of a voxel last.
@@ -41,7 +58,7 @@ def load_itk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     n = min(dimension, 3)
     affine[:n, :n] = (direction * size)[:n, :n]
     affine[:n, 3] = image.GetOrigin()[:n]
-    affine[:3] *= _nrrd_unit(path)
+    affine[:3] *= _nrrd_unit(path, header)
     if dimension == 2 and vectors:
         data = data[:, :, np.newaxis, :]
     return data, _FLIP @ affine
@@ -71,10 +88,16 @@ def _said(reason: Exception) -> str:
     return (text.partition("): ")[2] or text).strip()
 
 
-def _nrrd_unit(path: Path) -> float:
-    """Unit in which a NRRD header gives lengths [mm]; 1 without one. SimpleITK passes it over."""
+def _header(path: Path) -> str:
+    """Text before the values of a file."""
     with path.open("rb") as file:
-        header = file.read(_LONGEST_HEADER).split(b"\n\n", 1)[0].decode("latin-1")
+        text = file.read(_LONGEST_HEADER)
+    end = b"\n\n" if path.suffix in _NRRD else b"ElementDataFile"
+    return text.split(end, 1)[0].decode("latin-1")
+
+
+def _nrrd_unit(path: Path, header: str) -> float:
+    """Unit in which a NRRD header gives lengths [mm]; 1 without one. SimpleITK passes it over."""
     found = re.search(r"(?im)^space units:(.*)$", header)
     if found is None:
         return 1.0

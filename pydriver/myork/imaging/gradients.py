@@ -67,6 +67,11 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
             f"{bval}: the b value {b.max():g} is implausible; its unit is s/mm^2, "
             "values are from 0 to some 5000"
         )
+    if (b <= STILL).all():
+        raise InputError(
+            f"{bval}: no b value is above {STILL:g} s/mm^2, the highest is {b.max():g}: diffusion-"
+            "weighted images are needed; 1 ms/um^2 is 1000 s/mm^2"
+        )
     with np.errstate(over="ignore"):
         length = np.linalg.norm(vector, axis=1)
     lost = np.flatnonzero((b > STILL) & (np.abs(length - 1.0) > 0.05))
@@ -97,5 +102,8 @@ def _numbers(path: Path) -> F64:
     except ValueError as reason:
         raise InputError(f"{path}: rows of numbers are needed: {reason}") from None
     if not np.isfinite(found).all():
-        raise InputError(f"{path}: a number is not finite")
+        raise InputError(
+            f"{path}: a number is not finite; images without gradient have b = 0 and the direction "
+            "0 0 0"
+        )
     return found

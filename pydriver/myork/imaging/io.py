@@ -7,6 +7,7 @@ import csv
 import gzip
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ _WHOLE = 1e-3  # labels are so near to whole numbers
 _LAST_LABEL = int(np.iinfo(np.int32).max)
 # Scales (scl_slope) below are of values that were spread; larger ones of images
 _SPREAD = 0.25
+# sform and qform that differ by more of a voxel are not the same geometry
+_APART = 0.5
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
 
@@ -157,7 +160,7 @@ def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np
         what = "is not a regular file" if path.exists() else "there is no such file"
         raise FileError(f"{path}: {what}")
     elif path.suffix in ITK_SUFFIXES:
-        data, affine = load_itk(path)
+        data, affine = load_itk(path, note)
     else:
         data, affine = load_nifti(path, raw, note)
     check_kind(str(path), data.dtype)
@@ -204,12 +207,12 @@ def _read_names(path: Path) -> dict[int, str]:
     try:
         table = json.loads(read_text(path), object_pairs_hook=_once)
     except (ValueError, RecursionError) as reason:
-        raise InputError(f'{path}: must hold {{"name": label}}: {reason}') from None
+        raise InputError(f'{path}: must contain {{"name": label}}: {reason}') from None
     labels = list(table.values()) if isinstance(table, dict) else [None]
     right = all(type(label) is int and 0 <= label <= _LAST_LABEL for label in labels)
     if not right or len(set(labels)) < len(labels):
         raise InputError(
-            f'{path}: must hold {{"name": label}}, each name with a different label from 0 to '
+            f'{path}: must contain {{"name": label}}, each name with a different label from 0 to '
             f"{_LAST_LABEL}"
         )
     return {label: name for name, label in table.items()}
@@ -278,7 +281,27 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
         raise FileError(f"{path}: cannot be read: {_said(reason)}") from None
     affine = np.array(file.affine, dtype=float)
     affine[:3] *= _TO_MM.get(unit, 1.0)
+    shift = _forms_apart(file) * _TO_MM.get(unit, 1.0)
+    if shift > _APART * np.linalg.norm(affine[:3, :3], axis=0).min():
+        note(
+            f"{path}: sform and qform of its header place voxels up to {shift:.3g} mm apart; the "
+            "sform is used here, but other programs use the qform: check which one is right"
+        )
     return values, affine
+
+
+def _forms_apart(file: Any) -> float:
+    """How far sform and qform place a corner apart at most; 0 without one of them [its unit]."""
+    header = file.header
+    if not (header["sform_code"] and header["qform_code"]):
+        return 0.0
+    try:
+        difference = header.get_sform() - header.get_qform()
+    except (nibabel.spatialimages.HeaderDataError, ValueError):  # not a unit quaternion
+        return 0.0
+    shape = (*file.shape, 1, 1, 1)[:3]
+    ends = np.array([[*place, 1.0] for place in product(*((0, n - 1) for n in shape))])
+    return float(np.linalg.norm(ends @ difference[:3].T, axis=1).max())
 
 
 def _whole_numbers(proxy: Any) -> np.ndarray:

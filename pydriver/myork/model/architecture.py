@@ -24,6 +24,10 @@ from myork.types import F64, Mask
 _LONG = 1.5**2
 # It is cut where an end of the image holds so much of its largest section.
 _CUT = 0.1
+# Layers of voxels at the side of an image that a muscle may reach into without being cut
+_RIM = 2.0
+# Sides of an image by world axis, towards its low and its high end
+_SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
 # Fibers that are followed; part of them that must end in the image for their median to count
 _FIBERS, _WHOLE = 1000, 0.75
 # Steps of fibers in the smallest size of a voxel
@@ -140,6 +144,27 @@ def long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
         return None, slice_axis(labels.spacing, own.shape)
     columns = labels.affine[:3, :3] / labels.spacing
     return axes[:, 2], int(np.argmax(np.abs(axes[:, 2] @ columns)))
+
+
+def cut_sides(labels: Labels, number: int) -> list[str]:
+    """Sides of the image that cut off a part of a muscle, its ends along slices left out.
+
+    A round muscle that only touches a side has there, within two voxels of its rim, a chord that
+    follows from its width; a longer one is a cut.
+    """
+    own = labels.data == number
+    _, along = long_axis(labels, own)
+    found = []
+    for axis in {0, 1, 2} - {along, slice_axis(labels.spacing, own.shape)}:
+        layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
+        radius = max(0.5 * float((layers > 0).sum()), _RIM)
+        chord = np.sqrt(1.0 - (1.0 - _RIM / radius) ** 2)
+        column = labels.affine[:3, axis]
+        world = int(np.argmax(np.abs(column)))
+        for end, sense in ((0, -1), (-1, 1)):
+            if layers[end] > chord * layers.max():
+                found.append(_SIDES[world][int(sense * column[world] > 0)])
+    return sorted(found)
 
 
 def _median_length(fibers: Image, own: Mask, seeds: NDArray, axis: int) -> float | None:

@@ -191,8 +191,8 @@ def _tips(chosen: Labels, held: Collection[str | None]) -> list[str]:
         return []
     return [
         f"the muscle ends in a tip: its {' and its '.join(ends)}, of {area.max()} in the largest: "
-        "what is held there carries the whole force, with stresses that no points resolve; take "
-        f"build.slices = [{low}, {high}], whose ends have a fifth of it, or hold it along its "
+        "what is fixed there carries the whole force, with stresses that no points resolve; use "
+        f"build.slices = [{low}, {high}], whose ends have a fifth of it, or fix it along its "
         "surface (springs of an aponeurosis, the set bone)"
     ]
 

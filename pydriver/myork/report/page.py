@@ -80,8 +80,12 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """How the run ended, and whether its images were measured."""
     steps = summary.get("steps")
     if summary.get("converged"):
-        verdict = summary.get("verdict", {}).get("state", "")
-        yield _VERDICTS.get(verdict, ("unsure", "converged"))
+        verdict = summary.get("verdict", {})
+        state, reasons = verdict.get("state", ""), verdict.get("reasons", ())
+        if state == "accepted" and any(text.startswith("no error estimate") for text in reasons):
+            yield "unsure", "accepted without an error estimate"
+        else:
+            yield _VERDICTS.get(state, ("unsure", "converged"))
     elif summary.get("converged") is False:
         reached = (
             f"not converged, last state at load {fraction(steps[-1].get('load'))}" if steps else ""
@@ -93,7 +97,7 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _about(summary: Mapping[str, Any]) -> str:
     """One line: method, sizes and time."""
-    if "method" not in summary:
+    if "source_points" not in summary:
         return "Output of MyoRK"
     sizes = ("dimension", "source_points", "collocation_points", "dofs")
     line = Markup("{}, {}-D, {} source points, {} collocation points, {} unknowns").format(

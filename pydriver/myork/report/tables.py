@@ -66,8 +66,8 @@ def _sets(summary: Mapping[str, Any]) -> str:
 
 #: Rows of the table of a run: what stands there of a summary
 _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
-    "method": lambda own: str(own.get("method", DASH)),
-    "dimension": lambda own: {2: "2 (plane strain)", 3: "3"}.get(own.get("dimension", 0), DASH),
+    "method": lambda own: str(own.get("method") or DASH),
+    "dimension": lambda own: {2: "2 (plane strain)", 3: "3"}.get(own.get("dimension") or 0, DASH),
     "source points": _of("source_points"),
     "collocation points": _of("collocation_points"),
     "unknowns": _of("dofs"),
@@ -83,7 +83,7 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "sets of the deck": _sets,
     "changed with --set": lambda own: Markup("<br>").join(own.get("overrides", ())) or DASH,
     "deck, SHA-256": lambda own: (
-        Markup("<code>{}</code>").format(own["deck_sha256"]) if "deck_sha256" in own else DASH
+        Markup("<code>{}</code>").format(own["deck_sha256"]) if own.get("deck_sha256") else DASH
     ),
 }
 

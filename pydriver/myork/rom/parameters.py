@@ -212,7 +212,9 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
             if m["model"] == "muscle" and "activation" not in m
         )
         if not common:
-            raise InputError(f"{name}: no muscle of the deck takes the common activation")
+            raise InputError(
+                f"{name}: no muscle of the deck uses this activation: each has its own"
+            )
         return Parameter("load.activation", low, high, "activation", common)
     if table == "boundary" and key in PRESCRIBED:
         known = [f"boundary.{b['set']}.{u}" for b in deck["boundary"] for u in PRESCRIBED if u in b]

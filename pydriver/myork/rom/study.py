@@ -116,7 +116,7 @@ def _check_modes(scene: Scene) -> None:
     if wanted > limit:
         raise InputError(
             f"rom.modes: {wanted} modes are requested, but {scene.steps} load steps give at most "
-            f"{limit}: take more load.steps or fewer modes"
+            f"{limit}: use more load.steps or fewer modes"
         )
 
 

@@ -133,7 +133,7 @@ def train(
         if said.get("galerkin", {}).get("essential") == "transformation":
             raise InputError(
                 f'{deck}: galerkin.essential = "transformation": reduced models need '
-                f'displacements prescribed by the penalty; take "penalty"'
+                f'displacements prescribed by the penalty; use "penalty"'
             )
         if "refine" in said:
             # each of its states would be searched for points of its own

@@ -225,7 +225,7 @@ def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, place: F64 | None)
         if part < least:
             found.append(
                 f"only {100 * part:.0f} % of the voxels of {label} have no other tissue beside "
-                "them: its volume depends on where borders are drawn; take finer voxels or "
+                "them: its volume depends on where borders are drawn; use finer voxels or "
                 "image.partial"
             )
     other = _phase(shown, inner, "bright")

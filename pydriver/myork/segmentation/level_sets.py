@@ -138,8 +138,8 @@ def _contour_weights(mu: float | Sequence[float], regions: int) -> F64:
     given, levels = np.atleast_1d(np.asarray(mu, float)), level_sets_for(regions)
     if given.size not in (1, levels):
         raise InputError(
-            f"image.mu has {given.size} weights; give one for all or {levels}, one a level set: "
-            f"{regions} regions have so many"
+            f"image.mu has {given.size} weights; give one for all level sets or one for each: "
+            f"{regions} regions need {levels} level sets"
         )
     return np.broadcast_to(given, levels)
 

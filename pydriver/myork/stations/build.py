@@ -19,7 +19,7 @@ from myork.imaging.dicom import split_choice
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.geometry import length_factor
 from myork.imaging.io import read_image, renew_images
-from myork.model.architecture import COLUMNS, Maps, muscle_numbers
+from myork.model.architecture import COLUMNS, Maps, cut_sides, muscle_numbers
 from myork.model.cloud import Body, build_cloud
 from myork.model.fibers import fibers_of_labels
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
@@ -63,6 +63,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     if table["ids"]:
         left_out |= {*np.unique(body.labels.data).tolist()} - {*table["ids"]}
     strangers = _strangers(body.labels, deck.get("material", []), left_out)
+    strangers += _cut(body.labels, deck.get("material", []))
     model = _record(cloud, [*files.grid.doubts, *strangers, *warnings])
     model["muscles"] = _muscles(body, left_out, maps, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
@@ -71,7 +72,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
         f"{model['source_points']} source points, {model['collocation_points']} collocation "
         f"points, boundary: {', '.join(f'{n} {s}' for s, n in model['boundary_points'].items())}"
     )
-    for text in model["warnings"]:
+    for text in (*strangers, *warnings):
         progress(f"warning: {text}")
     return {"model": model, "grid": files.grid}
 
@@ -131,7 +132,8 @@ def _of_diffusion(
     way = fibers_of_labels(found.tensor, labels, images.table.get("fiber_smoothing"))
     if way.axes.remark:
         progress(way.axes.remark)
-    grid.doubts += [f"{found.tensor.name}: {text}" for text in way.doubts()]
+    for text in way.doubts():
+        grid.doubt(f"{found.tensor.name}: {text}")
     renew_images(out, fibers=way.fibers, **tensor_maps(found.tensor))
     return way.fibers
 
@@ -162,6 +164,19 @@ def _strangers(
         f"label {label} has no material: add a [[material]] with label = {label}, or set its "
         "voxels to 0"
         for label in sorted(there - wanted.keys())
+    ]
+
+
+def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Muscles that reach beyond the sides of the image."""
+    muscles = [own for own in materials if own["model"] == "muscle"]
+    numbers = {own["label"] for own in muscles if "label" in own} or {*labels.present}
+    sides = {name: cut_sides(labels, n) for n, name in labels.present.items() if n in numbers}
+    return [
+        f"{name}: the {' and '.join(own)} side of {labels.name} cuts the muscle: the model and its "
+        "force are those of the part in the image; use an image that contains the whole section"
+        for name, own in sides.items()
+        if muscles and own
     ]
 
 

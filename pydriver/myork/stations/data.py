@@ -62,7 +62,7 @@ class OneGrid:
         self.moved: list[dict[str, Any]] = []
         #: Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`
         self.damaged: list[dict[str, Any]] = []
-        self.doubts: list[str] = []  #: Warnings
+        self.doubts: list[str] = []  #: Warnings, which have been printed
 
     def tell_strangers(self, image: Path, files: Iterable[Path]) -> None:
         """Name the files that describe an image and have another name."""
@@ -70,11 +70,16 @@ class OneGrid:
         if names := [file.name for file in files if file.stem != stem]:
             self._progress(f"{image.name}: described by {' and '.join(names)}")
 
+    def doubt(self, text: str) -> None:
+        """Warn at once: what a file has wrong may be why something later on is refused."""
+        self.doubts.append(text)
+        self._progress(f"warning: {text}")
+
     def note(self, name: str, faults: Sequence[Damage]) -> None:
         """Warn of damaged slices of a file."""
         for fault in faults:
             self.damaged.append({"file": name, "slices": fault.slices, "why": fault.why})
-            self.doubts.append(fault.said(name))
+            self.doubt(fault.said(name))
 
     def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
         """An image on the grid of another one; as it is where there is none."""
@@ -88,7 +93,8 @@ class OneGrid:
         if move is not None:
             self.moved.append({"file": move.file, "how": move.how, "shift": move.shift})
             self._progress(move.said)
-            self.doubts += move.doubts
+            for text in move.doubts:
+                self.doubt(text)
         return one
 
     def stored(self, one: Grid) -> Grid:
@@ -153,7 +159,7 @@ class DeckFiles:
     def _image(self, key: str, path: Path, values: int | None = 1) -> Image:
         """Image of a file, whose damaged slices are noted."""
         with self._naming(key):
-            found = read_image(path, values, self.grid.doubts.append)
+            found = read_image(path, values, self.grid.doubt)
         if key in _MEASURED:
             self.grid.note(found.name, damaged_slices(found))
         return found
@@ -173,6 +179,8 @@ class DeckFiles:
         dwi = self.folder / self.table.get("dwi", "")
         if dwi.is_file():
             self.grid.tell_strangers(dwi, gradient_files(dwi))
+        if found is not None and found.doubt:
+            self.grid.doubt(found.doubt)
         if found is not None and found.mean is not None:
             self.grid.note(found.mean.name, damaged_slices(found.mean))
         return found
@@ -188,7 +196,7 @@ class DeckFiles:
         if path is None:
             return None
         with self._naming(key):
-            note = self.grid.doubts.append
+            note = self.grid.doubt
             if progress:
                 found = read_reference(path, progress, note)
             else:

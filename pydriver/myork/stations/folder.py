@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.core.deck import text_of_tables
-from myork.errors import InputError
+from myork.errors import FileError, InputError
 from myork.files import write_text
 from myork.imaging.dicom import dicom_files, listed_images
 from myork.imaging.headers import bids_name
@@ -36,7 +36,15 @@ def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
     """
     folder = folder.resolve()
     files = sorted(path for path in folder.rglob("*") if path.name.endswith((".nii", ".nii.gz")))
-    found = _of_bids(folder, files) if files else _of_dicom(folder)
+    try:
+        found = _of_bids(folder, files) if files else _of_dicom(folder)
+    except FileError:
+        decks = sorted(folder.glob("*.toml"))
+        if not decks:
+            raise
+        raise InputError(
+            f"{folder}: is a folder; name a deck inside it, such as {decks[0]}"
+        ) from None
     tables, lines = _tables(found)
     if not tables["image"] and "dixon" not in tables and not found.labels:
         raise InputError(

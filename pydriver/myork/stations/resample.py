@@ -49,8 +49,6 @@ def resample(
         write_image(output, replace(found, data=found.data[..., 0]) if single else found)
     if not mover.moved:
         progress(f"{image}: is on the grid of {like}")
-    for text in mover.doubts:
-        progress(f"warning: {text}")
     return output
 
 

@@ -84,9 +84,9 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
         progress("materials of the leg")
         parts["tissue"] = find_tissues(deck, out, found, grid)
         record["warnings"] += parts["tissue"].pop("warnings")
-    record["warnings"] += grid.doubts
     for line in (*_lines(record, deck), *(f"warning: {text}" for text in record["warnings"])):
         progress(line)
+    record["warnings"] += grid.doubts
     return parts
 
 
@@ -385,9 +385,10 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
         strength = fields.pop()
     if len(times) == 0 or not strength:
         if written and not table.get("echo_times"):
-            files.grid.doubts.append(
-                f"the headers of dixon.magnitude hold {len(written)} echo times and no field: the "
-                "first echo is taken as in phase, the second as opposed; give dixon.field_strength"
+            files.grid.doubt(
+                f"the headers of dixon.magnitude contain {len(written)} echo times but no field: "
+                "the first echo is taken as in phase, the second as opposed; give "
+                "dixon.field_strength"
             )
         return table.get("echo_times", ()), table.get("field_strength", 0.0)
     text = ", ".join(f"{time:.4g}" for time in times)
