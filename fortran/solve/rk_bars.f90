@@ -376,13 +376,25 @@ subroutine bars_by_other(self, problem, other, kind, around, which)
    end do
 end subroutine bars_by_other
 
-!> Whether displacements are prescribed on a part of a side
+!> Whether displacements are prescribed on a part of a side; a set may be a whole one
 pure logical function holds_part(scene)
    type(scene_type), intent(in) :: scene
-   integer :: k
+   logical :: inside(size(scene%cloud%boundary_set))
+   integer :: e, k, side
 
-   holds_part = any([(scene%condition(k)%set > scene%cloud%sides() .and. &
-      & any(scene%condition(k)%fixed), k=1, size(scene%condition))])
+   holds_part = .false.
+   associate (cloud => scene%cloud, condition => scene%condition)
+      do k = 1, size(condition)
+         if (condition(k)%set <= cloud%sides() .or. .not. any(condition(k)%fixed)) cycle
+         inside = cloud%in_set([(e, e=1, size(inside))], condition(k)%set)
+         do side = 1, cloud%sides()
+            associate (here => cloud%boundary_set == side)
+               holds_part = any(inside .and. here) .and. any(here .and. .not. inside)
+            end associate
+            if (holds_part) return
+         end do
+      end do
+   end associate
 end function holds_part
 
 !> Whether a set that is held in all directions meets a face where nothing is held: the stress is
