@@ -37,9 +37,9 @@ module rk_companion
    !> Length of an override
    integer, parameter :: override_length = 512
    !> Prescribed displacements of a companion beside an answer by the penalty
-   character(len=*), parameter :: exactly = 'galerkin.essential="transformation"'
+   character(len=override_length), parameter :: exactly = 'galerkin.essential="transformation"'
    !> The same beside an answer that holds them exactly
-   character(len=*), parameter :: softly = 'galerkin.essential="penalty"'
+   character(len=override_length), parameter :: softly = 'galerkin.essential="penalty"'
    !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
    !> its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
@@ -150,6 +150,7 @@ subroutine solve_companion(self, answer, bars, near)
    type(cloud_type) :: points
    type(companion_type) :: alike
    character(len=override_length), allocatable :: words(:)
+   integer :: holds
 
    self%method = answer%problem%scene%method
    if (allocated(answer%problem%scene%body_force)) then
@@ -163,10 +164,11 @@ subroutine solve_companion(self, answer, bars, near)
    call solve_beside(self, answer, words, points)
    self%fewer = fewer_points
    if (near) self%fewer = few_fewer
-   if (any(words == softly) .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. (near &
+   holds = findloc(words == softly .or. words == exactly, .true., dim=1)
+   if (holds > 0 .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. (near &
       & .or. allocated(self%why_not) .or. self%finer .or. answer%receiver%stopped())) then
       alike%method = self%method
-      where (words == softly) words = exactly
+      words(holds) = merge(exactly, softly, words(holds) == softly)
       call solve_beside(alike, answer, words, points)
       if (.not. allocated(alike%why_not)) call take_farther(self, alike, bars)
       return

@@ -5,7 +5,8 @@
 module rk_verdict
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, &
       & ieee_value
-   use rk_bars, only : bars_by_other, bars_by_solution, bars_type, new_bars
+   use rk_bars, only : bars_by_other, bars_by_solution, bars_type, new_bars, softened, &
+      & twice_fewer
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, override_length, solve_beside, solve_companion, &
       & solved_type
@@ -41,8 +42,8 @@ module rk_verdict
    !> Forces on all boundary sets, of the largest of them
    real(wp), parameter :: of_balance(2) = [0.05_wp, 0.25_wp]
    !> Error bar of a probe from another cloud, of its size: from fewer points of a lattice bars are
-   !> some times the error, from fewer blocks of voxels less; from more points, or of nodal cells,
-   !> they are not
+   !> some times the error, from fewer blocks of voxels less; from more points, of nodal cells, or
+   !> of order two by the penalty, they are not, and those are then at most the latter of their kind
    real(wp), parameter :: of_wide_bar = 0.10_wp, of_block_bar = 0.08_wp, of_bar = 0.05_wp
    !> Change of a probe from fewer points and from more, which are nearer to the truth, that is too
    !> much for any answer; and change from another form
@@ -207,9 +208,9 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(error_type), allocatable :: error
    type(companion_type) :: nearer
    character(len=override_length) :: from(size(answer%problem%scene%probe))
-   real(wp) :: bound, most(size(from))
+   real(wp) :: bound(size(from)), most(size(from))
    integer :: i
-   logical :: adrift, wide(size(from))
+   logical :: adrift, rims, wide(size(from))
 
    adrift = self%state == refused
    call judge_values(self, answer%problem, outcome)
@@ -235,6 +236,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       end if
       call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
          & self%companion%around)
+      rims = self%companion%kind() == twice_fewer .and. softened(problem%scene)
       if (outcome%unstrained) return
       if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
          & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
@@ -266,6 +268,8 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          if (allocated(problem%scene%cloud%block)) bound = of_block_bar
          if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
             & bound = of_wide_bar
+         if (rims) bound = min(bound, of_bar*self%bars%kind &
+            & /max(self%bars%size, tiny(1.0_wp)))
          call judge_probes(self, problem, max(0.0_wp, bound - self%bars%open)/self%bars%factor, &
             & most, from, outcome)
       end if
@@ -275,11 +279,12 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
 end subroutine judge_by_others
 
 !> Change of a probe from a second solution of the same form that is too much for any answer; too
-!> few cells may be far off themselves [-]
+!> few cells may be far off themselves, and beside two of them their difference counts as well [-]
 pure real(wp) function most_change(companion)
    type(companion_type), intent(in) :: companion
 
    most_change = of_change
+   if (companion%kind() == twice_fewer) most_change = 2.0_wp*of_change
    if (companion%finer) most_change = of_finer
    if (companion%coarse) most_change = huge(1.0_wp)
 end function most_change

@@ -1020,7 +1020,8 @@ function set_force(self, set, state, share, about) result(force)
    real(wp), allocatable :: motion(:), value(:, :, :), traction(:, :, :)
    logical, allocatable :: essential(:, :)
    real(wp) :: push(3)
-   integer :: i, side, slide
+   logical :: covers(self%scene%cloud%sides())
+   integer :: i, s, side, slide
 
    associate (unused => share)
    end associate
@@ -1029,18 +1030,22 @@ function set_force(self, set, state, share, about) result(force)
       & traction, error, state%load)
    force = self%surface%force(self%cells, set, state, value, traction, about)
    if (allocated(self%held)) force = force + self%held%force(set, state%held, state%x, about)
-   if (present(about) .or. set > self%scene%cloud%sides()) return
+   if (present(about)) return
+   ! a set may be a whole side by another name, or several
+   covers = [(any(self%cells%set == side) .and. all(self%cells%set /= side .or. [( &
+      & self%cells%in_set(s, set), s=1, size(self%cells%set))]), side=1, size(covers))]
+   if (.not. any(covers)) return
    do slide = 1, self%scene%cloud%sides()
       i = slides_on(self%scene%cloud, self%surface, self%cells, slide)
       if (i == 0) cycle
       do side = 1, self%scene%cloud%sides()
-         if (set /= slide .and. set /= side) cycle
+         if (covers(slide) .eqv. covers(side)) cycle
          motion = slide_motion(self%scene%cloud, self%surface, self%cells, slide, i, side)
          if (.not. any(abs(motion) > 0.0_wp)) cycle
          push = self%surface%force(self%cells, side, state, value, traction, motion=motion)
          if (allocated(self%held)) push = push + self%held%force(side, state%held, state%x, &
             & motion=motion)
-         force(i) = force(i) + merge(push(i), -push(i), set == slide)
+         force(i) = force(i) + merge(push(i), -push(i), covers(slide))
       end do
    end do
 end function set_force

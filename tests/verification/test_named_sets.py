@@ -72,6 +72,20 @@ def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: s
     assert np.array_equal(solved(side, *points).states.x, solved(own, *points).states.x)
 
 
+def test_a_whole_side_has_the_force_and_bars_of_that_side() -> None:
+    """A slide beside a clamped side, whose forces are those of a motion of both."""
+    sets = [{"name": "left", "side": "x0"}, {"name": "low", "side": "y0"}]
+    found = []
+    for left, low in ("x0", "y0"), ("left", "low"):
+        ends = [{"set": left, "u_x": 0}, held(low, 2), {"set": "x1", "u_y": 0, "traction": [3, 0]}]
+        wanted = probes(f"slide force_x {left}", f"wall force_x {low}", "s cauchy_yy 0.5 0")
+        body = scene("rkpm-gauss", box(9, 9), material=[neo(10, 1e3)], set=sets, boundary=ends)
+        found.append(solved(body | {"probe": wanted}, error=True))
+    for name in ("slide", "wall", "s"):
+        assert found[1].last()[name] == found[0].last()[name]
+        assert found[1].bar(name) == found[0].bar(name)
+
+
 def test_parts_add_to_the_whole() -> None:
     """Forces, torques and moved centroids of a glued end by its parts, one by its material."""
     wanted = [

@@ -189,6 +189,20 @@ def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     assert found.last()["waist"] == pytest.approx(-0.1599, rel=0.01)
 
 
+def test_a_penalty_that_agrees_by_chance_is_seen() -> None:
+    """A block that keeps its volume, sheared between glued ends: few points by exact values are as
+    far off as more of them by the penalty, to the same side, and their difference is a third of the
+    error. Truth: -0.2012 by 96 x 64 elements of order two that are fine towards the corners, still
+    rising; -0.2024 by 49 x 33 points, falling."""
+    end = {"u_x": 0.0, "u_y": 0.2241}
+    block = scenes.loaded("rkpm-gauss", box(25, 17, size=[1.5, 1.0]), neo(10.0, np.inf), "x0 x1",
+                          end, "pull force_x x0", "u u_y 0.75 1")  # fmt: skip
+    states, found = solved(block)
+    assert states.verdict == "accepted"
+    for name, truth in (("pull", -0.2012), ("u", 0.1071)):
+        assert abs(found.last()[name] - truth) <= found.bar(name) <= 0.02 * abs(truth)
+
+
 def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
     """The second half acts on a set of its own, which is the same side."""
     wanted = "u u_y 2 0.5", "s cauchy_xx 1 0.25"
