@@ -124,8 +124,8 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    end associate
 end function value_at
 
-!> Load steps: equal ones and all knots of amplitudes. Steps in which
-!> something rotates far are taken in several.
+!> Load steps: equal ones and all knots of amplitudes. Steps in which something rotates far are
+!> taken in several
 pure function plan(self, steps) result(planned)
    class(programme_type), intent(in) :: self
    !> Equal steps
@@ -134,7 +134,7 @@ pure function plan(self, steps) result(planned)
    real(wp) :: before
    integer :: a, k
 
-   planned%load = [(real(k, wp)/real(steps, wp), k=1, steps)]
+   allocate (planned%load, source=[(real(k, wp)/real(steps, wp), k=1, steps)])
    if (allocated(self%amplitude)) then
       do a = 1, size(self%amplitude)
          call merge_loads(planned%load, self%amplitude(a)%time)
