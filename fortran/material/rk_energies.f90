@@ -8,6 +8,7 @@
 !>     muscle          polynomial matrix and fibers that carry and produce force,
 !>                     dW_f/dlambda* = sigma_max (activation f_active + f_passive)
 !>     energy          W_r as an expression in I1r, I2r, I4r, the activation and constants
+!>     gent, fung, holzapfel   expressions that have names
 !>
 !> all with K/2 (J - 1)^2. Abaqus has the first three named ones, with K = 2/D1. In muscle,
 !> lambda* = lambda/lambda_o with lambda^2 = I4r, the reduced square of the fiber stretch; the
@@ -19,6 +20,10 @@
 !>             Rivlin, Saunders, Phil. Trans. R. Soc. A 243 (1951), doi:10.1098/rsta.1951.0004;
 !>             Mooney, J. Appl. Phys. 11 (1940), doi:10.1063/1.1712836;
 !>             Yeoh, Rubber Chem. Technol. 66 (1993), doi:10.5254/1.3538343;
+!>             Gent, Rubber Chem. Technol. 69 (1996), doi:10.5254/1.3538357;
+!>             Demiray, J. Biomech. 5 (1972), doi:10.1016/0021-9290(72)90047-4 (Fung's exponential
+!>             of I1);
+!>             Holzapfel, Gasser, Ogden, J. Elast. 61 (2000), doi:10.1023/A:1010835316564;
 !>             Blemker, Pinsky, Delp, J. Biomech. 38 (2005), doi:10.1016/j.jbiomech.2004.04.009
 module rk_energies
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
@@ -37,7 +42,7 @@ module rk_energies
    public :: muscle_type, new_material, polynomial_type
 
    !> Keys whose numbers an expression may have as constants
-   character(len=*), parameter :: constants(4) = ['mu', 'C1', 'C2', 'C3']
+   character(len=*), parameter :: constants(8) = ['mu', 'C1', 'C2', 'C3', 'Jm', 'b ', 'k1', 'k2']
 
    !> Isotropic material, by all coefficients or by those of a named law
    type, extends(material_type) :: polynomial_type
@@ -87,7 +92,7 @@ subroutine new_material(item, deck, at, error)
    select case (model)
    case ('muscle')
       allocate (muscle_type :: item%material)
-   case ('energy')
+   case ('energy', 'gent', 'fung', 'holzapfel')
       allocate (written_type :: item%material)
    case default
       allocate (polynomial_type :: item%material)
@@ -243,11 +248,21 @@ subroutine set_written(self, deck, at, error)
    type(tape_type) :: tape
    type(energy_derivatives) :: w
    type(invariant_state) :: rest
-   character(len=:), allocatable :: text, names, fault
+   character(len=:), allocatable :: model, text, names, fault
    real(wp) :: values(size(constants))
    integer :: i, n
 
-   call deck%get(at//'.energy', text)
+   call deck%get(at//'.model', model)
+   select case (model)
+   case ('gent')
+      text = '-mu*Jm/2*ln(1 - (I1 - 3)/Jm)'
+   case ('fung')
+      text = 'mu/(2*k2)*(exp(k2*(I1 - 3)) - 1)'
+   case ('holzapfel')
+      text = 'mu/2*(I1 - 3) + k1/(2*k2)*(exp(k2*max(I4 - 1, 0)^2) - 1)'
+   case default
+      call deck%get(at//'.energy', text)
+   end select
    names = ''
    n = 0
    do i = 1, size(constants)

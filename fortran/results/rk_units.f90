@@ -34,11 +34,8 @@ subroutine get_probe_unit(deck, i, text)
       if (problem == 'poisson') text = ''
    case ('angle')
       text = 'degree'
-   case ('ratio')
+   case ('ratio', 'expression')
       text = ''
-   case ('expression')
-      text = ''
-      call deck%get('probe.'//to_text(i)//'.unit', text)
    case default
       call compose(deck, 1, -2, text)
    end select
