@@ -154,8 +154,8 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
                   call fatal_error(error, err_input, 'boundary sets ' &
                      & //trim(cloud%set_names(cloud%boundary_set(other)))//' and ' &
                      & //trim(cloud%set_names(cloud%boundary_set(e)))//' meet and prescribe two ' &
-                     & //'displacements, '//to_text(self%value(a, i, b))//' and ' &
-                     & //to_text(value(a, i))//', for component '//to_text(i)//' at ' &
+                     & //'displacements, '//both(condition, a, self%value(a, i, b), value(a, i)) &
+                     & //', for component '//to_text(i)//' at ' &
                      & //to_text(x)//': leave one of them out there, by a [[set]] with where')
                   return
                end if
@@ -226,6 +226,20 @@ pure integer function contradiction(one, other)
    end do
    contradiction = 0
 end function contradiction
+
+!> Two displacements that contradict each other, for a message: those of rotations are no lengths
+function both(condition, a, one, other) result(text)
+   type(condition_type), intent(in) :: condition(:)
+   !> Load factor for which they are not the same
+   integer, intent(in) :: a
+   !> Displacements that it makes [length]
+   real(wp), intent(in) :: one, other
+   character(len=:), allocatable :: text
+
+   text = to_text(one)//' and '//to_text(other)
+   if (any(condition%sine > 0 .and. (condition%sine == a .or. condition%sine + 1 == a))) &
+      & text = 'one of them by a rotation'
+end function both
 
 !> What conditions prescribe at a place of their sets, for strong and for weak forms: tractions add,
 !> displacements must agree
@@ -300,7 +314,7 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
                call fatal_error(error, err_input, 'boundary sets ' &
                   & //trim(cloud%set_names(condition(other)%set))//' and ' &
                   & //trim(cloud%set_names(condition(c)%set))//' overlap and prescribe two ' &
-                  & //'displacements, '//to_text(value(a, i))//' and '//to_text(g(a, i)) &
+                  & //'displacements, '//both(condition, a, value(a, i), g(a, i)) &
                   & //', for component '//to_text(i)//' at '//to_text(x)//': give one of them, ' &
                   & //'or separate them by `where`')
                return
