@@ -117,6 +117,7 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
    real(wp), allocatable :: traction(:, :, :)
    logical, allocatable :: fixed(:, :)
    real(wp) :: value(factors, 3)
+   character(len=:), allocatable :: both
    integer :: a, b, e, i, nd, n, other
 
    nd = cloud%nd
@@ -151,11 +152,12 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
                if (a > 0) then
                   other = findloc(number(cloud%boundary_point(:e - 1)) == b .and. &
                      & fixed(i, :e - 1), .true., dim=1)
+                  call name_both(condition, a, self%value(a, i, b), value(a, i), both)
                   call fatal_error(error, err_input, 'boundary sets ' &
                      & //trim(cloud%set_names(cloud%boundary_set(other)))//' and ' &
                      & //trim(cloud%set_names(cloud%boundary_set(e)))//' meet and prescribe two ' &
-                     & //'displacements, '//to_text(self%value(a, i, b))//' and ' &
-                     & //to_text(value(a, i))//', for component '//to_text(i)//' at ' &
+                     & //'displacements, '//both &
+                     & //', for component '//to_text(i)//' at ' &
                      & //to_text(x)//': leave one of them out there, by a [[set]] with where')
                   return
                end if
@@ -227,6 +229,20 @@ pure integer function contradiction(one, other)
    contradiction = 0
 end function contradiction
 
+!> Two displacements that contradict each other, for a message: those of rotations are no lengths
+subroutine name_both(condition, a, one, other, text)
+   type(condition_type), intent(in) :: condition(:)
+   !> Load factor for which they are not the same
+   integer, intent(in) :: a
+   !> Displacements that it makes [length]
+   real(wp), intent(in) :: one, other
+   character(len=:), allocatable, intent(out) :: text
+
+   text = to_text(one)//' and '//to_text(other)
+   if (any(condition%sine > 0 .and. (condition%sine == a .or. condition%sine + 1 == a))) &
+      & text = 'one of them by a rotation'
+end subroutine name_both
+
 !> What conditions prescribe at a place of their sets, for strong and for weak forms: tractions add,
 !> displacements must agree
 subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, error, time)
@@ -251,6 +267,7 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
    real(wp), intent(in), optional :: time
    logical :: own(3)
    real(wp) :: g(size(value, 1), 3), h(3), arm(3), turn(3)
+   character(len=:), allocatable :: both
    integer :: a, c, i, other, owner(3)
 
    fixed = .false.
@@ -297,10 +314,11 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
                   & //', where a tendon moves one of them as a plate: separate them by `where`')
                return
             else if (a > 0) then
+               call name_both(condition, a, value(a, i), g(a, i), both)
                call fatal_error(error, err_input, 'boundary sets ' &
                   & //trim(cloud%set_names(condition(other)%set))//' and ' &
                   & //trim(cloud%set_names(condition(c)%set))//' overlap and prescribe two ' &
-                  & //'displacements, '//to_text(value(a, i))//' and '//to_text(g(a, i)) &
+                  & //'displacements, '//both &
                   & //', for component '//to_text(i)//' at '//to_text(x)//': give one of them, ' &
                   & //'or separate them by `where`')
                return

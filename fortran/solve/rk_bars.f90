@@ -435,20 +435,21 @@ subroutine find_rims(scene, rim, wall)
    !> Also of something else than the ends of an annulus
    logical, intent(out) :: wall
    logical, dimension(size(scene%cloud%points, 2)) :: end_held, free, wall_held
-   logical, dimension(size(scene%condition)) :: at_end, here, holds
+   logical, dimension(size(scene%condition)) :: here, holds
+   logical :: at_end
    integer :: e, k
 
    end_held = .false.
    wall_held = .false.
    free = .false.
    associate (cloud => scene%cloud, condition => scene%condition)
-      at_end = [(any(condition(k)%set == ends), k=1, size(here))]
       do e = 1, size(cloud%boundary_point)
          here = [(cloud%in_set(e, condition(k)%set), k=1, size(here))]
          holds = here .and. [(all(condition(k)%fixed(:cloud%nd)), k=1, size(here))]
+         at_end = any(cloud%boundary_set(e) == ends)
          associate (ip => cloud%boundary_point(e))
-            end_held(ip) = end_held(ip) .or. any(holds .and. at_end)
-            wall_held(ip) = wall_held(ip) .or. any(holds .and. .not. at_end)
+            end_held(ip) = end_held(ip) .or. any(holds) .and. at_end
+            wall_held(ip) = wall_held(ip) .or. any(holds) .and. .not. at_end
             if (.not. any(here .and. [(any(condition(k)%fixed) .or. condition(k)%is_radial, &
                & k=1, size(here))])) free(ip) = .true.
          end associate

@@ -70,14 +70,23 @@ subroutine read_motion(condition, programme, deck, at, nd)
    !> Key of the entry
    character(len=*), intent(in) :: at
    integer, intent(in) :: nd
+   type(rotation_type) :: own
    real(wp) :: angle
+   integer :: same
 
    call deck%get(at//'.rotation', angle)
+   own = rotation_type(condition%amplitude, angle*pi/180.0_wp)
    if (nd < 3) condition%axis(3) = 1.0_wp
    condition%axis = condition%axis/norm2(condition%axis)
    condition%fixed(:nd) = .true.
-   programme%rotation = [programme%rotation, rotation_type(condition%amplitude, angle*pi/180.0_wp)]
-   condition%sine = programme%sine_of(size(programme%rotation))
+   ! sets that turn alike share the factors, so that they agree where they meet
+   same = findloc(programme%rotation%amplitude == own%amplitude .and. &
+      & abs(programme%rotation%angle - own%angle) <= 0.0_wp, .true., dim=1)
+   if (same == 0) then
+      programme%rotation = [programme%rotation, own]
+      same = size(programme%rotation)
+   end if
+   condition%sine = programme%sine_of(same)
 end subroutine read_motion
 
 !> Probes with exact and reference values

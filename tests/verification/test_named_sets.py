@@ -86,6 +86,39 @@ def test_a_whole_side_has_the_force_and_bars_of_that_side() -> None:
         assert found[1].bar(name) == found[0].bar(name)
 
 
+def test_the_named_end_of_a_ring_has_the_bars_of_that_end() -> None:
+    found = []
+    for end in "x0", "end":
+        ends = [held(end, 2), {"set": "outer", "traction": [0.3, 0.1]}]
+        body = scene(
+            "rkpm-gauss",
+            {"kind": "annulus", "inner_radius": 1, "outer_radius": 1.6, "source": [5, 9]},
+            material=[neo(10, 200)], approximation={"order": 2}, boundary=ends,
+            set=[{"name": "end", "side": "x0"}], galerkin={"essential": "transformation"},
+            probe=probes("u u_x 1.1 0.7"),
+        )  # fmt: skip
+        found.append(solved(body, error=True))
+    assert found[1].bar("u") == found[0].bar("u")
+
+
+@pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed"])
+def test_sets_that_turn_alike_agree_where_they_meet(method: str) -> None:
+    """Two sides that meet turn the whole body, without any stress."""
+    turn = {"rotation": 30, "about": [0.3, 0.2]}
+    body = scene(
+        method, box(5, 5), material=[neo(10, 100)],
+        boundary=[{"set": "x0", **turn}, {"set": "y1", **turn}],
+        probe=probes("u u_x 1 0", "s cauchy_yy 0.5 0.5"),
+    )  # fmt: skip
+    last = solved(body).last()
+    cos, sin = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    assert last["u"] == pytest.approx(0.7 * (cos - 1) + 0.2 * sin, abs=1e-5)
+    assert last["s"] == pytest.approx(0, abs=1e-4)
+    other = {"set": "y1", "rotation": 20, "about": [0.3, 0.2]}
+    body["boundary"][1] = other
+    assert "meet and prescribe two displacements, one of them by a rotation, for" in refused(body)
+
+
 def test_parts_add_to_the_whole() -> None:
     """Forces, torques and moved centroids of a glued end by its parts, one by its material."""
     wanted = [
