@@ -95,8 +95,11 @@ def mixed() -> Rows:
     straight = "material.muscle.fiber_angle=0"
     cases = {
         "displacement form, order 2": ("scene.method=rkcm", *low),
+        "order 2, no edge weights": ("mixed.edge_exponent=0", *low),
         "order 2": low,
         "order 3": third,
+        **{f"order 4, edge exponent {power}": (f"mixed.edge_exponent={power}", *sized(5))
+           for power in (0, 0.75, 1.5)},
         **{f"order 4, volume weight {weight}": (f"mixed.volume_weight={weight}", *sized(5))
            for weight in (3, 30)},
         **{f"order 4, {n} x {n} x {2 * n - 1}": sized(n) for n in (5, 6, 7)},

@@ -239,14 +239,15 @@ subroutine set_weights(self)
       end do
       do ip = 1, nc
          near = closeness(self, cloud%points(:, ip), reach)
-         self%domain_weight(ip) = self%spacing*near*face_share**faces(ip)
+         self%domain_weight(ip) = self%spacing*near**scene%mixed%edge_exponent*face_share**faces(ip)
          b = self%boundary_of(ip)
          if (b == 0) cycle
-         self%traction_weight(b) = near**0.5_wp*face_share**(faces(ip) - 1)
+         self%traction_weight(b) = near**max(scene%mixed%edge_exponent - 0.5_wp, 0.0_wp) &
+            & *face_share**(faces(ip) - 1)
       end do
       do iv = 1, nv
          self%volume_share(iv) = scene%mixed%volume_weight &
-            & *closeness(self, cloud%volume_points(:, iv), reach)
+            & *closeness(self, cloud%volume_points(:, iv), reach)**scene%mixed%edge_exponent
       end do
    end associate
 end subroutine set_weights

@@ -164,7 +164,8 @@ def order_doubt(dwi: Image, table: GradientTable) -> str:
     known = np.isfinite(signal).all(axis=-1) & (signal > 0).all(axis=-1)
     if len(table.b) < 7 + _LEAST_SPARE or not known.any():
         return ""
-    own = known & (signal.mean(axis=-1) > signal[known].mean())
+    # those of one brightness are all of it, to rounding
+    own = known & (signal.mean(axis=-1) >= (1 - 1e-9) * signal[known].mean())
     part = (np.argwhere(own) * 2 // dwi.data.shape[:3]) @ [4, 2, 1]
     logarithm = np.log(signal[own])
     means = [logarithm[part == number].mean(axis=0) for number in np.unique(part)]
