@@ -156,7 +156,7 @@ def _first_level_sets(
         first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     elif choice.start == "otsu":
         if choice.regions > 2:
-            raise InputError(f"'otsu' makes two regions, not {choice.regions}: take 'kmeans'")
+            raise InputError(f"'otsu' makes two regions, not {choice.regions}: use 'kmeans'")
         first = threshold_regions(channels[..., 0], region)
     else:
         first = np.zeros(region.shape, np.int32)
