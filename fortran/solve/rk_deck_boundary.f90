@@ -47,9 +47,9 @@ subroutine read_conditions(scene, deck, error)
          call deck%get(at//'.flux', condition%traction(1))
          condition%is_radial = deck%has(at//'.radial')
          ! the other sides of an annulus are its planes of symmetry
-         if (condition%is_radial .and. all(condition%set /= [set_number(.true., 1, 0), &
-            & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
-            & //'inner and outer', error)
+         if (condition%is_radial .and. any(condition%set == [set_number(.true., 2, 0), &
+            & set_number(.true., 2, 1)])) call deck%complain(at//'.radial', 'not on the planes ' &
+            & //'of symmetry x0 and y0', error)
          if (condition%tendon > 0.0_wp) then
             condition%direction = condition%direction/norm2(condition%direction)
             condition%fixed = condition%fixed .or. abs(condition%direction) > 0.0_wp

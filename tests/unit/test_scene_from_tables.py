@@ -258,7 +258,7 @@ def test_annulus(inputs: Path) -> None:
         assert any(message in line for line in complaints(inputs / "tube.toml", override)), override
     flat = [{"set": "outer", "radial": 1}, {"set": "y0", "radial": 1}]
     tables = scene("auto", scenes.annulus(3, 5), material=CUBE["material"], boundary=flat)
-    assert refused(tables) == "tables: boundary.y0.radial: only on the sets inner and outer"
+    assert refused(tables) == "tables: boundary.y0.radial: not on the planes of symmetry x0 and y0"
 
 
 @pytest.mark.parametrize(("full", "loads"), [(0.01, [0.5, 1.0]), (0.005, [1.0]), (0.0, [])])
