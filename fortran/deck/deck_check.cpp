@@ -153,9 +153,6 @@ static void check_values(Deck &deck, Section &section) {
       section.values.erase(key);
 }
 
-static std::string spelled(const Condition &condition) {
-   return condition.key + " = " + join(condition.values, " or ");
-}
 
 // The first condition that does not hold; nullptr where all hold. One that cannot be judged
 // (its key is absent or was refused) counts as `unknown` says.
@@ -174,6 +171,14 @@ static const Condition *failing(const Deck &deck, const Section &section,
          return &condition;
    }
    return nullptr;
+}
+
+// What a condition asks for and what is there instead
+static std::string only_for(const Deck &deck, const Section &section, const Condition &broken) {
+   if (broken.values.empty())
+      return "needs " + broken.key + " beside it";
+   return "only for " + broken.key + " = " + join(broken.values, " or ") + "; here " + broken.key + " = " +
+          deck.lookup(section, broken.key);
 }
 
 static std::optional<std::string> default_of(const Deck &deck, const Section &section,
@@ -195,6 +200,20 @@ static void fill_default(const Deck &deck, Section &section, const KeySpec &key)
    section.values[key.name] = value;
 }
 
+// Values that fit only beside some values of other keys
+static void check_value_if(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+   const std::string word =
+      key.type == Type::number && !value.is_number() ? "an expression" : value.plain();
+   for (const Restriction &one : key.value_if) {
+      const Condition *broken =
+         is_one_of(word, one.values) ? failing(deck, section, one.when, true) : nullptr;
+      if (broken)
+         deck.refuse(section, key.name,
+                     word + " is " + only_for(deck, section, *broken) +
+                        (one.why.empty() ? "" : ": " + one.why));
+   }
+}
+
 // Keys that are missing or out of place, given the values of others; returns those complained about
 static std::set<std::string> check_presence(Deck &deck, Section &section) {
    std::set<std::string> wrong;
@@ -203,13 +222,12 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
       if (const Condition *broken = failing(deck, section, key.only_if, true)) {
          if (!value)
             continue;
-         deck.refuse(section, key.name,
-                     broken->values.empty() ? "needs " + broken->key + " beside it"
-                                            : "only for " + spelled(*broken) + "; here " + broken->key +
-                                                 " = " + deck.lookup(section, broken->key));
+         deck.refuse(section, key.name, only_for(deck, section, *broken));
          wrong.insert(key.name);
          continue;
       }
+      if (value)
+         check_value_if(deck, section, key, *value);
       if (value || section.refused.count(key.name))
          continue;
       const std::vector<Condition> &when = key.required ? key.only_if : key.required_if;
@@ -275,7 +293,10 @@ static void check_series(Deck &deck, const Section &section, const KeySpec &key,
 static void check_length(Deck &deck, Section &section, const KeySpec &key, Value &value) {
    int length = key.length;
    std::string because;
-   if (length == dimension_length) {
+   if (length == unknowns_length && deck.word("linear", "problem") == "poisson") {
+      length = 1;
+      because = " (linear.problem = poisson)";
+   } else if (length < 0) {
       length = deck.dimension();
       if (length == 0)
          return;
@@ -283,13 +304,14 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    }
    if (key.scalar && is_single(key, value)) {
       Value array(std::vector<double>{}, value.origin);
-      array.items.assign(static_cast<std::size_t>(std::max(length, 1)), value);
+      // one number does not stand for all unknowns
+      array.items.assign(key.length == unknowns_length ? 1 : std::max(length, 1), value);
       value = array;
    }
    if (length == any_length || value.items.size() == static_cast<std::size_t>(length))
       return;
    deck.refuse(section, key.name,
-               "must have " + std::to_string(length) + " items" + because + ", not " +
+               "must have " + std::to_string(length) + (length == 1 ? " item" : " items") + because + ", not " +
                   std::to_string(value.items.size()));
    section.refused.insert(key.name);
 }
@@ -423,8 +445,11 @@ void check_schema(Deck &deck) {
             fill_default(deck, section, key);
       }
    }
-   for (Section &section : deck.sections)
+   for (Section &section : deck.sections) {
+      if (const Condition *broken = failing(deck, section, section.spec->only_if, true))
+         deck.refuse(section, "", only_for(deck, section, *broken));
       check_groups(deck, section, check_presence(deck, section));
+   }
    Names names;
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {

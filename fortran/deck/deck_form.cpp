@@ -268,6 +268,9 @@ static void choose_points(Deck &deck) {
 }
 
 void choose_form(Deck &deck) {
+   // what conditions say of decks that are not linear
+   if (!deck.single("linear"))
+      deck.facts["linear.problem"] = "none";
    const std::vector<Section *> scenes = deck.entries("scene");
    if (scenes.empty() || scenes.front()->refused.count("method"))
       return;

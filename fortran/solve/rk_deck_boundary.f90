@@ -5,7 +5,7 @@ module rk_deck_boundary
    use rk_deck, only : deck_type
    use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
-   use rk_lattice, only : outside_lattice, set_number
+   use rk_lattice, only : outside_lattice
    use rk_named_sets, only : add_set, extent_of
    use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
@@ -46,10 +46,6 @@ subroutine read_conditions(scene, deck, error)
          call deck%get(at//'.u', condition%value(1))
          call deck%get(at//'.flux', condition%traction(1))
          condition%is_radial = deck%has(at//'.radial')
-         ! the other sides of an annulus are its planes of symmetry
-         if (condition%is_radial .and. all(condition%set /= [set_number(.true., 1, 0), &
-            & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
-            & //'inner and outer', error)
          if (condition%tendon > 0.0_wp) then
             condition%direction = condition%direction/norm2(condition%direction)
             condition%fixed = condition%fixed .or. abs(condition%direction) > 0.0_wp
