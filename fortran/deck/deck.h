@@ -161,6 +161,8 @@ class Deck {
    std::string word(const std::string &table, const std::string &key) const; // "" where absent
    int dimension() const;                                                     // 0 where absent
    std::vector<Section *> entries(const std::string &table);
+   // Add a table that nobody wrote, behind others of its kind
+   Section &add(const TableSpec &spec, const Origin &origin);
    // First section of a table and the one behind its last
    std::pair<std::size_t, std::size_t> range_of(const TableSpec &spec) const;
    // The value or fact a condition speaks of, as plain text; "" where absent or refused
@@ -199,6 +201,8 @@ void apply_overrides(Deck &deck);
 std::string full_key(Deck &deck, const std::string &address);
 // deck_check.cpp: types, ranges, missing keys, defaults
 void check_schema(Deck &deck);
+// deck_form.cpp: a value that nobody wrote
+void put_default(Section &section, const std::string &key, Value value);
 // deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
 void choose_form(Deck &deck);
 // deck_form.cpp: the title of a deck without one, from the name of its file

@@ -192,12 +192,8 @@ static std::optional<std::string> default_of(const Deck &deck, const Section &se
 
 static void fill_default(const Deck &deck, Section &section, const KeySpec &key) {
    const std::optional<std::string> toml = default_of(deck, section, key);
-   if (!toml || section.given(key.name))
-      return;
-   Value value = *parse_value(*toml);
-   value.origin = section.origin;
-   value.by_default = true;
-   section.values[key.name] = value;
+   if (toml && !section.given(key.name))
+      put_default(section, key.name, *parse_value(*toml));
 }
 
 // Values that fit only beside some values of other keys
@@ -346,12 +342,20 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
    }
 }
 
-// Names of fields in this many dimensions; a linear problem knows displacement and stress only
-static std::vector<std::string> fields_of(int dimension, bool linear) {
+// Names of an expression that mean something in this many dimensions, in the order of messages; a linear
+// problem knows displacement and stress only
+static std::vector<std::string> names_of(const std::string &kind, int dimension, bool linear) {
    std::vector<std::string> names;
-   for (const std::string &name : field_names()) {
+   for (const std::string &name : expression_names()) {
+      const bool plane = name == "y" || name == "ny" || name == "r" || name == "theta";
+      if ((plane && dimension < 2) || (name.back() == 'z' && dimension < 3) ||
+          (name == "t" && kind != "time") || (name[0] == 'n' && kind != "surface"))
+         continue;
+      names.push_back(name);
+   }
+   for (const std::string &name : kind == "fields" ? field_names() : std::vector<std::string>{}) {
+      const std::size_t at = name.find('_');
       const auto along = [&](char axis) {
-         const std::size_t at = name.find('_');
          return at != std::string::npos && name.find(axis, at) != std::string::npos;
       };
       const bool third = along('z') && name != "cauchy_zz", second = along('y');
@@ -359,25 +363,6 @@ static std::vector<std::string> fields_of(int dimension, bool linear) {
       if ((third && dimension < 3) || (second && dimension < 2) || (finite && linear))
          continue;
       names.push_back(name);
-   }
-   return names;
-}
-
-// Names that mean something in this many dimensions
-static std::vector<std::string> names_of(const std::string &kind, int dimension) {
-   std::vector<std::string> names = {"x"};
-   if (dimension > 1)
-      names.insert(names.end(), {"y", "r", "theta"});
-   if (dimension > 2)
-      names.push_back("z");
-   if (kind == "time")
-      names.push_back("t");
-   if (kind == "surface") {
-      names.push_back("nx");
-      if (dimension > 1)
-         names.push_back("ny");
-      if (dimension > 2)
-         names.push_back("nz");
    }
    return names;
 }
@@ -396,12 +381,7 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
             names.push_back(other.name);
       }
    } else {
-      names = names_of(kind, deck.dimension());
-   }
-   if (kind == "fields") {
-      const std::vector<std::string> fields =
-         fields_of(deck.dimension(), deck.single("linear") != nullptr);
-      names.insert(names.end(), fields.begin(), fields.end());
+      names = names_of(kind, deck.dimension(), deck.single("linear"));
    }
    const auto check = [&](const Value &one, const std::string &which) {
       if (one.kind != Value::Kind::text)
@@ -417,7 +397,6 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
 }
 
 void check_schema(Deck &deck) {
-   std::vector<Section> missing;
    for (const TableSpec &spec : schema()) {
       if (spec.many || !deck.entries(spec.name).empty())
          continue;
@@ -425,16 +404,9 @@ void check_schema(Deck &deck) {
                                          [](const KeySpec &key) { return key.required; });
       if (spec.required && !deck.misshapen.count(spec.name))
          deck.complain({}, spec.name, "missing, the table " + spec.title() + " is needed");
-      if (!fillable)
-         continue;
-      Section section;
-      section.spec = &spec;
-      missing.push_back(section);
+      if (fillable)
+         deck.add(spec, {});
    }
-   deck.sections.insert(deck.sections.end(), missing.begin(), missing.end());
-   std::stable_sort(deck.sections.begin(), deck.sections.end(),
-                    [](const Section &a, const Section &b) { return a.spec < b.spec; });
-
    for (Section &section : deck.sections)
       check_values(deck, section);
    choose_form(deck);

@@ -104,7 +104,7 @@ subroutine read_probes(scene, deck, error)
       associate (probe => scene%probe(k))
          call probe%read(deck, at)
          call deck%get(at//'.expression', probe%expression)
-         if (probe%expression%uses_field('fiber_stretch')) &
+         if (probe%expression%uses('fiber_stretch')) &
             & call check_fibers(scene, probe, deck, at, error)
          if (deck%has(at//'.normal')) probe%normal = probe%normal/norm2(probe%normal)
          if (deck%has(at//'.set')) then
