@@ -1,7 +1,7 @@
 // Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of their keys, and
 // its values as JSON.
 //
-// Texts come a line each, booleans as 0 or 1. A text that names an entry of another table has the number
+// Texts come a line each, booleans in JSON only. A text that names an entry of another table has the number
 // of that entry, from 1, beside it, an array of tables the number of its entries. All pointers live until
 // rk_deck_close.
 #include "deck.h"
@@ -67,8 +67,6 @@ Entry flatten(const rk::Value &value) {
    Entry entry;
    if (value.is_number())
       entry.numbers = {value.number()};
-   if (value.kind == rk::Value::Kind::boolean)
-      entry.numbers = {value.boolean ? 1.0 : 0.0};
    if (value.kind == rk::Value::Kind::text) {
       entry.kind = is_text;
       entry.text = value.text;

@@ -211,7 +211,6 @@ COMPONENTS = {
     "integers": "integer, allocatable :: {}(:)",
     "number": "real(wp) :: {} = 0.0_wp",
     "numbers": "real(wp), allocatable :: {}(:)",
-    "boolean": "logical :: {} = .false.",
     "vector": "real(wp) :: {}(3) = 0.0_wp",
     "entry": "integer :: {} = 0",
     "value": "type(value_type) :: {}",

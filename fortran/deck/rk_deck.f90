@@ -57,15 +57,15 @@ module rk_deck
       procedure :: where => where_written, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
-      !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
+      !> Value of a key. Without one a number or an expression stays what it was; texts
       !> and arrays come empty. The integer of a name is the number of the entry that has it.
-      generic :: get => get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
-         & get_texts, get_expression, get_value, get_values
+      generic :: get => get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
+         & get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
       procedure :: vary
-      procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
-         & get_texts, get_expression, get_value, get_values, set_expression
+      procedure, private :: get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
+         & get_expression, get_value, get_values, set_expression
       procedure, private :: find
    end type deck_type
 
@@ -394,17 +394,6 @@ subroutine get_real(self, key, value)
    call self%get(key, values)
    if (size(values) == 1) value = values(1)
 end subroutine get_real
-
-subroutine get_logical(self, key, value)
-   class(deck_type), intent(in) :: self
-   character(len=*), intent(in) :: key
-   logical, intent(inout) :: value
-   real(wp) :: number
-
-   number = merge(1.0_wp, 0.0_wp, value)
-   call self%get(key, number)
-   value = number > 0.0_wp
-end subroutine get_logical
 
 !> A vector
 subroutine get_vector(self, key, value)

@@ -3,7 +3,6 @@
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice
    use rk_named_sets, only : add_set, extent_of
@@ -242,7 +241,7 @@ subroutine read_region(region, scene, deck, at, error)
    end if
    if (deck%has(at//'.on')) then
       call deck%get(at//'.on', k)
-      if (has_regions(deck)) then
+      if (any(scene%tissue%part%given())) then
          ! labels of points would put the border half way between these
          region%tissue = scene%tissue(k:)%part
       else if (size(scene%tissue) > 1) then

@@ -250,7 +250,7 @@ def test_annulus(inputs: Path) -> None:
         "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
         "boundary.inner.u_x=1": "cannot be combined with u_x",
         "scene.dimension=3": "annulus is only for scene.dimension = 2; here scene.dimension = 3",
-        "probe.radial_stress.quantity=u_z": "u_z is only for scene.dimension = 3; here scene.dimensi",
+        "probe.radial_stress.quantity=u_z": "u_z is only for scene.dimension = 3; here ",
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",
         "probe.radial_stress.point=[-0.1,7]": "(-0.1, 7) lies outside the annulus",
         "boundary.x0.set=z0": "'z0' is not a side of this annulus; there are inner, outer, x0",
