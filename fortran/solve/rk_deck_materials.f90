@@ -1,7 +1,7 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
    use rk_deck, only : deck_type
-   use rk_deck_regions, only : has_regions, label_regions, read_parts
+   use rk_deck_regions, only : label_regions
    use rk_error, only : error_type, fatal_error, err_input
    use rk_material, only : material_item
    use rk_energies, only : new_material
@@ -26,11 +26,16 @@ subroutine read_materials(scene, deck, error)
    logical :: regions
 
    n = deck%count('material')
-   regions = has_regions(deck)
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
-   if (regions) call read_parts(scene%tissue, deck)
-   if (regions) call label_regions(scene, deck, error)
-   if (allocated(error)) return
+   do k = 1, n
+      call deck%get('material.'//to_text(k)//'.where', scene%tissue(k)%part)
+   end do
+   regions = any(scene%tissue%part%given())
+   if (regions) then
+      scene%tissue%label = [(k, k=1, n)]
+      call label_regions(scene, deck, error)
+      if (allocated(error)) return
+   end if
    scene%tissue_of = 0
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
       & source=0)

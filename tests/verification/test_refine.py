@@ -402,7 +402,6 @@ def test_what_voxels_leave_open_is_not_promised() -> None:
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"refine": {"accuracy": 0.01, "probe": "top"}}, "refine.probe: there is no probe 'top'"),
     ({"probe": []}, "refine: needs a probe"),
 ])  # fmt: skip
 def test_what_cannot_be_refined_is_refused(change, message) -> None:
