@@ -20,7 +20,6 @@ from myork.core.deck import load_deck
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud
 from myork.tables import deck_text
-from tests import scenes
 from tests.scenes import box, deck_file, held, loaded, refused, refuses, scene, solved, tomllib
 
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
