@@ -16,8 +16,8 @@ module rk_acoustic
 
    public :: least_acoustic
 
-   !> Directions of the first search, about 0.3 apart on the half sphere
-   integer, parameter :: directions = 60
+   !> Directions of the first search, about 0.3 apart on the half sphere and 0.2 in the plane
+   integer, parameter :: directions = 60, in_plane = 15
    !> Refinements, each of four tries by a turn that is halved where none is better
    integer, parameter :: refinements = 10
    !> First turn of the refinement
@@ -28,11 +28,11 @@ module rk_acoustic
    real(wp), parameter :: apart = 3.0_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
    integer :: d
-   real(wp), parameter :: around(directions) = [(pi*(d - 1)/directions, d=1, directions)]
+   real(wp), parameter :: around(in_plane) = [(pi*(d - 1)/in_plane, d=1, in_plane)]
    real(wp), parameter :: height(directions) = [((d - 0.5_wp)/directions, d=1, directions)]
    real(wp), parameter :: turned(directions) = [(pi*(3.0_wp - sqrt(5.0_wp))*d, d=1, directions)]
-   real(wp), parameter :: flat(3, directions) = reshape([(cos(around(d)), sin(around(d)), 0.0_wp, &
-      & d=1, directions)], [3, directions])
+   real(wp), parameter :: flat(3, in_plane) = reshape([(cos(around(d)), sin(around(d)), 0.0_wp, &
+      & d=1, in_plane)], [3, in_plane])
    real(wp), parameter :: spiral(3, directions) = reshape([(sqrt(1.0_wp - height(d)**2) &
       & *cos(turned(d)), sqrt(1.0_wp - height(d)**2)*sin(turned(d)), height(d), &
       & d=1, directions)], [3, directions])
@@ -55,7 +55,7 @@ pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
    form = products_form(c4)
    least = huge(1.0_wp)
    best = 0.0_wp
-   do k = 1, directions
+   do k = 1, merge(in_plane, directions, nd == 2)
       if (nd == 2) then
          call keep_better(flat(:, k), least, best)
       else
