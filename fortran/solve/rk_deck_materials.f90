@@ -3,7 +3,6 @@ module rk_deck_materials
    use rk_deck, only : deck_type
    use rk_deck_regions, only : label_regions
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_material, only : material_item
    use rk_energies, only : new_material
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type, tissue_type
@@ -68,7 +67,6 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(inout) :: material_of(:)
    type(error_type), allocatable, intent(inout) :: error
-   type(material_item) :: item
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
    logical :: by_label
@@ -79,12 +77,11 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       by_label = regions .or. deck%has(at//'.label')
       if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
          & tissue%label)
-      call new_material(item, deck, at, error)
+      call new_material(tissue%material, deck, at, error)
       if (allocated(error)) then
          error%message = deck%where(at//'.model')//': '//error%message
          return
       end if
-      call move_alloc(item%material, tissue%material)
       call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
       if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
          & tissue, by_label)

@@ -559,7 +559,7 @@ subroutine shares(answer, cells, bars, share)
          other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
          companion = companion_type()
          words = [words_of(answer%deck, scene%cloud, other), steps]
-         call solve_beside(companion, answer, words, answer%model)
+         call solve_beside(companion, answer, words)
          if (allocated(companion%why_not)) then
             ! unknown: as much as all others
             share(d, :) = 1.0_wp
