@@ -65,19 +65,16 @@ module rk_symmetric
       final :: free
    end type symmetric_matrix
 
-   !> Mostly zero entries in the pattern of a matrix: its nonzero pieces of columns, in the order
-   !> in which a product uses them
+   !> Mostly zero entries in the pattern of a matrix: those that are not
    type :: few_entries
-      !> Column and first row of each piece, shape (pieces)
-      integer, allocatable :: column(:), row(:)
-      !> Piece k is value(first(k)+1 : first(k+1)), shape (pieces + 1)
-      integer(i8), allocatable :: first(:)
-      !> Entries of the matrix before each piece, shape (pieces)
-      integer(i8), allocatable :: before(:)
-      !> Entries of all pieces
+      !> Place of each among the entries of the matrix, shape (few)
+      integer(i8), allocatable :: place(:)
+      !> Its row and column, shape (few)
+      integer, allocatable :: row(:), column(:)
+      !> The entries, shape (few)
       real(wp), allocatable :: value(:)
    contains
-      procedure :: put, product => product_of_pieces
+      procedure :: put, product => product_of_few
    end type few_entries
 
    !> A matrix and the factor of another one in the same places
@@ -295,7 +292,10 @@ subroutine product_with(self, value, x, y)
       at = 0
       ! blocks k to l stand side by side; reading their rows would take as long as their entries
       do while (k < last)
-         l = end_of_run(self%above%index, k, last)
+         l = k
+         do while (l + 1 < last .and. self%above%index(l + 1) == self%above%index(l) + 1)
+            l = l + 1
+         end do
          i = b*(self%above%index(k) - 1)
          do c = b*(j - 1) + 1, b*j
             call add_column(b*int(l - k + 1), value(self%start(c) + at + 1:), x(i + 1:), x(c), &
@@ -313,78 +313,28 @@ subroutine product_with(self, value, x, y)
    end do
 end subroutine product_with
 
-!> Last block of a run of blocks that stand side by side
-pure integer(i8) function end_of_run(index, from, last) result(at)
-   !> Rows of the blocks, in rising order
-   integer, contiguous, intent(in) :: index(:)
-   !> First block of the run, and the one behind the last of its column
-   integer(i8), intent(in) :: from, last
-
-   at = from
-   do while (at + 1 < last)
-      if (index(at + 1) /= index(at) + 1) exit
-      at = at + 1
-   end do
-end function end_of_run
-
 !> The nonzero ones of other entries in the same pattern
 function nonzeros(self, value) result(kept)
    class(symmetric_matrix), intent(in) :: self
    !> Entries, shape (entries)
    real(wp), intent(in) :: value(:)
    type(few_entries) :: kept
-   integer(i8) :: at, entries, k, l, last, pieces
-   integer :: b, c, i, j, pass
+   integer(i8), allocatable :: row(:)
+   integer(i8) :: k
+   integer :: j
 
-   b = self%block
-   do pass = 1, 2
-      pieces = 0
-      entries = 0
-      do j = 1, self%n/b
-         k = self%above%offset(j) + 1
-         last = self%above%offset(j + 1)
-         at = 0
-         do while (k < last)
-            l = end_of_run(self%above%index, k, last)
-            do c = b*(j - 1) + 1, b*j
-               call keep(c, b*(self%above%index(k) - 1) + 1, at, b*int(l - k + 1))
-            end do
-            at = at + b*(l - k + 1)
-            k = l + 1
-         end do
-         i = b*(j - 1) + 1
-         do c = i, b*j
-            call keep(c, i, at, c - i)
-            call keep(c, c, at + c - i, 1)
-         end do
+   kept%place = pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp)
+   kept%value = value(kept%place)
+   allocate (row, source=self%rows())
+   kept%row = int(row(kept%place)) + 1
+   allocate (kept%column(size(kept%row)))
+   j = 1
+   do k = 1, size(kept%place, kind=i8)
+      do while (kept%place(k) > self%start(j + 1))
+         j = j + 1
       end do
-      if (pass == 2) exit
-      allocate (kept%column(pieces), kept%row(pieces), kept%before(pieces), kept%value(entries))
-      allocate (kept%first(pieces + 1), source=0_i8)
+      kept%column(k) = j
    end do
-
-contains
-
-   !> Keep a piece of a column unless it is zero
-   subroutine keep(column, row, above_it, length)
-      integer, intent(in) :: column, row
-      !> Entries of the column above it, and in it
-      integer(i8), intent(in) :: above_it
-      integer, intent(in) :: length
-      integer(i8) :: before
-
-      before = self%start(column) + above_it
-      if (all(abs(value(before + 1:before + length)) <= 0.0_wp)) return
-      pieces = pieces + 1
-      entries = entries + length
-      if (pass == 1) return
-      kept%column(pieces) = column
-      kept%row(pieces) = row
-      kept%before(pieces) = before
-      kept%first(pieces + 1) = entries
-      kept%value(kept%first(pieces) + 1:entries) = value(before + 1:before + length)
-   end subroutine keep
-
 end function nonzeros
 
 !> All entries, zero where none is kept
@@ -392,36 +342,26 @@ subroutine put(self, value)
    class(few_entries), intent(in) :: self
    !> Entries of a matrix, shape (entries)
    real(wp), intent(inout) :: value(:)
-   integer :: k
 
    value = 0.0_wp
-   do k = 1, size(self%row)
-      associate (length => self%first(k + 1) - self%first(k))
-         value(self%before(k) + 1:self%before(k) + length) &
-            & = self%value(self%first(k) + 1:self%first(k + 1))
-      end associate
-   end do
+   value(self%place) = self%value
 end subroutine put
 
-!> Product with a vector, bit for bit that of all entries
-subroutine product_of_pieces(self, x, y)
+!> Product with a vector
+subroutine product_of_few(self, x, y)
    class(few_entries), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
-   integer :: k
+   integer(i8) :: k
 
    y = 0.0_wp
-   do k = 1, size(self%row)
-      associate (c => self%column(k), i => self%row(k), at => self%first(k) + 1)
-         if (i == c) then
-            y(c) = y(c) + self%value(at)*x(c)
-         else
-            call add_column(int(self%first(k + 1) - self%first(k)), self%value(at:), x(i:), x(c), &
-               & y(i:), y(c))
-         end if
+   do k = 1, size(self%value, kind=i8)
+      associate (i => self%row(k), j => self%column(k))
+         y(i) = y(i) + self%value(k)*x(j)
+         if (i < j) y(j) = y(j) + self%value(k)*x(i)
       end associate
    end do
-end subroutine product_of_pieces
+end subroutine product_of_few
 
 !> Some entries of a column above the diagonal, and of its row
 pure subroutine add_column(n, a, x, x_own, y, y_own)
@@ -466,41 +406,30 @@ subroutine both_triangles(self, given, sign, start, column, value)
    integer(i8), allocatable, intent(out) :: column(:)
    !> Entries
    real(wp), allocatable, intent(out) :: value(:)
-   !> Columns of blocks in which each row of blocks has an entry, the diagonal one first
-   type(csr_type) :: later
-   integer(i8), allocatable :: entry(:), own(:)
-   integer(i8) :: at, k, l, place
-   integer :: b, c, i, j, row
+   !> Rows of each column of the upper triangle, and columns of each of its rows
+   type(csr_type) :: upper, later
+   integer(i8), allocatable :: entry(:)
+   integer(i8) :: at, k
+   integer :: j
 
-   b = self%block
-   allocate (own, source=self%rows())
-   call self%above%transposed(self%n/b, later, entry)
-   allocate (start(self%n + 1))
-   start(1) = 0
-   do j = 1, self%n
-      start(j + 1) = start(j) + self%start(j + 1) - self%start(j) + b*((j + b - 1)/b) - j &
-         & + b*(later%offset((j + b - 1)/b + 1) - later%offset((j + b - 1)/b) - 1)
-   end do
+   allocate (upper%offset, source=self%start)
+   upper%index = int(self%rows()) + 1
+   call upper%transposed(self%n, later, entry)
+   ! the diagonal is in both
+   start = upper%offset + later%offset - [(int(j, i8), j=0, self%n)]
    allocate (column(start(self%n + 1)), value(start(self%n + 1)))
-   do j = 1, self%n/b
-      do i = 1, b
-         row = (j - 1)*b + i
-         ! by symmetry a row begins with the entries of its column; those of later columns follow
-         at = start(row) + self%start(row + 1) - self%start(row)
-         column(start(row) + 1:at) = own(self%start(row) + 1:self%start(row + 1))
-         value(start(row) + 1:at) = given(self%start(row) + 1:self%start(row + 1))
-         if (allocated(self%skew)) value(start(row) + 1:at) = value(start(row) + 1:at) &
-            & - sign*self%skew(self%start(row) + 1:self%start(row + 1))
-         do k = later%offset(j) + 1, later%offset(j + 1)
-            do c = merge(i + 1, 1, later%index(k) == j), b
-               l = (later%index(k) - 1)*b + c
-               at = at + 1
-               column(at) = l - 1
-               place = self%start(l) + b*(entry(k) - self%above%offset(later%index(k)) - 1) + i
-               value(at) = given(place)
-               if (allocated(self%skew)) value(at) = value(at) + sign*self%skew(place)
-            end do
-         end do
+   do j = 1, self%n
+      ! by symmetry a row begins with the entries of its column; those of later columns follow
+      at = start(j) + self%start(j + 1) - self%start(j)
+      column(start(j) + 1:at) = upper%index(self%start(j) + 1:self%start(j + 1)) - 1
+      value(start(j) + 1:at) = given(self%start(j) + 1:self%start(j + 1))
+      if (allocated(self%skew)) value(start(j) + 1:at) = value(start(j) + 1:at) &
+         & - sign*self%skew(self%start(j) + 1:self%start(j + 1))
+      do k = later%offset(j) + 2, later%offset(j + 1)
+         at = at + 1
+         column(at) = later%index(k) - 1
+         value(at) = given(entry(k))
+         if (allocated(self%skew)) value(at) = value(at) + sign*self%skew(entry(k))
       end do
    end do
 end subroutine both_triangles
