@@ -6,13 +6,13 @@
 !> Matrices that follow one another differ little: those with the last factor come first.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
-   use rk_cuthill, only : cuthill_mckee, order_along
    use rk_error, only : error_type, err_input, err_memory
    use rk_lapack, only : largest_eigenpair, solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, sp, wp
    use rk_single_envelope, only : envelope_type, new_envelope
+   use rk_sort, only : order_along
    use rk_sparse, only : solve_sparse, sparse_factor
    implicit none
    private
@@ -52,7 +52,8 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
-      !> Where the first blocks are, shape (nd, located), not allocated where they are nowhere
+      !> Where the first blocks are, in coordinates along the body, shape (nd, located); not allocated
+   !> where they are nowhere
       real(wp), allocatable, private :: x(:, :)
       !> What the factors have in common
       type(sparse_factor), pointer, private :: kept => null()
@@ -500,7 +501,7 @@ subroutine solve_with(self, given, b, x, report, error)
    end if
    if (symmetric) then
       ! not allocated it is no argument
-      if (.not. self%kept%ordered) order = unknowns_along(self)
+      if (allocated(self%x) .and. .not. self%kept%ordered) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%rows(), given, .true., self%keeps, b, x, &
          & report%rcond, self%kept, error, order)
    end if
@@ -722,47 +723,58 @@ logical function surely_positive(lanczos, n)
    surely_positive = least > share/(1.0_wp - share)*(largest - least)
 end function surely_positive
 
-!> Order of elimination and envelope of the factor of half as many digits: along the axis, or by the
-!> levels of the graph, that take the fewest operations
+!> Order of elimination and envelope of the factor of half as many digits
 subroutine lay_out(self)
    type(symmetric_matrix), intent(in) :: self
    type(error_type), allocatable :: error
-   integer, allocatable :: place(:), located(:), reach(:), best(:), first(:)
+   integer, allocatable :: place(:), reach(:)
    integer :: position(self%n), low(self%n)
-   real(wp) :: operations
-   integer :: axes, b, c, d, i, n
+   integer :: b, c, i
 
-   n = size(self%above%offset) - 1
    b = self%block
-   allocate (place(n))
    associate (near => self%near)
-      near%operations = huge(1.0_wp)
-      axes = 0
-      if (allocated(self%x)) axes = size(self%x, 1)
-      do d = 0, axes
-         if (d == 0) then
-            place(cuthill_mckee(self%above)) = [(i, i=1, n)]
-         else
-            call order_along(self%x, d, located)
-            place = [located, [(i, i=size(located) + 1, n)]]
-         end if
-         reach = reach_of(self%above, place)
-         operations = real(b, wp)**3*sum(([(i, i=1, n)] - reach + 1.0_wp)**2)
-         if (operations >= near%operations) cycle
-         near%operations = operations
-         best = place
-         first = reach
-      end do
+      near%operations = 0.0_wp
+      if (.not. allocated(self%x)) return
+      call order_blocks(self, place, reach, near%operations)
       do c = 1, b
-         position(c::b) = b*(best - 1) + c
-         low(c::b) = b*(first - 1) + 1
+         position(c::b) = b*(place - 1) + c
+         low(c::b) = b*(reach - 1) + 1
       end do
-      near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, n)] - first + 1.0_wp))/faster
+      near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, size(place))] - reach + 1.0_wp))/faster
       if (near%operations < large) return
       call new_envelope(near%matrix, position, low, error)
       if (allocated(error)) near%operations = 0.0_wp
    end associate
 end subroutine lay_out
+
+!> Order of elimination of the blocks along the axis for which it takes the fewest operations: bodies
+!> that are a few supports thick have no separators that would be smaller than a layer, and there it
+!> fills less than minimum degree or nested dissection
+subroutine order_blocks(self, place, reach, operations)
+   !> Matrix whose blocks are somewhere
+   type(symmetric_matrix), intent(in) :: self
+   !> Place of each block, and the first place with which that of each place is coupled, shape
+   !> (blocks) each
+   integer, allocatable, intent(out) :: place(:), reach(:)
+   !> Operations of a factorisation within the envelope
+   real(wp), intent(out) :: operations
+   integer, allocatable :: along(:), first(:)
+   real(wp) :: work
+   integer :: d, i, n
+
+   n = size(self%above%offset) - 1
+   operations = huge(1.0_wp)
+   do d = 1, size(self%x, 1)
+      call order_along(self%x, d, along)
+      along = [along, [(i, i=size(along) + 1, n)]]
+      first = reach_of(self%above, along)
+      work = real(self%block, wp)**3*sum(([(i, i=1, n)] - first + 1.0_wp)**2)
+      if (work >= operations) cycle
+      operations = work
+      call move_alloc(along, place)
+      call move_alloc(first, reach)
+   end do
+end subroutine order_blocks
 
 !> First place of the blocks with which that of each place is coupled
 pure function reach_of(above, place) result(reach)
@@ -852,13 +864,14 @@ function unknowns_along(self) result(order)
    class(symmetric_matrix), intent(in) :: self
    !> Unknowns less 1, shape (n)
    integer(i8), allocatable :: order(:)
-   integer, allocatable :: along(:)
-   integer :: i
+   integer, allocatable :: place(:), reach(:)
+   real(wp) :: operations
+   integer :: c, i
 
+   call order_blocks(self, place, reach, operations)
    allocate (order(self%n))
-   along = cuthill_mckee(self%above)
-   do i = 1, self%block
-      order(i::self%block) = self%block*(along - 1_i8) + i - 1
+   do c = 1, self%block
+      order(self%block*(place - 1) + c) = [(self%block*(i - 1_i8) + c - 1, i=1, size(place))]
    end do
 end function unknowns_along
 
