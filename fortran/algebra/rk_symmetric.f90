@@ -7,7 +7,7 @@
 module rk_symmetric
    use rk_csr, only : csr_type, sort
    use rk_error, only : error_type, err_input, err_memory
-   use rk_lapack, only : largest_eigenpair, solve_band
+   use rk_lapack, only : solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, sp, wp
@@ -107,9 +107,6 @@ module rk_symmetric
    real(wp), parameter :: seen = 1.0e-2_wp
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
-   !> Steps of Lanczos' iteration that bound eigenvalues, and the probability of an error [-]
-   integer, parameter :: bounding = 12
-   real(wp), parameter :: unlikely = 1.0e-6_wp
    !> Solves of what the last one has left, and the share of the solution that they may leave [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
@@ -667,24 +664,10 @@ end function has_negative
 logical function definite(self)
    class(symmetric_matrix), target, intent(in) :: self
    type(error_type), allocatable :: error
-   type(square_report) :: report
-   type(preconditioned_type) :: system
-   real(wp) :: b(self%n), x(self%n), lanczos(2, bounding)
-   integer :: k, done
+   real(wp) :: b(self%n), x(self%n), rcond
 
-   ! any force that has a part of all motions; the factor lets the softest ones prevail
-   b = [(modulo(k*0.618033988749895_wp, 1.0_wp) - 0.5_wp, k=1, self%n)]
    associate (near => self%near)
       if (allocated(near%matrix%start) .and. near%operations >= large .and. .not. near%coarse) then
-         system%size = self%n
-         system%places => self
-         system%given => self%value
-         if (near%ready .and. .not. near%share > 0.0_wp) then
-            lanczos = 0.0_wp
-            call minres(system, b, 0.0_wp, bounding, x, done, report%backward_error, lanczos)
-            definite = surely_positive(lanczos(:, :done), self%n)
-            if (definite) return
-         end if
          call factorise(self, self%value, 0.0_wp)
          definite = near%ready
          if (definite) return
@@ -692,36 +675,12 @@ logical function definite(self)
          if (.not. near%ready) return
       end if
    end associate
-   x = 0.0_wp
-   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, &
-      & report%rcond, self%kept, error)
+   b = 1.0_wp
+   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, rcond, &
+      & self%kept, error)
    definite = .not. allocated(error)
    if (.not. definite) definite = error%code == err_input
 end function definite
-
-!> Whether all eigenvalues are positive, from some steps of Lanczos' iteration: the least of the
-!> tridiagonal matrix is above that of the whole by at most a share of the spread of all, but for a
-!> small probability over the vectors with which it begins.
-!>
-!> Reference: Kuczynski, Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992), doi:10.1137/0613066
-logical function surely_positive(lanczos, n)
-   !> Diagonal and what stands beside it, shape (2, steps)
-   real(wp), intent(in) :: lanczos(:, :)
-   !> Unknowns
-   integer, intent(in) :: n
-   real(wp) :: vector(size(lanczos, 2)), least, largest, share
-   integer :: k
-
-   k = size(lanczos, 2)
-   surely_positive = .false.
-   if (k == 0) return
-   share = (log(1.648_wp*sqrt(real(n, wp))/unlikely)/(2*k - 1))**2
-   if (.not. share < 1.0_wp) return
-   call largest_eigenpair(lanczos(1, :), lanczos(2, :k - 1), largest, vector)
-   call largest_eigenpair(-lanczos(1, :), lanczos(2, :k - 1), least, vector)
-   least = -least
-   surely_positive = least > share/(1.0_wp - share)*(largest - least)
-end function surely_positive
 
 !> Order of elimination and envelope of the factor of half as many digits
 subroutine lay_out(self)
