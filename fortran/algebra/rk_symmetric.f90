@@ -52,8 +52,8 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
-      !> Where the first blocks are, in coordinates along the body, shape (nd, located); not allocated
-   !> where they are nowhere
+      !> Where the first blocks are, in coordinates along the body, shape (nd, located); not
+      !> allocated where they are nowhere
       real(wp), allocatable, private :: x(:, :)
       !> What the factors have in common
       type(sparse_factor), pointer, private :: kept => null()
@@ -706,9 +706,9 @@ subroutine lay_out(self)
    end associate
 end subroutine lay_out
 
-!> Order of elimination of the blocks along the axis for which it takes the fewest operations: bodies
-!> that are a few supports thick have no separators that would be smaller than a layer, and there it
-!> fills less than minimum degree or nested dissection
+!> Order of elimination of the blocks along the axis for which it takes the fewest operations.
+!> Bodies that are a few supports thick have no separators that would be smaller than a layer, and
+!> there it fills less than minimum degree or nested dissection
 subroutine order_blocks(self, place, reach, operations)
    !> Matrix whose blocks are somewhere
    type(symmetric_matrix), intent(in) :: self
