@@ -65,7 +65,7 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last
    do cut = 0, max_cuts
       trial = a + scale*da
       ! whole steps are mostly accepted
-      plain = problem%costly .and. (last .or. cut > 0)
+      plain = problem%square .and. (last .or. cut > 0)
       if (plain) then
          call problem%evaluate(trial, load, new, state)
       else

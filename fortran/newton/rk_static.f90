@@ -5,11 +5,11 @@ module rk_static
    use rk_clock, only : timer_type
    use rk_discretisation, only : at_rest, turns_over
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
-   use rk_newton, only : hand_over, newton_type, solve_step, take_over
+   use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type
    use rk_programme, only : plan_type
-   use rk_recorder, only : recorder_type, step_type
+   use rk_recorder, only : carried_type, recorder_type, step_type
    use rk_text, only : to_text
    implicit none
    private
@@ -70,7 +70,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       done = last%load
       if (allocated(last%carried)) then
          halvings = last%carried%halvings
-         call take_over(newton, problem, done, last%carried)
+         newton%path = last%carried%path
       end if
    end if
    record%steps = size(planned%load)
@@ -123,10 +123,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       else if (planned%knot(step)) then
          call newton%path%forget()
       end if
-      if (step > 0 .and. step < record%steps) then
-         call hand_over(newton, record%carried)
-         record%carried%halvings = halvings
-      end if
+      if (step > 0 .and. step < record%steps) record%carried = carried_type(halvings, newton%path)
       call recorder%step(record, x)
       if (allocated(record%carried)) deallocate (record%carried)
    end do
@@ -257,7 +254,7 @@ contains
       integer :: k, round
 
       fitting_load = 0.0_wp
-      if (.not. problem%costly) return
+      if (.not. problem%square) return
       call problem%start(x, load, .false.)
       least = huge(1.0_wp)
       middle = 0.5_wp*load

@@ -116,7 +116,6 @@ subroutine new_galerkin(self, scene, error)
 
    self%scene => scene
    self%linear = allocated(scene%equation%problem)
-   self%costly = .true.
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)
    ns = size(scene%cloud%source, 2)
