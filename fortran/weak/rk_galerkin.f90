@@ -436,8 +436,7 @@ subroutine assemble(self, x, stage, r, seen)
    end do
    !$omp end parallel do
    call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, r)
-   if (tangent .and. allocated(self%surface%pressure)) &
-      & call self%matrix%keep_followers(self%constant)
+   if (tangent) call self%matrix%keep_surface()
    if (allocated(self%held)) call self%held%constrain(x, factor, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)
