@@ -7,7 +7,7 @@ module rk_static
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
-   use rk_problem, only : evaluation_type, problem_type
+   use rk_problem, only : problem_type
    use rk_programme, only : plan_type
    use rk_recorder, only : carried_type, recorder_type, step_type
    use rk_text, only : to_text
@@ -136,7 +136,8 @@ contains
       load = min(done + part, target_load)
       if (target_load - load < 1.0e-9_wp*part) load = target_load
       newton%done = done
-      if (aside) newton%done = fitting_load(x, load)
+      ! what is prescribed is that of a start beside the path
+      if (aside) newton%done = load
       newton%impatient = halvings < max_halvings &
          & .and. .not. (newton%unstable .and. halvings >= early)
       newton%settles = .false.
@@ -240,38 +241,6 @@ contains
       call note_state(0.0_wp)
       call recorder%step(record, x)
    end subroutine begin_at_start
-
-   !> Load at which what is prescribed fits a start beside the path best, by the residual: from
-   !> there to that of the first step what is prescribed jumps
-   real(wp) function fitting_load(x, load)
-      !> Start, shape (n)
-      real(wp), contiguous, intent(in) :: x(:)
-      !> Load of the first step [-]
-      real(wp), intent(in) :: load
-      type(evaluation_type) :: seen
-      real(wp) :: r(problem%m), least, middle, width
-      integer :: k, round
-
-      fitting_load = 0.0_wp
-      if (.not. problem%square) return
-      call problem%start(x, load, .false.)
-      least = huge(1.0_wp)
-      middle = 0.5_wp*load
-      width = 0.125_wp*load
-      do round = 1, 3
-         do k = -4, 4
-            associate (held => middle + k*width)
-               if (held < 0.0_wp .or. held > load) cycle
-               call problem%evaluate(x, load, r, seen, lifted=held)
-               if (.not. (seen%valid .and. norm2(r) < least)) cycle
-               least = norm2(r)
-               fitting_load = held
-            end associate
-         end do
-         middle = fitting_load
-         width = 0.25_wp*width
-      end do
-   end function fitting_load
 
    !> Hand over the last converged state and say where it ended
    subroutine give_up()
