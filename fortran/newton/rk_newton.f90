@@ -169,7 +169,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          return
       end if
       if (.not. now%linearised) then
-         ! the step that was to be the last was not
          call linearise()
          cycle
       end if
@@ -254,6 +253,7 @@ contains
 
    !> Gradient and residual at a
    subroutine assess()
+      if (problem%inexact .and. .not. now%linearised) call linearise()
       if (now%linearised) then
          call problem%start(a, load, .true.)
          call problem%linearised%apply_transposed(r, g)
@@ -262,7 +262,7 @@ contains
       merit = norm2(r)
       self%gradient = merge(merit, it%gradient, problem%square) &
          & /max(now%first_gradient, tiny(1.0_wp))
-      if (problem%inexact .and. now%linearised) call predict_step(self, now)
+      if (problem%inexact) call predict_step(self, now)
    end subroutine assess
 
    !> Where residuals remain, steps of Gauss-Newton may overshoot and alternate. The secant of the
@@ -288,7 +288,8 @@ contains
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
-      logical :: blind, last, definite
+      logical :: blind, definite
+      type(evaluation_type) :: state
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -296,18 +297,13 @@ contains
       blind = self%iterations == 1 .or. now%left < nothing &
          & .or. (problem%extent > 0.0_wp .and. all(problem%scaled_norms(da) <= rounding))
       moved = problem%scaled_norms(da)
-      ! a small step ends the iteration, as a rule, and its gradient is that of the last matrix
-      last = .false.
-      if (self%iterations > 1) last = problem%square &
-         & .and. maxval(moved/now%extent) < self%tolerance
       ! a step along a soft mode strains stiff ones, as bending stretches a column, and the next
       ! step corrects that: residuals need not fall from step to step
       definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
-         & imposed > 0.0_wp, last, trial, new, scale, gain, self%state)
-      now%linearised = .not. last .or. .not. scale > 0.0_wp
+         & imposed > 0.0_wp, trial, new, scale, gain, state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
       taken = scale*da
       if (blind .or. .not. scale > 0.0_wp) then
@@ -315,8 +311,10 @@ contains
       end if
       if (scale > 0.0_wp) then
          now%rejected = 0
+         now%linearised = .not. problem%square
          a = trial
          r = new
+         self%state = state
          if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
          ! see whether a whole step would move
          if (now%left < nothing) now%damping%lambda = 0.0_wp
@@ -324,7 +322,7 @@ contains
          ! back to where the step began, with more damping
          now%rejected = now%rejected + 1
          call now%damping%reject()
-         call problem%evaluate(a, load, r, self%state, tangent=.true.)
+         if (.not. problem%square) call problem%evaluate(a, load, r, state, tangent=.true.)
       end if
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
