@@ -289,7 +289,6 @@ contains
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
       logical :: blind, definite
-      type(evaluation_type) :: state
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -303,7 +302,7 @@ contains
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
-         & imposed > 0.0_wp, trial, new, scale, gain, state)
+         & imposed > 0.0_wp, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
       taken = scale*da
       if (blind .or. .not. scale > 0.0_wp) then
@@ -314,7 +313,6 @@ contains
          now%linearised = .not. problem%square
          a = trial
          r = new
-         self%state = state
          if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
          ! see whether a whole step would move
          if (now%left < nothing) now%damping%lambda = 0.0_wp
@@ -322,7 +320,7 @@ contains
          ! back to where the step began, with more damping
          now%rejected = now%rejected + 1
          call now%damping%reject()
-         if (.not. problem%square) call problem%evaluate(a, load, r, state, tangent=.true.)
+         call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
