@@ -97,8 +97,8 @@ pure function at(self, x, done, load) result(ahead)
    end do
 end function at
 
-!> Go where the way leads to. Where that is farther from equilibrium than the last state, the problem
-!> is not linearised there in the end
+!> Go where the way leads to. Where that is farther from equilibrium than the last state, there is
+!> no start, and the problem is linearised there in vain
 subroutine lead(self, problem, done, load, x, r, seen, found)
    !> Way with a state beside the last one
    class(path_type), intent(in) :: self
