@@ -42,11 +42,13 @@ module rk_discretisation
       type(boundary_type) :: boundary
       !> Materials of the collocation points and of further places behind them
       type(mixture_type) :: mixture
+      !> Unknowns are the amplitudes of modes
+      logical :: reduced = .false.
       !> The work of the stress says whether a state is in equilibrium; weak forms keep it equal to
       !> that of the forces by construction, which is nothing to compare
       logical :: compares_works = .false.
    contains
-      procedure :: state, at_place
+      procedure :: field, state, at_place
       !> Force that the surroundings exert on the body through a boundary set, or its moment
       procedure(force_interface), deferred :: set_force
       procedure :: set_displacement => entry_displacement
@@ -54,7 +56,7 @@ module rk_discretisation
       procedure(section_interface), deferred :: section_force
       procedure :: strain_energy, set_point_loads
       procedure(renew_interface), deferred :: renew
-      procedure, non_overridable :: field, has_pressure
+      procedure, non_overridable :: has_pressure
       procedure, non_overridable :: linear_place
       procedure, non_overridable :: at_point, keep_places, largest_stress
       procedure, non_overridable :: unstrained
@@ -368,6 +370,7 @@ function turns_over(problem, before, after) result(found)
    found = .false.
    select type (problem)
    class is (discretisation_type)
+      if (problem%reduced) return
       places = 0
       nd = problem%scene%cloud%nd
       allocate (u(problem%fields, problem%shape%nq))
@@ -423,7 +426,7 @@ logical function at_rest(problem, x, load)
    if (any(abs(x) > 0.0_wp) .or. allocated(problem%scene%body_force)) return
    select type (problem)
    class is (discretisation_type)
-      if (problem%scene%is_loaded(load)) return
+      if (problem%reduced .or. problem%scene%is_loaded(load)) return
       ! fibers of lambda_o < 1 pull without activation
       call problem%state(x, load, state)
       call problem%largest_stress(state, stress, stiffness)

@@ -1,5 +1,6 @@
 !> A problem in the span of orthonormal modes V: least squares Galerkin reduction (6.60)-(6.67) of
-!> rows, which ends by (6.68), (6.69), and motions (rk_reduced_motion).
+!> rows, which ends by (6.68), (6.69) and whose rows A V are formed in the span at once or in full,
+!> and motions (rk_reduced_motion).
 !>
 !> A problem with an energy E is assembled in full and projected, (6.27)-(6.31): E(V a) has the
 !> residual V^T r(V a) and the tangent V^T K V, so that the volume is projected as in the full
@@ -9,7 +10,7 @@
 !> Reference: Kunisch, Volkwein, Numer. Math. 90 (2001), doi:10.1007/s002110100282
 module rk_reduced
    use rk_discretisation, only : discretisation_type
-   use rk_equilibrium, only : equilibrium_problem
+   use rk_equilibrium, only : equilibrium_problem, reduce_rows
    use rk_error, only : error_type, fatal_error, err_input
    use rk_galerkin, only : galerkin_problem
    use rk_matrix, only : matrix_rows
@@ -42,7 +43,7 @@ module rk_reduced
 contains
 
 !> Project a full problem on modes
-subroutine new_reduced(reduced, full, modes, projection, error)
+subroutine new_reduced(reduced, full, modes, projection, assembled, error)
    !> Reduced problem, not associated after an error; the full one must outlive it
    class(problem_type), pointer, intent(out) :: reduced
    class(discretisation_type), target, intent(inout) :: full
@@ -50,8 +51,12 @@ subroutine new_reduced(reduced, full, modes, projection, error)
    real(wp), intent(in) :: modes(:, :)
    !> auto, galerkin or least-squares: what the residual is orthogonal to
    character(len=*), intent(in) :: projection
+   !> Rows of collocation are assembled in full and then projected, as published, and not in the
+   !> span of the modes at once
+   logical, intent(in) :: assembled
    !> Error handling: a form that cannot be reduced so
    type(error_type), allocatable, intent(out) :: error
+   class(equilibrium_problem), pointer :: rows
    type(projected_problem), pointer :: projected
    type(moving_problem), pointer :: moving
    class(form_motion), pointer :: body
@@ -81,21 +86,27 @@ subroutine new_reduced(reduced, full, modes, projection, error)
       call fatal_error(error, err_input, 'projection: nonlinear Galerkin forms have as many ' &
          & //'equations as unknowns and are projected by "galerkin"')
    end if
+   if (allocated(error)) return
+   if (full%energetic .or. assembled) then
+      allocate (projected)
+      call new_projected(projected, full, modes)
+      reduced => projected
+      return
+   end if
    select type (full)
-   type is (galerkin_problem)
+   class is (equilibrium_problem)
+      call reduce_rows(full, modes, rows)
+      reduced => rows
+   class default
       if (full%scene%galerkin%essential == 'transformation') then
          call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
             & //'"transformation": use "penalty"')
-      else if (.not. full%energetic) then
+      else
          call fatal_error(error, err_input, 'modes do not reduce method "'//full%scene%method &
             & //'" with a material of K = inf, whose pressures are unknowns: use a finite K, ' &
             & //'1e3 times the shear modulus, or method "rkcm-mixed"')
       end if
    end select
-   if (allocated(error)) return
-   allocate (projected)
-   call new_projected(projected, full, modes)
-   reduced => projected
 end subroutine new_reduced
 
 !> Set up the motion of a problem, whose scene has one

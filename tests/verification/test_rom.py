@@ -182,17 +182,19 @@ def test_unit_snapshots_weigh_small_states_like_large_ones() -> None:
     assert lost(modes) < 0.9 * lost(proper_orthogonal_modes(states)[0])
 
 
-# ---- projected rows (6.62)-(6.67) ----------------------------------------------------------------
+# ---- rows assembled in full (6.62)-(6.67) --------------------------------------------------------
 
 
-def test_rows_are_those_of_all_unknowns_times_the_modes(full) -> None:
+def test_rows_assembled_in_full_are_those_of_the_span(full) -> None:
     scene, states, modes, _ = full
-    few = modes[:, :3]
-    scene.reduce(few)
-    a = few.T @ states.x[2]
-    rows = [scene.linearise(a, 0.6, e, start=0 * a, reduced=True) for e in np.eye(3)]
-    whole = [scene.linearise(few @ a, 0.6, mode, start=0 * few[:, 0]) for mode in few.T]
-    assert_allclose(rows, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
+    answers = []
+    for assembled in (False, True):
+        scene.reduce(modes[:, :3], assembled=assembled)
+        a = modes[:, :3].T @ states.x[2]
+        rows = [scene.linearise(a, 0.6, e, start=0 * a, reduced=True) for e in np.eye(3)]
+        answers.append((np.array(rows), scene.solve_reduced("normal").x))
+    for span, full_rows, near in zip(*answers, (1e-9, 1e-6), strict=True):
+        assert_allclose(full_rows, span, rtol=0, atol=near * np.abs(span).max())
 
 
 # ---- motions (6.27)-(6.52) -----------------------------------------------------------------------

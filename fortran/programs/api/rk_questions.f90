@@ -129,14 +129,14 @@ subroutine reduce(slot, projection, given, error)
    type(slot_type), intent(inout) :: slot
    !> auto, galerkin or least-squares
    character(len=*), intent(in) :: projection
-   !> Modes, shape (n, r)
+   !> Whether rows are assembled in full (1) or not, then the modes
    real(wp), contiguous, intent(in) :: given(:)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: modes(:, :)
 
-   modes = reshape(given, [slot%full%n, size(given)/slot%full%n])
+   modes = reshape(given(2:), [slot%full%n, (size(given) - 1)/slot%full%n])
    if (associated(slot%reduced)) deallocate (slot%reduced)
-   call new_reduced(slot%reduced, slot%full, modes, projection, error)
+   call new_reduced(slot%reduced, slot%full, modes, projection, given(1) > 0, error)
 end subroutine reduce
 
 !> States of the last solve, also of one that failed, and the verdict on it

@@ -582,6 +582,9 @@ def _path(
         times += [
             Row(f"r = {r} [min]", minutes, ("path", f"{r}.cpu_min")),
             Row(f"r = {r}, saved [%]", saved, ("path", f"{r}.saved")),
+            Row(
+                f"r = {r}, rows in the span of the modes [min]", None, ("path", f"span {r}.cpu_min")
+            ),
         ]
         errors += [
             Row(f"r = {r}, e1", e1, ("path", f"{r}.e1")),

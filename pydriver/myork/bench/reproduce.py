@@ -203,9 +203,9 @@ def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Re
     """Errors and times of a path of loads, full and by numbers of modes.
 
     Rows are assembled in full and projected, and Cholesky's factor is taken. Beside them stand
-    modes of states of unit norm, by Householder's QR (`unit`), and the time of the full model by
-    `auto`; beside those `published` the time of the full model by dense QR: that of an iteration
-    times their number.
+    modes of states of unit norm, with rows in their span (`unit`), and the time of the full model
+    by `auto`; beside those `published` rows in the span of the modes (`span`), and the time of the
+    full model by dense QR: that of an iteration times their number.
     """
     assert isinstance(run.more, tuple)
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
@@ -223,6 +223,8 @@ def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Re
             modes, _ = proper_orthogonal_modes(states.x)
             alike, _ = proper_orthogonal_modes(unit_states(states.x))
             ways = {"": (modes, _strong(scene)), "unit ": (alike, False)}
+            if published:
+                ways["span "] = modes, False
             record: dict[str, Any] = {}
             for (way, (basis, whole)), r in product(ways.items(), run.more):
                 progress(f"{run.deck}: {way}r = {r}")

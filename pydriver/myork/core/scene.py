@@ -308,14 +308,15 @@ class Scene:
         self._ask("set_fields", body_force.T, displacement.T, np.moveaxis(stress, 0, -1))
         self._has_fields = True
 
-    def reduce(self, modes: F64, projection: str = "auto") -> None:
+    def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
         """Project the model on modes.
 
         - `modes`: orthonormal columns, shape `(dofs, r)`
         - `projection`: `galerkin`, `least-squares`, or `auto`: least squares for collocation
+        - `assembled`: assemble the rows of nonlinear collocation in full before they are projected
         """
         modes = modes_of(modes, self.dofs)
-        self._ask("reduce", modes, word=projection)
+        self._ask("reduce", assembled, modes, word=projection)
         self._unknowns = modes.shape[1]
 
     def solve_reduced(self, linear: str) -> States:

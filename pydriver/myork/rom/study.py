@@ -193,10 +193,11 @@ def reduced_path(
     - `full`: its states
     - `modes`: orthonormal columns, shape `(dofs, r)`
     - `projection`: as of `Scene.reduce`
-    - `published`: Cholesky's factor of (A'U)^T A'U (6.67) instead of Householder's QR
+    - `published`: rows assembled in full and then projected, and Cholesky's factor of (A'U)^T A'U
+      (6.67), instead of rows in the span of the modes and Householder's QR
     """
     started = time.perf_counter()
-    scene.reduce(modes, projection)
+    scene.reduce(modes, projection, assembled=published)
     offline_s = time.perf_counter() - started
     started, cpu = time.perf_counter(), time.process_time()
     states = scene.solve_reduced("normal" if published else "dgels")
