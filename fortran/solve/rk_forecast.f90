@@ -87,7 +87,7 @@ real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
    end if
    companion%method = scene%method
    points = model
-   call choose_companion(companion, scene, deck, .false., points, words)
+   call choose_companion(companion, scene, deck, points, words)
    if (allocated(companion%why_not)) return
    call deck%vary(words, other, error)
    if (.not. allocated(error)) call new_scene(second, other, points, error)
