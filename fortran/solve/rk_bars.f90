@@ -41,10 +41,11 @@ module rk_bars
       & factor_surface = 1.0_wp
    !> The same in annuli without rims with a basis of order two: errors are of order three, a
    !> seventh of the difference; at the surface they are of order two, and fewer points with exact
-   !> values too near an answer by the penalty. Displacements are compared at the probe alone, where
-   !> 97 % of 96 at random places err by less than .23 of the difference with both boundary methods:
-   !> points that lie in the middle of a group of cells or between two groups err unlike each other
-   real(wp), parameter :: factor_polar = 0.3_wp, factor_place = 0.5_wp, factor_wall = 1.0_wp
+   !> values too near an answer by the penalty, so that the factor is that of other bodies.
+   !> Displacements are compared at the probe alone, where 97 % of 96 at random places err by less
+   !> than .23 of the difference with both boundary methods: points in the middle of a group of
+   !> cells or between two groups err unlike those beside them
+   real(wp), parameter :: factor_polar = 0.3_wp, factor_place = 0.5_wp
    !> The same for nodal cells of voxels, whose surface has stairs; and times the factor from
    !> more cells at the surface
    real(wp), parameter :: factor_stairs = 1.5_wp
@@ -372,10 +373,8 @@ subroutine bars_by_other(self, problem, other, kind, around)
          left = 0.0_wp
          factor = factor_of(smooth, problem%scene%probe(i), self%at_surface(i))
          beside = around(:, i, :)
-         if (smooth .and. kind_of_probe(problem%scene%probe(i)) == 'length') then
-            factor = factor_place
-            beside = -1.0_wp
-         end if
+         if (kind == another_form .or. smooth .and. kind_of_probe(problem%scene%probe(i)) &
+            & == 'length') beside = -1.0_wp
          if (.not. allocated(problem%scene%cloud%lattice)) factor = factor_stairs
          if (blocks) then
             factor = factor_blocks
@@ -396,8 +395,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
             self%size(i) = max(self%size(i), other%size(i))
             self%kind(i) = max(self%kind(i), other%kind(i))
          end if
-         call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), &
-            & merge(-1.0_wp, beside, kind == another_form), left, &
+         call set_bar(self, i, quantity_size(quantity), other%values(:, i, :), beside, left, &
             & merge('other form  ', 'other points', kind == another_form))
       end associate
    end do
@@ -465,10 +463,10 @@ real(wp) function factor_of(smooth, probe, at_surface) result(factor)
    !> A stress at the surface
    logical, intent(in) :: at_surface
 
-   if (smooth) then
-      factor = merge(factor_wall, factor_polar, at_surface)
-   else if (at_surface) then
+   if (at_surface) then
       factor = factor_surface
+   else if (smooth) then
+      factor = merge(factor_place, factor_polar, kind_of_probe(probe) == 'length')
    else
       select case (kind_of_probe(probe))
       case ('stress')
@@ -612,8 +610,8 @@ subroutine set_bar(self, i, n, other, around, left, from)
    self%open(i) = left*self%whole(i, last)/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
-!> Bars of a search, which are no narrower than errors that fall like the square of the spacing leave
-!> those of its answer on fewer points: two solutions may agree by chance
+!> Bars of a search: two solutions may agree by chance, so that they are at least what the square of
+!> the spacing leaves of those of the answer on fewer points
 subroutine bars_by_earlier(self, earlier, growth)
    type(bars_type), intent(inout) :: self
    !> Those of the answer on fewer points, at the same loads
