@@ -13,7 +13,7 @@ set -eu
 cd "$(dirname "$0")"
 
 packages="gcc g++ gfortran pkg-config python3-dev python3-venv ca-certificates
-   libopenblas-openmp-dev libsuitesparse-dev libhdf5-dev libtomlplusplus-dev libmuparser-dev"
+   libopenblas-openmp-dev libsuitesparse-dev libhdf5-dev libtomlplusplus-dev libmuparser-dev libssl-dev"
 sources="meson.build meson_options.txt pyproject.toml fortran pydriver inputs"
 stamp=.venv/installed # the list of the sources of the installation, newer than all of them
 home=.venv/checkout   # the folder that the scripts of .venv point to
@@ -64,7 +64,7 @@ has_libraries() {
       command -v "$tool" >/dev/null || return 1
    done
    pkg-config --exists openblas && pkg-config --exists tomlplusplus &&
-      pkg-config --exists muparser &&
+      pkg-config --exists muparser && pkg-config --exists libcrypto &&
       { pkg-config --exists hdf5-serial || pkg-config --exists hdf5; }
 }
 

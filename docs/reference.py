@@ -55,8 +55,8 @@ def allowed(spec: dict[str, Any]) -> str:
     if spec.get("infinite"):
         parts.append("or `inf`")
     if "length" in spec:
-        one_each = spec["length"] == "dimension"
-        parts.append("one per dimension" if one_each else f"{spec['length']} items")
+        each = {"dimension": "one per dimension", "unknowns": "one per unknown"}
+        parts.append(each.get(spec["length"], f"{spec['length']} items"))
     if spec.get("refers_to"):
         parts.append(f"name of a [[{spec['refers_to']}]]")
     parts += [word for word in ("unique", "ascending") if spec.get(word)]
@@ -66,6 +66,10 @@ def allowed(spec: dict[str, Any]) -> str:
         parts.append(f"not beside {code(spec['not_beside'])}")
     if "expression" in spec:
         parts.append("in " + EXPRESSIONS[spec["expression"]])
+    parts += [
+        f"{code(choice['is'])} only for {condition_text(choice['when'])}"
+        for choice in spec.get("value_if", [])
+    ]
     return "; ".join(parts)
 
 
@@ -95,6 +99,9 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
             continue
         if not values:
             parts.append(f"beside {code([key])}")
+            continue
+        if values == ["none"]:
+            parts.append("scenes without `[linear]`")
             continue
         short = [*values[:2], "…", values[-1]] if len(values) > 4 else values
         parts.append(f"{key} = {' or '.join(str(value) for value in short)}")
@@ -128,6 +135,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         sentences.append(f"Needed by {code(table['needed_by'])}.")
     if "not_beside" in table:
         sentences.append(f"It is not needed beside `[{table['not_beside']}]`.")
+    if "only_if" in table:
+        sentences.append(f"Only for {condition_text(table['only_if'])}.")
     if "named_by" in table:
         sentences.append(f"An entry is named by its `{table['named_by']}`.")
     if table.get("many"):

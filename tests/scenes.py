@@ -44,7 +44,7 @@ LINEAR = {"order": 1, "support": 2.0, "kernel": "cubic"}
 
 _BLOCK = ("geometry.source=[4,4,7]", "geometry.collocation=[7,7,13]", "load.steps=2",
           "load.activation=0.01")  # fmt: skip
-#: Enough points for threads to share rows of multigrid, and for sums of several blocks
+#: Enough points for threads to share rows of values, and for sums of several blocks
 _ROWS = ("geometry.source=[8,8,16]", "geometry.collocation=[8,8,16]", "load.steps=1",
          "load.activation=0.01")  # fmt: skip
 _ORDERS = ("approximation.order=1", "approximation.support=2")

@@ -4,7 +4,7 @@
 !>            doi:10.1137/1.9780898719604
 module rk_lapack
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_blas, only : dgemv, dpotrf, dsteqr, dsyrk, dtrsv
+   use rk_blas, only : dpotrf, dsteqr, dsyrk, dtrsv
    use rk_error, only : error_type, fatal_error, err_linalg, err_memory
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
@@ -12,7 +12,7 @@ module rk_lapack
    implicit none
    private
 
-   public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk, matvec
+   public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk
    public :: largest_eigenpair, solve_band
 
    interface
@@ -264,23 +264,5 @@ subroutine syrk(a, rows, columns, c)
    call dsyrk('u', 't', columns, rows, 1.0_wp, a, size(a, 1), 0.0_wp, c, size(c, 1))
    call release_threads(kept)
 end subroutine syrk
-
-!> y = A x or A^T x
-subroutine matvec(a, x, y, transposed)
-   !> Matrix, shape (m, n)
-   real(wp), contiguous, intent(in) :: a(:, :)
-   !> Vector
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Product
-   real(wp), contiguous, intent(inout) :: y(:)
-   !> Multiply by the transpose
-   logical, intent(in) :: transposed
-   type(threads_type) :: kept
-
-   call hold_threads(kept)
-   call dgemv(merge('t', 'n', transposed), size(a, 1), size(a, 2), 1.0_wp, a, size(a, 1), &
-      & x, 1, 0.0_wp, y, 1)
-   call release_threads(kept)
-end subroutine matvec
 
 end module rk_lapack

@@ -1,7 +1,7 @@
 !> A stored matrix as a row operator: small dense least squares of reduced models.
 module rk_matrix
    use rk_error, only : error_type
-   use rk_lapack, only : matvec, solve_qr
+   use rk_lapack, only : solve_qr
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, wp
    implicit none
@@ -24,7 +24,7 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   call matvec(self%a, x, y, transposed=.false.)
+   y = matmul(self%a, x)
 end subroutine apply
 
 subroutine apply_transposed(self, x, y)
@@ -32,7 +32,7 @@ subroutine apply_transposed(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   call matvec(self%a, x, y, transposed=.true.)
+   y = matmul(x, self%a)
 end subroutine apply_transposed
 
 subroutine dense(self, a)

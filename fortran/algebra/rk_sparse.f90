@@ -25,7 +25,7 @@ module rk_sparse
       !> An order of elimination for Cholesky was found
       logical :: ordered = .false.
    contains
-      procedure :: solve
+      procedure :: solve, solve_columns
       final :: free
    end type sparse_factor
 
@@ -54,9 +54,10 @@ module rk_sparse
          real(c_double), intent(out) :: rcond
          type(c_ptr), intent(inout) :: kept
       end function rk_sparse_direct
-      subroutine rk_sparse_solve(handle, x) bind(c)
-         import :: c_double, c_ptr
+      subroutine rk_sparse_solve(handle, number, x) bind(c)
+         import :: c_double, c_int64_t, c_ptr
          type(c_ptr), value :: handle
+         integer(c_int64_t), value :: number
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
       subroutine rk_sparse_free(handle) bind(c)
@@ -234,11 +235,23 @@ subroutine solve(self, x)
    allocate (y, source=x)
    if (allocated(self%position)) y(self%position) = x
    call hold_threads(kept)
-   call rk_sparse_solve(self%handle, y)
+   call rk_sparse_solve(self%handle, 1_i8, y)
    call release_threads(kept)
    x = y
    if (allocated(self%position)) x = y(self%position)
 end subroutine solve
+
+!> Solve for several vectors at once with a factor of an upper triangle
+subroutine solve_columns(self, x)
+   class(sparse_factor), intent(in) :: self
+   !> Right hand sides, replaced by the solutions, shape (n, vectors)
+   real(wp), contiguous, intent(inout) :: x(:, :)
+   type(threads_type) :: kept
+
+   call hold_threads(kept)
+   call rk_sparse_solve(self%handle, size(x, 2, i8), x)
+   call release_threads(kept)
+end subroutine solve_columns
 
 subroutine free(self)
    type(sparse_factor), intent(inout) :: self

@@ -6,13 +6,13 @@
 !> Matrices that follow one another differ little: those with the last factor come first.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
-   use rk_cuthill, only : cuthill_mckee, order_along
    use rk_error, only : error_type, err_input, err_memory
-   use rk_lapack, only : largest_eigenpair, solve_band
+   use rk_lapack, only : solve_band
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, sp, wp
    use rk_single_envelope, only : envelope_type, new_envelope
+   use rk_sort, only : order_along
    use rk_sparse, only : solve_sparse, sparse_factor
    implicit none
    private
@@ -52,7 +52,8 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
-      !> Where the first blocks are, shape (nd, located), not allocated where they are nowhere
+      !> Where the first blocks are, in coordinates along the body, shape (nd, located); not
+      !> allocated where they are nowhere
       real(wp), allocatable, private :: x(:, :)
       !> What the factors have in common
       type(sparse_factor), pointer, private :: kept => null()
@@ -65,19 +66,16 @@ module rk_symmetric
       final :: free
    end type symmetric_matrix
 
-   !> Mostly zero entries in the pattern of a matrix: its nonzero pieces of columns, in the order
-   !> in which a product uses them
+   !> Mostly zero entries in the pattern of a matrix: those that are not
    type :: few_entries
-      !> Column and first row of each piece, shape (pieces)
-      integer, allocatable :: column(:), row(:)
-      !> Piece k is value(first(k)+1 : first(k+1)), shape (pieces + 1)
-      integer(i8), allocatable :: first(:)
-      !> Entries of the matrix before each piece, shape (pieces)
-      integer(i8), allocatable :: before(:)
-      !> Entries of all pieces
+      !> Place of each among the entries of the matrix, shape (few)
+      integer(i8), allocatable :: place(:)
+      !> Its row and column, shape (few)
+      integer, allocatable :: row(:), column(:)
+      !> The entries, shape (few)
       real(wp), allocatable :: value(:)
    contains
-      procedure :: put, product => product_of_pieces
+      procedure :: put, product => product_of_few
    end type few_entries
 
    !> A matrix and the factor of another one in the same places
@@ -109,9 +107,6 @@ module rk_symmetric
    real(wp), parameter :: seen = 1.0e-2_wp
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
-   !> Steps of Lanczos' iteration that bound eigenvalues, and the probability of an error [-]
-   integer, parameter :: bounding = 12
-   real(wp), parameter :: unlikely = 1.0e-6_wp
    !> Solves of what the last one has left, and the share of the solution that they may leave [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
@@ -295,7 +290,10 @@ subroutine product_with(self, value, x, y)
       at = 0
       ! blocks k to l stand side by side; reading their rows would take as long as their entries
       do while (k < last)
-         l = end_of_run(self%above%index, k, last)
+         l = k
+         do while (l + 1 < last .and. self%above%index(l + 1) == self%above%index(l) + 1)
+            l = l + 1
+         end do
          i = b*(self%above%index(k) - 1)
          do c = b*(j - 1) + 1, b*j
             call add_column(b*int(l - k + 1), value(self%start(c) + at + 1:), x(i + 1:), x(c), &
@@ -313,78 +311,28 @@ subroutine product_with(self, value, x, y)
    end do
 end subroutine product_with
 
-!> Last block of a run of blocks that stand side by side
-pure integer(i8) function end_of_run(index, from, last) result(at)
-   !> Rows of the blocks, in rising order
-   integer, contiguous, intent(in) :: index(:)
-   !> First block of the run, and the one behind the last of its column
-   integer(i8), intent(in) :: from, last
-
-   at = from
-   do while (at + 1 < last)
-      if (index(at + 1) /= index(at) + 1) exit
-      at = at + 1
-   end do
-end function end_of_run
-
 !> The nonzero ones of other entries in the same pattern
 function nonzeros(self, value) result(kept)
    class(symmetric_matrix), intent(in) :: self
    !> Entries, shape (entries)
    real(wp), intent(in) :: value(:)
    type(few_entries) :: kept
-   integer(i8) :: at, entries, k, l, last, pieces
-   integer :: b, c, i, j, pass
+   integer(i8), allocatable :: row(:)
+   integer(i8) :: k
+   integer :: j
 
-   b = self%block
-   do pass = 1, 2
-      pieces = 0
-      entries = 0
-      do j = 1, self%n/b
-         k = self%above%offset(j) + 1
-         last = self%above%offset(j + 1)
-         at = 0
-         do while (k < last)
-            l = end_of_run(self%above%index, k, last)
-            do c = b*(j - 1) + 1, b*j
-               call keep(c, b*(self%above%index(k) - 1) + 1, at, b*int(l - k + 1))
-            end do
-            at = at + b*(l - k + 1)
-            k = l + 1
-         end do
-         i = b*(j - 1) + 1
-         do c = i, b*j
-            call keep(c, i, at, c - i)
-            call keep(c, c, at + c - i, 1)
-         end do
+   kept%place = pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp)
+   kept%value = value(kept%place)
+   allocate (row, source=self%rows())
+   kept%row = int(row(kept%place)) + 1
+   allocate (kept%column(size(kept%row)))
+   j = 1
+   do k = 1, size(kept%place, kind=i8)
+      do while (kept%place(k) > self%start(j + 1))
+         j = j + 1
       end do
-      if (pass == 2) exit
-      allocate (kept%column(pieces), kept%row(pieces), kept%before(pieces), kept%value(entries))
-      allocate (kept%first(pieces + 1), source=0_i8)
+      kept%column(k) = j
    end do
-
-contains
-
-   !> Keep a piece of a column unless it is zero
-   subroutine keep(column, row, above_it, length)
-      integer, intent(in) :: column, row
-      !> Entries of the column above it, and in it
-      integer(i8), intent(in) :: above_it
-      integer, intent(in) :: length
-      integer(i8) :: before
-
-      before = self%start(column) + above_it
-      if (all(abs(value(before + 1:before + length)) <= 0.0_wp)) return
-      pieces = pieces + 1
-      entries = entries + length
-      if (pass == 1) return
-      kept%column(pieces) = column
-      kept%row(pieces) = row
-      kept%before(pieces) = before
-      kept%first(pieces + 1) = entries
-      kept%value(kept%first(pieces) + 1:entries) = value(before + 1:before + length)
-   end subroutine keep
-
 end function nonzeros
 
 !> All entries, zero where none is kept
@@ -392,36 +340,26 @@ subroutine put(self, value)
    class(few_entries), intent(in) :: self
    !> Entries of a matrix, shape (entries)
    real(wp), intent(inout) :: value(:)
-   integer :: k
 
    value = 0.0_wp
-   do k = 1, size(self%row)
-      associate (length => self%first(k + 1) - self%first(k))
-         value(self%before(k) + 1:self%before(k) + length) &
-            & = self%value(self%first(k) + 1:self%first(k + 1))
-      end associate
-   end do
+   value(self%place) = self%value
 end subroutine put
 
-!> Product with a vector, bit for bit that of all entries
-subroutine product_of_pieces(self, x, y)
+!> Product with a vector
+subroutine product_of_few(self, x, y)
    class(few_entries), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
-   integer :: k
+   integer(i8) :: k
 
    y = 0.0_wp
-   do k = 1, size(self%row)
-      associate (c => self%column(k), i => self%row(k), at => self%first(k) + 1)
-         if (i == c) then
-            y(c) = y(c) + self%value(at)*x(c)
-         else
-            call add_column(int(self%first(k + 1) - self%first(k)), self%value(at:), x(i:), x(c), &
-               & y(i:), y(c))
-         end if
+   do k = 1, size(self%value, kind=i8)
+      associate (i => self%row(k), j => self%column(k))
+         y(i) = y(i) + self%value(k)*x(j)
+         if (i < j) y(j) = y(j) + self%value(k)*x(i)
       end associate
    end do
-end subroutine product_of_pieces
+end subroutine product_of_few
 
 !> Some entries of a column above the diagonal, and of its row
 pure subroutine add_column(n, a, x, x_own, y, y_own)
@@ -466,41 +404,30 @@ subroutine both_triangles(self, given, sign, start, column, value)
    integer(i8), allocatable, intent(out) :: column(:)
    !> Entries
    real(wp), allocatable, intent(out) :: value(:)
-   !> Columns of blocks in which each row of blocks has an entry, the diagonal one first
-   type(csr_type) :: later
-   integer(i8), allocatable :: entry(:), own(:)
-   integer(i8) :: at, k, l, place
-   integer :: b, c, i, j, row
+   !> Rows of each column of the upper triangle, and columns of each of its rows
+   type(csr_type) :: upper, later
+   integer(i8), allocatable :: entry(:)
+   integer(i8) :: at, k
+   integer :: j
 
-   b = self%block
-   allocate (own, source=self%rows())
-   call self%above%transposed(self%n/b, later, entry)
-   allocate (start(self%n + 1))
-   start(1) = 0
-   do j = 1, self%n
-      start(j + 1) = start(j) + self%start(j + 1) - self%start(j) + b*((j + b - 1)/b) - j &
-         & + b*(later%offset((j + b - 1)/b + 1) - later%offset((j + b - 1)/b) - 1)
-   end do
+   allocate (upper%offset, source=self%start)
+   upper%index = int(self%rows()) + 1
+   call upper%transposed(self%n, later, entry)
+   ! the diagonal is in both
+   start = upper%offset + later%offset - [(int(j, i8), j=0, self%n)]
    allocate (column(start(self%n + 1)), value(start(self%n + 1)))
-   do j = 1, self%n/b
-      do i = 1, b
-         row = (j - 1)*b + i
-         ! by symmetry a row begins with the entries of its column; those of later columns follow
-         at = start(row) + self%start(row + 1) - self%start(row)
-         column(start(row) + 1:at) = own(self%start(row) + 1:self%start(row + 1))
-         value(start(row) + 1:at) = given(self%start(row) + 1:self%start(row + 1))
-         if (allocated(self%skew)) value(start(row) + 1:at) = value(start(row) + 1:at) &
-            & - sign*self%skew(self%start(row) + 1:self%start(row + 1))
-         do k = later%offset(j) + 1, later%offset(j + 1)
-            do c = merge(i + 1, 1, later%index(k) == j), b
-               l = (later%index(k) - 1)*b + c
-               at = at + 1
-               column(at) = l - 1
-               place = self%start(l) + b*(entry(k) - self%above%offset(later%index(k)) - 1) + i
-               value(at) = given(place)
-               if (allocated(self%skew)) value(at) = value(at) + sign*self%skew(place)
-            end do
-         end do
+   do j = 1, self%n
+      ! by symmetry a row begins with the entries of its column; those of later columns follow
+      at = start(j) + self%start(j + 1) - self%start(j)
+      column(start(j) + 1:at) = upper%index(self%start(j) + 1:self%start(j + 1)) - 1
+      value(start(j) + 1:at) = given(self%start(j) + 1:self%start(j + 1))
+      if (allocated(self%skew)) value(start(j) + 1:at) = value(start(j) + 1:at) &
+         & - sign*self%skew(self%start(j) + 1:self%start(j + 1))
+      do k = later%offset(j) + 2, later%offset(j + 1)
+         at = at + 1
+         column(at) = later%index(k) - 1
+         value(at) = given(entry(k))
+         if (allocated(self%skew)) value(at) = value(at) + sign*self%skew(entry(k))
       end do
    end do
 end subroutine both_triangles
@@ -571,7 +498,7 @@ subroutine solve_with(self, given, b, x, report, error)
    end if
    if (symmetric) then
       ! not allocated it is no argument
-      if (.not. self%kept%ordered) order = unknowns_along(self)
+      if (allocated(self%x) .and. .not. self%kept%ordered) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%rows(), given, .true., self%keeps, b, x, &
          & report%rcond, self%kept, error, order)
    end if
@@ -737,24 +664,10 @@ end function has_negative
 logical function definite(self)
    class(symmetric_matrix), target, intent(in) :: self
    type(error_type), allocatable :: error
-   type(square_report) :: report
-   type(preconditioned_type) :: system
-   real(wp) :: b(self%n), x(self%n), lanczos(2, bounding)
-   integer :: k, done
+   real(wp) :: b(self%n), x(self%n), rcond
 
-   ! any force that has a part of all motions; the factor lets the softest ones prevail
-   b = [(modulo(k*0.618033988749895_wp, 1.0_wp) - 0.5_wp, k=1, self%n)]
    associate (near => self%near)
       if (allocated(near%matrix%start) .and. near%operations >= large .and. .not. near%coarse) then
-         system%size = self%n
-         system%places => self
-         system%given => self%value
-         if (near%ready .and. .not. near%share > 0.0_wp) then
-            lanczos = 0.0_wp
-            call minres(system, b, 0.0_wp, bounding, x, done, report%backward_error, lanczos)
-            definite = surely_positive(lanczos(:, :done), self%n)
-            if (definite) return
-         end if
          call factorise(self, self%value, 0.0_wp)
          definite = near%ready
          if (definite) return
@@ -762,78 +675,65 @@ logical function definite(self)
          if (.not. near%ready) return
       end if
    end associate
-   x = 0.0_wp
-   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, &
-      & report%rcond, self%kept, error)
+   b = 1.0_wp
+   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, rcond, &
+      & self%kept, error)
    definite = .not. allocated(error)
    if (.not. definite) definite = error%code == err_input
 end function definite
 
-!> Whether all eigenvalues are positive, from some steps of Lanczos' iteration: the least of the
-!> tridiagonal matrix is above that of the whole by at most a share of the spread of all, but for a
-!> small probability over the vectors with which it begins.
-!>
-!> Reference: Kuczynski, Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992), doi:10.1137/0613066
-logical function surely_positive(lanczos, n)
-   !> Diagonal and what stands beside it, shape (2, steps)
-   real(wp), intent(in) :: lanczos(:, :)
-   !> Unknowns
-   integer, intent(in) :: n
-   real(wp) :: vector(size(lanczos, 2)), least, largest, share
-   integer :: k
-
-   k = size(lanczos, 2)
-   surely_positive = .false.
-   if (k == 0) return
-   share = (log(1.648_wp*sqrt(real(n, wp))/unlikely)/(2*k - 1))**2
-   if (.not. share < 1.0_wp) return
-   call largest_eigenpair(lanczos(1, :), lanczos(2, :k - 1), largest, vector)
-   call largest_eigenpair(-lanczos(1, :), lanczos(2, :k - 1), least, vector)
-   least = -least
-   surely_positive = least > share/(1.0_wp - share)*(largest - least)
-end function surely_positive
-
-!> Order of elimination and envelope of the factor of half as many digits: along the axis, or by the
-!> levels of the graph, that take the fewest operations
+!> Order of elimination and envelope of the factor of half as many digits
 subroutine lay_out(self)
    type(symmetric_matrix), intent(in) :: self
    type(error_type), allocatable :: error
-   integer, allocatable :: place(:), located(:), reach(:), best(:), first(:)
+   integer, allocatable :: place(:), reach(:)
    integer :: position(self%n), low(self%n)
-   real(wp) :: operations
-   integer :: axes, b, c, d, i, n
+   integer :: b, c, i
 
-   n = size(self%above%offset) - 1
    b = self%block
-   allocate (place(n))
    associate (near => self%near)
-      near%operations = huge(1.0_wp)
-      axes = 0
-      if (allocated(self%x)) axes = size(self%x, 1)
-      do d = 0, axes
-         if (d == 0) then
-            place(cuthill_mckee(self%above)) = [(i, i=1, n)]
-         else
-            call order_along(self%x, d, located)
-            place = [located, [(i, i=size(located) + 1, n)]]
-         end if
-         reach = reach_of(self%above, place)
-         operations = real(b, wp)**3*sum(([(i, i=1, n)] - reach + 1.0_wp)**2)
-         if (operations >= near%operations) cycle
-         near%operations = operations
-         best = place
-         first = reach
-      end do
+      near%operations = 0.0_wp
+      if (.not. allocated(self%x)) return
+      call order_blocks(self, place, reach, near%operations)
       do c = 1, b
-         position(c::b) = b*(best - 1) + c
-         low(c::b) = b*(first - 1) + 1
+         position(c::b) = b*(place - 1) + c
+         low(c::b) = b*(reach - 1) + 1
       end do
-      near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, n)] - first + 1.0_wp))/faster
+      near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, size(place))] - reach + 1.0_wp))/faster
       if (near%operations < large) return
       call new_envelope(near%matrix, position, low, error)
       if (allocated(error)) near%operations = 0.0_wp
    end associate
 end subroutine lay_out
+
+!> Order of elimination of the blocks along the axis for which it takes the fewest operations.
+!> Bodies that are a few supports thick have no separators that would be smaller than a layer, and
+!> there it fills less than minimum degree or nested dissection
+subroutine order_blocks(self, place, reach, operations)
+   !> Matrix whose blocks are somewhere
+   type(symmetric_matrix), intent(in) :: self
+   !> Place of each block, and the first place with which that of each place is coupled, shape
+   !> (blocks) each
+   integer, allocatable, intent(out) :: place(:), reach(:)
+   !> Operations of a factorisation within the envelope
+   real(wp), intent(out) :: operations
+   integer, allocatable :: along(:), first(:)
+   real(wp) :: work
+   integer :: d, i, n
+
+   n = size(self%above%offset) - 1
+   operations = huge(1.0_wp)
+   do d = 1, size(self%x, 1)
+      call order_along(self%x, d, along)
+      along = [along, [(i, i=size(along) + 1, n)]]
+      first = reach_of(self%above, along)
+      work = real(self%block, wp)**3*sum(([(i, i=1, n)] - first + 1.0_wp)**2)
+      if (work >= operations) cycle
+      operations = work
+      call move_alloc(along, place)
+      call move_alloc(first, reach)
+   end do
+end subroutine order_blocks
 
 !> First place of the blocks with which that of each place is coupled
 pure function reach_of(above, place) result(reach)
@@ -923,13 +823,14 @@ function unknowns_along(self) result(order)
    class(symmetric_matrix), intent(in) :: self
    !> Unknowns less 1, shape (n)
    integer(i8), allocatable :: order(:)
-   integer, allocatable :: along(:)
-   integer :: i
+   integer, allocatable :: place(:), reach(:)
+   real(wp) :: operations
+   integer :: c, i
 
+   call order_blocks(self, place, reach, operations)
    allocate (order(self%n))
-   along = cuthill_mckee(self%above)
-   do i = 1, self%block
-      order(i::self%block) = self%block*(along - 1_i8) + i - 1
+   do c = 1, self%block
+      order(self%block*(place - 1) + c) = [(self%block*(i - 1_i8) + c - 1, i=1, size(place))]
    end do
 end function unknowns_along
 

@@ -87,12 +87,13 @@ static cholmod_sparse matrix(int64_t rows, int64_t columns, int64_t *start, int6
     return a;
 }
 
-static cholmod_dense vector(int64_t n, double *value)
+static cholmod_dense vectors(int64_t n, int64_t number, double *value)
 {
     cholmod_dense v;
     memset(&v, 0, sizeof v);
-    v.nrow = v.d = v.nzmax = (size_t)n;
-    v.ncol = 1;
+    v.nrow = v.d = (size_t)n;
+    v.ncol = (size_t)number;
+    v.nzmax = v.nrow * v.ncol;
     v.x = value;
     v.xtype = CHOLMOD_REAL;
     v.dtype = CHOLMOD_DOUBLE;
@@ -119,7 +120,7 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     cholmod_sparse *a = cholmod_l_transpose(&at, 1, &f->common);
     if (!a)
         return rk_no_memory;
-    cholmod_dense right = vector(m, b), *z = NULL;
+    cholmod_dense right = vectors(m, 1, b), *z = NULL;
     *rank = SuiteSparseQR_C(SPQR_ORDERING_DEFAULT, tol, n, 0, a, NULL, &right, NULL, &z, &f->r,
                             &f->order, NULL, NULL, NULL, &f->common);
     cholmod_l_free_sparse(&a, &f->common);
@@ -143,8 +144,9 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Solve with the matrix of a Cholesky factor, or with R^T R, in place */
-void rk_sparse_solve(struct factor *f, double *x)
+/* Solve with the matrix of a Cholesky factor for a number of vectors, or for one of LU or R^T R, in
+ * place */
+void rk_sparse_solve(struct factor *f, int64_t number, double *x)
 {
     if (f->lu) {
         /* refinement would ask for the matrix */
@@ -156,10 +158,10 @@ void rk_sparse_solve(struct factor *f, double *x)
         return;
     }
     if (f->cholesky) {
-        cholmod_dense b = vector(f->n, x);
+        cholmod_dense b = vectors(f->n, number, x);
         if (cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y, &f->e,
                              &f->common))
-            memcpy(x, f->x->x, (size_t)f->n * sizeof *x);
+            memcpy(x, f->x->x, b.nzmax * sizeof *x);
         return;
     }
     const SuiteSparse_long *p = f->r->p, *i = f->r->i;
@@ -249,7 +251,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         if (stat == rk_done && b) {
             *rcond = cholmod_l_rcond(f->cholesky, &f->common);
             memcpy(x, b, (size_t)n * sizeof *x);
-            rk_sparse_solve(f, x);
+            rk_sparse_solve(f, 1, x);
             stat = state(&f->common);
         } else if (stat != rk_done && f->cholesky) {
             /* half a factor only takes the room that LU needs */
@@ -309,9 +311,9 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     return rk_missing;
 }
 
-void rk_sparse_solve(void *f, double *x)
+void rk_sparse_solve(void *f, int64_t number, double *x)
 {
-    (void)f, (void)x;
+    (void)f, (void)number, (void)x;
 }
 
 #endif

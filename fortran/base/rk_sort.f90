@@ -4,7 +4,7 @@ module rk_sort
    implicit none
    private
 
-   public :: sort
+   public :: sort, order_along
 
 contains
 
@@ -48,5 +48,21 @@ pure subroutine sort(key, place)
    allocate (place(size(key)))
    place(index) = [(i, i=1, size(key))]
 end subroutine sort
+
+!> Place of each point in an order along an axis
+subroutine order_along(x, axis, place)
+   !> Coordinates, shape (nd, n) [length]
+   real(wp), intent(in) :: x(:, :)
+   integer, intent(in) :: axis
+   !> Places, shape (n)
+   integer, allocatable, intent(out) :: place(:)
+   real(wp) :: weight(size(x, 1))
+   integer :: e
+
+   ! points of a layer are distinguished by their other coordinates
+   weight = [(merge(1.0_wp, 1.0e-5_wp**modulo(e - axis, size(x, 1)), e == axis), &
+      & e=1, size(x, 1))]/max(maxval(x, dim=2) - minval(x, dim=2), tiny(1.0_wp))
+   call sort(matmul(weight, x), place)
+end subroutine order_along
 
 end module rk_sort

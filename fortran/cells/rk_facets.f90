@@ -47,8 +47,8 @@ subroutine add(self, x, area, cell, other, set, part, entry)
       & self%side(2, 64), self%set(64), self%part(64), self%entry(64))
    if (self%n == size(self%set)) then
       room = 2*self%n
-      call grow(self%x, room)
-      call grow(self%area, room)
+      self%x = reshape(self%x, [size(x), room], pad=[0.0_wp])
+      self%area = reshape(self%area, [size(x), room], pad=[0.0_wp])
       self%side = reshape(self%side, [2, room], pad=[0])
       self%set = reshape(self%set, [room], pad=[0])
       self%entry = reshape(self%entry, [room], pad=[0])
@@ -64,18 +64,6 @@ subroutine add(self, x, area, cell, other, set, part, entry)
    self%part(self%n) = 1.0_wp
    if (present(part)) self%part(self%n) = part
 end subroutine add
-
-subroutine grow(a, columns)
-   !> Array
-   real(wp), allocatable, intent(inout) :: a(:, :)
-   !> Columns wanted
-   integer, intent(in) :: columns
-   real(wp), allocatable :: wide(:, :)
-
-   allocate (wide(size(a, 1), columns), source=0.0_wp)
-   wide(:, :size(a, 2)) = a
-   call move_alloc(wide, a)
-end subroutine grow
 
 !> Integration points from facets: volumes, centres and moments by the divergence theorem. A cell of
 !> several groups has a point in each, which stands for a share of it and of its facets

@@ -436,7 +436,7 @@ contains
       allocate (force(size(traction)*size(time), size(at, 2)/each), source=0.0_wp)
       do i = 1, size(at, 2)
          do k = 1, size(time)
-            call conditions_at(scene%cloud, scene%condition, within(scene%condition%set, i), &
+            call conditions_at(scene, within(scene%condition%set, i), &
                & at(:, i), fixed, value, traction, error, time(k))
             if (allocated(error)) return
             associate (own => force((k - 1)*size(traction) + 1:k*size(traction), &

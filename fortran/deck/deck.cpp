@@ -215,6 +215,13 @@ std::vector<Section *> Deck::entries(const std::string &table) {
    return found;
 }
 
+Section &Deck::add(const TableSpec &spec, const Origin &origin) {
+   Section section;
+   section.spec = &spec;
+   section.origin = origin;
+   return *sections.insert(sections.begin() + static_cast<std::ptrdiff_t>(range_of(spec).second), section);
+}
+
 std::string Deck::lookup(const Section &section, const std::string &key) const {
    const auto fact = facts.find(key);
    if (fact != facts.end())

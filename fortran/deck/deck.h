@@ -31,33 +31,43 @@ struct Choice {
    std::vector<Condition> when;
 };
 
+// Values that are allowed only where all conditions hold
+struct Restriction {
+   std::vector<std::string> values; // as in a message
+   std::vector<Condition> when;
+   std::string why; // a reason for the message, or ""
+};
+
 constexpr int any_length = 0;
 constexpr int dimension_length = -1; // as long as scene.dimension says
+constexpr int unknowns_length = -2;  // an item for each unknown of a linear problem
 
 struct KeySpec {
    std::string name;
    Type type;
-   bool required;
+   bool required = false;
    std::optional<std::string> default_toml; // as written in a deck
    std::vector<std::string> choices;        // numbers as text
    std::optional<double> min, max, above, below;
-   int length;
-   bool or_number, scalar, nonzero, infinite, unique, ascending;
+   int length = any_length;
+   bool or_number = false, scalar = false, nonzero = false, infinite = false, unique = false, ascending = false;
    std::string refers_to;
    std::string expression; // what may stand in an expression: place, surface, time, fields, energy; "" for none
    std::vector<Condition> required_if, only_if;
    std::vector<std::string> not_beside; // keys of the same table that cannot be there as well
    std::vector<std::string> as_many_as; // arrays of the same table, one of which is as long
    std::vector<Choice> default_if; // the first one that holds, before default_toml
+   std::vector<Restriction> value_if;
 };
 
 struct TableSpec {
    std::string name; // empty for the keys outside every table
-   bool many, required;
+   bool many = false, required = false;
    std::string named_by;
    std::string not_beside; // a table that may stand in place of this one
-   std::size_t most;       // entries
+   std::size_t most = 1;   // entries
    std::vector<std::string> needed_by, at_least;
+   std::vector<Condition> only_if;
    std::map<std::string, std::string> instead; // keys that are no more, and what to do without them
    std::vector<KeySpec> keys;
 
@@ -151,6 +161,8 @@ class Deck {
    std::string word(const std::string &table, const std::string &key) const; // "" where absent
    int dimension() const;                                                     // 0 where absent
    std::vector<Section *> entries(const std::string &table);
+   // Add a table that nobody wrote, behind others of its kind
+   Section &add(const TableSpec &spec, const Origin &origin);
    // First section of a table and the one behind its last
    std::pair<std::size_t, std::size_t> range_of(const TableSpec &spec) const;
    // The value or fact a condition speaks of, as plain text; "" where absent or refused
@@ -189,14 +201,12 @@ void apply_overrides(Deck &deck);
 std::string full_key(Deck &deck, const std::string &address);
 // deck_check.cpp: types, ranges, missing keys, defaults
 void check_schema(Deck &deck);
+// deck_form.cpp: a value that nobody wrote
+void put_default(Section &section, const std::string &key, Value value);
 // deck_form.cpp: the form that scene.method stands for, and what else defaults depend on
 void choose_form(Deck &deck);
 // deck_form.cpp: the title of a deck without one, from the name of its file
 void choose_title(Deck &deck);
-// deck_rules.cpp: a quantity of a body or a material, at no place
-bool of_whole_body(const std::string &quantity);
-// deck_linear.cpp: a linear problem stands alone, and what it holds must fit together
-void check_linear(Deck &deck);
 // deck_rules.cpp: what depends on more than the schema can say
 void check_rules(Deck &deck);
 

@@ -1,14 +1,17 @@
-// Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of the schema.
+// Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of their keys, and
+// its values as JSON.
 //
-// Entry kinds: 0 table, 1 text, 2 texts (a line each), 3 number, 4 integer, 5 boolean (0 or 1),
-// 6 numbers, 7 integers, 8 array of tables (with their number; they follow). A text that names an
-// entry of another table has the number of that entry, from 1, beside it. All pointers live
-// until rk_deck_close.
+// Texts come a line each, booleans in JSON only. A text that names an entry of another table has the number
+// of that entry, from 1, beside it, an array of tables the number of its entries. All pointers live until
+// rk_deck_close.
 #include "deck.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
 #include <iomanip>
-#include <numeric>
 #include <sstream>
 
 extern "C" {
@@ -17,11 +20,11 @@ extern "C" {
 struct EntryView {
    const char *key, *where, *address, *text;
    const double *numbers;
-   int count, kind, sorted; // the last: the entry (from 0) that has this place by its key
+   int count, kind;
 };
 
 struct DeckView {
-   const char *message, *name, *text, *sha256, *folder;
+   const char *message, *name, *text, *sha256, *folder, *json, *full_key;
    const EntryView *entries;
    int count, status;
 };
@@ -30,15 +33,18 @@ struct DeckView {
 
 namespace {
 
+enum Kind { other, is_text, is_list };
+
 struct Entry {
-   std::string key, where, address, text;
-   int kind = 0;
+   std::string where, address, text;
+   int kind = other;
    std::vector<double> numbers;
 };
 
 struct Flat : DeckView {
    rk::Deck deck;
-   std::vector<Entry> entries;
+   std::string full_key, json;
+   std::map<std::string, Entry> entries;
    std::map<std::string, std::map<std::string, int>> numbers; // of entries, by table and name
    std::vector<EntryView> views;
 };
@@ -57,33 +63,14 @@ std::string exactly(double number) {
    return text.str();
 }
 
-int kind_of(const rk::KeySpec &spec, const rk::Value &value) {
-   switch (spec.type) {
-   case rk::Type::text:
-      return value.is_number() ? 3 : 1;
-   case rk::Type::texts:
-      return 2;
-   case rk::Type::number:
-      return value.is_number() ? 3 : 1;
-   case rk::Type::integer:
-      return 4;
-   case rk::Type::boolean:
-      return 5;
-   case rk::Type::numbers:
-      return has_text(value) ? 2 : 6;
-   default:
-      return 7;
-   }
-}
-
 Entry flatten(const rk::Value &value) {
    Entry entry;
    if (value.is_number())
       entry.numbers = {value.number()};
-   if (value.kind == rk::Value::Kind::boolean)
-      entry.numbers = {value.boolean ? 1.0 : 0.0};
-   if (value.kind == rk::Value::Kind::text)
+   if (value.kind == rk::Value::Kind::text) {
+      entry.kind = is_text;
       entry.text = value.text;
+   }
    const bool as_text = has_text(value);
    for (const rk::Value &item : value.items) {
       if (item.is_number() && as_text)
@@ -96,50 +83,77 @@ Entry flatten(const rk::Value &value) {
    return entry;
 }
 
+std::string prefix_of(const rk::Section &section) {
+   return section.spec->name + (section.spec->many ? "." + std::to_string(section.index) : "");
+}
+
 void add_section(Flat &flat, const rk::Section &section) {
-   std::string prefix = section.spec->name;
-   if (section.spec->many)
-      prefix += "." + std::to_string(section.index);
+   const std::string prefix = prefix_of(section);
    if (!prefix.empty()) {
-      Entry table;
-      table.key = prefix;
+      Entry &table = flat.entries[prefix];
       table.where = flat.deck.where(section.origin);
       table.address = flat.deck.address(section);
-      flat.entries.push_back(table);
    }
    for (const rk::KeySpec &spec : section.spec->keys) {
       const rk::Value *value = section.find(spec.name);
       if (!value)
          continue;
-      Entry entry = flatten(*value);
+      Entry &entry = flat.entries[prefix.empty() ? spec.name : prefix + "." + spec.name];
+      entry = flatten(*value);
       if (!spec.refers_to.empty())
          entry.numbers = {static_cast<double>(flat.numbers[spec.refers_to][value->text])};
-      entry.key = prefix.empty() ? spec.name : prefix + "." + spec.name;
       // empty: nobody wrote it
       entry.where = value->by_default ? "" : flat.deck.where(value->origin);
       entry.address = flat.deck.address(section, spec.name);
-      entry.kind = kind_of(spec, *value);
-      flat.entries.push_back(entry);
    }
 }
 
-// Say anew what the deck and its entries are
-void look(Flat &flat) {
-   std::vector<int> sorted(flat.entries.size());
-   std::iota(sorted.begin(), sorted.end(), 0);
-   const auto key = [&flat](int i) -> const std::string & {
-      return flat.entries[static_cast<std::size_t>(i)].key;
-   };
-   std::sort(sorted.begin(), sorted.end(), [&key](int one, int other) { return key(one) < key(other); });
-   flat.views.clear();
-   for (const Entry &entry : flat.entries)
-      flat.views.push_back({entry.key.c_str(), entry.where.c_str(), entry.address.c_str(), entry.text.c_str(),
-                            entry.numbers.data(), static_cast<int>(entry.numbers.size()), entry.kind,
-                            sorted[flat.views.size()]});
-   const rk::Deck &deck = flat.deck;
-   static_cast<DeckView &>(flat) = {
-      deck.message.c_str(), deck.name.c_str(), deck.text.c_str(), deck.sha256.c_str(), deck.folder.c_str(),
-      flat.views.data(), static_cast<int>(flat.views.size()), static_cast<int>(deck.status)};
+// A text with JSON's escapes
+std::string json_text(const std::string &text) {
+   std::string all = "\"";
+   for (const char letter : text) {
+      std::array<char, 8> code{};
+      const bool control = static_cast<unsigned char>(letter) < 32 || letter == 127;
+      std::snprintf(code.data(), code.size(), control ? "\\u%04x" : "%c", letter);
+      all += letter == '"' || letter == '\\' ? std::string{'\\', letter} : code.data();
+   }
+   return all + "\"";
+}
+
+// A number that reads back the same, with a point unless it is an integer
+std::string json_number(const rk::Value &value, rk::Type type) {
+   if (type == rk::Type::integer || type == rk::Type::integers)
+      return std::to_string(value.integer);
+   // JSON has no infinity: the word of the deck
+   if (!std::isfinite(value.number()))
+      return "\"inf\"";
+   std::array<char, 32> digits{};
+   std::string text(digits.data(),
+                    std::to_chars(digits.data(), digits.data() + digits.size(), value.number()).ptr);
+   return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
+}
+
+std::string json_of(const rk::Value &value, rk::Type type) {
+   if (value.kind == rk::Value::Kind::array) {
+      const bool as_text = has_text(value);
+      std::vector<std::string> items;
+      for (const rk::Value &item : value.items)
+         items.push_back(as_text && item.is_number() ? json_text(exactly(item.number())) : json_of(item, type));
+      return "[" + rk::join(items, ", ") + "]";
+   }
+   if (value.is_number())
+      return json_number(value, type);
+   return value.kind == rk::Value::Kind::text ? json_text(value.text) : value.plain();
+}
+
+// Keys and values of a section, with commas between
+std::string json_of(const rk::Section &section) {
+   std::vector<std::string> pairs;
+   for (const rk::KeySpec &spec : section.spec->keys) {
+      if (const rk::Value *value = section.find(spec.name))
+         pairs.push_back("\"" + spec.name + "\": " + json_of(*value, spec.type));
+   }
+   return rk::join(pairs, ", ");
 }
 
 void fill(Flat &flat) {
@@ -147,29 +161,37 @@ void fill(Flat &flat) {
       if (!section.spec->named_by.empty())
          flat.numbers[section.spec->name][section.text(section.spec->named_by)] = section.index;
    }
+   std::vector<std::string> tables;
    for (const rk::TableSpec &spec : rk::schema()) {
       // of a refused deck a summary has the units and the method
       if (spec.many && flat.deck.status != rk::Status::good)
          continue;
       const std::vector<rk::Section *> sections = flat.deck.entries(spec.name);
-      if (spec.many) {
-         Entry list;
-         list.key = spec.name;
-         list.where = flat.deck.where(sections.empty() ? rk::Origin{} : sections.front()->origin);
-         list.kind = 8;
-         list.numbers = {static_cast<double>(sections.size())};
-         flat.entries.push_back(list);
-      }
-      for (const rk::Section *section : sections)
+      std::vector<std::string> objects;
+      for (const rk::Section *section : sections) {
          add_section(flat, *section);
+         objects.push_back(spec.name.empty() ? json_of(*section) : "{" + json_of(*section) + "}");
+      }
+      const std::string all = rk::join(objects, ",\n   ");
+      if (spec.many) {
+         Entry &list = flat.entries[spec.name];
+         list.where = flat.deck.where(sections.empty() ? rk::Origin{} : sections.front()->origin);
+         list.kind = is_list;
+         list.numbers = {static_cast<double>(sections.size())};
+         tables.push_back("\"" + spec.name + "\": [" + all + "]");
+      } else if (!all.empty()) {
+         tables.push_back(spec.name.empty() ? all : "\"" + spec.name + "\": " + all);
+      }
    }
-}
-
-DeckView *open(rk::Deck deck) {
-   Flat *flat = new Flat{{}, std::move(deck), {}, {}, {}};
-   fill(*flat);
-   look(*flat);
-   return flat;
+   flat.json = "{" + rk::join(tables, ",\n  ") + "}";
+   for (const auto &[key, entry] : flat.entries)
+      flat.views.push_back({key.c_str(), entry.where.c_str(), entry.address.c_str(), entry.text.c_str(),
+                            entry.numbers.data(), static_cast<int>(entry.numbers.size()), entry.kind});
+   const rk::Deck &deck = flat.deck;
+   static_cast<DeckView &>(flat) = {
+      deck.message.c_str(), deck.name.c_str(), deck.text.c_str(), deck.sha256.c_str(), deck.folder.c_str(),
+      flat.json.c_str(), flat.full_key.c_str(), flat.views.data(), static_cast<int>(flat.views.size()),
+      static_cast<int>(deck.status)};
 }
 
 // Overrides come a line each
@@ -187,21 +209,17 @@ std::vector<std::string> lines(const char *text) {
 
 extern "C" {
 
-// Read and check a file, or a text where there is one, for a command ("": for none)
-DeckView *rk_deck_open(const char *path, const char *text, const char *overrides, const char *command) {
+// Read and check a file, or a text where there is one, for a command ("": for none). With a key the status
+// and message are those of its full name, as an override would take it
+DeckView *rk_deck_open(const char *path, const char *text, const char *overrides, const char *command,
+                       const char *key) {
    rk::Deck deck = rk::is_blank(text) ? rk::Deck::read(path, lines(overrides))
                                       : rk::Deck(path, text, lines(overrides));
    deck.require(command);
-   return open(std::move(deck));
-}
-
-// The full name of a key as an override would take it; "" where the status and message say why not
-const char *rk_deck_resolve(DeckView *handle, const char *key) {
-   thread_local std::string found;
-   Flat &flat = *static_cast<Flat *>(handle);
-   found = flat.deck.resolve(key);
-   look(flat);
-   return found.c_str();
+   const std::string full_key = *key ? deck.resolve(key) : "";
+   Flat *flat = new Flat{{}, std::move(deck), full_key, {}, {}, {}, {}};
+   fill(*flat);
+   return flat;
 }
 
 void rk_deck_close(DeckView *handle) {

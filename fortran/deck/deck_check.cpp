@@ -153,9 +153,6 @@ static void check_values(Deck &deck, Section &section) {
       section.values.erase(key);
 }
 
-static std::string spelled(const Condition &condition) {
-   return condition.key + " = " + join(condition.values, " or ");
-}
 
 // The first condition that does not hold; nullptr where all hold. One that cannot be judged
 // (its key is absent or was refused) counts as `unknown` says.
@@ -176,6 +173,14 @@ static const Condition *failing(const Deck &deck, const Section &section,
    return nullptr;
 }
 
+// What a condition asks for and what is there instead
+static std::string only_for(const Deck &deck, const Section &section, const Condition &broken) {
+   if (broken.values.empty())
+      return "needs " + broken.key + " beside it";
+   return "only for " + broken.key + " = " + join(broken.values, " or ") + "; here " + broken.key + " = " +
+          deck.lookup(section, broken.key);
+}
+
 static std::optional<std::string> default_of(const Deck &deck, const Section &section,
                                              const KeySpec &key) {
    for (const Choice &choice : key.default_if) {
@@ -187,12 +192,22 @@ static std::optional<std::string> default_of(const Deck &deck, const Section &se
 
 static void fill_default(const Deck &deck, Section &section, const KeySpec &key) {
    const std::optional<std::string> toml = default_of(deck, section, key);
-   if (!toml || section.given(key.name))
-      return;
-   Value value = *parse_value(*toml);
-   value.origin = section.origin;
-   value.by_default = true;
-   section.values[key.name] = value;
+   if (toml && !section.given(key.name))
+      put_default(section, key.name, *parse_value(*toml));
+}
+
+// Values that fit only beside some values of other keys
+static void check_value_if(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+   const std::string word =
+      key.type == Type::number && !value.is_number() ? "an expression" : value.plain();
+   for (const Restriction &one : key.value_if) {
+      const Condition *broken =
+         is_one_of(word, one.values) ? failing(deck, section, one.when, true) : nullptr;
+      if (broken)
+         deck.refuse(section, key.name,
+                     word + " is " + only_for(deck, section, *broken) +
+                        (one.why.empty() ? "" : ": " + one.why));
+   }
 }
 
 // Keys that are missing or out of place, given the values of others; returns those complained about
@@ -203,13 +218,12 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
       if (const Condition *broken = failing(deck, section, key.only_if, true)) {
          if (!value)
             continue;
-         deck.refuse(section, key.name,
-                     broken->values.empty() ? "needs " + broken->key + " beside it"
-                                            : "only for " + spelled(*broken) + "; here " + broken->key +
-                                                 " = " + deck.lookup(section, broken->key));
+         deck.refuse(section, key.name, only_for(deck, section, *broken));
          wrong.insert(key.name);
          continue;
       }
+      if (value)
+         check_value_if(deck, section, key, *value);
       if (value || section.refused.count(key.name))
          continue;
       const std::vector<Condition> &when = key.required ? key.only_if : key.required_if;
@@ -275,7 +289,10 @@ static void check_series(Deck &deck, const Section &section, const KeySpec &key,
 static void check_length(Deck &deck, Section &section, const KeySpec &key, Value &value) {
    int length = key.length;
    std::string because;
-   if (length == dimension_length) {
+   if (length == unknowns_length && deck.word("linear", "problem") == "poisson") {
+      length = 1;
+      because = " (linear.problem = poisson)";
+   } else if (length < 0) {
       length = deck.dimension();
       if (length == 0)
          return;
@@ -283,13 +300,14 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    }
    if (key.scalar && is_single(key, value)) {
       Value array(std::vector<double>{}, value.origin);
-      array.items.assign(static_cast<std::size_t>(std::max(length, 1)), value);
+      // one number does not stand for all unknowns
+      array.items.assign(key.length == unknowns_length ? 1 : std::max(length, 1), value);
       value = array;
    }
    if (length == any_length || value.items.size() == static_cast<std::size_t>(length))
       return;
    deck.refuse(section, key.name,
-               "must have " + std::to_string(length) + " items" + because + ", not " +
+               "must have " + std::to_string(length) + (length == 1 ? " item" : " items") + because + ", not " +
                   std::to_string(value.items.size()));
    section.refused.insert(key.name);
 }
@@ -324,12 +342,20 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
    }
 }
 
-// Names of fields in this many dimensions; a linear problem knows displacement and stress only
-static std::vector<std::string> fields_of(int dimension, bool linear) {
+// Names of an expression that mean something in this many dimensions, in the order of messages; a linear
+// problem knows displacement and stress only
+static std::vector<std::string> names_of(const std::string &kind, int dimension, bool linear) {
    std::vector<std::string> names;
-   for (const std::string &name : field_names()) {
+   for (const std::string &name : expression_names()) {
+      const bool plane = name == "y" || name == "ny" || name == "r" || name == "theta";
+      if ((plane && dimension < 2) || (name.back() == 'z' && dimension < 3) ||
+          (name == "t" && kind != "time") || (name[0] == 'n' && kind != "surface"))
+         continue;
+      names.push_back(name);
+   }
+   for (const std::string &name : kind == "fields" ? field_names() : std::vector<std::string>{}) {
+      const std::size_t at = name.find('_');
       const auto along = [&](char axis) {
-         const std::size_t at = name.find('_');
          return at != std::string::npos && name.find(axis, at) != std::string::npos;
       };
       const bool third = along('z') && name != "cauchy_zz", second = along('y');
@@ -337,25 +363,6 @@ static std::vector<std::string> fields_of(int dimension, bool linear) {
       if ((third && dimension < 3) || (second && dimension < 2) || (finite && linear))
          continue;
       names.push_back(name);
-   }
-   return names;
-}
-
-// Names that mean something in this many dimensions
-static std::vector<std::string> names_of(const std::string &kind, int dimension) {
-   std::vector<std::string> names = {"x"};
-   if (dimension > 1)
-      names.insert(names.end(), {"y", "r", "theta"});
-   if (dimension > 2)
-      names.push_back("z");
-   if (kind == "time")
-      names.push_back("t");
-   if (kind == "surface") {
-      names.push_back("nx");
-      if (dimension > 1)
-         names.push_back("ny");
-      if (dimension > 2)
-         names.push_back("nz");
    }
    return names;
 }
@@ -374,12 +381,7 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
             names.push_back(other.name);
       }
    } else {
-      names = names_of(kind, deck.dimension());
-   }
-   if (kind == "fields") {
-      const std::vector<std::string> fields =
-         fields_of(deck.dimension(), deck.single("linear") != nullptr);
-      names.insert(names.end(), fields.begin(), fields.end());
+      names = names_of(kind, deck.dimension(), deck.single("linear"));
    }
    const auto check = [&](const Value &one, const std::string &which) {
       if (one.kind != Value::Kind::text)
@@ -395,7 +397,6 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
 }
 
 void check_schema(Deck &deck) {
-   std::vector<Section> missing;
    for (const TableSpec &spec : schema()) {
       if (spec.many || !deck.entries(spec.name).empty())
          continue;
@@ -403,16 +404,9 @@ void check_schema(Deck &deck) {
                                          [](const KeySpec &key) { return key.required; });
       if (spec.required && !deck.misshapen.count(spec.name))
          deck.complain({}, spec.name, "missing, the table " + spec.title() + " is needed");
-      if (!fillable)
-         continue;
-      Section section;
-      section.spec = &spec;
-      missing.push_back(section);
+      if (fillable)
+         deck.add(spec, {});
    }
-   deck.sections.insert(deck.sections.end(), missing.begin(), missing.end());
-   std::stable_sort(deck.sections.begin(), deck.sections.end(),
-                    [](const Section &a, const Section &b) { return a.spec < b.spec; });
-
    for (Section &section : deck.sections)
       check_values(deck, section);
    choose_form(deck);
@@ -423,8 +417,11 @@ void check_schema(Deck &deck) {
             fill_default(deck, section, key);
       }
    }
-   for (Section &section : deck.sections)
+   for (Section &section : deck.sections) {
+      if (const Condition *broken = failing(deck, section, section.spec->only_if, true))
+         deck.refuse(section, "", only_for(deck, section, *broken));
       check_groups(deck, section, check_presence(deck, section));
+   }
    Names names;
    for (Section &section : deck.sections) {
       for (const KeySpec &key : section.spec->keys) {

@@ -65,8 +65,7 @@ static bool asks_order_two(Deck &deck) {
       const Value *point = probe->find("point");
       const bool stress = quantity.compare(0, 6, "cauchy") == 0 || quantity == "pressure" ||
                           quantity == "principal_max" ||
-                          (quantity == "expression" &&
-                           fields_in(probe->text("expression")) == Fields::stresses);
+                          (quantity == "expression" && has_stress(probe->text("expression")));
       if (stress && point && point->items.size() == 2 && on_surface(*geometry, *point))
          return true;
    }
@@ -100,8 +99,7 @@ static bool compares_on_the_way(Deck &deck) {
    return false;
 }
 
-// A value that nobody wrote
-static void put(Section &section, const std::string &key, Value value) {
+void put_default(Section &section, const std::string &key, Value value) {
    value.origin = section.origin;
    value.by_default = true;
    section.values[key] = std::move(value);
@@ -150,7 +148,7 @@ static bool first_points(Section &geometry, int dimension) {
    std::vector<std::int64_t> source;
    for (double number : cells)
       source.push_back(1 + 2 * std::llround(0.5 * number));
-   put(geometry, "source", {source, geometry.origin});
+   put_default(geometry, "source", {source, geometry.origin});
    return true;
 }
 
@@ -194,7 +192,7 @@ static void first_places(Section &geometry) {
    std::vector<std::int64_t> places;
    for (const Value &item : source->items)
       places.push_back(2 * item.integer - 1);
-   put(geometry, "collocation", {places, geometry.origin});
+   put_default(geometry, "collocation", {places, geometry.origin});
 }
 
 // The table of the search: of decks that ask for an error, and of those whose points nobody chose
@@ -203,13 +201,7 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
       const Value *asked = deck.value("", "accuracy");
       if (!chosen_here && !asked)
          return;
-      Section table;
-      table.spec = find_table("refine");
-      table.origin = asked ? asked->origin : deck.single("geometry")->origin;
-      const auto behind = std::find_if(
-          deck.sections.begin(), deck.sections.end(),
-          [&](const Section &section) { return section.spec > table.spec; });
-      deck.sections.insert(behind, table);
+      deck.add(*find_table("refine"), asked ? asked->origin : deck.single("geometry")->origin);
    }
    Section &refine = *deck.entries("refine").front();
    for (const char *key : {"accuracy", "cost"}) {
@@ -219,7 +211,7 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
          refine.values[key] = *value;
    }
    if (!refine.given("accuracy"))
-      put(refine, "accuracy", Value(usual_accuracy));
+      put_default(refine, "accuracy", Value(usual_accuracy));
 }
 
 // Whether source points on the sides can hold prescribed displacements exactly, so that no answer
@@ -257,7 +249,7 @@ static void choose_points(Deck &deck) {
        deck.entries("material").size() == 1) {
       const std::vector<std::string> sides =
           singular_sides(deck, body.find("source")->items.size());
-      put(body, "graded", {sides, body.origin});
+      put_default(body, "graded", {sides, body.origin});
    }
    // a known solution, or a stable time step, belongs to points that somebody chose
    const bool searched = chosen_here && gauss && !deck.entries("probe").empty() &&
@@ -268,6 +260,9 @@ static void choose_points(Deck &deck) {
 }
 
 void choose_form(Deck &deck) {
+   // what conditions say of decks that are not linear
+   if (!deck.single("linear"))
+      deck.facts["linear.problem"] = "none";
    const std::vector<Section *> scenes = deck.entries("scene");
    if (scenes.empty() || scenes.front()->refused.count("method"))
       return;
@@ -301,7 +296,7 @@ void choose_title(Deck &deck) {
    std::optional<Value> title = parse_value("'''" + stem + "'''");
    if (!title || is_blank(title->text))
       title = parse_value("'scene'");
-   put(top, "title", *title);
+   put_default(top, "title", *title);
 }
 
 } // namespace rk

@@ -1,8 +1,6 @@
 // Overrides "table.key=value", as given by --set on the command line.
 #include "deck.h"
 
-#include <algorithm>
-
 namespace rk {
 
 static std::string trim(const std::string &text) {
@@ -33,16 +31,7 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
                        "[" + spec.name + "] is a single table: write " + spec.name + ".key=value");
          return nullptr;
       }
-      if (entries.empty()) {
-         Section section;
-         section.spec = &spec;
-         section.origin = origin;
-         // keep the order of the schema
-         auto place = std::find_if(deck.sections.begin(), deck.sections.end(),
-                                   [&](const Section &other) { return other.spec > &spec; });
-         return &*deck.sections.insert(place, section);
-      }
-      return entries.front();
+      return entries.empty() ? &deck.add(spec, origin) : entries.front();
    }
    if (entries.empty()) {
       deck.complain(origin, address, "the deck has no [[" + spec.name + "]]");

@@ -11,7 +11,6 @@ namespace rk {
 
 static void check_materials(Deck &deck) {
    const std::vector<Section *> materials = deck.entries("material");
-   const std::string method = deck.word("scene", "method");
    const bool regions = std::any_of(materials.begin(), materials.end(), [](Section *material) {
       return material->given("where");
    });
@@ -24,30 +23,9 @@ static void check_materials(Deck &deck) {
       if (regions && material != materials.front() && !where)
          deck.refuse(*material, "where",
                      "missing: only the first material may omit it and fill the rest");
-      const Value *bulk = material->find("K");
-      if (bulk && !std::isfinite(bulk->number()) && method == "rkcm")
-         deck.refuse(*material, "K",
-                     "inf needs the pressure as an unknown: use scene.method = rkpm-gauss, "
-                     "rkpm-scni or rkcm-mixed instead of rkcm");
-      const Value *activation = material->find("activation");
-      if (activation && activation->kind == Value::Kind::text && method.compare(0, 4, "rkpm") != 0)
-         deck.refuse(*material, "activation",
-                     "an expression is only for scene.method = rkpm-gauss or rkpm-scni");
       if (!regions && materials.size() > 1 && !material->given("label"))
          deck.refuse(*material, "label", "missing, an integer is needed where there are several materials");
    }
-}
-
-// Collocation sees second derivatives, which functions of order 1 do not approach: by (5.19) the
-// error is of order h^(p-1)
-static void check_order(Deck &deck) {
-   const std::string method = deck.word("scene", "method");
-   const Value *order = deck.value("approximation", "order");
-   if (order && order->number() < 2.0 && (method == "rkcm" || method == "rkcm-mixed"))
-      deck.refuse(*deck.single("approximation"), "order",
-                  "must be at least 2 for scene.method = " + method +
-                      ": second derivatives of functions of order 1 do not converge; use "
-                      "order = 2 and support = 3, or scene.method = rkpm-gauss");
 }
 
 // The plate at the end of a tendon moves as nothing else says
@@ -91,53 +69,52 @@ static void check_amplitudes(Deck &deck) {
    }
 }
 
-bool of_whole_body(const std::string &quantity) {
+// A quantity of a body or a material, at no place
+static bool of_whole_body(const std::string &quantity) {
    return quantity == "energy" || quantity == "fiber_stretch" || quantity == "pennation";
 }
 
-static void check_probes(Deck &deck, int dimension) {
-   const bool weak = deck.word("scene", "method").compare(0, 4, "rkpm") == 0;
+static void check_probes(Deck &deck) {
+   const std::string method = deck.word("scene", "method");
+   const bool weak = method.compare(0, 4, "rkpm") == 0, linear = deck.single("linear");
+   // collocation knows forces from virtual work, which does not know sources and inertia
+   const bool lacks_work =
+      linear && method == "rkcm" && (deck.value("linear", "source") || deck.single("dynamics"));
    for (Section *probe : deck.entries("probe")) {
       const std::string quantity = probe->text("quantity");
       const Value *material = probe->find("material");
       const bool whole = of_whole_body(quantity);
-      const auto given = [&](const char *key) {
-         return probe->given(key);
-      };
-      const bool of_set =
-          quantity.compare(0, 5, "force") == 0 || quantity.compare(0, 6, "torque") == 0;
-      if (!whole && !of_set && quantity != "expression" && !given("point") && !given("set"))
+      const bool force = quantity.compare(0, 5, "force") == 0;
+      const bool of_set = force || quantity.compare(0, 6, "torque") == 0;
+      if (!whole && !of_set && quantity != "expression" && !probe->given("point") && !probe->given("set"))
          deck.refuse(*probe, "", "needs one of the keys point, set");
-      for (const char *key : {"point", "set"}) {
-         if (whole && probe->find(key))
-            deck.refuse(*probe, key, "cannot be given for " + quantity + ", a quantity of the whole body");
-      }
+      if (whole && probe->find("point"))
+         deck.refuse(*probe, "point", "cannot be given for " + quantity + ", a quantity of the whole body");
+      if (linear && !force && probe->find("set"))
+         deck.refuse(*probe, "set", "a mean over a set is not known in a linear problem");
+      if (force && lacks_work)
+         deck.refuse(*probe, "quantity",
+                     quantity + " is not known by rkcm, whose virtual work has no sources and no "
+                                "inertia: use scene.method = rkpm-gauss");
       if (material && !whole && !weak)
          deck.refuse(*probe, "material",
                      "the force of one material needs a Galerkin form, such as scene.method = rkpm-gauss");
-      if (dimension == 2 && (quantity == "u_z" || quantity == "force_z" || quantity == "torque_x" ||
-                             quantity == "torque_y" || quantity == "section_force_z"))
-         deck.refuse(*probe, "quantity", quantity + " is always zero in two dimensions");
    }
 }
 
-static void check_geometry(Deck &deck, const Section &geometry, int dimension) {
-   const Value *inner = geometry.find("inner_radius"), *outer = geometry.find("outer_radius");
+// Values of a table that comes once, of which one bounds the other
+static void check_pairs(Deck &deck) {
+   const Value *inner = deck.value("geometry", "inner_radius"),
+               *outer = deck.value("geometry", "outer_radius");
    if (inner && outer && outer->number() <= inner->number())
-      deck.refuse(geometry, "outer_radius",
+      deck.refuse(*deck.single("geometry"), "outer_radius",
                   "must be greater than inner_radius = " + inner->plain() + ", not " +
                       outer->plain());
-   const Value *kind = geometry.find("kind");
-   if (kind && kind->text != "box" && dimension != 0 &&
-       dimension != (kind->text == "annulus" ? 2 : 3))
-      deck.refuse(geometry, "kind",
-                  kind->text +
-                      " needs scene.dimension = " + (kind->text == "annulus" ? "2" : "3") +
-                      ", not " + std::to_string(dimension));
-   if (kind && kind->text == "model" && deck.word("scene", "method") == "rkcm-mixed")
-      deck.refuse(geometry, "kind",
-                  "model has no lattice, whose cells the volume rows of rkcm-mixed need: use "
-                  "scene.method = rkpm-gauss, rkpm-scni or rkcm");
+   const Value *step = deck.value("dynamics", "time_step"), *end = deck.value("dynamics", "end_time");
+   const double steps = step && end ? end->number() / step->number() : 1.0;
+   if (std::round(steps) < 1.0 || std::abs(steps - std::round(steps)) > 1e-6 * steps)
+      deck.refuse(*deck.single("dynamics"), "end_time",
+                  "must be a whole number of time steps of " + step->plain() + ", not " + end->plain());
 }
 
 // A probe must have what an exact solution or a reference is compared with
@@ -170,17 +147,12 @@ static void check_compared(Deck &deck) {
 }
 
 void check_rules(Deck &deck) {
-   const int dimension = deck.dimension();
-   const Section *geometry = deck.single("geometry");
    check_materials(deck);
-   check_order(deck);
    check_boundary(deck);
    check_amplitudes(deck);
-   check_probes(deck, dimension);
+   check_probes(deck);
    check_compared(deck);
-   check_linear(deck);
-   if (geometry)
-      check_geometry(deck, *geometry, dimension);
+   check_pairs(deck);
 }
 
 } // namespace rk

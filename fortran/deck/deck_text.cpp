@@ -1,6 +1,4 @@
 // Texts of messages, and the hash that names a deck.
-//
-// References: FIPS 180-4, Secure Hash Standard (2015), doi:10.6028/NIST.FIPS.180-4, section 6.2
 #include "deck.h"
 
 #include <algorithm>
@@ -12,6 +10,8 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+
+#include <openssl/sha.h>
 
 namespace rk {
 
@@ -223,64 +223,12 @@ std::string Value::described() const {
 }
 
 std::string sha256_hex(const std::string &bytes) {
-   // Round constants: fractions of the cube roots of the first 64 primes; the initial state is
-   // that of the square roots of the first 8 (sections 4.2.2 and 5.3.3)
-   std::array<std::uint32_t, 64> k{};
-   std::array<std::uint32_t, 8> h{};
-   int found = 0;
-   for (std::uint32_t n = 2; found < 64; ++n) {
-      bool prime = true;
-      for (std::uint32_t i = 2; i * i <= n; ++i)
-         prime = prime && n % i != 0;
-      if (!prime)
-         continue;
-      // long double has 64 bits of mantissa on x86-64, enough for 32 bits behind the point
-      const long double cube = std::cbrt(static_cast<long double>(n));
-      const long double square = std::sqrt(static_cast<long double>(n));
-      k[found] = static_cast<std::uint32_t>((cube - std::floor(cube)) * 4294967296.0L);
-      if (found < 8)
-         h[found] = static_cast<std::uint32_t>((square - std::floor(square)) * 4294967296.0L);
-      ++found;
-   }
-   auto rotate = [](std::uint32_t x, int n) { return (x >> n) | (x << (32 - n)); };
-
-   std::string padded = bytes + '\x80';
-   while (padded.size() % 64 != 56)
-      padded += '\0';
-   const std::uint64_t bits = static_cast<std::uint64_t>(bytes.size()) * 8;
-   for (int i = 7; i >= 0; --i)
-      padded += static_cast<char>((bits >> (8 * i)) & 0xff);
-
-   for (std::size_t start = 0; start < padded.size(); start += 64) {
-      std::array<std::uint32_t, 64> w{};
-      for (std::size_t i = 0; i < 64; ++i) {
-         if (i < 16) {
-            for (std::size_t j = 0; j < 4; ++j)
-               w[i] = (w[i] << 8) | static_cast<unsigned char>(padded[start + 4 * i + j]);
-         } else {
-            const std::uint32_t a = w[i - 15], b = w[i - 2];
-            w[i] = w[i - 16] + (rotate(a, 7) ^ rotate(a, 18) ^ (a >> 3)) + w[i - 7] +
-                   (rotate(b, 17) ^ rotate(b, 19) ^ (b >> 10));
-         }
-      }
-      std::array<std::uint32_t, 8> s = h;
-      for (std::size_t i = 0; i < 64; ++i) {
-         const std::uint32_t t1 = s[7] + (rotate(s[4], 6) ^ rotate(s[4], 11) ^ rotate(s[4], 25)) +
-                                  ((s[4] & s[5]) ^ (~s[4] & s[6])) + k[i] + w[i];
-         const std::uint32_t t2 = (rotate(s[0], 2) ^ rotate(s[0], 13) ^ rotate(s[0], 22)) +
-                                  ((s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]));
-         for (std::size_t j = 7; j > 0; --j)
-            s[j] = s[j - 1];
-         s[4] += t1;
-         s[0] = t1 + t2;
-      }
-      for (std::size_t j = 0; j < 8; ++j)
-         h[j] += s[j];
-   }
+   std::array<unsigned char, SHA256_DIGEST_LENGTH> digest{};
+   SHA256(reinterpret_cast<const unsigned char *>(bytes.data()), bytes.size(), digest.data());
    std::string hex;
-   for (std::uint32_t word : h) {
-      std::array<char, 9> part{};
-      std::snprintf(part.data(), part.size(), "%08x", static_cast<unsigned>(word));
+   for (const unsigned char byte : digest) {
+      std::array<char, 3> part{};
+      std::snprintf(part.data(), part.size(), "%02x", byte);
       hex += part.data();
    }
    return hex;

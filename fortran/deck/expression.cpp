@@ -10,6 +10,7 @@
 #include <iterator>
 #include <limits>
 #include <memory>
+#include <regex>
 #include <sstream>
 #include <unordered_map>
 
@@ -87,21 +88,6 @@ static std::string known(const mu::Parser &parser, const std::vector<std::string
    return list;
 }
 
-// A single = would set a name; elsewhere it is part of ==, !=, <= or >=
-static std::size_t assignment(const std::string &text) {
-   for (std::size_t i = 0; i < text.size(); ++i) {
-      if (text[i] != '=')
-         continue;
-      const bool pair = i + 1 < text.size() && text[i + 1] == '=';
-      const bool second = i > 0 && std::string("=!<>").find(text[i - 1]) != std::string::npos;
-      if (!pair && !second)
-         return i;
-      if (pair)
-         ++i;
-   }
-   return std::string::npos;
-}
-
 // What is seen before the parser reads a text; "" where it may read
 static std::string first_fault(const std::string &text) {
    const auto at = [](std::size_t position) {
@@ -109,8 +95,12 @@ static std::string first_fault(const std::string &text) {
    };
    if (text.find('"') != std::string::npos)
       return "is not an expression: a text in quotes" + at(text.find('"'));
-   if (assignment(text) != std::string::npos)
-      return "is not an expression: = sets a value" + at(assignment(text)) + ", == compares";
+   // a single = would set a name
+   static const std::regex single("(^|[^=!<>])=(?!=)");
+   std::smatch found;
+   if (std::regex_search(text, found, single))
+      return "is not an expression: = sets a value" + at(found.position() + found.length(1)) +
+             ", == compares";
    return "";
 }
 
@@ -256,30 +246,21 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
    return tape;
 }
 
-Fields fields_in(const std::string &text) {
-   Fields most = Fields::ratios;
+std::string names_in(const std::string &text) {
+   std::string found = " ";
    try {
-      Compiled compiled(text, all_names());
-      for (const auto &used : compiled.parser.GetUsedVar()) {
-         const std::string &name = used.first;
-         if (name.compare(0, 6, "cauchy") == 0 || name[0] == 'p')
-            return Fields::stresses;
-         if (name.compare(0, 2, "u_") == 0)
-            most = Fields::displacements;
-      }
+      for (const auto &used : Compiled(text, all_names()).parser.GetUsedVar())
+         found += used.first + " ";
    } catch (const mu::Parser::exception_type &) {
       // the check of the deck says why it is none
+      return "";
    }
-   return most;
+   return found;
 }
 
-bool expression_uses(const std::string &text, const std::string &name, bool of_fields) {
-   try {
-      Compiled compiled(text, of_fields ? all_names() : expression_names());
-      return compiled.parser.GetUsedVar().count(name) > 0;
-   } catch (const mu::Parser::exception_type &) {
-      return false;
-   }
+bool has_stress(const std::string &text) {
+   const std::string names = names_in(text);
+   return names.find(" cauchy") != std::string::npos || names.find(" p") != std::string::npos;
 }
 
 // Compiled expressions by their text
@@ -289,31 +270,31 @@ using Kept = std::unordered_map<std::string, std::unique_ptr<Compiled>>;
 
 extern "C" {
 
-// Value of an expression at a place, with the time and the normal, and with fields where it is one of
-// fields: compiled when it is asked for the first time; not a number where it is none
-double rk_expression_value(const char *text, const double *values, int of_fields) {
-   thread_local std::array<rk::Kept, 2> of_both;
-   rk::Kept &kept = of_both[of_fields != 0];
-   const std::vector<std::string> &names = of_fields ? rk::all_names() : rk::expression_names();
+// Value of an expression where the first `count` names have these values: compiled when it is asked for
+// the first time; not a number where it is none
+double rk_expression_value(const char *text, const double *values, int count) {
+   thread_local rk::Kept kept;
    try {
       auto found = kept.find(text);
       if (found == kept.end()) {
          if (kept.size() >= rk::most_kept)
             kept.clear();
-         found = kept.emplace(text, std::make_unique<rk::Compiled>(text, names)).first;
+         found = kept.emplace(text, std::make_unique<rk::Compiled>(text, rk::all_names())).first;
       }
-      std::copy(values, values + names.size(), found->second->place.begin());
+      std::copy(values, values + count, found->second->place.begin());
       return found->second->parser.Eval();
    } catch (const mu::Parser::exception_type &) {
       return std::numeric_limits<double>::quiet_NaN();
    }
 }
 
-int rk_fields_in(const char *text) { return static_cast<int>(rk::fields_in(text)); }
-
-int rk_expression_uses(const char *text, const char *name, int of_fields) {
-   return rk::expression_uses(text, name, of_fields != 0) ? 1 : 0;
+const char *rk_expression_names(const char *text) {
+   thread_local std::string names;
+   names = rk::names_in(text);
+   return names.c_str();
 }
+
+int rk_expression_has_stress(const char *text) { return rk::has_stress(text) ? 1 : 0; }
 
 // Tape of an energy with constants whose names have blanks between, of `most` values at most; why it
 // has none, or ""

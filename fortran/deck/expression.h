@@ -18,12 +18,10 @@ const std::vector<std::string> &field_names();
 // mistake; "" where it is one
 std::string expression_fault(const std::string &text, const std::vector<std::string> &names);
 
-// Whether a name occurs in an expression, of place, time and normal or of fields
-bool expression_uses(const std::string &text, const std::string &name, bool of_fields = false);
-
-// What an expression of fields depends on: the stress, or else displacements, or neither
-enum class Fields { ratios, displacements, stresses };
-Fields fields_in(const std::string &text);
+// The names that occur in an expression, each with blanks around it; "" where it is none
+std::string names_in(const std::string &text);
+// Whether an expression of fields depends on the stress
+bool has_stress(const std::string &text);
 
 // Operations of an energy in the order in which they are computed. A value has no operation where it
 // is a name or a number, otherwise one on one or two values before it

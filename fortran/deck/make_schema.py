@@ -18,15 +18,18 @@ from pathlib import Path
 from typing import Any
 
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
-TABLE_ATTRIBUTES = {
-    "about", "example", "many", "named_by", "required", "needed_by", "not_beside", "at_least",
-    "most", "record", "instead",
-}  # fmt: skip
-KEY_ATTRIBUTES = {
-    "type", "help", "unit", "default", "required", "choices", "min", "max", "above", "below",
-    "length", "or_number", "scalar", "nonzero", "infinite", "refers_to", "unique", "required_if",
-    "only_if", "default_if", "expression", "not_beside", "as_many_as", "ascending",
-}  # fmt: skip
+#: Attributes that the reader knows as well, in the order of the members of TableSpec and KeySpec
+TABLE_MEMBERS = (
+    "name", "many", "required", "named_by", "not_beside", "most", "needed_by", "at_least",
+    "only_if", "instead", "keys",
+)  # fmt: skip
+KEY_MEMBERS = (
+    "name", "type", "required", "default_toml", "choices", "min", "max", "above", "below", "length",
+    "or_number", "scalar", "nonzero", "infinite", "unique", "ascending", "refers_to", "expression",
+    "required_if", "only_if", "not_beside", "as_many_as", "default_if", "value_if",
+)  # fmt: skip
+TABLE_ATTRIBUTES = {*TABLE_MEMBERS, "about", "example", "record"} - {"name"}
+KEY_ATTRIBUTES = {*KEY_MEMBERS, "default", "help", "unit"} - {"name", "default_toml"}
 #: Entries of an array of tables, where it does not say itself
 MOST_ENTRIES = 1000
 #: Names that may stand in an expression beside pi
@@ -73,7 +76,7 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
         if "type" in table:
             tables[""]["keys"][name] = table
             continue
-        own = ("keys", "instead")
+        own = ("keys", "instead", "only_if")
         tables[name] = {k: v for k, v in table.items() if k in own or not isinstance(v, dict)}
         keys = {k: v for k, v in table.items() if k not in own and isinstance(v, dict)}
         tables[name]["keys"] = {**keys, **tables[name].get("keys", {})}
@@ -86,7 +89,7 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
     """Refuse a schema with words that are not known here, or with keys that nobody explains."""
     wrong = []
     for name, table in tables.items():
-        wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES - {"keys"}]
+        wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES]
         if "about" not in table:
             wrong.append(f"[{name}]: about is missing")
         taken = table["record"] if isinstance(table.get("record"), list) else []
@@ -104,12 +107,13 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
                 wrong.append(f"[{name}.{key}]: unknown kind of expression")
             if "refers_to" in spec and spec["refers_to"] not in tables:
                 wrong.append(f"[{name}.{key}]: no table {spec['refers_to']}")
-            choices = spec.get("default_if", [])
-            if any(choice.keys() != {"is", "when"} for choice in choices):
-                wrong.append(f"[{name}.{key}]: default_if takes `is` and `when`")
+            choices = [*spec.get("default_if", []), *spec.get("value_if", [])]
+            if any(not {"is", "when"} <= one.keys() <= {"is", "when", "why"} for one in choices):
+                wrong.append(f"[{name}.{key}]: default_if and value_if take `is` and `when`")
                 continue
             others = [other for choice in choices for other in choice["when"]]
             others += [*spec.get("not_beside", []), *spec.get("as_many_as", [])]
+            others += [*table.get("only_if", {})]
             for other in [*spec.get("required_if", {}), *spec.get("only_if", {}), *others]:
                 where, _, what = other.rpartition(".")
                 if other in FACTS:
@@ -123,9 +127,8 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
 # ---- C++ ---------------------------------------------------------------------------------------
 
 
-def quoted(value: object) -> str:
-    """C++ text of a value (JSON's escapes are C++'s)."""
-    return json.dumps(str(value))
+#: Lengths that depend on the deck
+LENGTHS = {"dimension": "dimension_length", "unknowns": "unknowns_length"}
 
 
 def toml_text(value: object) -> str:
@@ -133,58 +136,52 @@ def toml_text(value: object) -> str:
     return json.dumps(value)
 
 
-def number(spec: dict[str, Any], name: str) -> str:
-    """C++ optional number of an attribute."""
-    return f"{float(spec[name])!r}" if name in spec else "std::nullopt"
+def cpp(value: object) -> str:
+    """C++ literal of a value: lists and maps in braces (JSON's escapes are C++'s)."""
+    if isinstance(value, dict):
+        value = [[key, one] for key, one in value.items()]
+    if isinstance(value, list):
+        return "{" + ", ".join(cpp(one) for one in value) + "}"
+    return json.dumps(value)
 
 
-def texts(values: list[Any]) -> str:
-    """C++ list of texts."""
-    return "{" + ", ".join(quoted(v) for v in values) + "}"
+def as_texts(values: list[Any]) -> list[str]:
+    """Values as they stand in messages."""
+    return [str(value) for value in values]
 
 
-def flag(spec: dict[str, Any], name: str) -> str:
-    """C++ logical of an attribute."""
-    return "true" if spec.get(name) else "false"
+def conditions(wanted: dict[str, list[Any]]) -> dict[str, list[str]]:
+    """Conditions with the values as texts."""
+    return {key: as_texts(values) for key, values in wanted.items()}
 
 
-def conditions(wanted: dict[str, list[Any]]) -> str:
-    """C++ list of Condition."""
-    pairs = [f"{{{quoted(key)}, {texts(values)}}}" for key, values in wanted.items()]
-    return "{" + ", ".join(pairs) + "}"
-
-
-def choices(spec: dict[str, Any]) -> str:
-    """C++ list of Choice of a key."""
-    pairs = [
-        f"{{{quoted(toml_text(choice['is']))}, {conditions(choice['when'])}}}"
-        for choice in spec.get("default_if", [])
-    ]
-    return "{" + ", ".join(pairs) + "}"
+def initialiser(members: tuple[str, ...], spec: dict[str, Any], own: dict[str, str]) -> str:
+    """Initialiser of a structure: members from a table of the schema, some by the caller."""
+    texts = {word: cpp(value) for word, value in spec.items() if word in members} | own
+    return "{" + ", ".join(f".{word} = {texts[word]}" for word in members if word in texts) + "}"
 
 
 def cpp_key(name: str, spec: dict[str, Any]) -> str:
-    """Initialiser of a KeySpec, in the order of its members in deck.h."""
-    length = spec.get("length", "any_length")
-    members = [
-        quoted(name),
-        f"Type::{spec['type']}",
-        flag(spec, "required"),
-        quoted(toml_text(spec["default"])) if "default" in spec else "std::nullopt",
-        texts(spec.get("choices", [])),
-        *(number(spec, bound) for bound in ("min", "max", "above", "below")),
-        "dimension_length" if length == "dimension" else str(length),
-        *(flag(spec, word) for word in ("or_number", "scalar", "nonzero", "infinite")),
-        *(flag(spec, word) for word in ("unique", "ascending")),
-        quoted(spec.get("refers_to", "")),
-        quoted(spec.get("expression", "")),
-        conditions(spec.get("required_if", {})),
-        conditions(spec.get("only_if", {})),
-        texts(spec.get("not_beside", [])),
-        texts(spec.get("as_many_as", [])),
-        choices(spec),
-    ]
-    return "         {" + ", ".join(members) + "},\n"
+    """Initialiser of a KeySpec."""
+    own = {"name": cpp(name), "type": f"Type::{spec['type']}"}
+    if "default" in spec:
+        own["default_toml"] = cpp(toml_text(spec["default"]))
+    if "choices" in spec:
+        own["choices"] = cpp(as_texts(spec["choices"]))
+    if spec.get("length") in LENGTHS:
+        own["length"] = LENGTHS[spec["length"]]
+    for word in ("required_if", "only_if"):
+        own[word] = cpp(conditions(spec.get(word, {})))
+    own["default_if"] = cpp(
+        [[toml_text(one["is"]), conditions(one["when"])] for one in spec.get("default_if", [])]
+    )
+    own["value_if"] = cpp(
+        [
+            [as_texts(one["is"]), conditions(one["when"]), one.get("why", "")]
+            for one in spec.get("value_if", [])
+        ]
+    )
+    return initialiser(KEY_MEMBERS, spec, own)
 
 
 def most(table: dict[str, Any]) -> int:
@@ -194,26 +191,15 @@ def most(table: dict[str, Any]) -> int:
 
 def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
     """Source of ``rk::schema()``."""
-    lines = [
-        "// Made from schema.toml by make_schema.py\n",
-        '#include "deck.h"\n\n',
-        "namespace rk {\n\n",
-        "const std::vector<TableSpec> &schema() {\n",
-        "   static const std::vector<TableSpec> tables = {\n",
-    ]
+    lines = []
     for name, table in tables.items():
-        # in the order of the members of TableSpec in deck.h
-        head = [quoted(name), flag(table, "many"), flag(table, "required")]
-        head.append(quoted(table.get("named_by", "")))
-        head.append(quoted(table.get("not_beside", "")))
-        head.append(str(most(table)))
-        head += [texts(table.get(word, [])) for word in ("needed_by", "at_least")]
-        pairs = [f"{{{quoted(k)}, {quoted(v)}}}" for k, v in table["instead"].items()]
-        head.append("{" + ", ".join(pairs) + "}")
-        keys = "".join(cpp_key(key, spec) for key, spec in table["keys"].items())
-        lines.append(f"      {{{', '.join(head)}, {{\n{keys}      }}}},\n")
-    lines.append("   };\n   return tables;\n}\n\n} // namespace rk\n")
-    return "".join(lines)
+        keys = ",\n".join(cpp_key(key, spec) for key, spec in table["keys"].items())
+        own = {"name": cpp(name), "most": str(most(table)), "keys": f"{{\n{keys}}}"}
+        lines.append(initialiser(TABLE_MEMBERS, table, own))
+    head = '// Made from schema.toml by make_schema.py\n#include "deck.h"\n\n'
+    head += "const std::vector<rk::TableSpec> &rk::schema() {\nusing namespace rk;\n"
+    head += "static const std::vector<TableSpec> tables = {\n"
+    return head + ",\n".join(lines) + "};\nreturn tables;\n}\n"
 
 
 # ---- Fortran -----------------------------------------------------------------------------------
@@ -225,7 +211,6 @@ COMPONENTS = {
     "integers": "integer, allocatable :: {}(:)",
     "number": "real(wp) :: {} = 0.0_wp",
     "numbers": "real(wp), allocatable :: {}(:)",
-    "boolean": "logical :: {} = .false.",
     "vector": "real(wp) :: {}(3) = 0.0_wp",
     "entry": "integer :: {} = 0",
     "value": "type(value_type) :: {}",

@@ -7,7 +7,6 @@ module rk_deck
    use rk_cstring, only : to_fortran
    use rk_error, only : err_input, error_type, fatal_error
    use rk_expression, only : expression_type, value_type
-   use rk_json, only : json_type
    use rk_precision, only : wp
    use rk_text, only : line, lines_of, to_text
    implicit none
@@ -19,8 +18,7 @@ module rk_deck
    integer, parameter :: word_length = 32
 
    !> Kinds of entries, as deck_c.cpp counts them
-   integer, parameter :: is_table = 0, is_text = 1, is_texts = 2, is_number = 3, is_integer = 4, &
-      & is_logical = 5, is_numbers = 6, is_integers = 7, is_list = 8
+   integer, parameter :: other = 0, is_text = 1, is_list = 2
 
    !> A table, or a key with its value
    type :: entry_type
@@ -35,7 +33,7 @@ module rk_deck
       !> Values of numbers
       real(wp), allocatable :: numbers(:)
       !> One of the kinds above
-      integer :: kind = is_table
+      integer :: kind = other
    end type entry_type
 
    !> A checked deck
@@ -48,9 +46,10 @@ module rk_deck
       character(len=:), allocatable :: text
       !> SHA-256 of the text; overrides are added as lines "--set key=value"
       character(len=:), allocatable :: sha256
+      !> All values, a JSON object
+      character(len=:), allocatable :: json
+      !> In the order of their keys
       type(entry_type), allocatable, private :: entry(:)
-      !> Numbers of the entries in the order of their keys
-      integer, allocatable, private :: sorted(:)
       !> Overrides, a line each
       character(len=:), allocatable :: overrides
    contains
@@ -58,44 +57,37 @@ module rk_deck
       procedure :: where => where_written, complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
-      !> Value of a key. Without one a number, a logical or an expression stays what it was; texts
+      !> Value of a key. Without one a number or an expression stays what it was; texts
       !> and arrays come empty. The integer of a name is the number of the entry that has it.
-      generic :: get => get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
-         & get_texts, get_expression, get_value, get_values
+      generic :: get => get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
+         & get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
-      procedure :: vary, write_json
-      procedure, private :: get_integer, get_real, get_logical, get_text, get_reals, get_integers, &
-         & get_texts, get_expression, get_value, get_values, set_expression
+      procedure :: vary
+      procedure, private :: get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
+         & get_expression, get_value, get_values, set_expression
       procedure, private :: find
    end type deck_type
 
    !> An entry as deck_c.cpp has it; all pointers live until rk_deck_close
    type, bind(c) :: entry_view
       type(c_ptr) :: key, where, address, text, numbers
-      !> How many numbers; kind; number, from 0, of the entry that has this place by its key
-      integer(c_int) :: count, kind, sorted
+      !> How many numbers; kind
+      integer(c_int) :: count, kind
    end type entry_view
 
    !> A deck as deck_c.cpp has it, to which its handle points
    type, bind(c) :: deck_view
-      type(c_ptr) :: message, name, text, sha256, folder, entries
+      type(c_ptr) :: message, name, text, sha256, folder, json, full_key, entries
       integer(c_int) :: count, status
    end type deck_view
 
    interface
-      function rk_deck_open(path, text, overrides, command) result(handle) bind(c)
+      function rk_deck_open(path, text, overrides, command, key) result(handle) bind(c)
          import :: c_char, c_ptr
-         character(kind=c_char), intent(in) :: path(*), text(*), overrides(*), command(*)
+         character(kind=c_char), intent(in) :: path(*), text(*), overrides(*), command(*), key(*)
          type(c_ptr) :: handle
       end function rk_deck_open
-
-      function rk_deck_resolve(handle, key) result(full) bind(c)
-         import :: c_char, c_ptr
-         type(c_ptr), value :: handle
-         character(kind=c_char), intent(in) :: key(*)
-         type(c_ptr) :: full
-      end function rk_deck_resolve
 
       subroutine rk_deck_close(handle) bind(c)
          import :: c_ptr
@@ -120,22 +112,22 @@ subroutine open_deck(deck, path, text, overrides, command, error)
    type(error_type), allocatable, intent(out) :: error
 
    deck%overrides = joined(overrides)
-   call take(deck, opened(path, text, deck%overrides, command), error)
+   call take(deck, opened(path, text, deck%overrides, command, ''), error)
 end subroutine open_deck
 
 !> The C++ object of a deck
-function opened(path, text, overrides, command) result(handle)
+function opened(path, text, overrides, command, key) result(handle)
    !> File, or the name of the text
    character(len=*), intent(in) :: path
    character(len=*), intent(in) :: text
    !> Overrides, a line each
    character(len=*), intent(in) :: overrides
-   !> Command whose tables must be there, blank for none
-   character(len=*), intent(in) :: command
+   !> Command whose tables must be there, and key whose full name is wanted; blank for none
+   character(len=*), intent(in) :: command, key
    type(c_ptr) :: handle
 
    handle = rk_deck_open(trim(path)//c_null_char, text//c_null_char, overrides//c_null_char, &
-      & trim(command)//c_null_char)
+      & trim(command)//c_null_char, key//c_null_char)
 end function opened
 
 !> The key that an override would set, with the name of its entry: material.fat.K for material.K.
@@ -156,9 +148,9 @@ subroutine resolve_key(path, text, overrides, key, full, error)
    type(c_ptr) :: handle
    type(deck_view), pointer :: view
 
-   handle = opened(path, text, joined(overrides), '')
-   full = to_fortran(rk_deck_resolve(handle, key//c_null_char))
+   handle = opened(path, text, joined(overrides), '', key)
    call c_f_pointer(handle, view)
+   full = to_fortran(view%full_key)
    if (full == '') call fatal_error(error, int(view%status), to_fortran(view%message))
    call rk_deck_close(handle)
 end subroutine resolve_key
@@ -172,7 +164,7 @@ subroutine vary(self, overrides, other, error)
    type(error_type), allocatable, intent(out) :: error
 
    other%overrides = self%overrides//joined(overrides)
-   call take(other, opened(self%path, self%text, other%overrides, ''), error)
+   call take(other, opened(self%path, self%text, other%overrides, '', ''), error)
 end subroutine vary
 
 pure integer function joined_length(list) result(length)
@@ -211,8 +203,8 @@ subroutine take(deck, handle, error)
    deck%text = to_fortran(view%text)
    deck%sha256 = to_fortran(view%sha256)
    deck%folder = to_fortran(view%folder)
+   deck%json = to_fortran(view%json)
    allocate (deck%entry(view%count))
-   deck%sorted = entries%sorted + 1
    do i = 1, size(deck%entry)
       associate (entry => deck%entry(i), from => entries(i))
          entry%kind = from%kind
@@ -236,10 +228,10 @@ pure function find(self, key) result(number)
    integer :: first, last, middle
 
    first = 1
-   last = size(self%sorted)
+   last = size(self%entry)
    do while (first < last)
       middle = (first + last)/2
-      if (llt(self%entry(self%sorted(middle))%key, key)) then
+      if (llt(self%entry(middle)%key, key)) then
          first = middle + 1
       else
          last = middle
@@ -247,7 +239,7 @@ pure function find(self, key) result(number)
    end do
    number = 0
    if (first > last) return
-   if (self%entry(self%sorted(first))%key == key) number = self%sorted(first)
+   if (self%entry(first)%key == key) number = first
 end function find
 
 !> Is there a value for a key, or a table?
@@ -403,17 +395,6 @@ subroutine get_real(self, key, value)
    if (size(values) == 1) value = values(1)
 end subroutine get_real
 
-subroutine get_logical(self, key, value)
-   class(deck_type), intent(in) :: self
-   character(len=*), intent(in) :: key
-   logical, intent(inout) :: value
-   real(wp) :: number
-
-   number = merge(1.0_wp, 0.0_wp, value)
-   call self%get(key, number)
-   value = number > 0.0_wp
-end subroutine get_logical
-
 !> A vector
 subroutine get_vector(self, key, value)
    class(deck_type), intent(in) :: self
@@ -517,66 +498,5 @@ subroutine get_texts(self, key, value)
    call self%get(key, lines)
    call lines_of(lines, value)
 end subroutine get_texts
-
-!> Write all values, tables as objects and arrays of tables as arrays of objects
-subroutine write_json(self, json)
-   class(deck_type), intent(in) :: self
-   !> JSON text, inside an object
-   type(json_type), intent(inout) :: json
-   logical :: in_list, in_table
-   integer :: i
-
-   in_list = .false.
-   in_table = .false.
-   do i = 1, size(self%entry)
-      associate (entry => self%entry(i))
-         if (entry%kind /= is_table .and. entry%kind /= is_list) then
-            call write_value(entry, json)
-            cycle
-         end if
-         if (in_table) call json%end_object()
-         in_table = entry%kind == is_table
-         if (index(entry%key, '.') > 0) then
-            call json%begin_object()
-            cycle
-         end if
-         if (in_list) call json%end_array()
-         in_list = entry%kind == is_list
-         if (in_list) call json%begin_array(entry%key)
-         if (in_table) call json%begin_object(entry%key)
-      end associate
-   end do
-   if (in_table) call json%end_object()
-   if (in_list) call json%end_array()
-end subroutine write_json
-
-subroutine write_value(entry, json)
-   type(entry_type), intent(in) :: entry
-   type(json_type), intent(inout) :: json
-   character(len=:), allocatable :: key
-
-   key = entry%key(index(entry%key, '.', back=.true.) + 1:)
-   select case (entry%kind)
-   case (is_text)
-      call json%put(key, entry%text)
-   case (is_texts)
-      call json%put_lines(key, entry%text)
-   case (is_number)
-      ! JSON has no infinity: the word of the deck
-      if (entry%numbers(1) > huge(1.0_wp)) then
-         call json%put(key, 'inf')
-      else
-         call json%put(key, entry%numbers(1))
-      end if
-   case (is_integer)
-      call json%put(key, nint(entry%numbers(1)))
-   case (is_logical)
-      call json%put(key, entry%numbers(1) > 0.0_wp)
-   case (is_integers)
-      call json%put(key, nint(entry%numbers))
-   case default
-      call json%put(key, entry%numbers)
-   end select
-end subroutine write_value
 
 end module rk_deck

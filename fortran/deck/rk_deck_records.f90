@@ -2,7 +2,7 @@
 !>
 !> For each of them make_schema.py writes, at build time, a type TABLE_keys with a component for
 !> each key, and its procedure read(deck, at), where `at` is the table or an entry of it. What the
-!> deck leaves out is 0, empty or .false.
+!> deck leaves out is 0 or empty.
 module rk_deck_records
    use rk_deck, only : deck_type
    use rk_expression, only : value_type

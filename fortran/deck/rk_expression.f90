@@ -43,7 +43,7 @@ module rk_expression
       character(len=:), allocatable :: where
    contains
       procedure :: given
-      procedure :: at => value_at, gradient, varies, of_fields, uses_field, kind_of_fields
+      procedure :: at => value_at, gradient, uses, of_fields, kind_of_fields
    end type expression_type
 
    !> A number, or an expression in its place
@@ -55,24 +55,23 @@ module rk_expression
    end type value_type
 
    interface
-      function c_value(text, values, of_fields) result(value) bind(c, name='rk_expression_value')
+      function c_value(text, values, count) result(value) bind(c, name='rk_expression_value')
          import :: c_char, c_double, c_int
          character(kind=c_char), intent(in) :: text(*)
          real(c_double), intent(in) :: values(*)
-         integer(c_int), value :: of_fields
+         integer(c_int), value :: count
          real(c_double) :: value
       end function c_value
-      function c_fields_in(text) result(kind) bind(c, name='rk_fields_in')
+      function c_names(text) result(names) bind(c, name='rk_expression_names')
+         import :: c_char, c_ptr
+         character(kind=c_char), intent(in) :: text(*)
+         type(c_ptr) :: names
+      end function c_names
+      function c_has_stress(text) result(has) bind(c, name='rk_expression_has_stress')
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: text(*)
-         integer(c_int) :: kind
-      end function c_fields_in
-      function c_uses(text, name, of_fields) result(uses) bind(c, name='rk_expression_uses')
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: text(*), name(*)
-         integer(c_int), value :: of_fields
-         integer(c_int) :: uses
-      end function c_uses
+         integer(c_int) :: has
+      end function c_has_stress
       function c_tape(text, constants, most, count, operation, left, right, number, result) &
          & result(fault) bind(c, name='rk_energy_tape')
          import :: c_char, c_double, c_int, c_ptr
@@ -92,30 +91,23 @@ elemental logical function given(self)
    given = allocated(self%text)
 end function given
 
-!> Whether the time is part of it
-logical function varies(self)
-   class(expression_type), intent(in) :: self
-
-   varies = .false.
-   if (self%given()) varies = c_uses(self%text//c_null_char, 't'//c_null_char, 0_c_int) /= 0
-end function varies
-
-!> Whether a field is part of an expression of fields
-logical function uses_field(self, name)
+!> Whether a name is part of it, such as t, the time
+logical function uses(self, name)
    class(expression_type), intent(in) :: self
    character(len=*), intent(in) :: name
 
-   uses_field = .false.
-   if (self%given()) uses_field = c_uses(self%text//c_null_char, name//c_null_char, 1_c_int) /= 0
-end function uses_field
+   uses = .false.
+   if (self%given()) uses = index(to_fortran(c_names(self%text//c_null_char)), ' '//name//' ') > 0
+end function uses
 
 !> What an expression of fields depends on: stress, or else length, or else ratio
 function kind_of_fields(self) result(kind)
    class(expression_type), intent(in) :: self
    character(len=6) :: kind
-   character(len=6), parameter :: kinds(0:2) = [character(len=6) :: 'ratio', 'length', 'stress']
 
-   kind = kinds(c_fields_in(self%text//c_null_char))
+   kind = 'ratio'
+   if (self%uses('u_x') .or. self%uses('u_y') .or. self%uses('u_z')) kind = 'length'
+   if (c_has_stress(self%text//c_null_char) /= 0) kind = 'stress'
 end function kind_of_fields
 
 !> Value of an expression of fields, not a number where it has none
@@ -130,7 +122,7 @@ real(wp) function of_fields(self, x, fields)
    values(:9) = 0.0_wp
    call set_place(x, values(:9))
    values(10:) = fields
-   of_fields = c_value(self%text//c_null_char, values, 1_c_int)
+   of_fields = c_value(self%text//c_null_char, values, size(values, kind=c_int))
 end function of_fields
 
 !> Value at a place
@@ -150,7 +142,7 @@ subroutine value_at(self, x, value, error, time, normal)
    if (present(time)) place(6) = time
    if (present(normal)) place(7:6 + size(normal)) = normal
    call set_place(x, place)
-   value = c_value(self%text//c_null_char, place, 0_c_int)
+   value = c_value(self%text//c_null_char, place, size(place, kind=c_int))
    if (abs(value) <= huge(value) .or. allocated(error)) return
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))

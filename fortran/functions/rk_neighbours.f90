@@ -3,7 +3,7 @@
 module rk_neighbours
    use rk_csr, only : csr_type, group_by, sort
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_kernel, only : window_product
+   use rk_kernel, only : window_product, window_radial
    use rk_precision, only : i8, wp
    implicit none
    private
@@ -23,8 +23,6 @@ module rk_neighbours
    real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
    !> Distances that differ by less than this share of the spacing of points are the same
    real(wp), parameter :: same = 1.0e-6_wp
-   !> Cells from the first one beyond which their number does not count
-   real(wp), parameter :: far = 1.0e9_wp
    !> Points that may be nearest to one place, the corners of a cell of a lattice
    integer, parameter :: most_ties = 8
 
@@ -179,100 +177,54 @@ subroutine all_nearest(point, place, near)
    real(wp), intent(in) :: place(:, :)
    !> Numbers ascending, 0 behind them, shape (most_ties, places)
    integer, allocatable, intent(out) :: near(:, :)
-   type(boxes_type) :: cells
-   real(wp) :: radius(size(point, 1), size(point, 2)), slack
-   integer :: ip
+   type(csr_type) :: within
+   type(error_type), allocatable :: error
+   integer, allocatable :: left(:), found(:)
+   logical, allocatable :: seen(:)
+   real(wp) :: radius, slack
+   integer :: i, n
 
-   ! of points on a lattice each has a cell
-   radius = spacing_of(point)
-   slack = same*radius(1, 1)
-   call fill_cells(cells, point, radius)
+   slack = same*spacing_of(point)
+   ! of a body that fills its box each point has so much
+   radius = product(max(maxval(point, dim=2) - minval(point, dim=2), 4.0_wp*slack) &
+      & /real(size(point, 2), wp)**(1.0_wp/size(point, 1)))**(1.0_wp/size(point, 1))
    allocate (near(most_ties, size(place, 2)), source=0)
-   !$omp parallel do default(none) schedule(static) private(ip) &
-   !$omp shared(cells, point, place, near, slack)
-   do ip = 1, size(place, 2)
-      call find_nearest(cells, point, place(:, ip), slack, near(:, ip))
+   left = [(i, i=1, size(place, 2))]
+   do while (size(left) > 0)
+      call find_neighbours(within, point, spread(spread(radius, 1, size(point, 1)), 2, &
+         & size(point, 2)), place(:, left), window_radial, error)
+      if (allocated(error)) return
+      allocate (seen(size(left)))
+      do i = 1, size(left)
+         associate (own => within%index(within%offset(i) + 1:within%offset(i + 1)))
+            found = nearest_of(place(:, left(i)), own)
+            seen(i) = size(found) > 0
+            n = min(size(found), most_ties)
+            near(:n, left(i)) = found(:n)
+         end associate
+      end do
+      left = pack(left, .not. seen)
+      deallocate (seen)
+      radius = 2.0_wp*radius
    end do
-   !$omp end parallel do
-end subroutine all_nearest
-
-!> Points nearest to one place, by rings of cells around its own: the next ring is at least as far
-!> away as those that were seen are wide
-subroutine find_nearest(cells, point, x, slack, near)
-   type(boxes_type), intent(in) :: cells
-   !> Points, shape (nd, np) [length]
-   real(wp), intent(in) :: point(:, :)
-   !> Place, shape (nd), and distances that are the same [length]
-   real(wp), intent(in) :: x(:), slack
-   !> Numbers ascending, 0 behind them before and afterwards, shape (most_ties)
-   integer, intent(inout) :: near(:)
-   real(wp) :: least
-   integer :: own(3), lo(3), hi(3), nd, ring
-
-   nd = size(x)
-   own = 1
-   own(:nd) = 1 + floor(max(min((x - cells%low(:nd))/cells%size(:nd), far), -far))
-   least = huge(1.0_wp)
-   ring = maxval(max(1 - own, own - cells%n, 0))
-   do
-      lo = max(own - ring, 1)
-      hi = min(own + ring, cells%n)
-      call look(ring, .false.)
-      if (least + slack <= ring*minval(cells%size(:nd))) exit
-      if (all(lo == 1 .and. hi == cells%n)) exit
-      ring = ring + 1
-   end do
-   call look(0, .true.)
 
 contains
 
-   !> Look at the cells from a ring on: for the least distance, or for the points that have it
-   subroutine look(from, known)
-      integer, intent(in) :: from
-      logical, intent(in) :: known
-      integer :: first, i, j, k, last, n, stride
-      integer(i8) :: m
+   !> Those of some points that are nearest to a place; none where one beyond the radius may be as
+   !> near
+   pure function nearest_of(x, among) result(nearest)
+      !> Place, shape (nd) [length]
+      real(wp), intent(in) :: x(:)
+      integer, intent(in) :: among(:)
+      integer, allocatable :: nearest(:)
+      real(wp) :: away(size(among))
+      integer :: k
 
-      do k = lo(3), hi(3)
-         do j = lo(2), hi(2)
-            first = lo(1)
-            last = hi(1)
-            stride = 1
-            ! of a row through the ring its two ends
-            if (max(abs(j - own(2)), abs(k - own(3))) < from) then
-               first = own(1) - from
-               last = own(1) + from
-               stride = 2*from
-            end if
-            do i = first, last, stride
-               if (i < lo(1) .or. i > hi(1)) cycle
-               n = cell_of(cells, [i, j, k])
-               do m = cells%member%offset(n) + 1, cells%member%offset(n + 1)
-                  associate (distance => norm2(point(:, cells%member%index(m)) - x))
-                     if (.not. known) least = min(least, distance)
-                     if (known .and. distance <= least + slack) &
-                        & call take(near, cells%member%index(m))
-                  end associate
-               end do
-            end do
-         end do
-      end do
-   end subroutine look
+      away = [(norm2(point(:, among(k)) - x), k=1, size(among))]
+      nearest = pack(among, away <= minval(away) + slack .and. minval(away) + 2.0_wp*slack < radius)
+   end function nearest_of
 
-end subroutine find_nearest
-
-!> Put a number into an ascending list that keeps the lowest ones
-pure subroutine take(list, number)
-   !> Numbers, 0 behind them
-   integer, intent(inout) :: list(:)
-   integer, intent(in) :: number
-   integer :: at
-
-   at = 1 + count(list > 0 .and. list < number)
-   if (at > size(list)) return
-   list(at + 1:) = list(at:size(list) - 1)
-   list(at) = number
-end subroutine take
+end subroutine all_nearest
 
 !> Whether the support of a source point contains a place
 pure logical function covers(r, a, window)

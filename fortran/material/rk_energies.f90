@@ -32,7 +32,7 @@ module rk_energies
    use rk_expression, only : new_tape, tape_type
    use rk_fiber, only : active_curve, curve_type, evaluate_curve, passive_curve
    use rk_jets, only : jets_type, new_jets
-   use rk_material, only : kind_i1, kind_i2, kind_i4, material_item, material_type, &
+   use rk_material, only : kind_i1, kind_i2, kind_i4, material_type, &
       & energy_derivatives, invariant_state
    use rk_precision, only : wp
    use rk_text, only : to_text
@@ -79,8 +79,8 @@ module rk_energies
 contains
 
 !> Create a material from a table of a deck, which was checked by the schema
-subroutine new_material(item, deck, at, error)
-   type(material_item), intent(out) :: item
+subroutine new_material(material, deck, at, error)
+   class(material_type), allocatable, intent(out) :: material
    type(deck_type), intent(in) :: deck
    !> The table, such as material.1
    character(len=*), intent(in) :: at
@@ -91,16 +91,16 @@ subroutine new_material(item, deck, at, error)
    call deck%get(at//'.model', model)
    select case (model)
    case ('muscle')
-      allocate (muscle_type :: item%material)
+      allocate (muscle_type :: material)
    case ('energy', 'gent', 'fung', 'holzapfel')
-      allocate (written_type :: item%material)
+      allocate (written_type :: material)
    case default
-      allocate (polynomial_type :: item%material)
+      allocate (polynomial_type :: material)
    end select
-   call deck%get(at//'.name', item%material%name)
+   call deck%get(at//'.name', material%name)
    ! an infinite K keeps the volume
-   call deck%get(at//'.K', item%material%bulk)
-   call item%material%set(deck, at, error)
+   call deck%get(at//'.K', material%bulk)
+   call material%set(deck, at, error)
 end subroutine new_material
 
 !> Take the coefficients; set what follows from them

@@ -67,13 +67,8 @@ pure function active_curve(smooth) result(curve)
    branch(2) = branch_type(0.4_wp, [0.0_wp, 0.0_wp, 9.0_wp])
    branch(3) = branch_type(1.0_wp, [1.0_wp, 0.0_wp, -4.0_wp])
    branch(4) = branch_type(1.6_wp, [0.0_wp, 0.0_wp, 9.0_wp])
-   if (smooth) then
-      curve = new_curve(branch, [0.4_wp, 0.6_wp, 1.4_wp, 1.6_wp], &
-         & [0.0_wp, 0.05_wp, 0.05_wp, 0.15_wp], [0.15_wp, 0.05_wp, 0.05_wp, 0.0_wp])
-   else
-      curve = new_curve(branch, [0.4_wp, 0.6_wp, 1.4_wp, 1.6_wp], spread(0.0_wp, 1, 4), &
-         & spread(0.0_wp, 1, 4))
-   end if
+   curve = new_curve(branch, [0.4_wp, 0.6_wp, 1.4_wp, 1.6_wp], &
+      & [0.0_wp, 0.05_wp, 0.05_wp, 0.15_wp], [0.15_wp, 0.05_wp, 0.05_wp, 0.0_wp], smooth)
 end function active_curve
 
 !> Passive force (4.37), the third branch continuing value and slope of the second
@@ -92,11 +87,7 @@ pure function passive_curve(smooth, gamma1, gamma2) result(curve)
    growth = gamma1*exp(0.4_wp*gamma2)
    branch(2) = branch_type(1.0_wp, [-gamma1, 0.0_wp, 0.0_wp], gamma1, gamma2)
    branch(3) = branch_type(1.4_wp, [growth - gamma1, growth*gamma2, 0.0_wp])
-   if (smooth) then
-      curve = new_curve(branch, [1.0_wp, 1.4_wp], [0.0_wp, 0.05_wp], [0.15_wp, 0.05_wp])
-   else
-      curve = new_curve(branch, [1.0_wp, 1.4_wp], [0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp])
-   end if
+   curve = new_curve(branch, [1.0_wp, 1.4_wp], [0.0_wp, 0.05_wp], [0.15_wp, 0.05_wp], smooth)
 end function passive_curve
 
 !> Integral of the force from stretch 1, the force and its derivatives by the stretch
@@ -154,15 +145,17 @@ pure subroutine evaluate_piece(curve, i, stretch, order, d)
 end subroutine evaluate_piece
 
 !> Curve of branches that meet at breaks, with blended zones around the breaks
-pure function new_curve(branch, break, below, above) result(curve)
+pure function new_curve(branch, break, below, above, smooth) result(curve)
    !> Forces between the breaks, shape (breaks + 1)
    type(branch_type), intent(in) :: branch(:)
    !> Stretches where the branches meet, rising [-]
    real(wp), intent(in) :: break(:)
    !> Width of the blended zone below a break [-]
    real(wp), intent(in) :: below(:)
-   !> Width of the blended zone above a break; none where both are zero [-]
+   !> Width of the blended zone above a break [-]
    real(wp), intent(in) :: above(:)
+   !> Are there blended zones?
+   logical, intent(in) :: smooth
    !> Curve
    type(curve_type) :: curve
    type(curve_type) :: beyond
@@ -171,9 +164,11 @@ pure function new_curve(branch, break, below, above) result(curve)
 
    call add_branch(curve, branch(1), 0.0_wp)
    do i = 1, size(break)
-      first = break(i) - below(i)
-      last = break(i) + above(i)
-      if (last > first) then
+      first = break(i)
+      last = break(i)
+      if (smooth) then
+         first = break(i) - below(i)
+         last = break(i) + above(i)
          call evaluate_curve(curve, first, 4, left)
          beyond = curve_type()
          call add_branch(beyond, branch(i + 1), last)

@@ -19,7 +19,7 @@ module rk_material
    implicit none
    private
 
-   public :: material_type, material_item, material_point, invariant_state, energy_derivatives
+   public :: material_type, material_point, invariant_state, energy_derivatives
    public :: kind_i1, kind_i2, kind_i4
 
    !> Exponents n of the reduced invariants I J^(-n)
@@ -81,12 +81,6 @@ module rk_material
       procedure(reduced_energy), deferred :: reduced
       procedure :: incompressible, shear_modulus, energy, stress, strong
    end type material_type
-
-   !> Element of a list of materials
-   type :: material_item
-      !> Material
-      class(material_type), allocatable :: material
-   end type material_item
 
    abstract interface
       !> Take the parameters, then set the moduli and the active invariants

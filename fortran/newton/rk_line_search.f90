@@ -25,10 +25,9 @@ contains
 
 !> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
 !> load step, where a growing merit is no sign of divergence: that step is taken blindly.
-subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last, trial, new, &
-   & scale, gain, state)
-   !> Problem, linearised at the trial afterwards, but not at what may be the last one where
-   !> linearising is costly
+subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, trial, new, scale, &
+   & gain, state)
+   !> Problem, linearised at the trial afterwards unless it is square
    class(problem_type), target, intent(inout) :: problem
    !> Load [-]
    real(wp), intent(in) :: load
@@ -44,8 +43,6 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last
    logical, intent(in) :: blind
    !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
    logical, intent(in) :: downhill
-   !> The iteration may end here
-   logical, intent(in) :: last
    !> Unknowns reached, shape (n)
    real(wp), contiguous, intent(inout) :: trial(:)
    !> Their residuals, shape (m)
@@ -58,19 +55,13 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last
    type(evaluation_type), intent(out) :: state
    real(wp) :: merit
    integer :: cut
-   logical :: accepted, plain
+   logical :: accepted
 
    merit = 0.5_wp*dot_product(r, r)
    scale = 1.0_wp
    do cut = 0, max_cuts
       trial = a + scale*da
-      ! whole steps are mostly accepted
-      plain = problem%costly .and. (last .or. cut > 0)
-      if (plain) then
-         call problem%evaluate(trial, load, new, state)
-      else
-         call problem%evaluate(trial, load, new, state, tangent=.true.)
-      end if
+      call problem%evaluate(trial, load, new, state, tangent=.not. problem%square)
       ! as a product of differences, which keeps its digits where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
       if (blind) then
@@ -80,10 +71,7 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, last
       else
          accepted = merit - gain <= 0.5_wp*(growth*highest)**2
       end if
-      if (state%valid .and. accepted) then
-         if (plain .and. .not. last) call problem%evaluate(trial, load, new, state, tangent=.true.)
-         return
-      end if
+      if (state%valid .and. accepted) return
       scale = 0.5_wp*scale
    end do
    scale = 0.0_wp

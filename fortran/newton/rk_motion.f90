@@ -189,10 +189,10 @@ logical function loads_vary(scene)
    type(scene_type), intent(in) :: scene
    integer :: i, k
 
-   loads_vary = any([(scene%equation%source(i)%varies(), i=1, 3)])
+   loads_vary = any([(scene%equation%source(i)%uses('t'), i=1, 3)])
    do k = 1, size(scene%condition)
-      loads_vary = loads_vary .or. any([(scene%condition(k)%value(i)%varies() .or. &
-         & scene%condition(k)%traction(i)%varies(), i=1, 3)])
+      loads_vary = loads_vary .or. any([(scene%condition(k)%value(i)%uses('t') .or. &
+         & scene%condition(k)%traction(i)%uses('t'), i=1, 3)])
    end do
 end function loads_vary
 

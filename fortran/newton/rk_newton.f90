@@ -17,14 +17,14 @@ module rk_newton
    use rk_path, only : path_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
-   use rk_recorder, only : carried_type, iteration_type, recorder_type
+   use rk_recorder, only : iteration_type, recorder_type
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: newton_type, solve_step, hand_over, take_over
+   public :: newton_type, solve_step
 
-   !> Iterations over which |r| of a costly problem must fall to a share, from the first number of
+   !> Iterations over which |r| of a square problem must fall to a share, from the first number of
    !> iterations on. In 660 load steps of beams, columns, cubes, sheets and muscles those that
    !> arrived missed it 4 times, and those that failed in the end had it after 9 iterations of 24.
    integer, parameter :: pace = 3, settled = 6
@@ -32,16 +32,6 @@ module rk_newton
    !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
    !> that at which the load step starts; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
-   !> Step, and residual of the first one, with which a state on the way is near enough [-]
-   real(wp), parameter :: near = 1.0e-3_wp
-
-   !> Where an iteration began
-   type :: beginning_type
-      !> Unknowns, shape (n)
-      real(wp), allocatable :: x(:)
-      !> Load of what was prescribed there [-]
-      real(wp) :: load = 0.0_wp
-   end type beginning_type
 
    !> Settings and outcome of the iteration, and what load steps hand to the next
    type :: newton_type
@@ -53,20 +43,16 @@ module rk_newton
       integer :: max_iterations = 25
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
-      !> A smaller load step is at hand: give up where a costly problem gets on slowly
+      !> A smaller load step is at hand: give up where a square problem gets on slowly
       logical :: impatient = .false.
       !> The load is one by which answers are judged: the last, or one where its rate changes
       logical :: settles = .false.
-      !> The load is on the way to the one that is asked for: nothing but the next start is taken
-      !> from its state
-      logical :: passes = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
       integer :: iterations = 0
-      !> Relative gradient and step reached [-]. Where steps are solved to few digits these are the
-      !> residual, which is the gradient of the energy, and the next step as predicted from it:
-      !> A^T r would have the bulk modulus once more
+      !> Relative gradient and step reached [-]: of a square problem the residual, which is the
+      !> gradient of its energy; where steps are solved to few digits the next step as predicted
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
       !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
@@ -76,14 +62,8 @@ module rk_newton
       logical :: unstable = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
-      !> Load of what was prescribed in the last linearisation [-]
-      real(wp), private :: prescribed = 0.0_wp
       !> Smallest and largest volume ratio of the state at which the load step starts [-]
       real(wp), private :: least_j = 1.0_wp, largest_j = 1.0_wp
-      !> Where the matrix of a costly problem was taken, shape (n), and where the iteration to there
-      !> and the one that runs began
-      real(wp), allocatable, private :: place(:)
-      type(beginning_type), private :: origin, begun
    end type newton_type
 
    !> Progress of one load step
@@ -92,7 +72,7 @@ module rk_newton
       real(wp) :: balance = 0.0_wp
       !> Iterations after which this load step is given up
       integer :: limit = 0
-      !> |A^T r| at the last converged state, or |r| where steps are solved to few digits
+      !> |A^T r| at the last converged state, |r| of a square problem
       real(wp) :: first_gradient = 0.0_wp
       !> The first step, over the size of the unknowns [-]
       real(wp) :: first_step = huge(1.0_wp)
@@ -110,9 +90,6 @@ module rk_newton
       logical :: still = .false.
       !> The problem is linearised at the last state
       logical :: linearised = .true.
-      !> The state is one on the way, whose residual |r| needs to fall no farther than this
-      logical :: passes = .false.
-      real(wp) :: enough = 0.0_wp
       !> Steps rejected in a row
       integer :: rejected = 0
       !> Times that row weights were taken in this load step, and from which state, shape (n)
@@ -181,7 +158,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end if
    do
       call assess()
-      if (now%passes .and. now%whole .and. self%step_norm < near .and. merit < now%enough) exit
       if (converged(self, now)) then
          if (off_weight()) then
             call iterate_on()
@@ -193,7 +169,6 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          return
       end if
       if (.not. now%linearised) then
-         ! the step that was to be the last was not
          call linearise()
          cycle
       end if
@@ -229,10 +204,7 @@ contains
       if (problem%inexact) now%balance = slack*self%tolerance
       call system_clock(clock)
       if (problem%weighted) now%weighed = a
-      call begin(self, problem, load, a, r, g, now%first_gradient)
-      ! steps that are solved to few digits, or have row weights, need the full way
-      now%passes = self%passes .and. problem%costly .and. .not. problem%inexact
-      now%enough = near*norm2(r)
+      call begin(self, problem, load, a, r, now%first_gradient)
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 
@@ -275,25 +247,22 @@ contains
    subroutine linearise()
       call system_clock(clock)
       call problem%evaluate(a, load, r, self%state, tangent=.true.)
-      call note_place(self, problem, a, load)
       timer%assemble = timer%assemble + tick(clock)
       now%linearised = .true.
    end subroutine linearise
 
-   !> Gradient and residual at a, by the last linearisation
+   !> Gradient and residual at a
    subroutine assess()
+      if (problem%inexact .and. .not. now%linearised) call linearise()
       if (now%linearised) then
          call problem%start(a, load, .true.)
-         if (problem%costly) self%begun%x = a
-         self%begun%load = self%prescribed
+         call problem%linearised%apply_transposed(r, g)
+         it%gradient = norm2(g)
       end if
-      call problem%linearised%apply_transposed(r, g)
-      it%gradient = norm2(g)
       merit = norm2(r)
-      self%gradient = it%gradient
-      if (problem%inexact) self%gradient = merit
-      self%gradient = self%gradient/max(now%first_gradient, tiny(1.0_wp))
-      if (problem%inexact .and. now%linearised) call predict_step(self, now)
+      self%gradient = merge(merit, it%gradient, problem%square) &
+         & /max(now%first_gradient, tiny(1.0_wp))
+      if (problem%inexact) call predict_step(self, now)
    end subroutine assess
 
    !> Where residuals remain, steps of Gauss-Newton may overshoot and alternate. The secant of the
@@ -319,7 +288,7 @@ contains
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
-      logical :: blind, last, definite
+      logical :: blind, definite
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -327,18 +296,13 @@ contains
       blind = self%iterations == 1 .or. now%left < nothing &
          & .or. (problem%extent > 0.0_wp .and. all(problem%scaled_norms(da) <= rounding))
       moved = problem%scaled_norms(da)
-      ! a small step ends the iteration, as a rule, and its gradient is that of the last matrix
-      last = .false.
-      if (self%iterations > 1) last = problem%costly .and. maxval(moved/now%extent) &
-         & < merge(near, self%tolerance, now%passes)
       ! a step along a soft mode strains stiff ones, as bending stretches a column, and the next
       ! step corrects that: residuals need not fall from step to step
       definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
-         & imposed > 0.0_wp, last, trial, new, scale, gain, self%state)
-      now%linearised = .not. last .or. .not. scale > 0.0_wp
+         & imposed > 0.0_wp, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
       taken = scale*da
       if (blind .or. .not. scale > 0.0_wp) then
@@ -346,6 +310,7 @@ contains
       end if
       if (scale > 0.0_wp) then
          now%rejected = 0
+         now%linearised = .not. problem%square
          a = trial
          r = new
          if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
@@ -357,7 +322,6 @@ contains
          call now%damping%reject()
          call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
-      if (now%linearised) call note_place(self, problem, a, load)
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
          now%extent = problem%scaled_norms(a)
@@ -397,65 +361,10 @@ subroutine predict_step(self, now)
       & /before)*self%step_norm)
 end subroutine predict_step
 
-!> Note where the problem was linearised
-subroutine note_place(self, problem, a, load)
-   type(newton_type), intent(inout) :: self
-   class(problem_type), intent(in) :: problem
-   !> Unknowns there, shape (n)
-   real(wp), contiguous, intent(in) :: a(:)
-   real(wp), intent(in) :: load
-
-   self%prescribed = load
-   if (.not. problem%costly .or. problem%inexact) return
-   self%place = a
-   self%origin = self%begun
-end subroutine note_place
-
-!> What the next load step begins with
-subroutine hand_over(self, carried)
-   !> Iteration whose load step has converged
-   type(newton_type), intent(in) :: self
-   !> What is carried; the halvings are the caller's
-   type(carried_type), allocatable, intent(out) :: carried
-
-   allocate (carried)
-   if (allocated(self%path%slope)) carried%slope = self%path%slope
-   if (allocated(self%path%bend)) carried%bend = self%path%bend
-   carried%held = self%path%earlier
-   if (.not. allocated(self%place)) return
-   carried%held = self%origin%load
-   carried%place = self%place
-   carried%origin = self%origin%x
-end subroutine hand_over
-
-!> Go on behind a load step of another run: its matrix is made again, by the same way to the same
-!> place
-subroutine take_over(self, problem, load, carried)
-   type(newton_type), intent(inout) :: self
-   class(problem_type), target, intent(inout) :: problem
-   !> Load of the step [-]
-   real(wp), intent(in) :: load
-   !> What it handed over
-   type(carried_type), intent(in) :: carried
-   real(wp) :: r(problem%m)
-
-   if (allocated(carried%slope)) self%path%slope = carried%slope
-   if (allocated(carried%bend)) self%path%bend = carried%bend
-   self%path%earlier = carried%held
-   if (.not. allocated(carried%place)) return
-   self%place = carried%place
-   self%origin%x = carried%origin
-   self%origin%load = carried%held
-   call problem%start(carried%origin, load, .false.)
-   call problem%evaluate(carried%origin, load, r, self%state, .true., lifted=carried%held)
-   call problem%start(carried%origin, load, .true.)
-   call problem%evaluate(carried%place, load, r, self%state, tangent=.true.)
-end subroutine take_over
-
 !> Start of a load step: the last converged state, or where the way through the last ones leads to
 !> if that has less residual. The gradient that ends the iteration is relative to that of the last
 !> converged state either way: a good start must not ask for a better end.
-subroutine begin(self, problem, load, a, r, g, first_gradient)
+subroutine begin(self, problem, load, a, r, first_gradient)
    !> Settings; the state that is seen
    type(newton_type), intent(inout) :: self
    !> Problem, linearised at the start
@@ -465,24 +374,24 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    real(wp), contiguous, intent(inout) :: a(:)
    !> Residuals at the start, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> A^T r at the last converged state, shape (n)
-   real(wp), contiguous, intent(inout) :: g(:)
-   !> Its norm, or that of r where steps are solved to few digits
+   !> |A^T r| at the last converged state, |r| of a square problem
    real(wp), intent(out) :: first_gradient
    type(evaluation_type) :: state
+   real(wp) :: g(size(a))
    logical :: found
 
    call problem%start(a, load, .false.)
-   ! the last converged state has a matrix yet; that of the start will be another one
+   ! the start will have another matrix
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
-      & tangent=.not. (problem%costly .and. self%path%states() > 0))
+      & tangent=.not. (problem%square .and. self%path%states() > 0))
    self%least_j = self%state%min_j
    self%largest_j = self%state%max_j
-   self%prescribed = self%done
    call problem%start(a, load, .true.)
-   call problem%linearised%apply_transposed(r, g)
-   first_gradient = norm2(g)
-   if (problem%inexact) first_gradient = norm2(r)
+   first_gradient = norm2(r)
+   if (.not. problem%square) then
+      call problem%linearised%apply_transposed(r, g)
+      first_gradient = norm2(g)
+   end if
    if (self%path%states() == 0) return
    ! a journal may name no load before the last one
    if (problem%inexact .and. .not. abs(self%done - self%path%earlier) > 0.0_wp) return
@@ -490,7 +399,6 @@ subroutine begin(self, problem, load, a, r, g, first_gradient)
    call self%path%lead(problem, self%done, load, a, r, state, found)
    if (found) then
       self%state = state
-      self%prescribed = load
    else
       call problem%evaluate(a, load, r, self%state, .true., lifted=self%done)
    end if
@@ -532,12 +440,12 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
          & //'reduces the residual with J > 0'//reached)
    else if (now%damping%stalled()) then
       call fatal_error(error, err_convergence, 'the iteration stalls or cycles'//reached)
-   else if (self%impatient .and. problem%costly .and. self%iterations == 1 &
+   else if (self%impatient .and. problem%square .and. self%iterations == 1 &
       & .and. self%gradient > now%balance .and. (self%state%min_j < squeezed*self%least_j &
       & .or. self%state%max_j*squeezed > self%largest_j)) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
-   else if (self%impatient .and. problem%costly .and. self%iterations >= settled &
+   else if (self%impatient .and. problem%square .and. self%iterations >= settled &
       & .and. merit > share*now%past(pace) .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'too slow after '//to_text(self%iterations) &
          & //' iterations'//reached)

@@ -56,10 +56,9 @@ module rk_problem
       real(wp) :: pressure_extent = 1.0_wp
       !> Residuals are linear in the unknowns: one solve, no load steps
       logical :: linear = .false.
-      !> As many equations as unknowns, which the linearisation solves as they are
+      !> As many equations as unknowns, the derivative of an energy, which the linearisation solves
+      !> as they are. It costs several evaluations and is not made where residuals are enough
       logical :: square = .false.
-      !> A linearisation costs several evaluations and is not made where residuals are enough
-      logical :: costly = .false.
       !> Steps are solved to few digits: the size of an evaluation says what they leave
       logical :: inexact = .false.
       !> Row weights are those of the state that `start` was called with last

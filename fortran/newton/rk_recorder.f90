@@ -2,6 +2,7 @@
 module rk_recorder
    use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report
+   use rk_path, only : path_type
    use rk_precision, only : wp
    implicit none
    private
@@ -36,18 +37,8 @@ module rk_recorder
    type :: carried_type
       !> Halvings of the load step
       integer :: halvings = 0
-      !> Change of the unknowns with the load, not allocated where the next step has no secant,
-      !> shape (n)
-      real(wp), allocatable :: slope(:)
-      !> Its changes over steps of the same length, where steps are solved to few digits, shape
-      !> (n, changes)
-      real(wp), allocatable :: bend(:, :)
-      !> Unknowns where the matrix was taken, and where the iteration to there began; not allocated
-      !> where the next step makes a matrix of its own, shape (n) each
-      real(wp), allocatable :: place(:), origin(:)
-      !> Load of what is prescribed at that beginning; without one, load at which the last step
-      !> began [-]
-      real(wp) :: held = 0.0_wp
+      !> Way through the last states
+      type(path_type) :: path
    end type carried_type
 
    !> One converged load step

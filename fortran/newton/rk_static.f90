@@ -5,20 +5,17 @@ module rk_static
    use rk_clock, only : timer_type
    use rk_discretisation, only : at_rest, turns_over
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
-   use rk_newton, only : hand_over, newton_type, solve_step, take_over
+   use rk_newton, only : newton_type, solve_step
    use rk_precision, only : wp
-   use rk_problem, only : evaluation_type, problem_type
+   use rk_problem, only : problem_type
    use rk_programme, only : plan_type
-   use rk_recorder, only : recorder_type, step_type
+   use rk_recorder, only : carried_type, recorder_type, step_type
    use rk_text, only : to_text
    implicit none
    private
 
    public :: solve_static
 
-   !> Halvings after which a run ends at an unstable state: the branch is lost, and what further
-   !> ones reach is arbitrary
-   integer, parameter :: early = 5
    !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
    integer, parameter :: rests = 3
 
@@ -70,7 +67,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       done = last%load
       if (allocated(last%carried)) then
          halvings = last%carried%halvings
-         call take_over(newton, problem, done, last%carried)
+         newton%path = last%carried%path
       end if
    end if
    record%steps = size(planned%load)
@@ -123,10 +120,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       else if (planned%knot(step)) then
          call newton%path%forget()
       end if
-      if (step > 0 .and. step < record%steps) then
-         call hand_over(newton, record%carried)
-         record%carried%halvings = halvings
-      end if
+      if (step > 0 .and. step < record%steps) record%carried = carried_type(halvings, newton%path)
       call recorder%step(record, x)
       if (allocated(record%carried)) deallocate (record%carried)
    end do
@@ -139,11 +133,10 @@ contains
       load = min(done + part, target_load)
       if (target_load - load < 1.0e-9_wp*part) load = target_load
       newton%done = done
-      if (aside) newton%done = fitting_load(x, load)
-      newton%impatient = halvings < max_halvings &
-         & .and. .not. (newton%unstable .and. halvings >= early)
+      ! what is prescribed is that of a start beside the path
+      if (aside) newton%done = load
+      newton%impatient = halvings < max_halvings
       newton%settles = .false.
-      newton%passes = load < target_load
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
          & .or. planned%knot(step)
    end subroutine choose_load
@@ -169,7 +162,6 @@ contains
    logical function may_halve()
       may_halve = any(error%code == [err_convergence, err_linalg]) &
          & .and. halvings < max_halvings .and. .not. newton%pinned
-      if (may_halve .and. halvings >= early) may_halve = .not. is_lost()
    end function may_halve
 
    !> Whether the last converged state is unstable; a tangent that is not positive definite does not
@@ -245,42 +237,9 @@ contains
       call recorder%step(record, x)
    end subroutine begin_at_start
 
-   !> Load at which what is prescribed fits a start beside the path best, by the residual: from
-   !> there to that of the first step what is prescribed jumps
-   real(wp) function fitting_load(x, load)
-      !> Start, shape (n)
-      real(wp), contiguous, intent(in) :: x(:)
-      !> Load of the first step [-]
-      real(wp), intent(in) :: load
-      type(evaluation_type) :: seen
-      real(wp) :: r(problem%m), least, middle, width
-      integer :: k, round
-
-      fitting_load = 0.0_wp
-      if (.not. problem%costly) return
-      call problem%start(x, load, .false.)
-      least = huge(1.0_wp)
-      middle = 0.5_wp*load
-      width = 0.125_wp*load
-      do round = 1, 3
-         do k = -4, 4
-            associate (held => middle + k*width)
-               if (held < 0.0_wp .or. held > load) cycle
-               call problem%evaluate(x, load, r, seen, lifted=held)
-               if (.not. (seen%valid .and. norm2(r) < least)) cycle
-               least = norm2(r)
-               fitting_load = held
-            end associate
-         end do
-         middle = fitting_load
-         width = 0.25_wp*width
-      end do
-   end function fitting_load
-
    !> Hand over the last converged state and say where it ended
    subroutine give_up()
       if (done > from .and. step > 0) then
-         call settle()
          record%planned = .false.
          call recorder%step(record, x)
       end if
@@ -298,21 +257,6 @@ contains
       if (allocated(problem%caveat)) error%message = error%message//'; '//problem%caveat
       error%code = err_convergence
    end subroutine give_up
-
-   !> Solve the last converged state, on the way to a load step, to all its digits
-   subroutine settle()
-      type(error_type), allocatable :: failure
-      logical :: unstable
-
-      unstable = newton%unstable
-      newton%passes = .false.
-      newton%done = done
-      call solve_step(newton, problem, step, done, x, recorder, timer, failure)
-      newton%unstable = unstable
-      if (allocated(failure)) return
-      record%iterations = record%iterations + newton%iterations
-      call note_state(done)
-   end subroutine settle
 
 end subroutine solve_static
 

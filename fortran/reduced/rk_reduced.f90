@@ -152,7 +152,6 @@ subroutine new_projected(self, full, modes)
    self%square = full%energetic
    ! amplitudes of orthonormal modes have the norm of the unknowns they stand for
    self%extent = full%extent
-   self%costly = full%costly
    self%weighted = full%weighted
    allocate (self%residual(full%m))
    allocate (self%rows%a(self%m, self%n))

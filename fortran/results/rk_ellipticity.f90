@@ -1,12 +1,12 @@
 !> Where a state is nearest to losing its ellipticity, at the collocation points.
 module rk_ellipticity
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
-   use rk_acoustic, only : least_acoustic, surely_above
+   use rk_acoustic, only : least_acoustic
    use rk_discretisation, only : discretisation_type
    use rk_laminate, only : layers_type
    use rk_precision, only : wp
    use rk_states, only : field_state, point_state
-   use rk_tensor, only : cross
+   use rk_tensor, only : cofactor
    implicit none
    private
 
@@ -27,9 +27,6 @@ module rk_ellipticity
       real(wp) :: max_j = 1.0_wp
    end type ellipticity_type
 
-   !> Stride in which points are visited
-   integer, parameter :: apart = 16
-
 contains
 
 !> Find the worst point. The mixed form takes the material as incompressible, all forms where K is
@@ -43,25 +40,18 @@ subroutine find_ellipticity(problem, state, worst)
    type(point_state) :: local
    type(layers_type) :: layers
    real(wp), allocatable :: least(:), j(:)
-   real(wp) :: p(3, 3), c4(3, 3, 3, 3), modulus, floor
-   integer, allocatable :: order(:)
+   real(wp) :: p(3, 3), c4(3, 3, 3, 3), modulus
    logical :: fixed, mixed, layered
-   integer :: i, ip, k, nd
+   integer :: ip, k, nd
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
    allocate (least(size(problem%scene%cloud%points, 2)), j(size(problem%scene%cloud%points, 2)), &
       & worst%broken(size(problem%scene%cloud%points, 2)))
    least = huge(1.0_wp)
-   floor = huge(1.0_wp)
-   ! from all over the body: its least is soon approached, and most of it surely above
-   order = [((ip, ip=k, size(least), apart), k=1, apart)]
-   ! what is surely above a thread's least is neither lost nor the worst: nothing depends on threads
-   !$omp parallel do default(none) schedule(static) private(i, ip, k, local, layers, layered, p, &
-   !$omp& c4, fixed, modulus) &
-   !$omp firstprivate(floor) shared(problem, state, worst, least, j, nd, mixed, order)
-   do i = 1, size(order)
-      ip = order(i)
+   !$omp parallel do default(none) schedule(static) private(ip, k, local, layers, layered, p, c4, &
+   !$omp& fixed, modulus) shared(problem, state, worst, least, j, nd, mixed)
+   do ip = 1, size(least)
       call problem%at_point(state, ip, local)
       j(ip) = local%j
       worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))
@@ -74,12 +64,12 @@ subroutine find_ellipticity(problem, state, worst)
       end if
       if (layered) then
          do k = 1, 2
-            call look(nd, layers%c4(:, :, :, :, k), layers%f(:, :, k), fixed, modulus, floor, &
-               & least(ip))
+            least(ip) = min(least(ip), least_acoustic(nd, layers%c4(:, :, :, :, k), &
+               & cofactor(layers%f(:, :, k)), fixed)/modulus)
          end do
       else
          call problem%mixture%stress(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
-         call look(nd, c4, local%f, fixed, modulus, floor, least(ip))
+         least(ip) = min(least(ip), least_acoustic(nd, c4, cofactor(local%f), fixed)/modulus)
       end if
    end do
    !$omp end parallel do
@@ -89,25 +79,5 @@ subroutine find_ellipticity(problem, state, worst)
    worst%min_j = minval(j)
    worst%max_j = maxval(j)
 end subroutine find_ellipticity
-
-!> Look at a material in a place
-subroutine look(nd, c4, f, fixed, modulus, floor, least)
-   !> Space dimension
-   integer, intent(in) :: nd
-   !> Tangent [stress]
-   real(wp), intent(in) :: c4(3, 3, 3, 3)
-   !> Deformation gradient [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Whether the volume is kept
-   logical, intent(in) :: fixed
-   !> Shear modulus at rest [stress]
-   real(wp), intent(in) :: modulus
-   !> Smallest eigenvalue of the places so far, and of this one, of the modulus [-]
-   real(wp), intent(inout) :: floor, least
-
-   if (surely_above(nd, c4, f, fixed, max(floor, 0.0_wp), modulus)) return
-   least = min(least, least_acoustic(nd, c4, 0.5_wp*cross(f, f), fixed)/modulus)
-   floor = min(floor, least)
-end subroutine look
 
 end module rk_ellipticity

@@ -117,7 +117,7 @@ real(wp) function surface_work(problem, side, state) result(work)
          here = cloud%in_set(e, problem%scene%condition%set)
          if (.not. any(here)) cycle
          ip = cloud%boundary_point(e)
-         call conditions_at(cloud, problem%scene%condition, here, cloud%points(:, ip), fixed, &
+         call conditions_at(problem%scene, here, cloud%points(:, ip), fixed, &
             & value, traction, error)
          if (allocated(error)) return
          call problem%at_point(state, ip, local)

@@ -7,14 +7,14 @@ module rk_conditions
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
-   use rk_programme, only : ramp
-   use rk_scene, only : condition_type, scene_type
+   use rk_programme, only : combined, programme_type, ramp
+   use rk_scene, only : scene_type
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
    implicit none
    private
 
-   public :: boundary_type, new_boundary, conditions_at, contradiction
+   public :: boundary_type, new_boundary, conditions_at, compare_displacements
 
    !> Boundary points with what holds there
    type :: boundary_type
@@ -46,7 +46,7 @@ subroutine new_boundary(self, scene, error, time)
    !> Time of expressions in it, 0 without
    real(wp), intent(in), optional :: time
 
-   call find_boundary(self, scene%cloud, scene%condition, scene%programme%count(), error, time)
+   call find_boundary(self, scene, error, time)
    if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
 end subroutine new_boundary
 
@@ -105,22 +105,23 @@ subroutine add_pins(self, scene, error)
 end subroutine add_pins
 
 !> Resolve conditions
-subroutine find_boundary(self, cloud, condition, factors, error, time)
+subroutine find_boundary(self, scene, error, time)
    type(boundary_type), intent(out) :: self
-   type(cloud_type), intent(in) :: cloud
-   type(condition_type), intent(in) :: condition(:)
-   integer, intent(in) :: factors
+   type(scene_type), target, intent(in) :: scene
    !> Error handling: contradicting conditions
    type(error_type), allocatable, intent(out) :: error
    real(wp), intent(in), optional :: time
    integer, allocatable :: number(:)
    real(wp), allocatable :: traction(:, :, :)
    logical, allocatable :: fixed(:, :)
-   real(wp) :: value(factors, 3)
+   type(cloud_type), pointer :: cloud
+   real(wp) :: value(scene%programme%count(), 3)
    character(len=:), allocatable :: both
-   integer :: a, b, e, i, nd, n, other
+   integer :: b, e, factors, i, nd, n, other
 
+   cloud => scene%cloud
    nd = cloud%nd
+   factors = size(value, 1)
    allocate (number(size(cloud%points, 2)), source=0)
    number(cloud%boundary_point) = 1
    n = 0
@@ -142,17 +143,16 @@ subroutine find_boundary(self, cloud, condition, factors, error, time)
    do e = 1, size(cloud%boundary_point)
       b = number(cloud%boundary_point(e))
       associate (x => cloud%points(:, cloud%boundary_point(e)))
-         call conditions_at(cloud, condition, cloud%in_set(e, condition%set), x, fixed(:, e), &
+         call conditions_at(scene, cloud%in_set(e, scene%condition%set), x, fixed(:, e), &
             & value, traction(:, :, e), error, time)
          if (allocated(error)) return
          do i = 1, nd
             if (.not. fixed(i, e)) cycle
             if (self%essential(i, b)) then
-               a = contradiction(self%value(:, i, b), value(:, i))
-               if (a > 0) then
+               call compare_displacements(scene%programme, self%value(:, i, b), value(:, i), both)
+               if (allocated(both)) then
                   other = findloc(number(cloud%boundary_point(:e - 1)) == b .and. &
                      & fixed(i, :e - 1), .true., dim=1)
-                  call name_both(condition, a, self%value(a, i, b), value(a, i), both)
                   call fatal_error(error, err_input, 'boundary sets ' &
                      & //trim(cloud%set_names(cloud%boundary_set(other)))//' and ' &
                      & //trim(cloud%set_names(cloud%boundary_set(e)))//' meet and prescribe two ' &
@@ -217,38 +217,33 @@ subroutine mean_normals(self, cloud, number, fixed, traction, error)
    end do
 end subroutine mean_normals
 
-!> First load factor for which two displacements are not the same, 0 where they are
-pure integer function contradiction(one, other)
+!> Two displacements where they differ most during a programme, for a message; nothing where they
+!> agree, also as sums of other load factors
+pure subroutine compare_displacements(programme, one, other, both)
+   type(programme_type), intent(in) :: programme
    !> Displacement that each factor makes, shape (factors) [length]
    real(wp), intent(in) :: one(:), other(:)
+   !> Both displacements
+   character(len=:), allocatable, intent(out) :: both
+   !> Loads of a programme that are compared: an odd number meets no period
+   integer, parameter :: looks = 23
+   real(wp) :: factor(size(one)), largest, u(2)
+   integer :: k
 
-   do contradiction = 1, size(one)
-      if (abs(one(contradiction) - other(contradiction)) &
-         & > 1.0e-9_wp*max(abs(other(contradiction)), 1.0e-3_wp)) return
+   largest = 0.0_wp
+   do k = 1, merge(looks, 0, any(abs(one - other) > 0.0_wp))
+      factor = programme%factors(real(k, wp)/real(looks, wp))
+      u = [combined(one, factor), combined(other, factor)]
+      if (.not. abs(u(1) - u(2)) > max(largest, 1.0e-9_wp*max(abs(u(2)), 1.0e-3_wp))) cycle
+      largest = abs(u(1) - u(2))
+      both = to_text(u(1))//' and '//to_text(u(2))
    end do
-   contradiction = 0
-end function contradiction
-
-!> Two displacements that contradict each other, for a message: those of rotations are no lengths
-subroutine name_both(condition, a, one, other, text)
-   type(condition_type), intent(in) :: condition(:)
-   !> Load factor for which they are not the same
-   integer, intent(in) :: a
-   !> Displacements that it makes [length]
-   real(wp), intent(in) :: one, other
-   character(len=:), allocatable, intent(out) :: text
-
-   text = to_text(one)//' and '//to_text(other)
-   if (any(condition%sine > 0 .and. (condition%sine == a .or. condition%sine + 1 == a))) &
-      & text = 'one of them by a rotation'
-end subroutine name_both
+end subroutine compare_displacements
 
 !> What conditions prescribe at a place of their sets, for strong and for weak forms: tractions add,
 !> displacements must agree
-subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, error, time)
-   !> Points, whose sets have names
-   type(cloud_type), intent(in) :: cloud
-   type(condition_type), intent(in) :: condition(:)
+subroutine conditions_at(scene, here, x, fixed, value, traction, error, time)
+   type(scene_type), intent(in) :: scene
    !> Whether the place lies in the set of each, shape (conditions)
    logical, intent(in) :: here(:)
    !> Place, shape (nd) [length]
@@ -273,52 +268,52 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
    fixed = .false.
    value = 0.0_wp
    traction = 0.0_wp
-   do c = 1, size(condition)
+   do c = 1, size(scene%condition)
       if (.not. here(c)) cycle
-      a = ramp + condition(c)%amplitude
-      own = condition(c)%fixed
+      a = ramp + scene%condition(c)%amplitude
+      own = scene%condition(c)%fixed
       g = 0.0_wp
       h = 0.0_wp
-      do i = 1, cloud%nd
-         call condition(c)%value(i)%at(x, g(a, i), error, time)
-         call condition(c)%traction(i)%at(x, h(i), error, time)
+      do i = 1, scene%cloud%nd
+         call scene%condition(c)%value(i)%at(x, g(a, i), error, time)
+         call scene%condition(c)%traction(i)%at(x, h(i), error, time)
          if (allocated(error)) return
       end do
-      if (condition(c)%is_radial) then
+      if (scene%condition(c)%is_radial) then
          own(:2) = .true.
          if (.not. norm2(x(:2)) > 0.0_wp) then
             call fatal_error(error, err_input, 'boundary set ' &
-               & //trim(cloud%set_names(condition(c)%set)) &
+               & //trim(scene%cloud%set_names(scene%condition(c)%set)) &
                & //': a radial displacement has no direction at '//to_text(x)//' on the axis')
             return
          end if
-         g(a, :2) = condition(c)%radial*x(:2)/norm2(x(:2))
+         g(a, :2) = scene%condition(c)%radial*x(:2)/norm2(x(:2))
       end if
-      if (condition(c)%sine > 0) then
+      if (scene%condition(c)%sine > 0) then
          ! (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d)
-         arm = -condition(c)%about
+         arm = -scene%condition(c)%about
          arm(:size(x)) = arm(:size(x)) + x
-         turn = vector_product(condition(c)%axis, arm)
-         g(condition(c)%sine, :) = turn
-         g(condition(c)%sine + 1, :) = vector_product(condition(c)%axis, turn)
+         turn = vector_product(scene%condition(c)%axis, arm)
+         g(scene%condition(c)%sine, :) = turn
+         g(scene%condition(c)%sine + 1, :) = vector_product(scene%condition(c)%axis, turn)
       end if
       do i = 1, 3
          if (.not. own(i)) cycle
          if (fixed(i)) then
             other = owner(i)
-            a = contradiction(value(:, i), g(:, i))
-            if (max(condition(c)%tendon, condition(other)%tendon) > 0.0_wp) then
+            call compare_displacements(scene%programme, value(:, i), g(:, i), both)
+            if (max(scene%condition(c)%tendon, scene%condition(other)%tendon) > 0.0_wp) then
                call fatal_error(error, err_input, 'boundary sets ' &
-                  & //trim(cloud%set_names(condition(other)%set))//' and ' &
-                  & //trim(cloud%set_names(condition(c)%set))//' overlap at '//to_text(x) &
+                  & //trim(scene%cloud%set_names(scene%condition(other)%set))//' and ' &
+                  & //trim(scene%cloud%set_names(scene%condition(c)%set))//' overlap at ' &
+                  & //to_text(x) &
                   & //', where a tendon moves one of them as a plate: separate them by `where`')
                return
-            else if (a > 0) then
-               call name_both(condition, a, value(a, i), g(a, i), both)
+            else if (allocated(both)) then
                call fatal_error(error, err_input, 'boundary sets ' &
-                  & //trim(cloud%set_names(condition(other)%set))//' and ' &
-                  & //trim(cloud%set_names(condition(c)%set))//' overlap and prescribe two ' &
-                  & //'displacements, '//both &
+                  & //trim(scene%cloud%set_names(scene%condition(other)%set))//' and ' &
+                  & //trim(scene%cloud%set_names(scene%condition(c)%set))//' overlap and ' &
+                  & //'prescribe two displacements, '//both &
                   & //', for component '//to_text(i)//' at '//to_text(x)//': give one of them, ' &
                   & //'or separate them by `where`')
                return
@@ -328,7 +323,7 @@ subroutine conditions_at(cloud, condition, here, x, fixed, value, traction, erro
          owner(i) = c
          value(:, i) = g(:, i)
       end do
-      a = ramp + condition(c)%amplitude
+      a = ramp + scene%condition(c)%amplitude
       traction(a, :) = traction(a, :) + h
    end do
 end subroutine conditions_at

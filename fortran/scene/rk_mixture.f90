@@ -238,8 +238,7 @@ pure logical function is_layered(self, ip)
    !> Place
    integer, intent(in) :: ip
 
-   is_layered = allocated(self%normal)
-   if (is_layered) is_layered = any(abs(self%normal(:, ip)) > 0.0_wp)
+   is_layered = any(abs(self%layer_normal(ip)) > 0.0_wp)
 end function is_layered
 
 !> Both tissues of a place in layers

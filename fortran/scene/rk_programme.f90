@@ -10,6 +10,7 @@
 module rk_programme
    use rk_deck_records, only : amplitude_keys
    use rk_precision, only : wp
+   use rk_sort, only : sort
    implicit none
    private
 
@@ -131,14 +132,23 @@ pure function plan(self, steps) result(planned)
    !> Equal steps
    integer, intent(in) :: steps
    type(plan_type) :: planned
+   integer, allocatable :: place(:)
    real(wp) :: before
    integer :: a, k
 
    allocate (planned%load, source=[(real(k, wp)/real(steps, wp), k=1, steps)])
    if (allocated(self%amplitude)) then
       do a = 1, size(self%amplitude)
-         call merge_loads(planned%load, self%amplitude(a)%time)
+         associate (time => self%amplitude(a)%time)
+            do k = 1, size(time)
+               ! 0 is rest and no step
+               if (time(k) < same .or. any(abs(planned%load - time(k)) < same)) cycle
+               planned%load = [planned%load, time(k)]
+            end do
+         end associate
       end do
+      call sort(planned%load, place)
+      planned%load(place) = [planned%load]
    end if
    allocate (planned%most(size(planned%load)), planned%knot(size(planned%load)))
    before = 0.0_wp
@@ -164,35 +174,6 @@ pure logical function begins_loaded(self) result(loaded)
       loaded = loaded .or. abs(self%amplitude(a)%value(1)) > 0.0_wp
    end do
 end function begins_loaded
-
-!> Add loads to others, both ascending; 0 is rest and no step
-pure subroutine merge_loads(load, more)
-   !> Loads [-]
-   real(wp), allocatable, intent(inout) :: load(:)
-   !> Further ones [-]
-   real(wp), intent(in) :: more(:)
-   real(wp) :: merged(0:size(load) + size(more))
-   integer :: i, k, n
-
-   merged(0) = 0.0_wp
-   i = 0
-   n = 0
-   do k = 1, size(more)
-      do while (i < size(load))
-         if (.not. load(i + 1) < more(k)) exit
-         i = i + 1
-         n = n + 1
-         merged(n) = load(i)
-      end do
-      if (more(k) - merged(n) < same) cycle
-      if (i < size(load)) then
-         if (load(i + 1) - more(k) < same) cycle
-      end if
-      n = n + 1
-      merged(n) = more(k)
-   end do
-   load = [merged(1:n), load(i + 1:)]
-end subroutine merge_loads
 
 !> Whether the rate of an amplitude may jump at a load
 pure logical function is_knot(self, load)

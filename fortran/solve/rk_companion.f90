@@ -11,7 +11,6 @@ module rk_companion
       & new_bars, share_of_kind, twice_fewer
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
-   use rk_coarse_cloud, only : coarse_cloud
    use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation, has_few_cells
@@ -50,7 +49,7 @@ module rk_companion
    !> which cost little there, are looked at instead
    integer, parameter :: least_cells = 2*few_cells + 2
    !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
-   !> are left, on voxels that are not merged
+   !> are left
    integer, parameter :: least_blocks = 4
    !> Radius around a probe in which its quantity is compared, in spacings; at a multiple of half a
    !> spacing rounding would decide which points are [-]
@@ -143,7 +142,6 @@ subroutine solve_companion(self, answer, bars)
    type(solved_type), intent(in) :: answer
    !> Its probes
    type(bars_type), intent(in) :: bars
-   type(cloud_type) :: points
    type(companion_type) :: alike
    character(len=override_length), allocatable :: words(:)
    integer :: holds
@@ -154,16 +152,15 @@ subroutine solve_companion(self, answer, bars)
       self%why_not = 'the loads were set point by point, which a deck cannot express'
       return
    end if
-   points = answer%model
-   call choose_companion(self, answer%problem%scene, answer%deck, points, words)
+   call choose_companion(self, answer%problem%scene, answer%deck, words)
    if (allocated(self%why_not)) return
-   call solve_beside(self, answer, words, points)
+   call solve_beside(self, answer, words)
    holds = findloc(words == softly .or. words == exactly, .true., dim=1)
    if (holds > 0 .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. ( &
       & allocated(self%why_not) .or. self%finer .or. answer%receiver%stopped())) then
       alike%method = self%method
       words(holds) = merge(exactly, softly, words(holds) == softly)
-      call solve_beside(alike, answer, words, points)
+      call solve_beside(alike, answer, words)
       if (.not. allocated(alike%why_not)) call take_farther(self, alike, bars)
       return
    end if
@@ -173,7 +170,7 @@ subroutine solve_companion(self, answer, bars)
    self%missed = .false.
    self%lost = .false.
    deallocate (self%why_not)
-   call solve_beside(self, answer, words(:size(words) - 1), points)
+   call solve_beside(self, answer, words(:size(words) - 1))
 end subroutine solve_companion
 
 !> What kind of solution it is, for the bars
@@ -207,13 +204,11 @@ subroutine take_farther(self, other, bars)
 end subroutine take_farther
 
 !> Solve a deck with other words than an answer's, and look at the same probes
-subroutine solve_beside(self, answer, words, points)
+subroutine solve_beside(self, answer, words)
    type(companion_type), intent(inout) :: self
    type(solved_type), intent(in) :: answer
    !> What is changed in its deck
    character(len=*), intent(in) :: words(:)
-   !> Points, where the deck wants a model
-   type(cloud_type), intent(in) :: points
    type(deck_type) :: other
    type(scene_type), target :: scene
    class(discretisation_type), allocatable :: second
@@ -225,7 +220,7 @@ subroutine solve_beside(self, answer, words, points)
 
    call system_clock(clock)
    call answer%deck%vary(words, other, error)
-   if (.not. allocated(error)) call new_scene(scene, other, points, error)
+   if (.not. allocated(error)) call new_scene(scene, other, answer%model, error)
    if (.not. allocated(error)) call new_problem(second, scene, error)
    if (.not. allocated(error)) then
       self%points = second%shape%ns
@@ -263,20 +258,16 @@ subroutine solve_beside(self, answer, words, points)
 end subroutine solve_beside
 
 !> Form and points of the companion as overrides of the deck
-subroutine choose_companion(self, scene, deck, points, words)
+subroutine choose_companion(self, scene, deck, words)
    type(companion_type), intent(inout) :: self
    !> Scene of the answer
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
-   !> Points of a model, which become fewer where the companion has fewer
-   type(cloud_type), intent(inout) :: points
    !> Overrides
    character(len=override_length), allocatable, intent(out) :: words(:)
    integer, allocatable :: source(:), other(:)
-   type(cloud_type) :: coarse
    integer :: steps
-   logical :: kept(3), possible
 
    ! all planned states of a programme are compared, of a ramp the last one
    steps = 1
@@ -315,21 +306,16 @@ subroutine choose_companion(self, scene, deck, points, words)
       return
    end if
    if (.not. allocated(scene%cloud%lattice)) then
-      words = [character(len=override_length) :: words, 'scene.method='//self%method]
-      kept = .false.
-      if (allocated(scene%cloud%block)) then
-         call fewer_blocks(scene%cloud, kept, other)
-         words = [character(len=override_length) :: words, 'geometry.blocks='//list(other)]
-      end if
-      call coarse_cloud(points, kept, coarse, possible)
-      if (possible) then
-         points = coarse
-      else if (.not. any(kept)) then
-         self%why_not = 'the model has no voxels to merge, or too few of them'
+      if (.not. allocated(scene%cloud%voxels%index)) then
+         self%why_not = 'the model has no voxels to make fewer blocks of'
          return
       end if
-      self%lattice = to_text(size(points%source, 2))//' points'
-      if (allocated(scene%cloud%block)) self%lattice = list(other)//' blocks'
+      ! nodal cells err by the stairs of the surface, which fewer of them do not show
+      self%method = 'rkpm-gauss'
+      call fewer_blocks(scene%cloud, other)
+      words = [character(len=override_length) :: words, 'scene.method='//self%method, &
+         & 'geometry.blocks='//list(other)]
+      self%lattice = list(other)//' blocks'
       self%coarse = .true.
       return
    end if
@@ -364,26 +350,27 @@ pure logical function can_hold(scene)
 end function can_hold
 
 !> Half as many blocks in each direction, three quarters of them where they are few across the body
-!> or its tissues; voxels are merged where enough of them are left across
-subroutine fewer_blocks(cloud, kept, other)
-   !> Points of the answer, with blocks
+!> or its tissues
+subroutine fewer_blocks(cloud, other)
+   !> Points of the answer, with voxels
    type(cloud_type), intent(in) :: cloud
-   !> Directions in which no voxels are merged, shape (3)
-   logical, intent(out) :: kept(3)
    !> Blocks of the companion, shape (3)
    integer, allocatable, intent(out) :: other(:)
    integer :: blocks(3), voxels(3)
    logical :: thin(3)
 
-   blocks = maxval(cloud%block, dim=2) + 1
    voxels = maxval(cloud%voxels%index, dim=2) - minval(cloud%voxels%index, dim=2) + 1
+   if (allocated(cloud%block)) then
+      blocks = maxval(cloud%block, dim=2) + 1
+   else
+      blocks = max(1, nint(voxels*cloud%voxels%size/minval(cloud%spacing, dim=2)))
+   end if
    thin = thin_directions(cloud, max(2, (least_blocks*voxels)/blocks))
-   kept = thin .or. (blocks == voxels .and. thin_directions(cloud, spread(2*least_blocks, 1, 3)))
    other = (blocks + 1)/2
    ! pairs of blocks share their pressures
    where (thin) other = min(blocks, max(2, 2*((3*blocks + 2)/8)))
    ! a voxel in the middle of an even number of blocks would belong to one half of the body
-   where (kept .and. mod(voxels, 2) == 1 .and. mod(other, 2) == 0) other = &
+   where (mod(voxels, 2) == 1 .and. mod(other, 2) == 0) other = &
       & merge(other + 1, other - 1, thin .and. other < blocks)
 end subroutine fewer_blocks
 

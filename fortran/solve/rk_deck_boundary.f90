@@ -3,9 +3,8 @@
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_regions, only : has_regions
    use rk_error, only : error_type
-   use rk_lattice, only : outside_lattice, set_number
+   use rk_lattice, only : outside_lattice
    use rk_named_sets, only : add_set, extent_of
    use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
@@ -46,10 +45,6 @@ subroutine read_conditions(scene, deck, error)
          call deck%get(at//'.u', condition%value(1))
          call deck%get(at//'.flux', condition%traction(1))
          condition%is_radial = deck%has(at//'.radial')
-         ! the other sides of an annulus are its planes of symmetry
-         if (condition%is_radial .and. all(condition%set /= [set_number(.true., 1, 0), &
-            & set_number(.true., 1, 1)])) call deck%complain(at//'.radial', 'only on the sets ' &
-            & //'inner and outer', error)
          if (condition%tendon > 0.0_wp) then
             condition%direction = condition%direction/norm2(condition%direction)
             condition%fixed = condition%fixed .or. abs(condition%direction) > 0.0_wp
@@ -108,7 +103,7 @@ subroutine read_probes(scene, deck, error)
       associate (probe => scene%probe(k))
          call probe%read(deck, at)
          call deck%get(at//'.expression', probe%expression)
-         if (probe%expression%uses_field('fiber_stretch')) &
+         if (probe%expression%uses('fiber_stretch')) &
             & call check_fibers(scene, probe, deck, at, error)
          if (deck%has(at//'.normal')) probe%normal = probe%normal/norm2(probe%normal)
          if (deck%has(at//'.set')) then
@@ -246,7 +241,7 @@ subroutine read_region(region, scene, deck, at, error)
    end if
    if (deck%has(at//'.on')) then
       call deck%get(at//'.on', k)
-      if (has_regions(deck)) then
+      if (any(scene%tissue%part%given())) then
          ! labels of points would put the border half way between these
          region%tissue = scene%tissue(k:)%part
       else if (size(scene%tissue) > 1) then

@@ -1,9 +1,8 @@
 !> From the tables [[material]] of a checked deck to materials, and which one fills which point.
 module rk_deck_materials
    use rk_deck, only : deck_type
-   use rk_deck_regions, only : has_regions, label_regions, read_parts
+   use rk_deck_regions, only : label_regions
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_material, only : material_item
    use rk_energies, only : new_material
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type, tissue_type
@@ -26,11 +25,16 @@ subroutine read_materials(scene, deck, error)
    logical :: regions
 
    n = deck%count('material')
-   regions = has_regions(deck)
    allocate (scene%tissue(n), scene%tissue_of(size(scene%cloud%points, 2)))
-   if (regions) call read_parts(scene%tissue, deck)
-   if (regions) call label_regions(scene, deck, error)
-   if (allocated(error)) return
+   do k = 1, n
+      call deck%get('material.'//to_text(k)//'.where', scene%tissue(k)%part)
+   end do
+   regions = any(scene%tissue%part%given())
+   if (regions) then
+      scene%tissue%label = [(k, k=1, n)]
+      call label_regions(scene, deck, error)
+      if (allocated(error)) return
+   end if
    scene%tissue_of = 0
    if (allocated(scene%cloud%fraction)) allocate (material_of(size(scene%cloud%fraction, 1)), &
       & source=0)
@@ -63,7 +67,6 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(inout) :: material_of(:)
    type(error_type), allocatable, intent(inout) :: error
-   type(material_item) :: item
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
    logical :: by_label
@@ -74,12 +77,11 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       by_label = regions .or. deck%has(at//'.label')
       if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
          & tissue%label)
-      call new_material(item, deck, at, error)
+      call new_material(tissue%material, deck, at, error)
       if (allocated(error)) then
          error%message = deck%where(at//'.model')//': '//error%message
          return
       end if
-      call move_alloc(item%material, tissue%material)
       call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
       if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
          & tissue, by_label)

@@ -15,7 +15,7 @@ module rk_deck_regions
    implicit none
    private
 
-   public :: has_regions, label_regions, read_parts
+   public :: label_regions
    public :: fine_bisections, most_planes, same_place, too_close
 
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
@@ -35,30 +35,6 @@ module rk_deck_regions
    real(wp), parameter :: off_circle = 1.0e-12_wp
 
 contains
-
-!> Whether the deck gives parts of the body by expressions
-logical function has_regions(deck)
-   type(deck_type), intent(in) :: deck
-   integer :: k
-
-   has_regions = .false.
-   do k = 1, deck%count('material')
-      has_regions = has_regions .or. deck%has('material.'//to_text(k)//'.where')
-   end do
-end function has_regions
-
-!> Which part of the body each material may fill, and its label, which is its number
-subroutine read_parts(tissue, deck)
-   !> Materials in the order of the deck
-   type(tissue_type), intent(inout) :: tissue(:)
-   type(deck_type), intent(in) :: deck
-   integer :: k
-
-   do k = 1, size(tissue)
-      tissue(k)%label = k
-      call deck%get('material.'//to_text(k)//'.where', tissue(k)%part)
-   end do
-end subroutine read_parts
 
 !> Label each point by its material, of which later ones replace earlier ones
 subroutine label_regions(scene, deck, error)

@@ -112,11 +112,6 @@ subroutine read_geometry(cloud, deck, model, error)
    select case (body%kind)
    case ('box')
       call deck%get('geometry.graded', graded)
-      if (graded /= '' .and. deck%has('linear')) then
-         call deck%complain('geometry.graded', 'is not for linear problems, whose points are ' &
-            & //'evenly spaced: leave it out', error)
-         return
-      end if
       call new_box(cloud, body%size(:size(body%source)), body%source, body%collocation, &
          & box_sides(graded))
    case ('annulus')
@@ -196,11 +191,6 @@ subroutine read_approximation(scene, deck, error)
          scene%support(d, :) = basis%support(d)*cloud%spacing(d, :)
       end do
       if (scene%approximation%window /= window_polar) return
-      if (.not. cloud%polar) then
-         call deck%complain('approximation.window', &
-            & '"polar" is for geometry.kind = annulus: use "product"', error)
-         return
-      end if
       call lattice_frame(cloud, low, step)
       scene%support(1, :) = basis%support(1)*step(1)
       ! the same to the last bit all around

@@ -75,7 +75,6 @@ real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
    !> The load steps are halved where they may be
    logical, intent(in) :: halved
    type(companion_type) :: companion
-   type(cloud_type) :: points
    type(deck_type) :: other
    type(scene_type) :: second
    type(error_type), allocatable :: error
@@ -86,12 +85,11 @@ real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
       if (scene%equation%is_known()) return
    end if
    companion%method = scene%method
-   points = model
-   call choose_companion(companion, scene, deck, points, words)
+   call choose_companion(companion, scene, deck, words)
    if (allocated(companion%why_not)) return
    call deck%vary(words, other, error)
-   if (.not. allocated(error)) call new_scene(second, other, points, error)
-   if (.not. allocated(error)) operations = forecast_solve(second, estimate_cost(other, points), &
+   if (.not. allocated(error)) call new_scene(second, other, model, error)
+   if (.not. allocated(error)) operations = forecast_solve(second, estimate_cost(other, model), &
       & halved)
 end function forecast_bars
 

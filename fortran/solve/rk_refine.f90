@@ -114,7 +114,6 @@ subroutine refine(self, deck, model, receiver, error)
       & solving_before
    real(wp), allocatable :: bar(:), left(:), share(:, :)
    integer, allocatable :: before_cells(:), cells(:), next(:), aimed(:), limit(:)
-   logical, allocatable :: counts(:)
    character(len=word_length), allocatable :: graded(:)
    integer :: d, level, halvings
    character(len=:), allocatable :: line
@@ -138,8 +137,6 @@ subroutine refine(self, deck, model, receiver, error)
       if (allocated(error)) return
       call check(scene, deck, error)
       if (allocated(error)) return
-      call wanted_probes(deck, scene, counts, error)
-      if (allocated(error)) return
       call cells_of(scene, cells, limit)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
          & self%points = joined(words_of(deck, scene%cloud, cells))
@@ -155,12 +152,12 @@ subroutine refine(self, deck, model, receiver, error)
          halvings = maxval(run%step%halvings)
          if (allocated(self%bars)) call bars_by_earlier(bars, self%bars, growth)
          bar = relative(bars, self%wanted)
-         worst = maxval(bar, mask=counts)
+         worst = maxval(bar)
          ! what voxels leave open no blocks will close
          left = bar - bars%open
          call forecast()
          if (another()) then
-            if (any(counts .and. left > self%wanted)) call shares(answer, cells, bars, share)
+            if (any(left > self%wanted)) call shares(answer, cells, bars, share)
          else if (.not. allocated(share)) then
             allocate (share(size(cells), size(bar)), source=1.0_wp/size(cells))
          end if
@@ -205,8 +202,8 @@ subroutine refine(self, deck, model, receiver, error)
       call cpu_time(now)
       line = 'refine '//to_text(level)//': '//list(merge(cells + 1, cells, &
          & allocated(scene%cloud%lattice)))//merge(' points', ' blocks', &
-         & allocated(scene%cloud%lattice))//', '//scene%probe(maxloc(bar, dim=1, &
-         & mask=counts))%name//' within '//to_text(100.0_wp*worst, 2)//' %, '// &
+         & allocated(scene%cloud%lattice))//', '//scene%probe(maxloc(bar, &
+         & dim=1))%name//' within '//to_text(100.0_wp*worst, 2)//' %, '// &
          & to_text(now - before, 2)//' CPU s'
       self%levels = self%levels//line//new_line('a')
       call receiver%note(line, warning=.false.)
@@ -216,13 +213,13 @@ subroutine refine(self, deck, model, receiver, error)
          self%reason = self%target()//'met'
          return
       end if
-      if (.not. any(counts .and. left > self%wanted)) then
+      if (.not. any(left > self%wanted)) then
          self%reason = self%target()//'not met: the voxels leave an uncertainty of ' &
-            & //to_text(100.0_wp*maxval(bars%open, mask=counts), 2)//' %, however many ' &
+            & //to_text(100.0_wp*maxval(bars%open), 2)//' %, however many ' &
             & //'points there are; give a label map of finer voxels'
          return
       end if
-      next = next_cells(cells, share, left, counts, aim*self%wanted)
+      next = next_cells(cells, share, left, aim*self%wanted)
       ! blocks of as many voxels each: where they differ answers are worse than the bars tell
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
@@ -362,46 +359,33 @@ function target(self) result(text)
 end function target
 
 !> What the bars of an answer say about the points of a search that is not repeated
-subroutine refined_before(self, deck, scene, bars, error)
+subroutine refined_before(self, deck, bars)
    !> What is known of the search
    type(refinement_type), intent(out) :: self
    !> Deck with a table refine
    type(deck_type), intent(in) :: deck
-   !> Its scene
-   type(scene_type), intent(in) :: scene
    !> Bars of the answer
    type(bars_type), intent(in) :: bars
-   !> Error handling: no such probe
-   type(error_type), allocatable, intent(out) :: error
 
    self%searched = .true.
    call deck%get('refine.accuracy', self%wanted)
    self%levels = ''
-   call self%look_back(deck, scene, bars, error)
-   if (allocated(error)) return
+   call self%look_back(bars)
    self%met = self%reached >= 0.0_wp .and. self%reached <= self%wanted
    self%reason = self%target()//trim(merge('met    ', 'not met', self%met))//' by the points of ' &
       & //'the run that is resumed'
 end subroutine refined_before
 
-!> Widest bar of the probes that count, over the size
-subroutine look_back(self, deck, scene, bars, error)
+!> Widest bar of the probes, over the size
+subroutine look_back(self, bars)
    class(refinement_type), intent(inout) :: self
-   !> Deck with a table refine
-   type(deck_type), intent(in) :: deck
-   !> Its scene
-   type(scene_type), intent(in) :: scene
    !> Bars of the answer
    type(bars_type), intent(in) :: bars
-   !> Error handling: no such probe
-   type(error_type), allocatable, intent(out) :: error
-   logical, allocatable :: counts(:)
 
    self%reached = -1.0_wp
-   call wanted_probes(deck, scene, counts, error)
-   if (allocated(error) .or. .not. allocated(bars%size)) return
+   if (.not. allocated(bars%size)) return
    associate (bar => relative(bars, self%wanted))
-      if (all(bar >= 0.0_wp .or. .not. counts)) self%reached = maxval(bar, mask=counts)
+      if (all(bar >= 0.0_wp)) self%reached = maxval(bar)
    end associate
 end subroutine look_back
 
@@ -428,28 +412,6 @@ subroutine check(scene, deck, error)
    end if
    call deck%complain('refine', complaint, error)
 end subroutine check
-
-!> Probes whose error counts
-subroutine wanted_probes(deck, scene, counts, error)
-   type(deck_type), intent(in) :: deck
-   !> Its scene
-   type(scene_type), intent(in) :: scene
-   !> Whether each counts, shape (probes)
-   logical, allocatable, intent(out) :: counts(:)
-   !> Error handling: no such probe
-   type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: name
-   integer :: i
-
-   allocate (counts(size(scene%probe)), source=.true.)
-   call deck%get('refine.probe', name)
-   if (name == '') return
-   do i = 1, size(counts)
-      counts(i) = scene%probe(i)%name == name
-   end do
-   if (.not. any(counts)) call deck%complain('refine.probe', &
-      & "there is no probe '"//name//"'", error)
-end subroutine wanted_probes
 
 !> Cells along each direction, and how many there may be
 subroutine cells_of(scene, cells, limit)
@@ -560,7 +522,7 @@ subroutine shares(answer, cells, bars, share)
          other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
          companion = companion_type()
          words = [words_of(answer%deck, scene%cloud, other), steps]
-         call solve_beside(companion, answer, words, answer%model)
+         call solve_beside(companion, answer, words)
          if (allocated(companion%why_not)) then
             ! unknown: as much as all others
             share(d, :) = 1.0_wp
@@ -597,16 +559,14 @@ pure function relative(bars, wanted) result(bar)
    end do
 end function relative
 
-!> Fewest cells with which all probes that count are known well enough, at most twice as many
-pure function next_cells(cells, share, bar, counts, wanted) result(next)
+!> Fewest cells with which all probes are known well enough, at most twice as many
+pure function next_cells(cells, share, bar, wanted) result(next)
    !> Cells, shape (nd)
    integer, intent(in) :: cells(:)
    !> Share of each direction, shape (nd, probes) [-]
    real(wp), intent(in) :: share(:, :)
    !> Bar of each probe [-]
    real(wp), intent(in) :: bar(:)
-   !> Whether each counts
-   logical, intent(in) :: counts(:)
    !> Target error [-]
    real(wp), intent(in) :: wanted
    integer :: next(size(cells))
@@ -616,7 +576,7 @@ pure function next_cells(cells, share, bar, counts, wanted) result(next)
 
    next = cells
    do i = 1, size(bar)
-      if (.not. counts(i) .or. bar(i) <= wanted) cycle
+      if (bar(i) <= wanted) cycle
       part = bar(i)*share(:, i)
       ! directions that err less than their part keep their cells, and leave more to the others
       grows = .true.

@@ -278,12 +278,12 @@ pure function other_text(companion) result(text)
    type(companion_type), intent(in) :: companion
    character(len=override_length) :: text
 
-   if (companion%other_form) then
-      text = ' from a solution by method "'//companion%method//'" on the same points'
-      if (companion%finer) text = ' from a solution by method "'//companion%method//'" with ' &
-         & //companion%lattice
+   text = ' from a solution'
+   if (companion%other_form) text = trim(text)//' by method "'//companion%method//'"'
+   if (allocated(companion%lattice)) then
+      text = trim(text)//' with '//companion%lattice
    else
-      text = ' from a solution with '//companion%lattice
+      text = trim(text)//' on the same points'
    end if
 end function other_text
 
@@ -703,8 +703,7 @@ subroutine judge_path(self, answer, outcome)
 
    associate (scene => answer%problem%scene)
       slower%method = scene%method
-      call solve_beside(slower, answer, ['load.steps='//to_text(finer_steps*scene%load%steps)], &
-         & answer%model)
+      call solve_beside(slower, answer, ['load.steps='//to_text(finer_steps*scene%load%steps)])
    end associate
    if (slower%lost) then
       reason = 'in smaller load steps it '//slower%ended//': this state was reached by a jump ' &

@@ -8,13 +8,13 @@
 !>            Prentice-Hall (1981), chapter 4 (the elimination order)
 module rk_rows
    use rk_csr, only : csr_type, group_by
-   use rk_cuthill, only : order_along
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
    use rk_lapack, only : syrk
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
+   use rk_sort, only : order_along
    use rk_text, only : to_text
    implicit none
    private

@@ -116,7 +116,6 @@ subroutine new_galerkin(self, scene, error)
 
    self%scene => scene
    self%linear = allocated(scene%equation%problem)
-   self%costly = .true.
    nd = scene%cloud%nd
    nc = size(scene%cloud%points, 2)
    ns = size(scene%cloud%source, 2)
@@ -437,8 +436,7 @@ subroutine assemble(self, x, stage, r, seen)
    end do
    !$omp end parallel do
    call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, r)
-   if (tangent .and. allocated(self%surface%pressure)) &
-      & call self%matrix%keep_followers(self%constant)
+   if (tangent) call self%matrix%keep_surface()
    if (allocated(self%held)) call self%held%constrain(x, factor, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)

@@ -16,7 +16,7 @@
 module rk_held
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
-   use rk_conditions, only : contradiction
+   use rk_conditions, only : compare_displacements
    use rk_constraint, only : constrained_matrix, constraint_type, new_constraint
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
@@ -211,7 +211,8 @@ subroutine set(self, scene, shear, bulk, n, error)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer(i8) :: k
-   integer :: a, e, h, i, nf, nh
+   character(len=:), allocatable :: both
+   integer :: e, h, i, nf, nh
 
    call prescribed_at(scene, self%at, self%by, value, push, error)
    if (allocated(error)) return
@@ -225,12 +226,11 @@ subroutine set(self, scene, shear, bulk, n, error)
          h = self%place(e)
          do i = 1, nf
             if (.not. self%by(i, e)) cycle
-            a = 0
-            if (points%essential(i, h)) a = contradiction(points%value(:, i, h), value(:, i, e))
-            if (a > 0) then
+            if (points%essential(i, h)) call compare_displacements(scene%programme, &
+               & points%value(:, i, h), value(:, i, e), both)
+            if (allocated(both)) then
                call fatal_error(error, err_input, 'boundary sets prescribe two displacements, ' &
-                  & //to_text(points%value(a, i, h))//' and '//to_text(value(a, i, e)) &
-                  & //', for component '//to_text(i)//' at '//to_text(self%x(:, h)))
+                  & //both//', for component '//to_text(i)//' at '//to_text(self%x(:, h)))
                return
             end if
             points%essential(i, h) = .true.

@@ -1,4 +1,4 @@
-!> Preconditioner of the stiffness of cells: a Laplacian of each displacement component.
+!> Preconditioner of the stiffness of cells: a Laplacian of each displacement component, factorised.
 !>
 !> The Laplacian acts on values (rk_nodal_values), with the shear modulus as conductivity. Values of
 !> nodal cells are those at their points, coupled through the facets between the cells. Cells of
@@ -18,12 +18,11 @@ module rk_preconditioner
    use rk_corners, only : corners_type, new_corners
    use rk_csr, only : csr_type
    use rk_error, only : error_type
-   use rk_multigrid, only : multigrid_type, new_multigrid
    use rk_nodal_values, only : new_nodal_values, nodal_values_type
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_sparse_rows, only : new_sparse_rows, sparse_rows
+   use rk_sparse, only : factor_upper, sparse_factor
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
@@ -36,10 +35,10 @@ module rk_preconditioner
    type :: preconditioner_type
       !> Diagonal of the Laplacians, shape (n) [force/length]
       real(wp), allocatable :: diagonal(:)
-      !> Cycles, and that of each component: components that are held at the same places share one,
+      !> Factors, and that of each component: components that are held at the same places share one,
       !> shape (nd)
-      type(multigrid_type), allocatable, private :: laplacian(:)
-      integer, allocatable, private :: cycle_of(:)
+      type(sparse_factor), allocatable, private :: laplacian(:)
+      integer, allocatable, private :: factor_of(:)
       !> Values, for which they stand
       type(nodal_values_type), private :: values
    contains
@@ -68,7 +67,7 @@ module rk_preconditioner
 
 contains
 
-!> Assemble, and set the cycles up
+!> Assemble and factorise
 subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
    type(preconditioner_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
@@ -84,10 +83,8 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
    type(network_type) :: network
    type(symmetric_matrix) :: graph
    type(shape_type) :: at_sources
-   type(sparse_rows) :: rows
-   integer(i8), allocatable :: start(:), column(:)
    integer, allocatable :: cell(:)
-   real(wp), allocatable :: free(:), value(:)
+   real(wp), allocatable :: free(:)
    integer :: i, j, k, n, nd, s
 
    nd = inside%nd
@@ -116,14 +113,14 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
       call graph%add(graph%value, network%pair(:, k), network%conductance(k) &
          & *reshape([1.0_wp, 0.0_wp, -1.0_wp, 1.0_wp], [2, 2]))
    end do
-   allocate (self%laplacian(nd), self%cycle_of(nd), self%diagonal(nd*n))
+   allocate (self%laplacian(nd), self%factor_of(nd), self%diagonal(nd*n))
    free = graph%value
    do i = 1, nd
       j = 1
       do while (any(surface%essential(i, :) .neqv. surface%essential(j, :)))
          j = j + 1
       end do
-      self%cycle_of(i) = j
+      self%factor_of(i) = j
       if (j < i) then
          self%diagonal(i::nd) = self%diagonal(j::nd)
          cycle
@@ -137,9 +134,7 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
          end associate
       end do
       self%diagonal(i::nd) = graph%value(graph%start(2:))
-      call graph%compressed(start, column, value)
-      call new_sparse_rows(rows, start, column, value)
-      call new_multigrid(self%laplacian(i), rows, error)
+      call factor_upper(self%laplacian(i), n, graph%start, graph%rows(), graph%value, error)
       if (allocated(error)) then
          error%message = 'preconditioner of displacement component '//to_text(i)//': ' &
             & //error%message//'; above galerkin.direct_limit the tangent is not factorised'
@@ -336,26 +331,22 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Displacements, shape (n)
    real(wp), contiguous, target, intent(inout) :: y(:)
-   real(wp), allocatable :: value(:, :), right(:, :), found(:, :)
+   real(wp), allocatable :: value(:, :), right(:, :)
    real(wp), pointer, contiguous :: u(:, :)
    integer, allocatable :: own(:)
    integer :: c, i, nd
 
    ! point by point
-   nd = size(self%cycle_of)
+   nd = size(self%factor_of)
    u(1:nd, 1:size(y)/nd) => y
    value = reshape(x, shape(u))
    call self%values%invert(.true., value)
    do c = 1, nd
-      own = pack([(i, i=1, nd)], self%cycle_of == c)
-      if (size(own) == nd) then
-         call self%laplacian(c)%apply(value, u)
-      else if (size(own) > 0) then
-         right = value(own, :)
-         found = right
-         call self%laplacian(c)%apply(right, found)
-         u(own, :) = found
-      end if
+      own = pack([(i, i=1, nd)], self%factor_of == c)
+      if (size(own) == 0) cycle
+      right = transpose(value(own, :))
+      call self%laplacian(c)%solve_columns(right)
+      u(own, :) = transpose(right)
    end do
    call self%values%invert(.false., u)
 end subroutine apply

@@ -34,7 +34,7 @@ module rk_tangent
    use rk_precision, only : i8, wp
    use rk_preconditioner, only : new_preconditioner, preconditioner_type
    use rk_scene, only : scene_type
-   use rk_shape, only : shape_type
+   use rk_shape, only : polar, shape_type
    use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_stabilisation, only : stabilise
    use rk_symmetric, only : few_entries, new_symmetric, symmetric_matrix
@@ -52,9 +52,10 @@ module rk_tangent
       logical :: formed = .true.
       !> Stiffness of the groups where it is not formed
       type(group_stiffness) :: groups
-      !> Supports of the surface by unknowns, what pressures that follow it add to them in the
-      !> linearisation, and the stabilisation of a component by source points
-      type(sparse_rows), private :: supports, followers, stabilising
+      !> Where it is not formed what holds the surface, with what pressures that follow it add in
+      !> the linearisation, and the stabilisation of a component by source points
+      type(few_entries), private :: surface
+      type(sparse_rows), private :: stabilising
       !> Tolerance of Newton's iteration, whose solves need no more digits [-]
       real(wp) :: wanted = 0.0_wp
       !> Pressures that go from one solve to the next where it is not formed
@@ -62,10 +63,6 @@ module rk_tangent
       !> Norms of the right hand side at the last converged state and of the last solve in this load
       !> step, 0 before
       real(wp), private :: first = 0.0_wp, last = 0.0_wp
-      !> Right hand side that was measured in this linearisation, what is left of it by the
-      !> pressures with which its solve begins, these, and its norm; not allocated before
-      real(wp), allocatable, private :: measured(:), lacking(:), ahead(:)
-      real(wp), private :: norm = 0.0_wp
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
    contains
@@ -73,8 +70,8 @@ module rk_tangent
       !> Note a place, and carry the pressures there
       procedure :: carry
       procedure :: measure, keep_group
-      !> Keep the stiffness of pressures that follow the surface
-      procedure :: keep_followers
+      !> Keep the stiffness of the surface
+      procedure :: keep_surface
       procedure :: complete, constant_product, apply, apply_transposed, solve_square
    end type tangent_type
 
@@ -128,6 +125,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    real(wp), intent(in) :: shear(:)
    !> Error handling: no memory, no SuiteSparse, held points without a factor
    type(error_type), allocatable, intent(out) :: error
+   real(wp), allocatable :: along(:, :)
    integer :: k
 
    self%formed = gradient%nd*ns <= scene%galerkin%direct_limit
@@ -141,8 +139,10 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
       return
    end if
    if (self%formed) then
+      along = scene%cloud%source
+      if (scene%cloud%polar) along = polar(along)
       call new_symmetric(self%symmetric_matrix, gradient%fields, ns + multiplier%extra, &
-         & joined(gradient%member, held), scene%cloud%source)
+         & joined(gradient%member, held), along)
       self%indefinite = multiplier%extra > 0
       self%once = allocated(scene%equation%problem)
       return
@@ -174,7 +174,6 @@ subroutine carry(self, x)
 
    if (self%formed) return
    call self%pressures%go_to(x)
-   if (allocated(self%measured)) deallocate (self%measured)
 end subroutine carry
 
 !> Keep the linearisation of a group
@@ -201,22 +200,12 @@ subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    if (.not. self%pressures%carrying) self%pressures%carried(:, g) = pressure
 end subroutine keep_group
 
-!> Keep what pressures that follow the surface have added to the constant part
-subroutine keep_followers(self, constant)
+!> Keep the entries where the tangent is not formed: supports, and pressures that follow the surface
+subroutine keep_surface(self)
    class(tangent_type), intent(inout) :: self
-   !> The constant part [force/length]
-   type(few_entries), intent(in) :: constant
-   integer(i8), allocatable :: start(:), column(:)
-   real(wp), allocatable :: value(:), whole(:)
 
-   if (self%formed) return
-   whole = self%value
-   call constant%put(self%value)
-   self%value = whole - self%value
-   call self%compressed(start, column, value)
-   call new_sparse_rows(self%followers, start, column, value)
-   call move_alloc(whole, self%value)
-end subroutine keep_followers
+   if (.not. self%formed) self%surface = self%nonzeros(self%value)
+end subroutine keep_surface
 
 !> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
 !> their own where the tangent is not formed
@@ -238,9 +227,6 @@ subroutine complete(self, cells, inside, modulus)
          & modulus)
       return
    end if
-   call self%compressed(start, column, value)
-   call new_sparse_rows(self%supports, start, column, value)
-   if (allocated(self%followers%value)) deallocate (self%followers%value)
    if (.not. cells%smoothed) return
    call new_symmetric(component, 1, maxval(cells%node), inside%neighbour)
    call stabilise(component, component%value, cells, inside, modulus)
@@ -252,23 +238,8 @@ end subroutine complete
 !> Product of the part that never changes with a vector
 subroutine constant_product(self, constant, x, y)
    class(tangent_type), intent(in) :: self
-   !> The constant part where the tangent is formed [force/length]
+   !> The constant part, without the stabilisation where the tangent is not formed [force/length]
    type(few_entries), intent(in) :: constant
-   !> Displacements, shape (n) [length]
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Forces, shape (n) [force]
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   if (self%formed) then
-      call constant%product(x, y)
-   else
-      call supports_product(self, x, y)
-   end if
-end subroutine constant_product
-
-!> Product of supports and stabilisation where the tangent is not formed
-subroutine supports_product(self, x, y)
-   class(tangent_type), intent(in) :: self
    !> Displacements, shape (n) [length]
    real(wp), contiguous, target, intent(in) :: x(:)
    !> Forces, shape (n) [force]
@@ -276,36 +247,14 @@ subroutine supports_product(self, x, y)
    real(wp), pointer, contiguous :: to(:, :), from(:, :)
    integer :: nd, ns
 
-   from(1:1, 1:size(x)) => x
-   to(1:1, 1:size(y)) => y
-   call self%supports%product(from, to, .false.)
+   call constant%product(x, y)
    if (.not. allocated(self%stabilising%value)) return
    nd = self%block
    ns = size(self%stabilising%place%offset) - 1
    from(1:nd, 1:ns) => x(:nd*ns)
    to(1:nd, 1:ns) => y(:nd*ns)
    call self%stabilising%product(from, to, .true.)
-end subroutine supports_product
-
-!> Product of what is not that of the groups, or of the matrix where it is formed
-subroutine linear_product(self, x, y)
-   class(tangent_type), intent(in) :: self
-   !> Displacements, shape (n) [length]
-   real(wp), contiguous, target, intent(in) :: x(:)
-   !> Forces, shape (n) [force]
-   real(wp), contiguous, target, intent(inout) :: y(:)
-   real(wp), pointer, contiguous :: to(:, :), from(:, :)
-
-   if (self%formed) then
-      call self%product(self%value, x, y)
-      return
-   end if
-   call supports_product(self, x, y)
-   if (.not. allocated(self%followers%value)) return
-   from(1:1, 1:size(x)) => x
-   to(1:1, 1:size(y)) => y
-   call self%followers%product(from, to, .true.)
-end subroutine linear_product
+end subroutine constant_product
 
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
@@ -317,8 +266,10 @@ subroutine apply(self, x, y)
    real(wp), allocatable :: volume(:, :)
 
    y = 0.0_wp
-   call linear_product(self, x(:self%n), y(:self%n))
-   if (.not. self%formed) then
+   if (self%formed) then
+      call self%product(self%value, x, y)
+   else
+      call self%constant_product(self%surface, x(:self%n), y(:self%n))
       allocate (volume, mold=self%groups%pressure%total)
       call self%groups%add_product(x, y, volume)
    end if
@@ -349,22 +300,12 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    real(wp), allocatable :: both(:), right(:), start(:), gained(:, :)
    real(wp) :: norm, share
    integer :: g
-   logical :: known
 
    if (self%formed) then
       call self%symmetric_matrix%solve_square(shift, b, x, report, error)
       return
    end if
-   known = allocated(self%measured) .and. .not. shift > 0.0_wp
-   if (known) known = .not. any(abs(self%measured - b) > 0.0_wp)
-   if (known) then
-      call move_alloc(self%lacking, right)
-      call move_alloc(self%ahead, start)
-      norm = self%norm
-   else
-      call begin_solve(self, shift, b, right, start, norm)
-   end if
-   if (allocated(self%measured)) deallocate (self%measured)
+   call begin_solve(self, shift, b, right, start, norm)
    if (.not. self%first > 0.0_wp) self%first = norm
    share = max(first_share*norm/self%first, first_least)
    if (self%last > 0.0_wp) share = forcing*(norm/self%last)**2
@@ -396,10 +337,6 @@ subroutine measure(self, b, norm)
    real(wp), allocatable :: right(:), start(:)
 
    call begin_solve(self, 0.0_wp, b, right, start, norm)
-   call move_alloc(right, self%lacking)
-   call move_alloc(start, self%ahead)
-   self%measured = b
-   self%norm = norm
    if (.not. self%first > 0.0_wp) self%first = norm
 end subroutine measure
 
@@ -489,7 +426,7 @@ subroutine multiply(self, x, y)
    associate (tangent => self%tangent, n => self%tangent%n)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
-      call linear_product(tangent, x(:n), y(:n))
+      call tangent%constant_product(tangent%surface, x(:n), y(:n))
       call tangent%groups%add_product(x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]

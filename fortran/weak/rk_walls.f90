@@ -186,7 +186,7 @@ subroutine set_slope(scene, cells, side, x, normal, slope, error)
       & mask=cells%set == side)
    way = small*scene%cloud%mean_spacing()*[-normal(2), normal(1)]
    do k = 1, 2
-      call conditions_at(scene%cloud, scene%condition, cells%in_set(s, scene%condition%set), &
+      call conditions_at(scene, cells%in_set(s, scene%condition%set), &
          & x + (2*k - 3)*way, fixed, value(:, :, k), push, error)
       if (allocated(error)) return
    end do

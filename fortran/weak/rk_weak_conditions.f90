@@ -110,7 +110,7 @@ subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    allocate (essential(fields, ms), value(size(own, 1), fields, ms))
    allocate (traction(size(own, 1), fields, ms))
    do s = 1, ms
-      call conditions_at(scene%cloud, scene%condition, cells%in_set(s, scene%condition%set), &
+      call conditions_at(scene, cells%in_set(s, scene%condition%set), &
          & cells%surface(:, s), fixed, own, push, error, time)
       if (allocated(error)) return
       essential(:, s) = fixed(:fields)

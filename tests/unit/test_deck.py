@@ -5,6 +5,7 @@ All checks are the compiled reader's; tomllib and hashlib are the independent wi
 
 import hashlib
 import importlib.util
+import itertools
 import json
 import re
 from collections.abc import Callable, Iterator
@@ -243,10 +244,12 @@ def test_hash_of_any_length(write: Write, length: int) -> None:
     ("nothing", "nothing: write table.key=value"),
     ("=3", "key: write table.key=value"),
     *((f"approximation.order=1; scene.method={form}",
-       f"approximation.order: must be at least 2 for scene.method = {form}: second derivatives")
+       "approximation.order: 1 is only for scene.method = rkpm-scni or rkpm-gauss; here "
+       f"scene.method = {form}: second derivatives")
       for form in ("rkcm", "rkcm-mixed")),
     ("material.fat.K=inf; scene.method=rkcm",
-     "material.fat.K: inf needs the pressure as an unknown: use scene.method = rkpm-gauss"),
+     "material.fat.K: inf is only for scene.method = rkcm-mixed or rkpm-scni or rkpm-gauss; here "
+     "scene.method = rkcm: it needs the pressure as an unknown"),
 ])  # fmt: skip
 def test_wrong_override(write: Write, override: str, message: str) -> None:
     """One complaint, of the first one where others stand behind it."""
@@ -439,6 +442,9 @@ def test_deck_reference_is_current(pages: ModuleType) -> None:
     assert written == text, "run python docs/reference.py"
 
 
+#: What a deck has for a value that the schema names by its kind
+_WORDS = {"an expression": "x"}
+
 #: Values of another type
 OTHER_TYPE = {"text": True, "integer": "x", "number": True, "boolean": 3, "texts": 3,
               "integers": "x", "numbers": True}  # fmt: skip
@@ -453,7 +459,9 @@ def valid(key: dict[str, Any]) -> Any:
     else:
         one = next((key[end] for end in ("min", "max") if end in key), key.get("above", 0) + 1)
     length = key.get("length", 1)
-    return [one] * (3 if length == "dimension" else length) if key["type"][-1] == "s" else one
+    if key["type"][-1] != "s":
+        return one
+    return [one] * (length if isinstance(length, int) else 3)
 
 
 def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[str, Any], str]]:
@@ -462,16 +470,20 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
     keys = table["keys"]
 
     def deck(own: dict[str, Any], but: str = "", **entry: Any) -> dict[str, Any]:
-        """A deck with an entry, where all conditions of a key hold but one."""
+        """A deck with an entry, where all conditions of its table and a key hold but one."""
         tables = {"scene": {"dimension": 3, "method": "rkpm-gauss"}, name: {}}
-        for place, allowed in own.get("only_if", {}).items():
+        for place, allowed in (table.get("only_if", {}) | own.get("only_if", {})).items():
             there, _, last = place.rpartition(".")
             condition = schema[there or name]["keys"][last]
             value = allowed[0] if allowed else valid(condition)
             if place == but:
-                others = [c for c in condition.get("choices", []) if c not in [*allowed, "auto"]]
-                value = others[0] if allowed else None
-            tables.setdefault(there or name, {})[last] = value
+                # a set of another name, where the names depend on the body
+                others = condition.get("choices", ["elsewhere"])
+                others = [c for c in others if c not in [*allowed, "auto"]]
+                value = others[0] if allowed and others else None
+            # "none": there is no such table
+            if value is not None and (place, value) != ("linear.problem", "none"):
+                tables.setdefault(there or name, {})[last] = value
         entry = {key: v for key, v in (tables[name] | entry).items() if v is not None}
         if not table.get("many"):
             return tables | {name: entry}
@@ -502,6 +514,11 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
             yield f"({key}|{other})", deck(own, **both), "cannot be combined with|only for"
         for condition in own.get("only_if", {}):
             yield key, deck(own, condition, **{key: right}), "only for|needs"
+        for restriction in own.get("value_if", []):
+            conditions = own.get("only_if", {}) | restriction["when"]
+            for value, condition in itertools.product(restriction["is"], restriction["when"]):
+                there = deck({"only_if": conditions}, condition, **{key: _WORDS.get(value, value)})
+                yield key, there, f"{value} is only for"
 
 
 def test_every_declaration_is_enforced(pages: ModuleType) -> None:

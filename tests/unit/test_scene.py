@@ -96,9 +96,17 @@ def test_contradicting_conditions_are_refused(method):
     said = refused(contradiction, overrides=[f'scene.method="{method}"'])
     assert said.startswith("tables: ") and "two displacements, " in said
     assert "component 1 at (0, 0, 0)" in said
-    # the same condition twice is none too many
-    agreeing = {**TABLES, "boundary": [*TABLES["boundary"], {"set": "x0", "u_x": 0}]}
-    assert method != "rkcm" or solved(agreeing).states.load[-1] == 1.0
+    # sets that meet and move alike may say so in other words
+    turned = {"set": "z1", "rotation": 10, "axis": [0, 0, 1], "about": [0, 0, 2]}
+    opposite = {**turned, "set": "x0", "rotation": -10, "axis": [0, 0, -1]}
+    ramp = {"set": "x0", "u_x": 0, "u_y": 0, "u_z": "0.1*z", "amplitude": "up"}
+    for agreeing in (
+        [*TABLES["boundary"], {"set": "x0", "u_x": 0}], [turned, opposite],
+        [{**turned, "rotation": 0}, {"set": "x0", "u_x": 0}], [*TABLES["boundary"], ramp],
+    ):  # fmt: skip
+        up = [{"name": "up", "time": [0, 1], "value": [0, 1]}]
+        tables = {**TABLES, "boundary": agreeing, "amplitude": up, "load": {"steps": 1}}
+        assert method != "rkcm" or solved(tables).states.load[-1] == 1.0
 
 
 def test_every_load_is_met_exactly_also_after_halvings():

@@ -245,4 +245,4 @@ def test_windows_of_radius_and_angle(kernel):
     # third derivatives of the cubic spline jump
     assert_derivatives(source, support, place, step, 1e-7, 1e-5, **choice)
     said = refused(beam(5, 3, approximation={"window": "polar"}))
-    assert '"polar" is for geometry.kind = annulus' in said
+    assert "window: polar is only for geometry.kind = annulus; here geometry.kind = box" in said

@@ -127,7 +127,7 @@ def changed(name: str, value: float) -> PointCloud:
     *((box((1.0, 1.0, 0.2), (5, 5, n), (9, 9, 2 * n - 1)), "rkcm", "point") for n in (1, 2)),
     (replace(graded(SOLID, 3.0), spacing=SOLID.spacing), "rkcm", "support"),
     *((SOLID, method, "a model of voxels") for method in ("rkpm-gauss", "rkpm-scni")),
-    (SOLID, "rkcm-mixed", "model has no lattice"),
+    (SOLID, "rkcm-mixed", "a model has no lattice"),
     *((changed(name, np.nan), "rkcm", f"'{name}' must contain finite numbers")
       for name in ("points", "source", "fiber")),
     (changed("fiber", 3.0), "rkcm", "geometry: fiber at co"),

@@ -116,7 +116,7 @@ def test_sets_that_turn_alike_agree_where_they_meet(method: str) -> None:
     assert last["s"] == pytest.approx(0, abs=1e-4)
     other = {"set": "y1", "rotation": 20, "about": [0.3, 0.2]}
     body["boundary"][1] = other
-    assert "meet and prescribe two displacements, one of them by a rotation, for" in refused(body)
+    assert "meet and prescribe two displacements, -0.359808 and -0.255524, for" in refused(body)
 
 
 def test_parts_add_to_the_whole() -> None:

@@ -157,7 +157,8 @@ OF_FIELDS = {"quantity": "expression", "point": [0.5, 0.5, 1]}
      "unknown name 'u_w' at position 1; names are x, "),
     (BLOCK, {**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
     (BLOCK, {**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
-    (SHEET, {"quantity": "torque_x", "set": "x1"}, "torque_x is always zero in two dimensions"),
+    (SHEET, {"quantity": "torque_x", "set": "x1"},
+     "torque_x is only for scene.dimension = 3; here scene.dimension = 2: it is always zero"),
     (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]}, "unknown name 'J'"),
 ])  # fmt: skip
 def test_what_a_body_does_not_have_is_no_probe(tables, probe, message):

@@ -24,7 +24,7 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
       all = error%message
    else
       call json%begin_object()
-      call deck%write_json(json)
+      call json%put_json('tables', deck%json)
       call put_probe_units(json, deck)
       call put_units(json, 'result_units', deck)
       call json%put('path', deck%path)

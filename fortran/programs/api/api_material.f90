@@ -8,7 +8,7 @@ subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activa
    use rk_deck, only : deck_type, open_deck
    use rk_energies, only : new_material
    use rk_error, only : error_type, pack_error
-   use rk_material, only : material_item, material_point
+   use rk_material, only : material_point, material_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: volumetric, nd, np
@@ -20,7 +20,7 @@ subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activa
    character(len=2048), intent(out) :: message
    type(deck_type) :: deck
    type(error_type), allocatable :: error
-   type(material_item) :: item
+   class(material_type), allocatable :: material
    type(material_point) :: at
    integer :: ip
 
@@ -29,15 +29,15 @@ subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activa
    c4 = 0.0d0
    t = 0.0d0
    call open_deck(deck, 'tables', deck_text, [character(len=1) ::], '', error)
-   if (.not. allocated(error)) call new_material(item, deck, 'material.1', error)
+   if (.not. allocated(error)) call new_material(material, deck, 'material.1', error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
    !$omp parallel do default(none) schedule(static) private(ip, at) &
-   !$omp shared(item, nd, np, f, h, fiber, activation, volumetric, w, p, c4, t)
+   !$omp shared(material, nd, np, f, h, fiber, activation, volumetric, w, p, c4, t)
    do ip = 1, np
       at = material_point(f(:, :, ip), fiber(:, ip), activation, volumetric /= 0)
-      w(ip) = item%material%energy(at)
-      call item%material%strong(nd, at, h(:, :, :, ip), p(:, :, ip), c4(:, :, :, :, ip), &
+      w(ip) = material%energy(at)
+      call material%strong(nd, at, h(:, :, :, ip), p(:, :, ip), c4(:, :, :, :, ip), &
          & t(:, :, :, ip))
    end do
    !$omp end parallel do

@@ -142,11 +142,10 @@ contains
       call judge(verdict, problem, deck, model, config%estimate, refinement, output, outcome)
       call output%tell_verdict(deck, verdict)
       if (resumed) then
-         call refined_before(refinement, deck, scene, verdict%bars, error)
+         call refined_before(refinement, deck, verdict%bars)
       else if (allocated(refinement%reason)) then
-         call refinement%look_back(deck, scene, verdict%bars, error)
+         call refinement%look_back(verdict%bars)
       end if
-      call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%reason, level=0)
       call output%close(error)
       call leave_on(error)

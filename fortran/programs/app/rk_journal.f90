@@ -20,7 +20,7 @@ module rk_journal
    !> Journal of a run, in its folder
    character(len=*), parameter :: journal_name = '/results.journal'
    !> Mark of the files this module reads
-   character(len=*), parameter :: mark = 'myork-journal 2 '
+   character(len=*), parameter :: mark = 'myork-journal 3 '
    !> Numbers of a step beside its arrays
    integer, parameter :: numbers_of_step = 13
 
@@ -116,14 +116,15 @@ subroutine add_step(self, step, worst, x)
 
    if (self%unit == 0 .or. step%step < self%steps .or. .not. step%planned) return
    if (allocated(step%carried)) own = step%carried
-   if (.not. allocated(own%slope)) allocate (own%slope(0))
-   if (.not. allocated(own%bend)) allocate (own%bend(size(x), 0))
-   if (.not. allocated(own%place)) allocate (own%place(0), own%origin(0))
-   call write_record(self%unit, [size(x), size(own%slope), size(own%bend, 2), size(own%place), &
-      & merge(1, 0, allocated(step%carried))], [step%load, real(step%step, wp), &
-      & real(step%steps, wp), real(step%iterations, wp), step%gradient, step%step_norm, &
-      & step%min_j, step%max_j, worst, own%held, real(own%halvings, wp), x, own%slope, own%bend, &
-      & own%place, own%origin], self%lines)
+   associate (path => own%path)
+      if (.not. allocated(path%slope)) allocate (path%slope(0))
+      if (.not. allocated(path%bend)) allocate (path%bend(size(x), 0))
+      call write_record(self%unit, [size(x), size(path%slope), size(path%bend, 2), &
+         & merge(1, 0, allocated(step%carried))], [step%load, real(step%step, wp), &
+         & real(step%steps, wp), real(step%iterations, wp), step%gradient, step%step_norm, &
+         & step%min_j, step%max_j, worst, path%earlier, real(own%halvings, wp), x, path%slope, &
+         & path%bend], self%lines)
+   end associate
    self%steps = self%steps + 1
    self%lines = ''
 end subroutine add_step
@@ -238,8 +239,8 @@ end function checksum
 !> Add a load step that was read
 subroutine add_read_step(self, n, numbers, lines)
    class(run_type), intent(inout) :: self
-   !> Unknowns, slopes, changes of state, places, and 1 where the iteration carries something
-   integer, intent(in) :: n(5)
+   !> Unknowns, slopes, changes of these, and 1 where the iteration carries something
+   integer, intent(in) :: n(4)
    !> Numbers as they were written
    real(wp), intent(in) :: numbers(:)
    !> Lines of its history
@@ -256,17 +257,14 @@ subroutine add_read_step(self, n, numbers, lines)
    step%step_norm = numbers(6)
    step%min_j = numbers(7)
    step%max_j = numbers(8)
-   own%held = numbers(12)
+   own%path%earlier = numbers(12)
    own%halvings = nint(numbers(13))
-   associate (x => n(1), slopes => n(2), changes => n(3), places => n(4))
+   associate (x => n(1), slopes => n(2), changes => n(3))
       o = numbers_of_step + x
-      if (slopes > 0) own%slope = numbers(o + 1:o + slopes)
+      if (slopes > 0) own%path%slope = numbers(o + 1:o + slopes)
       o = o + slopes
-      if (changes > 0) own%bend = reshape(numbers(o + 1:o + x*changes), [x, changes])
-      o = o + x*changes
-      if (places > 0) own%place = numbers(o + 1:o + places)
-      if (places > 0) own%origin = numbers(o + places + 1:o + 2*places)
-      if (n(5) == 1) step%carried = own
+      if (changes > 0) own%path%bend = reshape(numbers(o + 1:o + x*changes), [x, changes])
+      if (n(4) == 1) step%carried = own
       self%step = [self%step, step]
       self%load = [self%load, step%load]
       if (.not. allocated(self%x)) allocate (self%x(x, 0))

@@ -231,7 +231,7 @@ subroutine step(self, st, x)
    end if
    write (line, '("step ", i3, "/", i0, "  load ", f6.4, "  iterations ", i0, "  ", a, " ", '// &
       & 'a, "  |da| ", a, "  J ", a, "..", a, "  ", a, " s")') st%step, st%steps, st%load, &
-      & st%iterations, trim(merge('|r|  ', '|A''r|', self%problem%inexact)), &
+      & st%iterations, trim(merge('|r|  ', '|A''r|', self%problem%square)), &
       & to_power(st%gradient, 1), to_power(st%step_norm, 1), to_text(st%min_j), &
       & to_text(st%max_j), to_text(self%last%seconds, 3)
    call self%say(trim(line), level=0)

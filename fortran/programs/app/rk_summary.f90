@@ -100,9 +100,7 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
       call json%put('memory_peak_bytes', peak_bytes())
       call json%put_lines('warnings', outcome%warnings)
       call put_kept(json, earlier)
-      call json%begin_object('deck')
-      call deck%write_json(json)
-      call json%end_object()
+      call json%put_json('deck', deck%json)
       call json%end_object()
    end associate
    call json%save(path, error)

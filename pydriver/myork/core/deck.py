@@ -121,6 +121,7 @@ def deck_values(
     values = answer.decode("utf-8", "replace").rstrip(" ")
     check_deck(stat, values, text)
     deck: dict[str, Any] = json.loads(values)
+    deck = {**deck.pop("tables"), **deck}
     for material in deck.get("material", []):
         # JSON has no infinity and holds the word
         if "K" in material:
