@@ -27,7 +27,7 @@ from myork.console import ProgressCallback
 from myork.files import write_text
 from myork.types import F64
 
-NUMBERS = range(260)
+NUMBERS = range(300)
 #: First number not used for tuning
 _HELD_OUT = 140
 ACCURACIES = (0.05, 0.02, 0.01)

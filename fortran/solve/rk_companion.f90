@@ -7,7 +7,7 @@
 !> form on their own points.
 module rk_companion
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
-   use rk_bars, only : another_form, bars_type, few_fewer, fewer_points, holds_part, more_points, &
+   use rk_bars, only : another_form, bars_type, fewer_points, holds_part, more_points, &
       & new_bars, share_of_kind, twice_fewer
    use rk_clock, only : tick, timer_type
    use rk_cloud, only : cloud_type
@@ -45,8 +45,6 @@ module rk_companion
    !> Cells across a body that are too few to refute a finer answer: two, and three, of which
    !> one has its pressure alone
    integer, parameter :: few_cells = 3
-   !> Cells across a body that are left at least where three of four are
-   integer, parameter :: least_near = 2
    !> Points across a plane body half of whose cells are too few to tell anything: twice as many,
    !> which cost little there, are looked at instead
    integer, parameter :: least_cells = 2*few_cells + 2
@@ -101,7 +99,7 @@ module rk_companion
       !> Beside an answer of few cells, with more points in some direction: its last state is no
       !> stable equilibrium. With a cell or two across a body locks in bending and seems stable
       logical :: unstable = .false.
-      !> Where it has fewer: fewer_points, twice_fewer or few_fewer
+      !> Where it has fewer: fewer_points or twice_fewer
       integer :: fewer = fewer_points
       !> Source points and unknowns
       integer :: points = 0
@@ -139,13 +137,11 @@ module rk_companion
 contains
 
 !> Solve the companion of an answer and look at the same probes
-subroutine solve_companion(self, answer, bars, near)
+subroutine solve_companion(self, answer, bars)
    type(companion_type), intent(out) :: self
    type(solved_type), intent(in) :: answer
    !> Its probes
    type(bars_type), intent(in) :: bars
-   !> With three quarters of the cells of a lattice instead of half of them
-   logical, intent(in) :: near
    type(companion_type) :: alike
    character(len=override_length), allocatable :: words(:)
    integer :: holds
@@ -156,14 +152,12 @@ subroutine solve_companion(self, answer, bars, near)
       self%why_not = 'the loads were set point by point, which a deck cannot express'
       return
    end if
-   call choose_companion(self, answer%problem%scene, answer%deck, near, words)
+   call choose_companion(self, answer%problem%scene, answer%deck, words)
    if (allocated(self%why_not)) return
    call solve_beside(self, answer, words)
-   self%fewer = fewer_points
-   if (near) self%fewer = few_fewer
    holds = findloc(words == softly .or. words == exactly, .true., dim=1)
-   if (holds > 0 .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. (near &
-      & .or. allocated(self%why_not) .or. self%finer .or. answer%receiver%stopped())) then
+   if (holds > 0 .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. ( &
+      & allocated(self%why_not) .or. self%finer .or. answer%receiver%stopped())) then
       alike%method = self%method
       words(holds) = merge(exactly, softly, words(holds) == softly)
       call solve_beside(alike, answer, words)
@@ -264,14 +258,12 @@ subroutine solve_beside(self, answer, words)
 end subroutine solve_beside
 
 !> Form and points of the companion as overrides of the deck
-subroutine choose_companion(self, scene, deck, near, words)
+subroutine choose_companion(self, scene, deck, words)
    type(companion_type), intent(inout) :: self
    !> Scene of the answer
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
-   !> With three quarters of the cells of a lattice
-   logical, intent(in) :: near
    !> Overrides
    character(len=override_length), allocatable, intent(out) :: words(:)
    integer, allocatable :: source(:), other(:)
@@ -330,8 +322,6 @@ subroutine choose_companion(self, scene, deck, near, words)
    call deck%get('geometry.source', source)
    other = other_number(source, scene%approximation%order)
    if (scene%cloud%nd == 2 .and. any(source <= least_cells)) other = 2*source - 1
-   if (near) other = max(min(source, 1 + max(least_near, scene%approximation%order)), &
-      & 1 + (3*(source - 1))/4)
    self%finer = all(other > source)
    self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)

@@ -85,7 +85,7 @@ real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
       if (scene%equation%is_known()) return
    end if
    companion%method = scene%method
-   call choose_companion(companion, scene, deck, .false., words)
+   call choose_companion(companion, scene, deck, words)
    if (allocated(companion%why_not)) return
    call deck%vary(words, other, error)
    if (.not. allocated(error)) call new_scene(second, other, model, error)

@@ -31,8 +31,9 @@ module rk_refine
 
    !> Order of the bars in the spacing that is counted on
    real(wp), parameter :: order = 2.0_wp
-   !> A stress inside is also known this well, or to the target if that is larger, relative to a
-   !> tenth of its kind: three tenths alone leave a fifth of a small stress open [-]
+   !> A probe is also known this well, or to the target if that is larger, relative to a tenth of
+   !> its kind, and to the largest probe of it: three tenths of the mean stress alone leave a fifth
+   !> of a small one open [-]
    real(wp), parameter :: of_tenth = 0.05_wp
    !> Part of the target error that is aimed at, so that one more lattice is seldom needed [-]
    real(wp), parameter :: aim = 0.8_wp
@@ -139,7 +140,6 @@ subroutine refine(self, deck, model, receiver, error)
       call cells_of(scene, cells, limit)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
          & self%points = joined(words_of(deck, scene%cloud, cells))
-      if (level == 1) call scout(halvings, scene, deck, model, cells, within)
       call new_problem(problem, scene, error)
       if (.not. allocated(error)) then
          call solve(problem, scene, deck, model, within, halvings, run, answer, companion, bars, &
@@ -451,43 +451,6 @@ function words_of(deck, cloud, cells) result(words)
    end if
 end function words_of
 
-!> Halvings of the load that half as many cells in each direction need, where they cost little
-!> beside the first lattice: in space; 0 where they say nothing
-subroutine scout(halvings, scene, deck, model, cells, receiver)
-   integer, intent(out) :: halvings
-   !> Scene of the first lattice
-   type(scene_type), intent(in) :: scene
-   !> Its deck
-   type(deck_type), intent(in) :: deck
-   !> Points of the model file
-   type(cloud_type), intent(in) :: model
-   !> Cells along each direction, shape (nd)
-   integer, intent(in) :: cells(:)
-   !> Asked whether to stop
-   class(recorder_type), target, intent(inout) :: receiver
-   type(scene_type), target :: coarse
-   class(discretisation_type), allocatable, target :: problem
-   type(deck_type) :: other
-   type(kept_run) :: recorder
-   type(timer_type) :: timer
-   type(error_type), allocatable :: error
-   integer :: fewer(size(cells))
-
-   halvings = 0
-   if (size(cells) < 3 .or. .not. allocated(scene%cloud%lattice) &
-      & .or. allocated(scene%equation%problem)) return
-   fewer = other_number(cells + 1, scene%approximation%order) - 1
-   if (any(fewer >= cells)) return
-   call deck%vary(words_of(deck, scene%cloud, fewer), other, error)
-   if (.not. allocated(error)) call new_scene(coarse, other, model, error)
-   if (.not. allocated(error)) call new_problem(problem, coarse, error)
-   if (allocated(error)) return
-   call recorder%begin(problem%n, receiver)
-   call solve_problem(problem, coarse, '', recorder, timer, error)
-   if (.not. allocated(error)) halvings = maxval(recorder%run%step%halvings)
-   call free_discretisation(problem)
-end subroutine scout
-
 !> Solve a scene and its companion
 subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, companion, bars, &
    & error)
@@ -530,7 +493,7 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, c
    answer%x = run%x(:, first:)
    call new_bars(bars, problem, answer%load, answer%x, error)
    if (allocated(error)) return
-   call solve_companion(companion, answer, bars, near=.false.)
+   call solve_companion(companion, answer, bars)
    if (allocated(companion%why_not)) then
       call deck%complain('refine', companion%why_not, error)
       return
@@ -590,7 +553,8 @@ pure function relative(bars, wanted) result(bar)
    do i = 1, size(bar)
       associate (all_bars => bars%bars(:, i, :))
          bar(i) = maxval(all_bars, mask=all_bars >= 0.0_wp)/max(min(max(bars%size(i), &
-            & bars%peak(i)), max(1.0_wp, of_tenth/wanted)*bars%small(i)), tiny(1.0_wp))
+            & bars%peak(i)), max(1.0_wp, of_tenth/wanted)*min(bars%small(i), bars%read(i))), &
+            & tiny(1.0_wp))
       end associate
    end do
 end function relative

@@ -206,20 +206,17 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(refinement_type), intent(in) :: search
    type(outcome_type), intent(inout) :: outcome
    type(error_type), allocatable :: error
-   type(companion_type) :: nearer
-   character(len=override_length) :: from(size(answer%problem%scene%probe))
-   real(wp) :: bound(size(from)), most(size(from))
-   integer :: i
-   logical :: adrift, rims, wide(size(from))
+   real(wp), dimension(size(answer%problem%scene%probe)) :: lower, widest
+   logical :: adrift
 
    adrift = self%state == refused
    call judge_values(self, answer%problem, outcome)
    associate (problem => answer%problem)
       if (allocated(outcome%norms)) then
          call bars_by_solution(self%bars, problem, error)
-         call judge_probes(self, problem, spread(of_error(1), 1, size(self%bars%change)), &
-            & spread(of_error(2), 1, size(from)), spread(' from the known solution', 1, &
-            & size(from)), outcome)
+         lower = of_error(1)
+         call judge_probes(self, problem, lower, of_error(2), self%bars%size, &
+            & ' from the known solution', outcome)
          return
       end if
       if (.not. with_companion) then
@@ -227,7 +224,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       else if (allocated(search%companion)) then
          self%companion = search%companion
       else
-         call solve_companion(self%companion, answer, self%bars, near=.false.)
+         call solve_companion(self%companion, answer, self%bars)
       end if
       if (allocated(self%companion%why_not)) then
          call no_estimate(self, outcome)
@@ -236,50 +233,36 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       end if
       call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
          & self%companion%around)
-      rims = self%companion%kind() == twice_fewer .and. softened(problem%scene)
+      if (allocated(search%bars)) then
+         if (size(search%bars%load) == size(self%bars%load)) self%bars = search%bars
+      end if
       if (outcome%unstrained) return
       if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
          & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
          & //'across it, the body is too stiff to buckle; use more points')
-      if (self%companion%other_form) then
-         from = other_text(self%companion)
-         call judge_probes(self, problem, spread(of_forms(1), 1, size(from)), &
-            & spread(of_forms(2), 1, size(from)), from, outcome)
-      else
-         from = other_text(self%companion)
-         most = most_change(self%companion)
-         wide = [(self%bars%unresolved(i), i=1, size(wide))] .or. ieee_is_nan(self%bars%change)
-         if (self%companion%coarse .and. problem%scene%method == 'rkpm-gauss' &
-            & .and. allocated(problem%scene%cloud%lattice) .and. any(wide)) then
-            call solve_companion(nearer, answer, self%bars, near=.true.)
-            if (.not. allocated(nearer%why_not)) then
-               ! the bar of a probe does not depend on which others there are
-               call bars_by_other(self%bars, problem, nearer%seen, nearer%kind(), &
-                  & nearer%around, wide)
-               where (wide)
-                  from = other_text(nearer)
-                  most = most_change(nearer)
-               end where
-               self%companion = nearer
-            end if
-         end if
-         if (allocated(search%bars)) call self%bars%widen(search%bars, .not. wide)
-         bound = of_bar
-         if (allocated(problem%scene%cloud%block)) bound = of_block_bar
+      lower = of_forms(1)
+      if (.not. self%companion%other_form) then
+         lower = of_bar
+         if (allocated(problem%scene%cloud%block)) lower = of_block_bar
          if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
-            & bound = of_wide_bar
-         if (rims) bound = min(bound, of_bar*self%bars%kind &
-            & /max(self%bars%size, tiny(1.0_wp)))
-         call judge_probes(self, problem, max(0.0_wp, bound - self%bars%open)/self%bars%factor, &
-            & most, from, outcome)
+            & lower = of_wide_bar
+         if (self%companion%kind() == twice_fewer .and. softened(problem%scene)) &
+            & lower = min(lower, of_bar*self%bars%kind/max(self%bars%size, tiny(1.0_wp)))
+         lower = max(0.0_wp, lower - self%bars%open)/self%bars%factor
       end if
+      widest = self%bars%size
+      ! the mean stress of a body that bends may be several times the largest probed one
+      if (search%searched .and. allocated(problem%scene%cloud%lattice)) &
+         & widest = max(of_bar, search%wanted)*self%bars%read
+      call judge_probes(self, problem, lower, most_change(self%companion), widest, &
+         & other_text(self%companion), outcome)
       ! off equilibrium collocation has several minima, and the iteration ends in any of them
       if (adrift) call withhold(self%bars)
    end associate
 end subroutine judge_by_others
 
-!> Change of a probe from a second solution of the same form that is too much for any answer; too
-!> few cells may be far off themselves, and beside two of them their difference counts as well [-]
+!> Change of a probe from a second solution that is too much for any answer; too few cells may be
+!> far off themselves, and beside two of them their difference counts as well [-]
 pure real(wp) function most_change(companion)
    type(companion_type), intent(in) :: companion
 
@@ -287,6 +270,7 @@ pure real(wp) function most_change(companion)
    if (companion%kind() == twice_fewer) most_change = 2.0_wp*of_change
    if (companion%finer) most_change = of_finer
    if (companion%coarse) most_change = huge(1.0_wp)
+   if (companion%other_form) most_change = of_forms(2)
 end function most_change
 
 !> What a second solution is, behind a difference
@@ -530,15 +514,17 @@ subroutine judge_values(self, problem, outcome)
 end subroutine judge_values
 
 !> Displacements as a whole, and the probe that is farthest off
-subroutine judge_probes(self, problem, lower, most, from, outcome)
+subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
    !> Change of each probe from where on the answer is doubtful, shape (probes) [-]
    real(wp), intent(in) :: lower(:)
-   !> From where on it is refused, shape (probes) [-]
-   real(wp), intent(in) :: most(:)
-   !> What each is compared with, shape (probes)
-   character(len=*), intent(in) :: from(:)
+   !> From where on it is refused [-]
+   real(wp), intent(in) :: most
+   !> Bar from where on it is doubtful, shape (probes)
+   real(wp), intent(in) :: widest(:)
+   !> What all are compared with, behind a difference
+   character(len=*), intent(in) :: from
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
    character(len=:), allocatable :: reference, rim, small
@@ -553,8 +539,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
    if (self%companion%finer) limits = [of_bar, of_finer]
    if (self%companion%other_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
-   reference = ''
-   if (allocated(self%companion%method)) reference = trim(other_text(self%companion))
+   reference = trim(from)
    if (self%companion%tissue > 0) reference = reference//', most of it in ' &
       & //problem%scene%tissue(self%companion%tissue)%name
    call found%compare(self%companion%distance, limits, 'the displacements differ by # of their ' &
@@ -576,7 +561,7 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
             & bars%change >= 0.0_wp), dim=1)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
          if (any(bars%change >= 0.0_wp)) then
-            reference = trim(from(worst))
+            reference = trim(from)
             if (bars%source(worst) == 'J of the pressure') reference = ' from the value given ' &
                & //'by the pressure'
             if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
@@ -595,15 +580,15 @@ subroutine judge_probes(self, problem, lower, most, from, outcome)
          do i = 1, size(bars%change)
             if (ieee_is_nan(bars%change(i))) then
                call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
-                  & //'bar: its value'//trim(from(i))//' is not a finite number')
+                  & //'bar: its value'//trim(from)//' is not a finite number')
                cycle
             end if
             bar = maxval(bars%bar(:, i), mask=.not. ieee_is_nan(bars%bar(:, i)))
-            if (found%state == accepted .and. bar > bars%size(i)) then
+            if (found%state == accepted .and. bar > widest(i)) then
                call describe_rim(problem, i, rim)
-               call found%object(doubtful, 'the error bar of probe '//problem%scene%probe(i)%name &
-                  & //' is wider than its size'//rim)
-               found%curable = found%curable .or. len(rim) == 0
+               call found%compare(bar/max(bars%read(i), tiny(1.0_wp)), [0.0_wp, huge(1.0_wp)], &
+                  & 'the error bar of probe '//problem%scene%probe(i)%name//' is # of the ' &
+                  & //'largest probe of its kind'//rim, curable=len(rim) == 0)
             else if (bar > max(of_small*bars%kind(i), norm2(bars%value(:, i)))) then
                small = small//', '//problem%scene%probe(i)%name
             end if

@@ -83,7 +83,7 @@ def test_three_cells_do_not_refuse_six() -> None:
 
 
 def test_a_bar_does_not_depend_on_other_probes() -> None:
-    """A stress that four cells do not resolve has a bar from a third solution, for itself."""
+    """Nor where another probe is a stress that four cells do not resolve."""
     body, end = box(9, 5, 5, size=[2, 1, 0.5]), {"traction": [0, 0, -1.0]}
     plate = scenes.loaded("rkpm-gauss", body, scenes.RUBBER, "x0 z1", end, "tip u 2 0.5 0.25")
     bars = []
