@@ -32,6 +32,8 @@ module rk_newton
    !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
    !> that at which the load step starts; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
+   !> Step, and residual of the first one, with which a state on the way is near enough [-]
+   real(wp), parameter :: near = 1.0e-3_wp
 
    !> Settings and outcome of the iteration, and what load steps hand to the next
    type :: newton_type
@@ -47,6 +49,9 @@ module rk_newton
       logical :: impatient = .false.
       !> The load is one by which answers are judged: the last, or one where its rate changes
       logical :: settles = .false.
+      !> The load is on the way to the one that is asked for: nothing but the next start is taken
+      !> from its state
+      logical :: passes = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
@@ -90,6 +95,9 @@ module rk_newton
       logical :: still = .false.
       !> The problem is linearised at the last state
       logical :: linearised = .true.
+      !> The state is one on the way, whose residual |r| needs to fall no farther than this
+      logical :: passes = .false.
+      real(wp) :: enough = 0.0_wp
       !> Steps rejected in a row
       integer :: rejected = 0
       !> Times that row weights were taken in this load step, and from which state, shape (n)
@@ -158,6 +166,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    end if
    do
       call assess()
+      if (now%passes .and. now%whole .and. self%step_norm < near .and. merit < now%enough) exit
       if (converged(self, now)) then
          if (off_weight()) then
             call iterate_on()
@@ -205,6 +214,9 @@ contains
       call system_clock(clock)
       if (problem%weighted) now%weighed = a
       call begin(self, problem, load, a, r, now%first_gradient)
+      ! steps that are solved to few digits, or have row weights, need the full way
+      now%passes = self%passes .and. problem%square .and. .not. problem%inexact
+      now%enough = near*norm2(r)
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 

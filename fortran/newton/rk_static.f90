@@ -137,6 +137,7 @@ contains
       if (aside) newton%done = load
       newton%impatient = halvings < max_halvings
       newton%settles = .false.
+      newton%passes = load < target_load
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
          & .or. planned%knot(step)
    end subroutine choose_load
@@ -240,6 +241,7 @@ contains
    !> Hand over the last converged state and say where it ended
    subroutine give_up()
       if (done > from .and. step > 0) then
+         call settle()
          record%planned = .false.
          call recorder%step(record, x)
       end if
@@ -257,6 +259,21 @@ contains
       if (allocated(problem%caveat)) error%message = error%message//'; '//problem%caveat
       error%code = err_convergence
    end subroutine give_up
+
+   !> Solve the last converged state, on the way to a load step, to all its digits
+   subroutine settle()
+      type(error_type), allocatable :: failure
+      logical :: unstable
+
+      unstable = newton%unstable
+      newton%passes = .false.
+      newton%done = done
+      call solve_step(newton, problem, step, done, x, recorder, timer, failure)
+      newton%unstable = unstable
+      if (allocated(failure)) return
+      record%iterations = record%iterations + newton%iterations
+      call note_state(done)
+   end subroutine settle
 
 end subroutine solve_static
 
