@@ -10,12 +10,14 @@
 !>   - penalty and stabilisation, a constant matrix.
 !> Newton's pressures are linear in the step, as in the full problem (rk_pressure).
 !>
-!> A state needs no memory of its own and no library: states run side by side in threads.
+!> States run side by side in threads; the products of each are small, and BLAS is called for them on
+!> one thread.
 !>
 !> Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015),
 !>            doi:10.1002/nme.4820 (cells with weights that keep the energy)
 module rk_online
    use, intrinsic :: iso_c_binding, only : c_double, c_int
+   use rk_blas, only : dgemm, dgemv, dgesv
    use rk_cell_law, only : cell_law, law_type
    use rk_fiber, only : active_curve, passive_curve
    use rk_laminate, only : layers_type
@@ -32,8 +34,7 @@ module rk_online
       integer :: r = 0, s = 0
       !> Size of the modes' amplitudes below which they are none: at rest no step is small [length]
       real(wp) :: least = tiny(1.0_wp)
-      !> Displacement gradients of the amplitudes at the cells, with zeros up to a multiple of 8
-      !> amplitudes, shape (padded, 9, nc) [1/length]
+      !> Displacement gradients of the amplitudes at the cells, shape (s, 9, nc) [1/length]
       real(wp), pointer, contiguous :: h(:, :, :) => null()
       !> Volume times weight of each cell, shape (nc) [length^nd]
       real(wp), pointer, contiguous :: weight(:) => null()
@@ -73,12 +74,11 @@ module rk_online
       !> F, or stresses times weight, shape (9, nc)
       real(wp), allocatable :: f(:, :)
       !> Moduli of a block of cells, shape (9, 9, block), and the stresses of the amplitudes in it,
-      !> shape (padded, 9, block)
+      !> shape (s, 9, block)
       real(wp), allocatable :: moduli(:, :, :), image(:, :, :)
-      !> Amplitudes, their forces and stiffness with zeros up to the multiple of 8
-      real(wp), allocatable :: z(:), force(:), stiffness(:, :)
-      !> Residual, tangent, its factor, step
+      !> Residual, tangent, its factor with the exchanges of rows, step
       real(wp), allocatable :: residual(:), tangent(:, :), factor(:, :), step(:)
+      integer, allocatable :: pivot(:)
       !> Volume: pairs of the form, changes, those that are linear in the step, their derivatives,
       !> shapes (8, pairs + 1), (8, pieces), (8, pieces), (8, s, pieces)
       real(wp), allocatable :: pairs(:, :), y(:, :), along(:, :), dy(:, :, :)
@@ -87,34 +87,6 @@ module rk_online
    end type work_type
 
    interface
-      subroutine online_deform(rows, s, h, z, f) bind(c, name='rk_online_deform')
-         import :: c_double, c_int
-         integer(c_int), value :: rows, s
-         real(c_double), intent(in) :: h(*), z(*)
-         real(c_double), intent(inout) :: f(*)
-      end subroutine online_deform
-
-      subroutine online_forces(rows, s, h, p, force) bind(c, name='rk_online_forces')
-         import :: c_double, c_int
-         integer(c_int), value :: rows, s
-         real(c_double), intent(in) :: h(*), p(*)
-         real(c_double), intent(inout) :: force(*)
-      end subroutine online_forces
-
-      subroutine online_images(cells, s, c, h, image) bind(c, name='rk_online_images')
-         import :: c_double, c_int
-         integer(c_int), value :: cells, s
-         real(c_double), intent(in) :: c(*), h(*)
-         real(c_double), intent(inout) :: image(*)
-      end subroutine online_images
-
-      subroutine online_stiffness(rows, s, h, image, a) bind(c, name='rk_online_stiffness')
-         import :: c_double, c_int
-         integer(c_int), value :: rows, s
-         real(c_double), intent(in) :: h(*), image(*)
-         real(c_double), intent(inout) :: a(*)
-      end subroutine online_stiffness
-
       subroutine online_volume(pieces, s, t, z, scale, tangent, restart, along, y, dy, pair, &
          & force, stiffness) bind(c, name='rk_online_volume')
          import :: c_double, c_int
@@ -135,8 +107,8 @@ contains
 subroutine new_online(self, whole, number, least)
    !> Model, whose arrays are those of the record
    type(online_model), intent(out) :: self
-   !> Sizes: modes, amplitudes, the same padded, cells, fibers, pieces and entries of the volume,
-   !> tissues, parameters; then `first`, `tissue` and `pair`
+   !> Sizes: modes, amplitudes, cells, fibers, pieces and entries of the volume, tissues,
+   !> parameters; then `first`, `tissue` and `pair`
    integer, target, contiguous, intent(in) :: whole(:)
    !> The other arrays in the order of the model, and for each tissue lambda_o, gamma1, gamma2,
    !> whether the curves are smooth (1) and the axis about which fibers turn
@@ -149,13 +121,13 @@ subroutine new_online(self, whole, number, least)
    self%r = whole(1)
    self%s = whole(2)
    self%least = least
-   associate (s => whole(2), wide => whole(3), nc => whole(4), ne => whole(5), pieces => whole(6), &
-      & triples => whole(7), nt => whole(8), nm => whole(9))
-      self%first(1:nc + 1) => whole(10:10 + nc)
-      self%tissue(1:ne) => whole(11 + nc:10 + nc + ne)
-      self%pair(1:2, 1:nc) => whole(11 + nc + ne:10 + 3*nc + ne)
+   associate (s => whole(2), nc => whole(3), ne => whole(4), pieces => whole(5), &
+      & triples => whole(6), nt => whole(7), nm => whole(8))
+      self%first(1:nc + 1) => whole(9:9 + nc)
+      self%tissue(1:ne) => whole(10 + nc:9 + nc + ne)
+      self%pair(1:2, 1:nc) => whole(10 + nc + ne:9 + 3*nc + ne)
       o = 0
-      self%h(1:wide, 1:9, 1:nc) => next(wide*9*nc)
+      self%h(1:s, 1:9, 1:nc) => next(s*9*nc)
       self%weight(1:nc) => next(nc)
       self%local_bulk(1:nc) => next(nc)
       self%a(1:9, 1:nc) => next(9*nc)
@@ -194,15 +166,13 @@ end subroutine new_online
 subroutine new_work(self, model)
    type(work_type), intent(out) :: self
    type(online_model), intent(in) :: model
-   integer :: pieces, s, wide
+   integer :: pieces, s
 
    s = model%s
-   wide = size(model%h, 1)
    pieces = size(model%volume, 3)
-   allocate (self%f(9, size(model%weight)), self%moduli(9, 9, block), self%image(wide, 9, block))
-   allocate (self%z(wide), self%force(wide), self%stiffness(wide, wide))
+   allocate (self%f(9, size(model%weight)), self%moduli(9, 9, block), self%image(s, 9, block))
    allocate (self%residual(s), self%tangent(s, s))
-   allocate (self%factor(model%r, model%r), self%step(model%r))
+   allocate (self%factor(model%r, model%r), self%step(model%r), self%pivot(model%r))
    allocate (self%pairs(8, (s + 1)*(s + 2)/2 + 1), self%y(8, pieces), self%along(8, pieces))
    allocate (self%dy(8, s, pieces))
 end subroutine new_work
@@ -213,7 +183,7 @@ subroutine assemble(model, work, z, wish, tangent, restart)
    !> Room, of which residual, tangent and smallest J are set
    type(work_type), intent(inout) :: work
    !> Amplitudes, shape (s)
-   real(wp), intent(in) :: z(:)
+   real(wp), contiguous, intent(in) :: z(:)
    !> What is asked for: activation [-], largest isometric stress [stress] and angle [rad] by which
    !> the fibers are turned about its axis of each tissue, parameters of the materials less their
    !> values in the model, prescribed amplitudes, shape (3 nt + nm + s - r)
@@ -255,25 +225,23 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
    !> Amplitudes, and the parts of what is asked for
-   real(wp), intent(in) :: z(:), activation(:), sigma_max(:), turn(:), modulus(:)
+   real(wp), contiguous, intent(in) :: z(:)
+   real(wp), intent(in) :: activation(:), sigma_max(:), turn(:), modulus(:)
    logical, intent(in) :: tangent
    real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(turn))
    ! a cell has one fiber a tissue at the most
    real(wp) :: fiber(3, size(turn)), passive(size(turn)), active(size(turn))
-   integer :: e, l, n, o, q, wide
+   integer :: e, l, n, o, q
 
    do e = 1, size(turn)
       turned(:, :, e) = rotation(model%laws(e)%axis, turn(e))
    end do
-   wide = size(work%z)
-   work%z = 0.0_wp
-   work%z(:model%s) = z
    work%f = 0.0_wp
    work%f([1, 5, 9], :) = 1.0_wp
-   call online_deform(size(work%f), wide, model%h, work%z, work%f)
+   call dgemv('t', model%s, size(work%f), 1.0_wp, model%h, model%s, z, 1, 1.0_wp, work%f, 1)
    work%min_j = huge(1.0_wp)
-   work%force = 0.0_wp
-   if (tangent) work%stiffness = 0.0_wp
+   work%residual = 0.0_wp
+   if (tangent) work%tangent = 0.0_wp
    do o = 0, size(model%weight) - 1, block
       n = min(block, size(model%weight) - o)
       do q = o + 1, o + n
@@ -300,18 +268,14 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
          end associate
          work%min_j = min(work%min_j, j)
          work%f(:, q) = model%weight(q)*p
-         if (tangent) work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
+         if (tangent) call dgemm('n', 'n', model%s, 9, 9, model%weight(q), model%h(:, :, q), &
+            & model%s, work%moduli(:, :, q - o), 9, 0.0_wp, work%image(:, :, q - o), model%s)
       end do
-      associate (h => model%h(:, :, o + 1:o + n))
-         call online_forces(9*n, wide, h, work%f(:, o + 1:o + n), work%force)
-         if (.not. tangent) cycle
-         call online_images(n, wide, work%moduli, h, work%image)
-         call online_stiffness(9*n, wide, h, work%image, work%stiffness)
-      end associate
+      if (tangent) call dgemm('n', 't', model%s, model%s, 9*n, 1.0_wp, model%h(:, :, o + 1), &
+         & model%s, work%image, model%s, 1.0_wp, work%tangent, model%s)
    end do
-   work%residual = work%force(:model%s)
-   if (.not. tangent) return
-   work%tangent = work%stiffness(:model%s, :model%s)
+   call dgemv('n', model%s, size(work%f), 1.0_wp, model%h, model%s, work%f, 1, 1.0_wp, &
+      & work%residual, 1)
 end subroutine assemble_cells
 
 !> Stress and tangent of a cell with layers of two tissues
@@ -400,8 +364,8 @@ subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, 
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
    real(wp) :: before(model%r), j_before
-   integer :: halvings, k
-   logical :: singular, restart
+   integer :: halvings, info, k
+   logical :: restart
 
    z(model%r + 1:) = wish(size(wish) - model%s + model%r + 1:)
    iterations = 0
@@ -427,8 +391,8 @@ subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, 
       j_before = work%min_j
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r)
-      call solve_small(work%factor, work%step, singular)
-      if (singular) exit
+      call dgesv(model%r, 1, work%factor, model%r, work%pivot, work%step, model%r, info)
+      if (info > 0) exit
       before = z(:model%r)
       z(:model%r) = before + work%step
       do k = 1, size(work%y, 2)
@@ -463,8 +427,7 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
    real(wp) :: target(size(wish))
-   logical :: singular
-   integer :: given, i, some
+   integer :: given, i, info, some
 
    iterations = 0
    change = huge(1.0_wp)
@@ -481,8 +444,8 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r) - matmul(work%tangent(:model%r, model%r + 1:), &
          & target(given:) - z(model%r + 1:))
-      call solve_small(work%factor, work%step, singular)
-      if (singular) then
+      call dgesv(model%r, 1, work%factor, model%r, work%pivot, work%step, model%r, info)
+      if (info > 0) then
          iterations = -1 - iterations
          return
       end if
@@ -519,47 +482,5 @@ subroutine find_forces(whole, room, wish, z, wanted, lift, force)
       force(i) = room%residual(wanted(i)) + dot_product(lift(:, i), room%residual(:whole%r))
    end do
 end subroutine find_forces
-
-!> Solve with a small dense matrix by LU with row exchanges; no library, whose threads would cost
-!> more than the work
-pure subroutine solve_small(a, x, singular)
-   !> Matrix, destroyed, shape (n, n)
-   real(wp), intent(inout) :: a(:, :)
-   !> Right-hand side, then solution, shape (n)
-   real(wp), intent(inout) :: x(:)
-   !> No pivot is left, and no solution
-   logical, intent(out) :: singular
-   real(wp) :: row(size(a, 1)), other
-   integer :: pivot(size(a, 1)), i, k, p
-
-   singular = .true.
-   do k = 1, size(a, 1)
-      p = k - 1 + maxloc(abs(a(k:, k)), dim=1)
-      pivot(k) = p
-      if (.not. abs(a(p, k)) > 0.0_wp) return
-      if (p /= k) then
-         row = a(k, :)
-         a(k, :) = a(p, :)
-         a(p, :) = row
-      end if
-      a(k + 1:, k) = a(k + 1:, k)/a(k, k)
-      do i = k + 1, size(a, 1)
-         a(k + 1:, i) = a(k + 1:, i) - a(k + 1:, k)*a(k, i)
-      end do
-   end do
-   singular = .false.
-   do k = 1, size(x)
-      other = x(k)
-      x(k) = x(pivot(k))
-      x(pivot(k)) = other
-   end do
-   do k = 1, size(x)
-      x(k + 1:) = x(k + 1:) - a(k + 1:, k)*x(k)
-   end do
-   do k = size(x), 1, -1
-      x(k) = x(k)/a(k, k)
-      x(:k - 1) = x(:k - 1) - a(:k - 1, k)*x(k)
-   end do
-end subroutine solve_small
 
 end module rk_online
