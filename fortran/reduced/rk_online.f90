@@ -2,7 +2,7 @@
 !> modes, with few cells in place of all and the volume of the groups kept whole.
 !>
 !> Amplitudes z: those of the modes, unknown, then those of what is prescribed. At a cell
-!> F = 1 + sum z_k H_k. The energy has three parts:
+!> F = 1 + sum z_k H_k, whose index is i + 3 (A - 1) for F_iA. The energy has three parts:
 !>   - that of the cells, at a sample of them with weights of their own;
 !>   - K/2 times the squared changes of volume of the groups. Volume is cubic in F, so that these
 !>     are T[(1,z), (1,z), (1,z)] with a constant tensor: of no cell is one left out. Groups formed
@@ -18,10 +18,12 @@
 module rk_online
    use, intrinsic :: iso_c_binding, only : c_double, c_int
    use rk_blas, only : dgemm, dgemv, dgesv
-   use rk_cell_law, only : cell_law, law_type
+   use rk_energies, only : muscle_type
    use rk_fiber, only : active_curve, passive_curve
    use rk_laminate, only : layers_type
+   use rk_material, only : kind_i2, material_point
    use rk_precision, only : wp
+   use rk_tensor, only : determinant
    implicit none
    private
 
@@ -47,8 +49,9 @@ module rk_online
       !> Their tissue, fraction and direction, shapes (ne), (ne), (3, ne)
       integer, pointer, contiguous :: tissue(:) => null()
       real(wp), pointer, contiguous :: fraction(:) => null(), fiber(:, :) => null()
-      !> Fibers of the tissues
-      type(law_type), allocatable :: laws(:)
+      !> Fibers of the tissues, and the unit axes about which they are turned, shape (3, nt) [-]
+      type(muscle_type), allocatable :: laws(:)
+      real(wp), allocatable :: axis(:, :)
       !> Penalty and stabilisation, shape (s, s) [force/length]
       real(wp), pointer, contiguous :: constant(:, :) => null()
       !> Changes of volume, in roots of energy, in pieces of 8 directions: symmetric in three
@@ -71,11 +74,12 @@ module rk_online
 
    !> Room for one state at a time
    type :: work_type
-      !> F, or stresses times weight, shape (9, nc)
-      real(wp), allocatable :: f(:, :)
-      !> Moduli of a block of cells, shape (9, 9, block), and the stresses of the amplitudes in it,
-      !> shape (s, 9, block)
-      real(wp), allocatable :: moduli(:, :, :), image(:, :, :)
+      !> Laws of the tissues, which take the parameters of one cell after the other
+      type(muscle_type), allocatable :: laws(:)
+      !> F, or stresses times weight, shape (3, 3, nc)
+      real(wp), allocatable :: f(:, :, :)
+      !> Stresses of the amplitudes in a block of cells, shape (s, 9, block)
+      real(wp), allocatable :: image(:, :, :)
       !> Residual, tangent, its factor with the exchanges of rows, step
       real(wp), allocatable :: residual(:), tangent(:, :), factor(:, :), step(:)
       integer, allocatable :: pivot(:)
@@ -145,9 +149,12 @@ subroutine new_online(self, whole, number, least)
       law(1:7, 1:nt) => next(7*nt)
       allocate (self%laws(nt))
       do e = 1, nt
-         self%laws(e) = law_type(law(1, e), active_curve(law(4, e) > 0.5_wp), &
-            & passive_curve(law(4, e) > 0.5_wp, law(2, e), law(3, e)), law(5:7, e))
+         self%laws(e)%active = .true.
+         self%laws(e)%lambda_o = law(1, e)
+         self%laws(e)%active_force = active_curve(law(4, e) > 0.5_wp)
+         self%laws(e)%passive_force = passive_curve(law(4, e) > 0.5_wp, law(2, e), law(3, e))
       end do
+      self%axis = law(5:7, :)
    end associate
 
 contains
@@ -169,8 +176,9 @@ subroutine new_work(self, model)
    integer :: pieces, s
 
    s = model%s
+   self%laws = model%laws
    pieces = size(model%volume, 3)
-   allocate (self%f(9, size(model%weight)), self%moduli(9, 9, block), self%image(s, 9, block))
+   allocate (self%f(3, 3, size(model%weight)), self%image(s, 9, block))
    allocate (self%residual(s), self%tangent(s, s))
    allocate (self%factor(model%r, model%r), self%step(model%r), self%pivot(model%r))
    allocate (self%pairs(8, (s + 1)*(s + 2)/2 + 1), self%y(8, pieces), self%along(8, pieces))
@@ -228,16 +236,18 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
    real(wp), contiguous, intent(in) :: z(:)
    real(wp), intent(in) :: activation(:), sigma_max(:), turn(:), modulus(:)
    logical, intent(in) :: tangent
-   real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(turn))
+   real(wp) :: j, p(3, 3), c(3, 3, 3, 3), a(9), bulk, turned(3, 3, size(turn))
    ! a cell has one fiber a tissue at the most
-   real(wp) :: fiber(3, size(turn)), passive(size(turn)), active(size(turn))
-   integer :: e, l, n, o, q
+   real(wp) :: fiber(3, size(turn)), sigma(size(turn))
+   integer :: e, k, l, n, o, q
 
    do e = 1, size(turn)
-      turned(:, :, e) = rotation(model%laws(e)%axis, turn(e))
+      turned(:, :, e) = rotation(model%axis(:, e), turn(e))
    end do
    work%f = 0.0_wp
-   work%f([1, 5, 9], :) = 1.0_wp
+   do k = 1, 3
+      work%f(k, k, :) = 1.0_wp
+   end do
    call dgemv('t', model%s, size(work%f), 1.0_wp, model%h, model%s, z, 1, 1.0_wp, work%f, 1)
    work%min_j = huge(1.0_wp)
    work%residual = 0.0_wp
@@ -246,30 +256,35 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
       n = min(block, size(model%weight) - o)
       do q = o + 1, o + n
          l = model%first(q + 1) - model%first(q)
-         a = model%a(:, q) + matmul(model%a_slope(:, q, :), modulus)
-         bulk = model%local_bulk(q) + dot_product(model%bulk_slope(q, :), modulus)
-         associate (first => model%first(q) + 1, last => model%first(q + 1))
+         associate (first => model%first(q), f => work%f(:, :, q), &
+            & tissue => model%tissue(model%first(q) + 1:model%first(q + 1)))
             do e = 1, l
-               fiber(:, e) = matmul(turned(:, :, model%tissue(first - 1 + e)), &
-                  & model%fiber(:, first - 1 + e))
-               passive(e) = model%fraction(first - 1 + e)*sigma_max(model%tissue(first - 1 + e))
-               active(e) = passive(e)*activation(model%tissue(first - 1 + e))
+               fiber(:, e) = matmul(turned(:, :, tissue(e)), model%fiber(:, first + e))
+               sigma(e) = model%fraction(first + e)*sigma_max(tissue(e))
             end do
-            if (model%layer(4, q) > 0.0_wp) then
-               call layered_law(model, q, work%f(:, q), modulus, fiber(:, :l), passive(:l), &
-                  & active(:l), p, j, work%moduli(:, :, q - o))
-            else if (tangent) then
-               call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
-                  & fiber(:, :l), passive(:l), active(:l), p, j, work%moduli(:, :, q - o))
+            j = determinant(f)
+            work%min_j = min(work%min_j, j)
+            p = 0.0_wp
+            if (tangent) c = 0.0_wp
+            if (.not. j > 0.0_wp) then
+               continue
+            else if (model%layer(4, q) > 0.0_wp) then
+               call layered_law(model, work%laws, q, f, modulus, fiber(:, :l), sigma(:l), &
+                  & activation, p, c)
             else
-               call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
-                  & fiber(:, :l), passive(:l), active(:l), p, j)
+               a = model%a(:, q)
+               bulk = model%local_bulk(q)
+               do k = 1, size(modulus)
+                  a = a + modulus(k)*model%a_slope(:, q, k)
+                  bulk = bulk + modulus(k)*model%bulk_slope(q, k)
+               end do
+               call cell_law(work%laws, f, a, bulk, tissue, fiber(:, :l), sigma(:l), activation, &
+                  & tangent, p, c)
             end if
          end associate
-         work%min_j = min(work%min_j, j)
-         work%f(:, q) = model%weight(q)*p
+         work%f(:, :, q) = model%weight(q)*p
          if (tangent) call dgemm('n', 'n', model%s, 9, 9, model%weight(q), model%h(:, :, q), &
-            & model%s, work%moduli(:, :, q - o), 9, 0.0_wp, work%image(:, :, q - o), model%s)
+            & model%s, c, 9, 0.0_wp, work%image(:, :, q - o), model%s)
       end do
       if (tangent) call dgemm('n', 't', model%s, model%s, 9*n, 1.0_wp, model%h(:, :, o + 1), &
          & model%s, work%image, model%s, 1.0_wp, work%tangent, model%s)
@@ -278,24 +293,77 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
       & work%residual, 1)
 end subroutine assemble_cells
 
+!> Add stress and tangent of a cell: one polynomial of all its tissues, and the fibers of each
+subroutine cell_law(laws, f, a, bulk, tissue, fiber, sigma, activation, tangent, p, c)
+   !> Laws of all tissues, which take the parameters
+   type(muscle_type), intent(inout) :: laws(:)
+   !> F, with a positive determinant [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> A10, A01, A20, A11, A02, A30, A21, A12, A03 [stress]
+   real(wp), intent(in) :: a(9)
+   !> Bulk modulus of the cell itself [stress]
+   real(wp), intent(in) :: bulk
+   !> Tissues with fibers in the cell, shape (k)
+   integer, intent(in) :: tissue(:)
+   !> Their directions, shape (3, k), and largest isometric stress times fraction, shape (k) [stress]
+   real(wp), intent(in) :: fiber(:, :), sigma(:)
+   !> Activation of all tissues [-]
+   real(wp), intent(in) :: activation(:)
+   logical, intent(in) :: tangent
+   !> Stress and tangent, to which they are added [stress]
+   real(wp), intent(inout) :: p(3, 3), c(3, 3, 3, 3)
+   type(material_point) :: at
+   real(wp) :: one(3, 3), form(3, 3, 3, 3)
+   integer :: e, t
+
+   at%f = f
+   t = 1
+   do e = 1, max(size(tissue), 1)
+      if (size(tissue) > 0) then
+         t = tissue(e)
+         at%fiber = fiber(:, e)
+         at%activation = activation(t)
+         laws(t)%sigma_max = sigma(e)
+      end if
+      if (e == 1) then
+         laws(t)%a(1:3, 0) = a([1, 3, 6])
+         laws(t)%a(0:2, 1) = a([2, 4, 7])
+         laws(t)%a(0:1, 2) = a([5, 8])
+         laws(t)%a(0, 3) = a(9)
+         laws(t)%bulk = bulk
+      else
+         laws(t)%a = 0.0_wp
+         laws(t)%bulk = 0.0_wp
+      end if
+      laws(t)%active(kind_i2) = e == 1 .and. any(abs(a([2, 4, 5, 7, 8, 9])) > 0.0_wp)
+      if (tangent) then
+         call laws(t)%stress(at, one, form)
+         c = c + form
+      else
+         call laws(t)%stress(at, one)
+      end if
+      p = p + one
+   end do
+end subroutine cell_law
+
 !> Stress and tangent of a cell with layers of two tissues
-pure subroutine layered_law(model, q, f, modulus, fiber, passive, active, p, j, c)
+subroutine layered_law(model, laws, q, f, modulus, fiber, sigma, activation, p, c)
    type(online_model), intent(in) :: model
+   !> Laws of all tissues, which take the parameters
+   type(muscle_type), intent(inout) :: laws(:)
    !> Cell
    integer, intent(in) :: q
-   !> F [-]
-   real(wp), intent(in) :: f(9)
+   !> F, with a positive determinant [-]
+   real(wp), intent(in) :: f(3, 3)
    !> Parameters of the materials less their values in the model
    real(wp), intent(in) :: modulus(:)
-   !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, and that times
-   !> activation, shape (k) [stress]
-   real(wp), intent(in) :: fiber(:, :), passive(:), active(:)
+   !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, shape (k) [stress];
+   !> activation of all tissues [-]
+   real(wp), intent(in) :: fiber(:, :), sigma(:), activation(:)
    !> Stress and tangent [stress]
-   real(wp), intent(out) :: p(9), c(9, 9)
-   !> Volume ratio [-]
-   real(wp), intent(out) :: j
+   real(wp), intent(out) :: p(3, 3), c(3, 3, 3, 3)
    type(layers_type) :: layers
-   real(wp) :: own(11, 2), fraction(2), ratio
+   real(wp) :: own(11, 2), fraction(2)
    integer :: k, l
 
    own = model%own(:, :, q)
@@ -303,29 +371,26 @@ pure subroutine layered_law(model, q, f, modulus, fiber, passive, active, p, j, 
       own = own + modulus(k)*model%own_slope(:, :, q, k)
    end do
    fraction = [model%layer(4, q), 1.0_wp - model%layer(4, q)]
-   call layers%start(transpose(reshape(f, [3, 3])), fraction, model%layer(:3, q), &
-      & nint(model%layer(5, q)), own(10, :), own(11, :))
-   j = layers%whole
-   p = 0.0_wp
-   c = 0.0_wp
-   if (.not. j > 0.0_wp) return
+   call layers%start(f, fraction, model%layer(:3, q), nint(model%layer(5, q)), own(10, :), &
+      & own(11, :))
    associate (tissue => model%tissue(model%first(q) + 1:model%first(q + 1)))
       do while (.not. layers%done)
          do k = 1, 2
             if (.not. all(layers%j > 0.0_wp)) cycle
+            p = 0.0_wp
+            c = 0.0_wp
             associate (own_fibers => pack([(l, l=1, size(tissue))], tissue == model%pair(k, q)))
-               call cell_law(reshape(transpose(layers%f(:, :, k)), [9]), own(:9, k), 0.0_wp, &
-                  & model%laws, tissue(own_fibers), fiber(:, own_fibers), &
-                  & passive(own_fibers)/fraction(k), active(own_fibers)/fraction(k), p, ratio, c)
+               call cell_law(laws, layers%f(:, :, k), own(:9, k), 0.0_wp, tissue(own_fibers), &
+                  & fiber(:, own_fibers), sigma(own_fibers)/fraction(k), activation, .true., p, c)
             end associate
-            layers%p(:, :, k) = transpose(reshape(p, [3, 3]))
-            layers%c4(:, :, :, :, k) = reshape(c, [3, 3, 3, 3], order=[2, 1, 4, 3])
+            layers%p(:, :, k) = p
+            layers%c4(:, :, :, :, k) = c
          end do
          call layers%next()
       end do
    end associate
-   p = reshape(transpose(layers%stress(0)), [9])
-   c = reshape(reshape(layers%tangent(), [3, 3, 3, 3], order=[2, 1, 4, 3]), [9, 9])
+   p = layers%stress(0)
+   c = layers%tangent()
 end subroutine layered_law
 
 !> Rotation about a unit axis

@@ -81,6 +81,6 @@ subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, 
    call release_threads(kept)
    residual = work%residual
    tangent = work%tangent
-   stress = work%f
+   stress = reshape(work%f, [9, nc])
    min_j = work%min_j
 end subroutine online_assemble
