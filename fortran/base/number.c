@@ -18,6 +18,7 @@ void rkf_number(double value, int digits, int power, char *text)
    if (!plain) plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
    locale_t before = uselocale(plain);
    int n = digits > 0 || power ? digits : 15;
+   if (value == 0.0 && digits > 0) value = 0.0;   /* zero has no sign */
    /* whole numbers keep their digits */
    const double size = fabs(value);
    if (digits > 0 && !power && size >= 1.0 && size < 1e5) n = (int)fmax(n, 1.0 + floor(log10(size)));

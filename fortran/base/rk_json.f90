@@ -8,7 +8,7 @@ module rk_json
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : error_type
    use rk_precision, only : i8, wp
-   use rk_text, only : exact_text, to_text
+   use rk_text, only : to_text, written
    use rk_text_file, only : save_text
    implicit none
    private
@@ -247,7 +247,7 @@ subroutine append_real(self, value)
    character(len=:), allocatable :: text
 
    text = 'null'
-   if (ieee_is_finite(value)) text = trim(exact_text(value))
+   if (ieee_is_finite(value)) text = trim(written(value, 0, 0))
    if (verify(text, '-0123456789') == 0) text = text//'.0'
    call self%append(text)
 end subroutine append_real

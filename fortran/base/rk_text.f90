@@ -5,7 +5,7 @@ module rk_text
    implicit none
    private
 
-   public :: exact_text, line, lines_of, to_text, to_power
+   public :: line, lines_of, to_text, to_power, written
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
@@ -57,34 +57,16 @@ pure function long_text(value) result(text)
    write (text, '(i0)') value
 end function long_text
 
-!> A number, padded with blanks
-pure function written(value, digits) result(text)
+!> A number as number.c writes it, padded with blanks
+pure function written(value, digits, power) result(text)
    real(wp), intent(in) :: value
-   !> Significant digits
-   integer, intent(in) :: digits
+   !> Significant digits, behind the point with a power of ten (power = 1); 0 without one for the
+   !> shortest text that reads back the same number
+   integer, intent(in) :: digits, power
    character(len=longest) :: text
 
-   ! zero has no sign
-   call rkf_number(value + 0.0_wp, digits, 0_c_int, text)
+   call rkf_number(value, digits, power, text)
 end function written
-
-!> A number with a power of ten, padded with blanks
-pure function in_powers(value, decimals) result(text)
-   real(wp), intent(in) :: value
-   !> Digits behind the point
-   integer, intent(in) :: decimals
-   character(len=longest) :: text
-
-   call rkf_number(value, decimals, 1_c_int, text)
-end function in_powers
-
-!> The shortest text that reads back the same number, padded with blanks
-pure function exact_text(value) result(text)
-   real(wp), intent(in) :: value
-   character(len=longest) :: text
-
-   call rkf_number(value, 0_c_int, 0_c_int, text)
-end function exact_text
 
 !> Text of a list of integers, as "(1, 2, 3)"
 pure function integers_text(values) result(text)
@@ -98,9 +80,9 @@ end function integers_text
 !> Text of a real number, six significant digits
 pure function real_text(value) result(text)
    real(wp), intent(in) :: value
-   character(len=len_trim(written(value, usual_digits))) :: text
+   character(len=len_trim(written(value, usual_digits, 0))) :: text
 
-   text = written(value, usual_digits)
+   text = written(value, usual_digits, 0)
 end function real_text
 
 !> Text of a real number
@@ -108,9 +90,9 @@ pure function digits_text(value, digits) result(text)
    real(wp), intent(in) :: value
    !> Significant digits
    integer, intent(in) :: digits
-   character(len=len_trim(written(value, digits))) :: text
+   character(len=len_trim(written(value, digits, 0))) :: text
 
-   text = written(value, digits)
+   text = written(value, digits, 0)
 end function digits_text
 
 !> Text of a real number with a power of ten
@@ -118,9 +100,9 @@ pure function to_power(value, decimals) result(text)
    real(wp), intent(in) :: value
    !> Digits behind the point
    integer, intent(in) :: decimals
-   character(len=len_trim(in_powers(value, decimals))) :: text
+   character(len=len_trim(written(value, decimals, 1))) :: text
 
-   text = in_powers(value, decimals)
+   text = written(value, decimals, 1)
 end function to_power
 
 pure integer function list_length(values, digits)
@@ -130,7 +112,7 @@ pure integer function list_length(values, digits)
 
    list_length = max(2*size(values), 2)
    do i = 1, size(values)
-      list_length = list_length + len_trim(written(values(i), digits))
+      list_length = list_length + len_trim(written(values(i), digits, 0))
    end do
 end function list_length
 
@@ -153,7 +135,7 @@ pure function list_text(values, digits) result(text)
    text = '('
    at = 2
    do i = 1, size(values)
-      associate (number => written(values(i), digits))
+      associate (number => written(values(i), digits, 0))
          text(at:) = trim(number)//', '
          at = at + len_trim(number) + 2
       end associate

@@ -103,7 +103,8 @@ def record(model: Model, cells: Cells) -> Record:
     pieces = slope[::8] if len(slope) else np.zeros((1, slope.shape[1]))
     sizes = [model.r, s, nc, len(cells.tissue), volume.shape[2], volume.shape[1]]
     sizes += [model.fibers.shape[1], slope.shape[1]]
-    before = (np.moveaxis(cells.h[_COLUMNS], 2, 0), *cells[1:4], *cells[6:13], model.constant, model.constant_slope)
+    h = np.moveaxis(cells.h[_COLUMNS], 2, 0)
+    before = (h, *cells[1:4], *cells[6:13], model.constant, model.constant_slope)
     flat = [np.ravel(a, order="F") for a in (*before, volume, pieces, model.fibers)]
     # the volume begins a line of the processor's cache: most of a state's time is spent on it
     count = sum(len(a) for a in flat)
