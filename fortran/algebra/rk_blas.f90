@@ -7,7 +7,7 @@ module rk_blas
    implicit none
    private
 
-   public :: dgemm, dgemv, dpotrf, dsteqr, dsyrk, dtrsm, dtrsv
+   public :: dgemm, dgemv, dgesv, dpotrf, dsteqr, dsyrk, dtrsm, dtrsv
    public :: sgemm, sgemv, spotrf, ssyrk, strsm, strsv
 
    interface
@@ -25,6 +25,12 @@ module rk_blas
          real(wp), intent(in) :: alpha, beta, a(lda, *), x(*)
          real(wp), intent(inout) :: y(*)
       end subroutine dgemv
+      subroutine dgesv(n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: wp
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(wp), intent(inout) :: a(lda, *), b(ldb, *)
+         integer, intent(out) :: ipiv(*), info
+      end subroutine dgesv
       subroutine dpotrf(uplo, n, a, lda, info)
          import :: wp
          character, intent(in) :: uplo

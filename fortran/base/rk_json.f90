@@ -8,7 +8,7 @@ module rk_json
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : error_type
    use rk_precision, only : i8, wp
-   use rk_text, only : to_text
+   use rk_text, only : to_text, written
    use rk_text_file, only : save_text
    implicit none
    private
@@ -244,40 +244,11 @@ end subroutine append_quoted
 subroutine append_real(self, value)
    type(json_type), intent(inout) :: self
    real(wp), intent(in) :: value
-   character(len=32) :: buffer
-   character(len=16) :: form
-   character(len=:), allocatable :: digits, text
-   real(wp) :: back
-   integer :: n, exponent, stat, at
+   character(len=:), allocatable :: text
 
-   if (.not. ieee_is_finite(value)) then
-      call self%append('null')
-      return
-   end if
-   do n = 15, 17
-      write (form, '(a, i0, a)') '(es32.', n - 1, 'e3)'
-      write (buffer, form) abs(value)
-      read (buffer, *, iostat=stat) back
-      if (stat == 0 .and. .not. abs(back - abs(value)) > 0.0_wp) exit
-   end do
-   buffer = adjustl(buffer)
-   at = index(buffer, 'E')
-   read (buffer(at + 1:), *) exponent
-   digits = buffer(1:1)//buffer(3:at - 1)
-   n = max(verify(digits, '0', back=.true.), 1)
-   digits = digits(:n)
-   if (exponent >= 0 .and. exponent < 16) then
-      if (n < exponent + 1) digits = digits//repeat('0', exponent + 1 - n)
-      text = digits(:exponent + 1)//'.'//digits(exponent + 2:)
-      if (len(digits) == exponent + 1) text = text//'0'
-   else if (exponent < 0 .and. exponent > -5) then
-      text = '0.'//repeat('0', -exponent - 1)//digits
-   else
-      text = digits(1:1)
-      if (n > 1) text = text//'.'//digits(2:)
-      text = text//'e'//to_text(exponent)
-   end if
-   if (sign(1.0_wp, value) < 0.0_wp) text = '-'//text
+   text = 'null'
+   if (ieee_is_finite(value)) text = trim(written(value, 0, 0))
+   if (verify(text, '-0123456789') == 0) text = text//'.0'
    call self%append(text)
 end subroutine append_real
 

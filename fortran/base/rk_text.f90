@@ -1,16 +1,27 @@
 !> Numbers to text for messages, logs and tables.
 module rk_text
+   use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int
    use rk_precision, only : i8, wp
    implicit none
    private
 
-   public :: line, lines_of, to_text, to_power
+   public :: line, lines_of, to_text, to_power, written
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
       module procedure :: integer_text, long_text, real_text, digits_text, reals_text, list_text, &
          & integers_text
    end interface to_text
+
+   interface
+      !> number.c
+      pure subroutine rkf_number(value, digits, power, text) bind(c)
+         import :: c_char, c_double, c_int
+         real(c_double), value :: value
+         integer(c_int), value :: digits, power
+         character(kind=c_char), intent(out) :: text(*)
+      end subroutine rkf_number
+   end interface
 
    !> Significant digits by default
    integer, parameter :: usual_digits = 6
@@ -46,43 +57,15 @@ pure function long_text(value) result(text)
    write (text, '(i0)') value
 end function long_text
 
-!> A real number with a power of ten, padded with blanks; with the E that Fortran omits before
-!> exponents of three digits
-pure function in_powers(value, decimals) result(text)
+!> A number as number.c writes it, padded with blanks
+pure function written(value, digits, power) result(text)
    real(wp), intent(in) :: value
-   !> Digits behind the point
-   integer, intent(in) :: decimals
-   ! also for what rounding may lift to 1e100
-   real(wp), parameter :: small = 9.0e-100_wp, large = 9.0e99_wp
+   !> Significant digits, behind the point with a power of ten (power = 1); 0 without one for the
+   !> shortest text that reads back the same number
+   integer, intent(in) :: digits, power
    character(len=longest) :: text
-   logical :: long
 
-   long = abs(value) >= large .or. (abs(value) <= small .and. abs(value) > 0.0_wp)
-   write (text, '(es40.'//to_text(decimals)//trim(merge('e3)', ')  ', long))) value
-   text = adjustl(text)
-end function in_powers
-
-!> A number, padded with blanks
-pure function written(value, digits) result(text)
-   real(wp), intent(in) :: value
-   !> Significant digits
-   integer, intent(in) :: digits
-   character(len=longest) :: text
-   integer :: n
-
-   if (abs(value) >= 1.0e-3_wp .and. abs(value) < 1.0e5_wp) then
-      write (text, '(f40.'//to_text(max(digits - 1 - floor(log10(abs(value))), 0))//')') value
-      text = adjustl(text)
-      if (index(text, '.') > 0) then
-         n = verify(text, '0 ', back=.true.)
-         if (text(n:n) == '.') n = n - 1
-         text = text(:n)
-      end if
-   else if (.not. abs(value) <= 0.0_wp) then
-      text = in_powers(value, digits - 1)
-   else
-      text = '0'
-   end if
+   call rkf_number(value, digits, power, text)
 end function written
 
 !> Text of a list of integers, as "(1, 2, 3)"
@@ -97,9 +80,9 @@ end function integers_text
 !> Text of a real number, six significant digits
 pure function real_text(value) result(text)
    real(wp), intent(in) :: value
-   character(len=len_trim(written(value, usual_digits))) :: text
+   character(len=len_trim(written(value, usual_digits, 0))) :: text
 
-   text = written(value, usual_digits)
+   text = written(value, usual_digits, 0)
 end function real_text
 
 !> Text of a real number
@@ -107,9 +90,9 @@ pure function digits_text(value, digits) result(text)
    real(wp), intent(in) :: value
    !> Significant digits
    integer, intent(in) :: digits
-   character(len=len_trim(written(value, digits))) :: text
+   character(len=len_trim(written(value, digits, 0))) :: text
 
-   text = written(value, digits)
+   text = written(value, digits, 0)
 end function digits_text
 
 !> Text of a real number with a power of ten
@@ -117,9 +100,9 @@ pure function to_power(value, decimals) result(text)
    real(wp), intent(in) :: value
    !> Digits behind the point
    integer, intent(in) :: decimals
-   character(len=len_trim(in_powers(value, decimals))) :: text
+   character(len=len_trim(written(value, decimals, 1))) :: text
 
-   text = in_powers(value, decimals)
+   text = written(value, decimals, 1)
 end function to_power
 
 pure integer function list_length(values, digits)
@@ -129,7 +112,7 @@ pure integer function list_length(values, digits)
 
    list_length = max(2*size(values), 2)
    do i = 1, size(values)
-      list_length = list_length + len_trim(written(values(i), digits))
+      list_length = list_length + len_trim(written(values(i), digits, 0))
    end do
 end function list_length
 
@@ -152,7 +135,7 @@ pure function list_text(values, digits) result(text)
    text = '('
    at = 2
    do i = 1, size(values)
-      associate (number => written(values(i), digits))
+      associate (number => written(values(i), digits, 0))
          text(at:) = trim(number)//', '
          at = at + len_trim(number) + 2
       end associate

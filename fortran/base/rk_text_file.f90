@@ -11,7 +11,7 @@ module rk_text_file
    implicit none
    private
 
-   public :: text_file, make_file, save_text, load_text, rkf_rename
+   public :: text_file, make_file, publish_file, save_text, load_text
 
    !> A file being written
    type :: text_file
@@ -20,8 +20,6 @@ module rk_text_file
       character(len=:), allocatable :: path
       !> Open stream of C
       type(c_ptr) :: handle = c_null_ptr
-      !> A write has failed: such a file never takes its real name
-      logical :: damaged = .false.
    contains
       procedure :: create, line, close => close_file, publish
    end type text_file
@@ -64,7 +62,6 @@ subroutine create(self, path, error)
    type(error_type), allocatable, intent(out) :: error
 
    self%path = path
-   self%damaged = .false.
    call check(self, rkf_create(path//'.part'//c_null_char, self%handle), error)
    if (allocated(error)) error%message = self%path//'.part'//error%message(len(self%path) + 1:)
 end subroutine create
@@ -91,14 +88,25 @@ subroutine close_file(self, error)
    self%handle = c_null_ptr
 end subroutine close_file
 
-!> Give a closed file its name, unless a write has failed
+!> Give a closed file its name
 subroutine publish(self, error)
-   class(text_file), intent(inout) :: self
+   class(text_file), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
 
-   if (self%damaged) return
-   call check(self, rkf_rename(self%path//'.part'//c_null_char, self%path//c_null_char), error)
+   call publish_file(self%path, error)
 end subroutine publish
+
+!> Give a file its name, which is written and closed
+subroutine publish_file(path, error)
+   !> Its name, without the ending .part
+   character(len=*), intent(in) :: path
+   type(error_type), allocatable, intent(out) :: error
+   type(c_ptr) :: why
+
+   why = rkf_rename(path//'.part'//c_null_char, path//c_null_char)
+   if (c_associated(why)) call fatal_error(error, err_file, path//': cannot be replaced: ' &
+      & //to_fortran(why)//'; what was to have its name is in '//path//'.part')
+end subroutine publish_file
 
 !> Write a text to a file, which is there completely or not at all
 subroutine save_text(path, text, error)
@@ -153,14 +161,13 @@ end subroutine load_text
 
 !> Turn the answer of C into an error
 subroutine check(self, why, error)
-   class(text_file), intent(inout) :: self
+   class(text_file), intent(in) :: self
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
    type(error_type), allocatable, intent(out) :: error
 
-   if (.not. c_associated(why)) return
-   self%damaged = .true.
-   call fatal_error(error, err_file, self%path//': cannot be written: '//to_fortran(why))
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//': cannot be written: ' &
+      & //to_fortran(why))
 end subroutine check
 
 end module rk_text_file

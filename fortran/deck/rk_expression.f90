@@ -51,7 +51,7 @@ module rk_expression
       !> The number, of no meaning beside an expression
       real(wp) :: number = 0.0_wp
    contains
-      procedure :: acts, at => number_at, append_to
+      procedure :: acts, at => number_at
    end type value_type
 
    interface
@@ -167,18 +167,6 @@ elemental logical function acts(self)
 
    acts = allocated(self%text) .or. abs(self%number) > 0.0_wp
 end function acts
-
-!> Append the expression, or the number
-subroutine append_to(self, text)
-   class(value_type), intent(in) :: self
-   character(len=:), allocatable, intent(inout) :: text
-
-   if (self%given()) then
-      text = text//self%text
-   else
-      text = text//to_text(self%number)
-   end if
-end subroutine append_to
 
 !> Coordinates of a place, also r and theta
 pure subroutine set_place(x, place)

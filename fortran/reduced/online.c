@@ -1,6 +1,5 @@
-/* Sums of a reduced model's states (rk_online), compiled for several kinds of processor: the one at
-   hand is found when the library is loaded. Rows are components of the cells' tensors; amplitudes
-   run first and are padded with zeros to a multiple of 8. */
+/* Volume of a reduced model's states (rk_online), compiled for several kinds of processor: the one at
+   hand is found when the library is loaded. */
 #include <stdint.h>
 
 #if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
@@ -8,72 +7,6 @@
 #else
 #define EACH_PROCESSOR
 #endif
-
-/* f(row) += sum of h(k, row) z(k) */
-EACH_PROCESSOR
-void rk_online_deform(int rows, int s, const double *restrict h, const double *restrict z,
-                      double *restrict f)
-{
-   for (int row = 0; row < rows; row++) {
-      double sum = 0.0;
-#pragma omp simd reduction(+ : sum)
-      for (int k = 0; k < s; k++) sum += h[(long)row * s + k] * z[k];
-      f[row] += sum;
-   }
-}
-
-/* force(k) += sum of h(k, row) p(row) */
-EACH_PROCESSOR
-void rk_online_forces(int rows, int s, const double *restrict h, const double *restrict p,
-                      double *restrict force)
-{
-   for (int row = 0; row < rows; row++) {
-#pragma omp simd
-      for (int k = 0; k < s; k++) force[k] += h[(long)row * s + k] * p[row];
-   }
-}
-
-/* Of each cell image(k, i) = sum of h(k, j) c(j, i), with symmetric c of 9 x 9 */
-EACH_PROCESSOR
-void rk_online_images(int cells, int s, const double *restrict c, const double *restrict h,
-                      double *restrict image)
-{
-   for (int q = 0; q < cells; q++) {
-      const double *cq = c + 81L * q, *hq = h + 9L * s * q;
-      double *out = image + 9L * s * q;
-      for (int k = 0; k < s; k += 8) {
-         for (int i = 0; i < 9; i++) {
-            double sum[8] = {0};
-            for (int j = 0; j < 9; j++) {
-#pragma omp simd
-               for (int v = 0; v < 8; v++) sum[v] += cq[9 * i + j] * hq[(long)j * s + k + v];
-            }
-            for (int v = 0; v < 8; v++) out[(long)i * s + k + v] = sum[v];
-         }
-      }
-   }
-}
-
-/* a(k, m) += sum of h(k, row) image(m, row), for blocks of 8 with k up to that of m at least */
-EACH_PROCESSOR
-void rk_online_stiffness(int rows, int s, const double *restrict h, const double *restrict image,
-                         double *restrict a)
-{
-   for (int m = 0; m < s; m += 4) {
-      for (int k = 0; k <= m; k += 8) {
-         double sum[4][8] = {{0}};
-         for (int row = 0; row < rows; row++) {
-            const double *left = h + (long)row * s + k, *right = image + (long)row * s + m;
-            for (int u = 0; u < 4; u++) {
-#pragma omp simd
-               for (int v = 0; v < 8; v++) sum[u][v] += left[v] * right[u];
-            }
-         }
-         for (int u = 0; u < 4; u++)
-            for (int v = 0; v < 8; v++) a[(long)(m + u) * s + k + v] += sum[u][v];
-      }
-   }
-}
 
 /* Energy of the changes of volume y = t(z, z, z) with z(0) = 1: pieces of 8 directions each, in which
    t has its entries l <= m <= n, l running first. Adds dy.y to the forces of z(1) .. z(s) and, where

@@ -2,7 +2,7 @@
 !> modes, with few cells in place of all and the volume of the groups kept whole.
 !>
 !> Amplitudes z: those of the modes, unknown, then those of what is prescribed. At a cell
-!> F = 1 + sum z_k H_k. The energy has three parts:
+!> F = 1 + sum z_k H_k, whose index is i + 3 (A - 1) for F_iA. The energy has three parts:
 !>   - that of the cells, at a sample of them with weights of their own;
 !>   - K/2 times the squared changes of volume of the groups. Volume is cubic in F, so that these
 !>     are T[(1,z), (1,z), (1,z)] with a constant tensor: of no cell is one left out. Groups formed
@@ -10,16 +10,20 @@
 !>   - penalty and stabilisation, a constant matrix.
 !> Newton's pressures are linear in the step, as in the full problem (rk_pressure).
 !>
-!> A state needs no memory of its own and no library: states run side by side in threads.
+!> States run side by side in threads; the products of each are small, and BLAS is called for them on
+!> one thread.
 !>
 !> Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015),
 !>            doi:10.1002/nme.4820 (cells with weights that keep the energy)
 module rk_online
    use, intrinsic :: iso_c_binding, only : c_double, c_int
-   use rk_cell_law, only : cell_law, law_type
+   use rk_blas, only : dgemm, dgemv, dgesv
+   use rk_energies, only : muscle_type
    use rk_fiber, only : active_curve, passive_curve
    use rk_laminate, only : layers_type
+   use rk_material, only : kind_i2, material_point
    use rk_precision, only : wp
+   use rk_tensor, only : determinant
    implicit none
    private
 
@@ -32,8 +36,7 @@ module rk_online
       integer :: r = 0, s = 0
       !> Size of the modes' amplitudes below which they are none: at rest no step is small [length]
       real(wp) :: least = tiny(1.0_wp)
-      !> Displacement gradients of the amplitudes at the cells, with zeros up to a multiple of 8
-      !> amplitudes, shape (padded, 9, nc) [1/length]
+      !> Displacement gradients of the amplitudes at the cells, shape (s, 9, nc) [1/length]
       real(wp), pointer, contiguous :: h(:, :, :) => null()
       !> Volume times weight of each cell, shape (nc) [length^nd]
       real(wp), pointer, contiguous :: weight(:) => null()
@@ -46,8 +49,9 @@ module rk_online
       !> Their tissue, fraction and direction, shapes (ne), (ne), (3, ne)
       integer, pointer, contiguous :: tissue(:) => null()
       real(wp), pointer, contiguous :: fraction(:) => null(), fiber(:, :) => null()
-      !> Fibers of the tissues
-      type(law_type), allocatable :: laws(:)
+      !> Fibers of the tissues, and the unit axes about which they are turned, shape (3, nt) [-]
+      type(muscle_type), allocatable :: laws(:)
+      real(wp), allocatable :: axis(:, :)
       !> Penalty and stabilisation, shape (s, s) [force/length]
       real(wp), pointer, contiguous :: constant(:, :) => null()
       !> Changes of volume, in roots of energy, in pieces of 8 directions: symmetric in three
@@ -70,15 +74,15 @@ module rk_online
 
    !> Room for one state at a time
    type :: work_type
-      !> F, or stresses times weight, shape (9, nc)
-      real(wp), allocatable :: f(:, :)
-      !> Moduli of a block of cells, shape (9, 9, block), and the stresses of the amplitudes in it,
-      !> shape (padded, 9, block)
-      real(wp), allocatable :: moduli(:, :, :), image(:, :, :)
-      !> Amplitudes, their forces and stiffness with zeros up to the multiple of 8
-      real(wp), allocatable :: z(:), force(:), stiffness(:, :)
-      !> Residual, tangent, its factor, step
+      !> Laws of the tissues, which take the parameters of one cell after the other
+      type(muscle_type), allocatable :: laws(:)
+      !> F, or stresses times weight, shape (3, 3, nc)
+      real(wp), allocatable :: f(:, :, :)
+      !> Stresses of the amplitudes in a block of cells, shape (s, 9, block)
+      real(wp), allocatable :: image(:, :, :)
+      !> Residual, tangent, its factor with the exchanges of rows, step
       real(wp), allocatable :: residual(:), tangent(:, :), factor(:, :), step(:)
+      integer, allocatable :: pivot(:)
       !> Volume: pairs of the form, changes, those that are linear in the step, their derivatives,
       !> shapes (8, pairs + 1), (8, pieces), (8, pieces), (8, s, pieces)
       real(wp), allocatable :: pairs(:, :), y(:, :), along(:, :), dy(:, :, :)
@@ -87,34 +91,6 @@ module rk_online
    end type work_type
 
    interface
-      subroutine online_deform(rows, s, h, z, f) bind(c, name='rk_online_deform')
-         import :: c_double, c_int
-         integer(c_int), value :: rows, s
-         real(c_double), intent(in) :: h(*), z(*)
-         real(c_double), intent(inout) :: f(*)
-      end subroutine online_deform
-
-      subroutine online_forces(rows, s, h, p, force) bind(c, name='rk_online_forces')
-         import :: c_double, c_int
-         integer(c_int), value :: rows, s
-         real(c_double), intent(in) :: h(*), p(*)
-         real(c_double), intent(inout) :: force(*)
-      end subroutine online_forces
-
-      subroutine online_images(cells, s, c, h, image) bind(c, name='rk_online_images')
-         import :: c_double, c_int
-         integer(c_int), value :: cells, s
-         real(c_double), intent(in) :: c(*), h(*)
-         real(c_double), intent(inout) :: image(*)
-      end subroutine online_images
-
-      subroutine online_stiffness(rows, s, h, image, a) bind(c, name='rk_online_stiffness')
-         import :: c_double, c_int
-         integer(c_int), value :: rows, s
-         real(c_double), intent(in) :: h(*), image(*)
-         real(c_double), intent(inout) :: a(*)
-      end subroutine online_stiffness
-
       subroutine online_volume(pieces, s, t, z, scale, tangent, restart, along, y, dy, pair, &
          & force, stiffness) bind(c, name='rk_online_volume')
          import :: c_double, c_int
@@ -135,8 +111,8 @@ contains
 subroutine new_online(self, whole, number, least)
    !> Model, whose arrays are those of the record
    type(online_model), intent(out) :: self
-   !> Sizes: modes, amplitudes, the same padded, cells, fibers, pieces and entries of the volume,
-   !> tissues, parameters; then `first`, `tissue` and `pair`
+   !> Sizes: modes, amplitudes, cells, fibers, pieces and entries of the volume, tissues,
+   !> parameters; then `first`, `tissue` and `pair`
    integer, target, contiguous, intent(in) :: whole(:)
    !> The other arrays in the order of the model, and for each tissue lambda_o, gamma1, gamma2,
    !> whether the curves are smooth (1) and the axis about which fibers turn
@@ -149,13 +125,13 @@ subroutine new_online(self, whole, number, least)
    self%r = whole(1)
    self%s = whole(2)
    self%least = least
-   associate (s => whole(2), wide => whole(3), nc => whole(4), ne => whole(5), pieces => whole(6), &
-      & triples => whole(7), nt => whole(8), nm => whole(9))
-      self%first(1:nc + 1) => whole(10:10 + nc)
-      self%tissue(1:ne) => whole(11 + nc:10 + nc + ne)
-      self%pair(1:2, 1:nc) => whole(11 + nc + ne:10 + 3*nc + ne)
+   associate (s => whole(2), nc => whole(3), ne => whole(4), pieces => whole(5), &
+      & triples => whole(6), nt => whole(7), nm => whole(8))
+      self%first(1:nc + 1) => whole(9:9 + nc)
+      self%tissue(1:ne) => whole(10 + nc:9 + nc + ne)
+      self%pair(1:2, 1:nc) => whole(10 + nc + ne:9 + 3*nc + ne)
       o = 0
-      self%h(1:wide, 1:9, 1:nc) => next(wide*9*nc)
+      self%h(1:s, 1:9, 1:nc) => next(s*9*nc)
       self%weight(1:nc) => next(nc)
       self%local_bulk(1:nc) => next(nc)
       self%a(1:9, 1:nc) => next(9*nc)
@@ -173,9 +149,12 @@ subroutine new_online(self, whole, number, least)
       law(1:7, 1:nt) => next(7*nt)
       allocate (self%laws(nt))
       do e = 1, nt
-         self%laws(e) = law_type(law(1, e), active_curve(law(4, e) > 0.5_wp), &
-            & passive_curve(law(4, e) > 0.5_wp, law(2, e), law(3, e)), law(5:7, e))
+         self%laws(e)%active = .true.
+         self%laws(e)%lambda_o = law(1, e)
+         self%laws(e)%active_force = active_curve(law(4, e) > 0.5_wp)
+         self%laws(e)%passive_force = passive_curve(law(4, e) > 0.5_wp, law(2, e), law(3, e))
       end do
+      self%axis = law(5:7, :)
    end associate
 
 contains
@@ -194,15 +173,14 @@ end subroutine new_online
 subroutine new_work(self, model)
    type(work_type), intent(out) :: self
    type(online_model), intent(in) :: model
-   integer :: pieces, s, wide
+   integer :: pieces, s
 
    s = model%s
-   wide = size(model%h, 1)
+   self%laws = model%laws
    pieces = size(model%volume, 3)
-   allocate (self%f(9, size(model%weight)), self%moduli(9, 9, block), self%image(wide, 9, block))
-   allocate (self%z(wide), self%force(wide), self%stiffness(wide, wide))
+   allocate (self%f(3, 3, size(model%weight)), self%image(s, 9, block))
    allocate (self%residual(s), self%tangent(s, s))
-   allocate (self%factor(model%r, model%r), self%step(model%r))
+   allocate (self%factor(model%r, model%r), self%step(model%r), self%pivot(model%r))
    allocate (self%pairs(8, (s + 1)*(s + 2)/2 + 1), self%y(8, pieces), self%along(8, pieces))
    allocate (self%dy(8, s, pieces))
 end subroutine new_work
@@ -213,7 +191,7 @@ subroutine assemble(model, work, z, wish, tangent, restart)
    !> Room, of which residual, tangent and smallest J are set
    type(work_type), intent(inout) :: work
    !> Amplitudes, shape (s)
-   real(wp), intent(in) :: z(:)
+   real(wp), contiguous, intent(in) :: z(:)
    !> What is asked for: activation [-], largest isometric stress [stress] and angle [rad] by which
    !> the fibers are turned about its axis of each tissue, parameters of the materials less their
    !> values in the model, prescribed amplitudes, shape (3 nt + nm + s - r)
@@ -255,83 +233,137 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
    !> Amplitudes, and the parts of what is asked for
-   real(wp), intent(in) :: z(:), activation(:), sigma_max(:), turn(:), modulus(:)
+   real(wp), contiguous, intent(in) :: z(:)
+   real(wp), intent(in) :: activation(:), sigma_max(:), turn(:), modulus(:)
    logical, intent(in) :: tangent
-   real(wp) :: p(9), j, a(9), bulk, turned(3, 3, size(turn))
+   real(wp) :: j, p(3, 3), c(3, 3, 3, 3), a(9), bulk, turned(3, 3, size(turn))
    ! a cell has one fiber a tissue at the most
-   real(wp) :: fiber(3, size(turn)), passive(size(turn)), active(size(turn))
-   integer :: e, l, n, o, q, wide
+   real(wp) :: fiber(3, size(turn)), sigma(size(turn))
+   integer :: e, k, l, n, o, q
 
    do e = 1, size(turn)
-      turned(:, :, e) = rotation(model%laws(e)%axis, turn(e))
+      turned(:, :, e) = rotation(model%axis(:, e), turn(e))
    end do
-   wide = size(work%z)
-   work%z = 0.0_wp
-   work%z(:model%s) = z
    work%f = 0.0_wp
-   work%f([1, 5, 9], :) = 1.0_wp
-   call online_deform(size(work%f), wide, model%h, work%z, work%f)
+   do k = 1, 3
+      work%f(k, k, :) = 1.0_wp
+   end do
+   call dgemv('t', model%s, size(work%f), 1.0_wp, model%h, model%s, z, 1, 1.0_wp, work%f, 1)
    work%min_j = huge(1.0_wp)
-   work%force = 0.0_wp
-   if (tangent) work%stiffness = 0.0_wp
+   work%residual = 0.0_wp
+   if (tangent) work%tangent = 0.0_wp
    do o = 0, size(model%weight) - 1, block
       n = min(block, size(model%weight) - o)
       do q = o + 1, o + n
          l = model%first(q + 1) - model%first(q)
-         a = model%a(:, q) + matmul(model%a_slope(:, q, :), modulus)
-         bulk = model%local_bulk(q) + dot_product(model%bulk_slope(q, :), modulus)
-         associate (first => model%first(q) + 1, last => model%first(q + 1))
+         associate (first => model%first(q), f => work%f(:, :, q), &
+            & tissue => model%tissue(model%first(q) + 1:model%first(q + 1)))
             do e = 1, l
-               fiber(:, e) = matmul(turned(:, :, model%tissue(first - 1 + e)), &
-                  & model%fiber(:, first - 1 + e))
-               passive(e) = model%fraction(first - 1 + e)*sigma_max(model%tissue(first - 1 + e))
-               active(e) = passive(e)*activation(model%tissue(first - 1 + e))
+               fiber(:, e) = matmul(turned(:, :, tissue(e)), model%fiber(:, first + e))
+               sigma(e) = model%fraction(first + e)*sigma_max(tissue(e))
             end do
-            if (model%layer(4, q) > 0.0_wp) then
-               call layered_law(model, q, work%f(:, q), modulus, fiber(:, :l), passive(:l), &
-                  & active(:l), p, j, work%moduli(:, :, q - o))
-            else if (tangent) then
-               call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
-                  & fiber(:, :l), passive(:l), active(:l), p, j, work%moduli(:, :, q - o))
+            j = determinant(f)
+            work%min_j = min(work%min_j, j)
+            p = 0.0_wp
+            if (tangent) c = 0.0_wp
+            if (.not. j > 0.0_wp) then
+               continue
+            else if (model%layer(4, q) > 0.0_wp) then
+               call layered_law(model, work%laws, q, f, modulus, fiber(:, :l), sigma(:l), &
+                  & activation, p, c)
             else
-               call cell_law(work%f(:, q), a, bulk, model%laws, model%tissue(first:last), &
-                  & fiber(:, :l), passive(:l), active(:l), p, j)
+               a = model%a(:, q)
+               bulk = model%local_bulk(q)
+               do k = 1, size(modulus)
+                  a = a + modulus(k)*model%a_slope(:, q, k)
+                  bulk = bulk + modulus(k)*model%bulk_slope(q, k)
+               end do
+               call cell_law(work%laws, f, a, bulk, tissue, fiber(:, :l), sigma(:l), activation, &
+                  & tangent, p, c)
             end if
          end associate
-         work%min_j = min(work%min_j, j)
-         work%f(:, q) = model%weight(q)*p
-         if (tangent) work%moduli(:, :, q - o) = model%weight(q)*work%moduli(:, :, q - o)
+         work%f(:, :, q) = model%weight(q)*p
+         if (tangent) call dgemm('n', 'n', model%s, 9, 9, model%weight(q), model%h(:, :, q), &
+            & model%s, c, 9, 0.0_wp, work%image(:, :, q - o), model%s)
       end do
-      associate (h => model%h(:, :, o + 1:o + n))
-         call online_forces(9*n, wide, h, work%f(:, o + 1:o + n), work%force)
-         if (.not. tangent) cycle
-         call online_images(n, wide, work%moduli, h, work%image)
-         call online_stiffness(9*n, wide, h, work%image, work%stiffness)
-      end associate
+      if (tangent) call dgemm('n', 't', model%s, model%s, 9*n, 1.0_wp, model%h(:, :, o + 1), &
+         & model%s, work%image, model%s, 1.0_wp, work%tangent, model%s)
    end do
-   work%residual = work%force(:model%s)
-   if (.not. tangent) return
-   work%tangent = work%stiffness(:model%s, :model%s)
+   call dgemv('n', model%s, size(work%f), 1.0_wp, model%h, model%s, work%f, 1, 1.0_wp, &
+      & work%residual, 1)
 end subroutine assemble_cells
 
+!> Add stress and tangent of a cell: one polynomial of all its tissues, and the fibers of each
+subroutine cell_law(laws, f, a, bulk, tissue, fiber, sigma, activation, tangent, p, c)
+   !> Laws of all tissues, which take the parameters
+   type(muscle_type), intent(inout) :: laws(:)
+   !> F, with a positive determinant [-]
+   real(wp), intent(in) :: f(3, 3)
+   !> A10, A01, A20, A11, A02, A30, A21, A12, A03 [stress]
+   real(wp), intent(in) :: a(9)
+   !> Bulk modulus of the cell itself [stress]
+   real(wp), intent(in) :: bulk
+   !> Tissues with fibers in the cell, shape (k)
+   integer, intent(in) :: tissue(:)
+   !> Their directions, shape (3, k), and largest isometric stress times fraction, shape (k) [stress]
+   real(wp), intent(in) :: fiber(:, :), sigma(:)
+   !> Activation of all tissues [-]
+   real(wp), intent(in) :: activation(:)
+   logical, intent(in) :: tangent
+   !> Stress and tangent, to which they are added [stress]
+   real(wp), intent(inout) :: p(3, 3), c(3, 3, 3, 3)
+   type(material_point) :: at
+   real(wp) :: one(3, 3), form(3, 3, 3, 3)
+   integer :: e, t
+
+   at%f = f
+   t = 1
+   do e = 1, max(size(tissue), 1)
+      if (size(tissue) > 0) then
+         t = tissue(e)
+         at%fiber = fiber(:, e)
+         at%activation = activation(t)
+         laws(t)%sigma_max = sigma(e)
+      end if
+      if (e == 1) then
+         laws(t)%a(1:3, 0) = a([1, 3, 6])
+         laws(t)%a(0:2, 1) = a([2, 4, 7])
+         laws(t)%a(0:1, 2) = a([5, 8])
+         laws(t)%a(0, 3) = a(9)
+         laws(t)%bulk = bulk
+      else
+         laws(t)%a = 0.0_wp
+         laws(t)%bulk = 0.0_wp
+      end if
+      laws(t)%active(kind_i2) = e == 1 .and. any(abs(a([2, 4, 5, 7, 8, 9])) > 0.0_wp)
+      if (tangent) then
+         call laws(t)%stress(at, one, form)
+         c = c + form
+      else
+         call laws(t)%stress(at, one)
+      end if
+      p = p + one
+   end do
+end subroutine cell_law
+
 !> Stress and tangent of a cell with layers of two tissues
-pure subroutine layered_law(model, q, f, modulus, fiber, passive, active, p, j, c)
+subroutine layered_law(model, laws, q, f, modulus, fiber, sigma, activation, p, c)
    type(online_model), intent(in) :: model
+   !> Laws of all tissues, which take the parameters
+   type(muscle_type), intent(inout) :: laws(:)
    !> Cell
    integer, intent(in) :: q
-   !> F [-]
-   real(wp), intent(in) :: f(9)
+   !> F, with a positive determinant [-]
+   real(wp), intent(in) :: f(3, 3)
    !> Parameters of the materials less their values in the model
    real(wp), intent(in) :: modulus(:)
-   !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, and that times
-   !> activation, shape (k) [stress]
-   real(wp), intent(in) :: fiber(:, :), passive(:), active(:)
+   !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, shape (k) [stress];
+   !> activation of all tissues [-]
+   real(wp), intent(in) :: fiber(:, :), sigma(:), activation(:)
    !> Stress and tangent [stress]
-   real(wp), intent(out) :: p(9), c(9, 9)
-   !> Volume ratio [-]
-   real(wp), intent(out) :: j
+   real(wp), intent(out) :: p(3, 3), c(3, 3, 3, 3)
    type(layers_type) :: layers
-   real(wp) :: own(11, 2), fraction(2), ratio
+   real(wp) :: own(11, 2), fraction(2)
    integer :: k, l
 
    own = model%own(:, :, q)
@@ -339,29 +371,26 @@ pure subroutine layered_law(model, q, f, modulus, fiber, passive, active, p, j, 
       own = own + modulus(k)*model%own_slope(:, :, q, k)
    end do
    fraction = [model%layer(4, q), 1.0_wp - model%layer(4, q)]
-   call layers%start(transpose(reshape(f, [3, 3])), fraction, model%layer(:3, q), &
-      & nint(model%layer(5, q)), own(10, :), own(11, :))
-   j = layers%whole
-   p = 0.0_wp
-   c = 0.0_wp
-   if (.not. j > 0.0_wp) return
+   call layers%start(f, fraction, model%layer(:3, q), nint(model%layer(5, q)), own(10, :), &
+      & own(11, :))
    associate (tissue => model%tissue(model%first(q) + 1:model%first(q + 1)))
       do while (.not. layers%done)
          do k = 1, 2
             if (.not. all(layers%j > 0.0_wp)) cycle
+            p = 0.0_wp
+            c = 0.0_wp
             associate (own_fibers => pack([(l, l=1, size(tissue))], tissue == model%pair(k, q)))
-               call cell_law(reshape(transpose(layers%f(:, :, k)), [9]), own(:9, k), 0.0_wp, &
-                  & model%laws, tissue(own_fibers), fiber(:, own_fibers), &
-                  & passive(own_fibers)/fraction(k), active(own_fibers)/fraction(k), p, ratio, c)
+               call cell_law(laws, layers%f(:, :, k), own(:9, k), 0.0_wp, tissue(own_fibers), &
+                  & fiber(:, own_fibers), sigma(own_fibers)/fraction(k), activation, .true., p, c)
             end associate
-            layers%p(:, :, k) = transpose(reshape(p, [3, 3]))
-            layers%c4(:, :, :, :, k) = reshape(c, [3, 3, 3, 3], order=[2, 1, 4, 3])
+            layers%p(:, :, k) = p
+            layers%c4(:, :, :, :, k) = c
          end do
          call layers%next()
       end do
    end associate
-   p = reshape(transpose(layers%stress(0)), [9])
-   c = reshape(reshape(layers%tangent(), [3, 3, 3, 3], order=[2, 1, 4, 3]), [9, 9])
+   p = layers%stress(0)
+   c = layers%tangent()
 end subroutine layered_law
 
 !> Rotation about a unit axis
@@ -400,8 +429,8 @@ subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, 
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
    real(wp) :: before(model%r), j_before
-   integer :: halvings, k
-   logical :: singular, restart
+   integer :: halvings, info, k
+   logical :: restart
 
    z(model%r + 1:) = wish(size(wish) - model%s + model%r + 1:)
    iterations = 0
@@ -427,8 +456,8 @@ subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, 
       j_before = work%min_j
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r)
-      call solve_small(work%factor, work%step, singular)
-      if (singular) exit
+      call dgesv(model%r, 1, work%factor, model%r, work%pivot, work%step, model%r, info)
+      if (info > 0) exit
       before = z(:model%r)
       z(:model%r) = before + work%step
       do k = 1, size(work%y, 2)
@@ -463,8 +492,7 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
    real(wp) :: target(size(wish))
-   logical :: singular
-   integer :: given, i, some
+   integer :: given, i, info, some
 
    iterations = 0
    change = huge(1.0_wp)
@@ -481,8 +509,8 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
       work%factor = work%tangent(:model%r, :model%r)
       work%step = -work%residual(:model%r) - matmul(work%tangent(:model%r, model%r + 1:), &
          & target(given:) - z(model%r + 1:))
-      call solve_small(work%factor, work%step, singular)
-      if (singular) then
+      call dgesv(model%r, 1, work%factor, model%r, work%pivot, work%step, model%r, info)
+      if (info > 0) then
          iterations = -1 - iterations
          return
       end if
@@ -519,47 +547,5 @@ subroutine find_forces(whole, room, wish, z, wanted, lift, force)
       force(i) = room%residual(wanted(i)) + dot_product(lift(:, i), room%residual(:whole%r))
    end do
 end subroutine find_forces
-
-!> Solve with a small dense matrix by LU with row exchanges; no library, whose threads would cost
-!> more than the work
-pure subroutine solve_small(a, x, singular)
-   !> Matrix, destroyed, shape (n, n)
-   real(wp), intent(inout) :: a(:, :)
-   !> Right-hand side, then solution, shape (n)
-   real(wp), intent(inout) :: x(:)
-   !> No pivot is left, and no solution
-   logical, intent(out) :: singular
-   real(wp) :: row(size(a, 1)), other
-   integer :: pivot(size(a, 1)), i, k, p
-
-   singular = .true.
-   do k = 1, size(a, 1)
-      p = k - 1 + maxloc(abs(a(k:, k)), dim=1)
-      pivot(k) = p
-      if (.not. abs(a(p, k)) > 0.0_wp) return
-      if (p /= k) then
-         row = a(k, :)
-         a(k, :) = a(p, :)
-         a(p, :) = row
-      end if
-      a(k + 1:, k) = a(k + 1:, k)/a(k, k)
-      do i = k + 1, size(a, 1)
-         a(k + 1:, i) = a(k + 1:, i) - a(k + 1:, k)*a(k, i)
-      end do
-   end do
-   singular = .false.
-   do k = 1, size(x)
-      other = x(k)
-      x(k) = x(pivot(k))
-      x(pivot(k)) = other
-   end do
-   do k = 1, size(x)
-      x(k + 1:) = x(k + 1:) - a(k + 1:, k)*x(k)
-   end do
-   do k = size(x), 1, -1
-      x(k) = x(k)/a(k, k)
-      x(:k - 1) = x(:k - 1) - a(:k - 1, k)*x(k)
-   end do
-end subroutine solve_small
 
 end module rk_online

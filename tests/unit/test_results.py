@@ -257,7 +257,7 @@ def test_model_round_trip(model: Path) -> None:
 
 
 @pytest.mark.parametrize(("dataset", "value", "message"), [
-    ("volume", None, "dataset 'volume' is missing"),
+    ("volume", None, "dataset 'volume': it is missing"),
     ("fiber", np.ones((2, 3)), "'fiber' has shape (2, 3), but (3, 3)"),
     ("points", np.full((3, 3), np.nan), "'points' must contain finite numbers, but entry 0"),
     ("boundary_point", np.array([0, 3, 1]), "indices from 0 to 2, but entry 1 is 3"),

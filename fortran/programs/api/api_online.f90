@@ -11,6 +11,7 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    use omp_lib, only : omp_get_max_threads
    use rk_online, only : find_forces, follow, new_online, new_work, online_model, solve_state, &
       & work_type
+   use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: ni, nr, mi, mr, s, nk, n, most_steps, threads, r, nf
@@ -23,6 +24,7 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    integer, intent(out) :: iterations(n)
    type(online_model) :: model, every
    type(work_type) :: work, room
+   type(threads_type) :: kept
    integer :: i, team
    logical :: with_forces
 
@@ -33,6 +35,8 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    force = ieee_value(1.0d0, ieee_quiet_nan)
    team = threads
    if (team == 0) team = omp_get_max_threads()
+   ! libraries that are called in a team of several threads have one each
+   if (team == 1) call hold_threads(kept)
    !$omp parallel default(shared) private(i, work, room) num_threads(team)
    call new_work(work, model)
    if (with_forces) call new_work(room, every)
@@ -51,12 +55,14 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    end do
    !$omp end do
    !$omp end parallel
+   if (team == 1) call release_threads(kept)
 end subroutine online_states
 
 !> Residual and tangent of one state, and the stresses times weights of its cells
 subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, tangent, stress, &
    & min_j)
    use rk_online, only : assemble, new_online, new_work, online_model, work_type
+   use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    !f2py threadsafe
    integer, intent(in) :: ni, nr, nk, s, nc
@@ -66,12 +72,15 @@ subroutine online_assemble(ni, nr, whole, number, nk, wish, s, nc, z, residual, 
    double precision, intent(out) :: residual(s), tangent(s, s), stress(9, nc), min_j
    type(online_model) :: model
    type(work_type) :: work
+   type(threads_type) :: kept
 
    call new_online(model, whole, number, tiny(1.0d0))
    call new_work(work, model)
+   call hold_threads(kept)
    call assemble(model, work, z, wish, .true., .true.)
+   call release_threads(kept)
    residual = work%residual
    tangent = work%tangent
-   stress = work%f
+   stress = reshape(work%f, [9, nc])
    min_j = work%min_j
 end subroutine online_assemble

@@ -2,11 +2,10 @@
 module rk_questions
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use omp_lib, only : omp_set_num_threads
-   use rk_cloud, only : cloud_type
    use rk_error, only : err_input, error_type, fatal_error
    use rk_fields, only : compute_fields, field_names, field_sizes
    use rk_galerkin_questions, only : ask_galerkin
-   use rk_handles, only : answer_type, slot_type
+   use rk_handles, only : slot_type
    use rk_point_field, only : point_field
    use rk_precision, only : wp
    use rk_probes, only : new_probes, probe_value, probes_type, quantity_size
@@ -33,7 +32,9 @@ subroutine ask(slot, question, word, given, error)
    real(wp), contiguous, intent(in) :: given(:)
    !> Error handling: numbers that have no answer, a solve that failed
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: value(:, :, :)
+   real(wp), allocatable :: place(:, :), value(:, :, :)
+   real(wp) :: none(3, 0), no_stress(3, 3, 0)
+   integer, allocatable :: triangle(:, :)
    integer :: k, n
 
    slot%answer%forms = ''
@@ -54,9 +55,13 @@ subroutine ask(slot, question, word, given, error)
       case ('points')
          call answer%put('place', shape(cloud%points), cloud%points)
       case ('surface')
-         call answer_surface(cloud, answer)
+         ! triangles, or a plane body itself: points from 0; none without a lattice
+         triangle = surface_triangles(lattice_places(cloud)) - 1
+         call answer%put_whole('surface', shape(triangle), triangle)
       case ('field_points')
-         call answer_field_points(slot, answer)
+         ! where `set_fields` wants values
+         call slot%full%set_point_loads(none, none, no_stress, place)
+         call answer%put('place', shape(place), place)
       case ('set_fields')
          call set_fields(slot, given, error)
       case ('reduce')
@@ -83,27 +88,6 @@ subroutine ask(slot, question, word, given, error)
       end select
    end associate
 end subroutine ask
-
-!> Triangles of the surface, or of a plane body itself: points from 0; none without a lattice
-subroutine answer_surface(cloud, answer)
-   type(cloud_type), intent(in) :: cloud
-   type(answer_type), intent(inout) :: answer
-   integer, allocatable :: triangle(:, :)
-
-   allocate (triangle, source=surface_triangles(lattice_places(cloud)) - 1)
-   call answer%put_whole('surface', shape(triangle), triangle)
-end subroutine answer_surface
-
-!> Points where `set_fields` wants values
-subroutine answer_field_points(slot, answer)
-   type(slot_type), intent(inout) :: slot
-   type(answer_type), intent(inout) :: answer
-   real(wp), allocatable :: place(:, :)
-   real(wp) :: none(3, 0), no_stress(3, 3, 0)
-
-   call slot%full%set_point_loads(none, none, no_stress, place)
-   call answer%put('place', shape(place), place)
-end subroutine answer_field_points
 
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
 !> and at the field points; the last two count where the deck has conditions of their kind

@@ -10,7 +10,7 @@ module rk_explain
    use rk_memory, only : available_bytes
    use rk_named_sets, only : extent_of
    use rk_precision, only : wp
-   use rk_scene, only : condition_type, scene_type
+   use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds
    use rk_text, only : to_text
    implicit none
@@ -37,7 +37,10 @@ subroutine explain(deck, model, scene)
    print '(a)', '  units         '//scene%force_unit//', '//scene%length_unit
    if (allocated(scene%equation%problem)) then
       print '(a)', '  dimension     '//to_text(scene%cloud%nd)
-      call explain_equation(scene)
+      print '(a)', '  equation      linear '//scene%equation%problem//trim(merge( &
+         & ' in plane strain', '                ', scene%equation%problem == 'elasticity' .and. &
+         & scene%cloud%nd == 2))//': one assembly, one '//trim(merge('least squares ', &
+         & '              ', scene%method == 'rkcm'))//' solve'
    else
       print '(a)', '  dimension     '//trim(merge('3              ', '2, plane strain', &
          & scene%cloud%nd == 3))
@@ -60,27 +63,8 @@ subroutine explain(deck, model, scene)
    end if
    print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
       & //to_text(nint(cost%unknowns))//' unknowns'
-   do k = 1, size(scene%tissue)
-      associate (material => scene%tissue(k)%material)
-         call get_parts(material%active, text)
-         text = text//', K '
-         if (material%bulk <= huge(1.0_wp)) then
-            text = text//to_text(material%bulk)
-         else
-            text = text//'inf'
-         end if
-         print '(a)', '  material      '//scene%tissue(k)%name//': '//text//', shear modulus ' &
-            & //to_text(material%shear)//', ' &
-            & //to_text(count(scene%tissue_of == k))//' points'
-      end associate
-   end do
    call explain_sets(scene)
-   do k = 1, size(scene%condition)
-      associate (condition => scene%condition(k))
-         call get_prescribed(condition, scene%cloud%nd, text)
-         print '(a)', '  boundary      '//trim(scene%cloud%set_names(condition%set))//': '//text
-      end associate
-   end do
+   call explain_tables(deck, scene)
    if (.not. allocated(scene%equation%problem)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
       & //' Gflop per solution'
@@ -147,7 +131,28 @@ subroutine explain_sets(scene)
    end associate
 end subroutine explain_sets
 
-!> Load steps and what grows in them
+!> What the deck says of equation, materials and loads
+subroutine explain_tables(deck, scene)
+   type(deck_type), intent(in) :: deck
+   type(scene_type), intent(in) :: scene
+   character(len=*), parameter :: tables(*) = [character(len=9) :: 'linear', 'material', &
+      & 'boundary', 'amplitude']
+   character(len=:), allocatable :: table, text
+   integer :: k, n
+
+   do n = 1, size(tables)
+      do k = 1, deck%count(trim(tables(n)))
+         table = trim(tables(n))
+         if (table /= 'linear') table = table//'.'//to_text(k)
+         call deck%get_words(table, text)
+         if (tables(n) == 'material') text = text//': '//to_text(count(scene%tissue_of == k)) &
+            & //' points'
+         print '(a)', '  '//tables(n)//'     '//text
+      end do
+   end do
+end subroutine explain_tables
+
+!> Load steps, and where activation grows
 subroutine explain_load(scene)
    type(scene_type), intent(in) :: scene
    integer :: k
@@ -155,100 +160,14 @@ subroutine explain_load(scene)
    print '(a)', '  load          '//to_text(scene%steps()) &
       & //trim(merge(' step ', ' steps', scene%steps() == 1))//', activation to ' &
       & //to_text(scene%load%activation)
-   associate (amplitude => scene%programme%amplitude)
-      do k = 1, size(amplitude)
-         print '(a)', '  amplitude     '//amplitude(k)%name//': '//to_text(amplitude(k)%value) &
-            & //' at load '//to_text(amplitude(k)%time) &
-            & //trim(merge(', smooth', '        ', amplitude(k)%curve == 'smooth'))
-      end do
-   end associate
+   if (.not. allocated(scene%cloud%activation)) return
    do k = 1, size(scene%tissue)
-      associate (level => scene%tissue(k)%level)
-         if (level%given()) then
-            print '(a)', '  activation    '//scene%tissue(k)%name//': '//level%text &
-               & //' at each place'
-         else if (allocated(scene%cloud%activation) .and. scene%tissue(k)%material%fibered) then
-            print '(a)', '  activation    '//scene%tissue(k)%name//': a part of it at each ' &
-               & //'point of the model, mean ' &
-               & //to_text(sum(scene%cloud%activation*scene%cloud%volume, &
-               & mask=scene%tissue_of == k)/sum(scene%cloud%volume, mask=scene%tissue_of == k), 3)
-         end if
-      end associate
-   end do
-   if (.not. scene%has_own_activations()) return
-   do k = 1, size(scene%tissue)
-      if (scene%tissue(k)%material%fibered) print '(a)', '  activation    ' &
-         & //scene%tissue(k)%name//' to '//to_text(scene%tissue(k)%activation)
+      if (scene%tissue(k)%material%fibered .and. .not. scene%tissue(k)%level%given()) print '(a)', &
+         & '  activation    '//scene%tissue(k)%name//': a part of it at each point of the model, ' &
+         & //'mean '//to_text(sum(scene%cloud%activation*scene%cloud%volume, &
+         & mask=scene%tissue_of == k)/sum(scene%cloud%volume, mask=scene%tissue_of == k), 3)
    end do
 end subroutine explain_load
-
-!> What a linear problem is
-subroutine explain_equation(scene)
-   !> Scene with an equation
-   type(scene_type), intent(in) :: scene
-   character(len=:), allocatable :: text
-
-   associate (equation => scene%equation)
-      text = 'linear '//equation%problem
-      if (equation%problem == 'elasticity') then
-         if (scene%cloud%nd == 2) text = text//' in plane strain'
-         text = text//', E '
-         call equation%E%append_to(text)
-         text = text//', nu '
-         call equation%nu%append_to(text)
-      else if (equation%conductivity%given()) then
-         text = text//', conductivity '//equation%conductivity%text
-      end if
-      print '(a)', '  equation      '//text//': one assembly, one ' &
-         & //trim(merge('least squares ', '              ', scene%method == 'rkcm'))//' solve'
-      print '(a)', '  solution      '//trim(merge('given    ', 'not known', equation%is_known()))
-   end associate
-end subroutine explain_equation
-
-!> What a condition prescribes
-subroutine get_prescribed(condition, nd, text)
-   type(condition_type), intent(in) :: condition
-   !> Dimension
-   integer, intent(in) :: nd
-   character(len=:), allocatable, intent(out) :: text
-   character(len=1), parameter :: axes(3) = ['x', 'y', 'z']
-   integer :: d
-
-   text = ''
-   if (condition%is_radial) text = ', radial displacement '//to_text(condition%radial)
-   do d = 1, nd
-      if (.not. condition%fixed(d) .or. abs(condition%direction(d)) > 0.0_wp) cycle
-      text = text//', u_'//axes(d)//' '
-      call condition%value(d)%append_to(text)
-   end do
-   if (any(condition%traction(:nd)%given())) then
-      text = text//', traction'
-      do d = 1, nd
-         text = text//' '//condition%traction(d)%text
-      end do
-   else if (any(condition%traction(:nd)%acts())) then
-      text = text//', traction '//to_text(condition%traction(:nd)%number)
-   end if
-   if (abs(condition%pressure) > 0.0_wp) text = text//', pressure '//to_text(condition%pressure)
-   if (any(condition%spring > 0.0_wp)) text = text//', spring '//to_text(condition%spring(:nd))
-   if (condition%tendon > 0.0_wp) text = text//', tendon '//to_text(condition%tendon)//' along ' &
-      & //to_text(condition%direction(:nd))
-   if (abs(condition%pull) > 0.0_wp) text = text//', pulled by '//to_text(condition%pull)
-   if (text == '') text = ', free'
-   text = text(3:)
-end subroutine get_prescribed
-
-!> What of a material is paid for
-subroutine get_parts(active, text)
-   !> Whether the energy depends on I1, I2, I4
-   logical, intent(in) :: active(3)
-   character(len=:), allocatable, intent(out) :: text
-
-   text = 'energy of J'
-   if (active(1)) text = text//', I1'
-   if (active(2)) text = text//', I2'
-   if (active(3)) text = text//' and the fiber stretch'
-end subroutine get_parts
 
 !> Operations of a matrix product in a CPU second of this machine
 real(wp) function rate()

@@ -237,13 +237,13 @@ static int is_backed(hid_t set, hid_t space)
    return 0;
 }
 
-/* All numbers of a dataset, converted to the kind of an array that is allocated here with its shape;
- * where that is left unallocated the dataset is not what is wanted */
+/* All numbers of a dataset, converted to the kind of an array that is allocated here with its shape */
 const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
 {
    hsize_t shape[H5S_MAX_RANK];
    CFI_index_t first[MAX_RANK] = {1, 1, 1, 1}, last[MAX_RANK];
    const int wanted = values->rank;
+   if (!rkh5_exists(file, path)) return "it is missing";
    listen();
    hid_t set = H5Dopen2(file, path, H5P_DEFAULT);
    hid_t space = set < 0 ? -1 : H5Dget_space(set);

@@ -11,9 +11,9 @@ module rk_hdf5
    use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_int8_t, &
       c_int64_t, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
-   use rk_error, only : err_file, err_input, error_type, fatal_error
+   use rk_error, only : err_file, error_type, fatal_error
    use rk_precision, only : wp
-   use rk_text_file, only : rkf_rename
+   use rk_text_file, only : publish_file
    implicit none
    private
 
@@ -28,8 +28,6 @@ module rk_hdf5
       character(len=:), allocatable :: path
       !> Whether the file is being written
       logical :: writing = .false.
-      !> Whether a write has failed: such a file never takes its real name
-      logical :: damaged = .false.
    contains
       procedure :: create, open_read, flush => flush_file, close => close_file, publish, has
       !> Append numbers to a dataset, or set them as an attribute; texts are bytes
@@ -114,7 +112,6 @@ subroutine create(self, path, error)
 
    self%path = trim(path)
    self%writing = .true.
-   self%damaged = .false.
    inquire (file=self%path//"/.", exist=folder)
    if (folder) then
       call fatal_error(error, err_file, self%path//": cannot be written: it is a folder; "// &
@@ -162,21 +159,12 @@ subroutine close_file(self, error)
    if (self%writing) call check_write(self, "", why, error)
 end subroutine close_file
 
-!> Give a closed file that was written its real name, unless a write has failed
+!> Give a closed file that was written its real name
 subroutine publish(self, error)
    class(h5_type), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
-   type(c_ptr) :: why
 
-   if (self%damaged) then
-      call fatal_error(error, err_file, self%path//": not replaced, because writing "// &
-         part_of(self%path)//" has failed")
-      return
-   end if
-   why = rkf_rename(part_of(self%path)//c_null_char, self%path//c_null_char)
-   if (c_associated(why)) call fatal_error(error, err_file, self%path// &
-      ": cannot take the place of the file: "//to_fortran(why)//"; the results are in "// &
-      part_of(self%path))
+   call publish_file(self%path, error)
 end subroutine publish
 
 function has(self, name)
@@ -218,9 +206,8 @@ subroutine read_reals(self, name, values, error)
    real(wp), allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. is_there(self, name, error)) return
-   call check_read(self, name, read_c_reals(self%handle, name//c_null_char, values), &
-      allocated(values), error)
+   if (.not. allocated(error)) call check_read(self, name, read_c_reals(self%handle, &
+      name//c_null_char, values), error)
 end subroutine read_reals
 
 subroutine read_integers(self, name, values, error)
@@ -229,9 +216,8 @@ subroutine read_integers(self, name, values, error)
    integer, allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. is_there(self, name, error)) return
-   call check_read(self, name, read_c_integers(self%handle, name//c_null_char, values), &
-      allocated(values), error)
+   if (.not. allocated(error)) call check_read(self, name, read_c_integers(self%handle, &
+      name//c_null_char, values), error)
 end subroutine read_integers
 
 subroutine read_text(self, name, text, error)
@@ -250,36 +236,16 @@ subroutine read_text(self, name, text, error)
    end do
 end subroutine read_text
 
-!> Whether there is a dataset to be read, after no error
-logical function is_there(self, name, error)
-   class(h5_type), intent(in) :: self
-   character(len=*), intent(in) :: name
-   type(error_type), allocatable, intent(inout) :: error
-
-   is_there = .false.
-   if (allocated(error)) return
-   is_there = self%has(name)
-   if (.not. is_there) call fatal_error(error, err_input, self%path//": dataset '"//name// &
-      "' is missing")
-end function is_there
-
 !> Turn the answer of C to a reading into an error
-subroutine check_read(self, name, why, fits, error)
+subroutine check_read(self, name, why, error)
    class(h5_type), intent(in) :: self
    character(len=*), intent(in) :: name
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
-   !> The dataset is of the wanted kind and rank
-   logical, intent(in) :: fits
-   type(error_type), allocatable, intent(inout) :: error
+   type(error_type), allocatable, intent(out) :: error
 
-   if (.not. c_associated(why)) return
-   if (fits) then
-      call fatal_error(error, err_file, self%path//": '"//name//"' cannot be read: "// &
-         to_fortran(why))
-   else
-      call fatal_error(error, err_input, self%path//": '"//name//"': "//to_fortran(why))
-   end if
+   if (c_associated(why)) call fatal_error(error, err_file, self%path//": dataset '"//name// &
+      "': "//to_fortran(why))
 end subroutine check_read
 
 !> Set an attribute
@@ -296,9 +262,9 @@ subroutine put_attribute(self, object, name, values, error)
       object//c_null_char, name//c_null_char, values), error)
 end subroutine put_attribute
 
-!> Where a write has failed, the file will not take its real name
+!> Turn the answer of C to a writing into an error
 subroutine check_write(self, name, why, error)
-   class(h5_type), intent(inout) :: self
+   class(h5_type), intent(in) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
    type(c_ptr), intent(in) :: why
@@ -306,7 +272,6 @@ subroutine check_write(self, name, why, error)
    character(len=:), allocatable :: what
 
    if (.not. c_associated(why)) return
-   self%damaged = .true.
    what = part_of(self%path)//": writing "
    if (len(name) > 0) what = what//"'"//name//"' "
    call fatal_error(error, err_file, what//"failed: "//to_fortran(why)// &

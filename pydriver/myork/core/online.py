@@ -7,6 +7,9 @@ import numpy as np
 from myork import _core
 from myork.types import F64, I32, I64
 
+#: Components of gradients and stresses column by column, where they stand row by row, and back
+_COLUMNS = np.arange(9).reshape(3, 3).T.ravel()
+
 
 class Cells(NamedTuple):
     """Cells of a reduced model, all of them or a sample; arrays as the core takes them."""
@@ -91,18 +94,17 @@ class Record(NamedTuple):
 def record(model: Model, cells: Cells) -> Record:
     """Pack a model with its own cells or others; its volume may be that of `triples` already.
 
-    Gradients have the amplitudes first, with zeros up to a multiple of eight.
+    Gradients have the amplitudes first and their components column by column.
     """
     s, nc = cells.h.shape[2], cells.h.shape[1]
-    wide = np.zeros((8 * (-(-s // 8)), 9, nc), order="F")
-    wide[:s] = np.moveaxis(cells.h, 2, 0)
     volume = triples(model.volume) if model.volume.ndim == 4 else model.volume
     slope = model.volume_slope
     # factors of pieces of eight changes from those of each
     pieces = slope[::8] if len(slope) else np.zeros((1, slope.shape[1]))
-    sizes = [model.r, s, len(wide), nc, len(cells.tissue), volume.shape[2], volume.shape[1]]
+    sizes = [model.r, s, nc, len(cells.tissue), volume.shape[2], volume.shape[1]]
     sizes += [model.fibers.shape[1], slope.shape[1]]
-    before = (wide, *cells[1:4], *cells[6:13], model.constant, model.constant_slope)
+    h = np.moveaxis(cells.h[_COLUMNS], 2, 0)
+    before = (h, *cells[1:4], *cells[6:13], model.constant, model.constant_slope)
     flat = [np.ravel(a, order="F") for a in (*before, volume, pieces, model.fibers)]
     # the volume begins a line of the processor's cache: most of a state's time is spent on it
     count = sum(len(a) for a in flat)
@@ -123,7 +125,7 @@ def assemble(model: Model, wish: F64, z: F64) -> tuple[F64, F64, F64, float]:
     residual, tangent, stress, min_j = _core.online_assemble(
         *record(model, model.cells), wish[:, 0], model.cells.h.shape[1], z
     )
-    return residual, tangent, stress.T, float(min_j)
+    return residual, tangent, stress[_COLUMNS].T, float(min_j)
 
 
 def cell_stresses(cells: Cells, fibers: F64, wish: F64, gradient: F64) -> F64:
@@ -138,11 +140,11 @@ def cell_stresses(cells: Cells, fibers: F64, wish: F64, gradient: F64) -> F64:
     packed = record(
         Model(1, one, np.zeros((1, 1)), none, np.zeros((2, 2, 2, 1)), none[0], fibers), one
     )
-    place = packed.number[: 72 * nc].reshape((8, 9, nc), order="F")[0]
+    place = packed.number[: 9 * nc].reshape((9, nc), order="F")
     found = np.empty(gradient.shape)
     for i, h in enumerate(gradient):
-        place[:] = h.T
-        found[i] = _core.online_assemble(*packed, wish[:, i], nc, np.ones(1))[2].T
+        place[:] = h.T[_COLUMNS]
+        found[i] = _core.online_assemble(*packed, wish[:, i], nc, np.ones(1))[2][_COLUMNS].T
     return found
 
 
