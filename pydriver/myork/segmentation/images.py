@@ -31,7 +31,7 @@ from myork.segmentation.grouping import (
 )
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask
-from myork.segmentation.shading import check_positive, shading, variation_doubt
+from myork.segmentation.shading import check_positive, shading
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
 
@@ -235,13 +235,12 @@ def _shading(image: Image, mask: Mask) -> tuple[F64, dict[str, Any]]:
         best = shading(image.data, mask, spacing=image.spacing)
     except InputError as reason:
         raise InputError(f"{image.name}: {reason}") from None
-    doubts = (best.doubt, variation_doubt(image.data, best.field, mask))
     inside = best.field[mask]
     return best.field, {
         "method": "auto",
         "range": [float(inside.min()), float(inside.max())],
-        "start": best.candidates[0].start,
-        "doubt": "; ".join(text for text in doubts if text),
+        "start": best.start,
+        "doubt": best.doubt,
     }
 
 
