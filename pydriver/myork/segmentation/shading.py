@@ -20,7 +20,6 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import neighbours
-from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, I64, Mask
 
@@ -74,6 +73,12 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
         )
     if not np.isfinite(values[mask]).all():
         raise InputError("bias: values of the body are not finite; replace them")
+    negative = float((values[mask] < 0).mean())
+    if negative > _NEGATIVE:
+        raise InputError(
+            f"bias: {negative:.0%} of the values in the body are negative, which no field makes; "
+            "give the magnitude image, or set bias.method = 'none'"
+        )
     size = np.asarray(spacing, float)
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
@@ -96,20 +101,6 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
             start, found, least = f"slopes, {wave:g} of the limb", other, entropy
     field = _of_mean_one(found, mask)
     return Shading(field, start, variation_doubt(values, field, mask))
-
-
-def check_positive(image: Image, mask: Mask) -> None:
-    """Refuse an image of which a good part is negative: a factor explains no change of sign.
-
-    - `image`: MR image, shape `(ni, nj, nk)`
-    - `mask`: voxels of the body, same shape
-    """
-    share = float((image.data[mask] < 0).mean())
-    if share > _NEGATIVE:
-        raise InputError(
-            f"{image.name}: {share:.0%} of the values in the body are negative, which no bias "
-            "field makes; give the magnitude image, or set bias.method = 'none'"
-        )
 
 
 def joint_variation(values: F64, mask: Mask) -> float:
