@@ -112,27 +112,21 @@ def fibers_of_labels(
     - `muscles`: those by whose walls and names the gradient axes are checked, on the same grid; by
       default the labels
     """
-    found = _of_labels(tensor, labels, smoothing)
-    axes = check_orientation(found.fibers, muscles or labels, tensor.affine)
-    return found._replace(axes=axes)
-
-
-def _of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> FiberField:
-    """Fibers of labels, as `fibers_of_labels`."""
     there, move = on_grid(labels, tensor)
     found = fiber_field(tensor, there.data, smoothing)
-    if move is None:
-        return found
-    inside = labels.data > 0
-    fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
-    away = _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
-    # the rim of a label lies within a voxel of the tensors
-    far = away > np.linalg.norm(tensor.spacing)
-    return found._replace(
-        fibers=Image(fiber, labels.affine, found.fibers.name),
-        far=found.far + int(far.sum()),
-        distance=max(found.distance, float(away[far].max(initial=0.0))),
-    )
+    if move is not None:
+        inside = labels.data > 0
+        fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
+        away = _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
+        # the rim of a label lies within a voxel of the tensors
+        far = away > np.linalg.norm(tensor.spacing)
+        found = found._replace(
+            fibers=Image(fiber, labels.affine, found.fibers.name),
+            far=found.far + int(far.sum()),
+            distance=max(found.distance, float(away[far].max(initial=0.0))),
+        )
+    axes = check_orientation(found.fibers, muscles or labels, tensor.affine)
+    return found._replace(axes=axes)
 
 
 def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
