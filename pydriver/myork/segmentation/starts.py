@@ -63,11 +63,6 @@ def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
     return result
 
 
-def threshold_regions(values: F64, region: Mask) -> I32:
-    """Two regions by Otsu's threshold: 0 dark, 1 bright."""
-    return (values > otsu(values[region])).astype(np.int32)
-
-
 def level_sets_for(regions: int) -> int:
     """Number of level sets that make a number of regions."""
     return max(int(regions - 1).bit_length(), 1)
@@ -96,11 +91,7 @@ def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
 
 def regions_of(phi: F64, regions: int) -> I32:
     """Map of regions from the signs of level sets; the inverse of `level_sets_of`."""
-    bits = (phi > 0).astype(np.int32)
-    return _known((bits << np.arange(phi.shape[-1])).sum(-1, dtype=np.int32), regions)
-
-
-def _known(combination: I32, regions: int) -> I32:
-    """Combinations of signs without a region of their own lose their highest bit."""
+    region = ((phi > 0) << np.arange(phi.shape[-1])).sum(-1, dtype=np.int32)
+    # combinations of signs without a region of their own lose their highest bit
     highest = 1 << (level_sets_for(regions) - 1)
-    return np.where(combination < regions, combination, combination - highest).astype(np.int32)
+    return np.where(region < regions, region, region - highest).astype(np.int32)
