@@ -89,7 +89,7 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
     "forecasts": ("forecasts",),
-    "walks": ("walks", "outlines"),
+    "walks": ("walks",),
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images
 PAGES = {

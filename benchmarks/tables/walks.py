@@ -1,10 +1,9 @@
-"""Twelve muscles by random walks from seeds, and from what is drawn in some slices."""
+"""Twelve muscles by random walks from seeds."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +14,6 @@ from skimage.segmentation import random_walker
 from myork.imaging.io import read_image, read_labels
 from myork.imaging.phantom import make_phantom, rician
 from myork.records import Image
-from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.regions import body_mask
 from myork.segmentation.scores import dice
 from myork.segmentation.shading import shading
@@ -43,21 +41,8 @@ BETAS = (3.0, 10.0, 30.0, 130.0)
 WEIGHT = 50.0  # default of image.edge_weight
 #: Signals of the phantom without noise, and those of a PD image
 PD = (0.0, 60.0, 400.0, 1000.0), (0.0, 80.0, 620.0, 1000.0)
-#: Edges of the phantom's voxels [mm] and their signal in muscle, voxels of legs that are bent
-SPACING, MUSCLE, BENT = np.array([1.25, 1.25, 6.0]), 400.0, (96, 96, 17)
-#: SNR, largest shift and its period along the stack [mm], keys of the phantom
-Bent = tuple[float, float, float, dict[str, Any]]
-BENT_HALVES: dict[str, list[Bent]] = {
-    "tuned": [
-        (25.0, 4.0, 90.0, {}),
-        (12.0, 5.0, 120.0, {"septum": 1.0, "growth": 12.0, "imat": 0.03, "imct": 0.03, "seed": 3}),
-    ],
-    "other": [
-        (20.0, 5.0, 90.0, {"septum": 0.8, "growth": 8.0, "imat": 0.05, "imct": 0.03, "seed": 22}),
-        (10.0, 4.0, 120.0, {"septum": 2.0, "growth": 2.0, "scale": 0.9, "seed": 23}),
-        (15.0, 6.0, 150.0, {"septum": 1.3, "growth": 15.0, "scale": 0.95, "seed": 24}),
-    ],
-}
+#: Edges of the phantom's voxels [mm]
+SPACING = np.array([1.25, 1.25, 6.0])
 
 
 class Calves(NamedTuple):
@@ -68,10 +53,9 @@ class Calves(NamedTuple):
     full: I32
     spacing: F64
 
-    def score(self, found: I32, slices: Any = slice(None)) -> tuple[float, float]:
+    def score(self, found: I32) -> tuple[float, float]:
         """Mean and least Dice of the twelve muscles."""
-        got, true = found[..., slices], self.full[..., slices]
-        each = [dice(got == label, true == label) for label in range(1, 13)]
+        each = [dice(found == label, self.full == label) for label in range(1, 13)]
         return float(np.mean(each)), float(np.min(each))
 
 
@@ -83,9 +67,10 @@ def even(raw: F64, truth: I32, spacing: F64) -> Calves:
     return Calves(raw / shading(raw, body, spacing=spacing).field, region, full, spacing)
 
 
-def two_legs(leg: Callable[[int], tuple[F64, I32]], seed: int) -> Calves:
+def two_legs(keys: dict[str, Any]) -> Calves:
     """Two legs of a kind side by side."""
-    (raw, truth), (right, other) = leg(seed), leg(seed + 50)
+    seed = keys.get("seed", 1)
+    (raw, truth), (right, other) = straight(keys, seed), straight(keys, seed + 50)
     both = np.concatenate([truth, np.where(other > 0, other + 6, 0)[::-1]])
     return even(np.concatenate([raw, right[::-1]]), both, SPACING)
 
@@ -95,7 +80,7 @@ def images(half: str, real: tuple[str, ...]) -> Iterator[tuple[str, Calves]]:
     for keys in HALVES[half]:
         kind = "PD" if keys.get("pd") else "T1"
         name = f"{kind}, SNR {keys['snr']:g}, septa {keys.get('septum', 2.6):g} mm"
-        yield name, two_legs(partial(straight, keys), keys.get("seed", 1))
+        yield name, two_legs(keys)
     if real:
         calves = read_image(Path(real[0]))
         yield "T1 slice", even(calves.data, read_labels(Path(real[1])).data, calves.spacing)
@@ -132,26 +117,6 @@ def straight(keys: dict[str, Any], seed: int) -> tuple[F64, I32]:
     clean = np.interp(leg.anatomy.data / leg.bias.data, *PD) * leg.bias.data
     noisy = rician(clean, PD[1][2] / keys["snr"], np.random.default_rng(seed))
     return noisy, leg.truth.data
-
-
-def bent(case: Bent, seed: int) -> tuple[F64, I32]:
-    """Image and labels of a leg whose slices are bent."""
-    snr, most, period, keys = case
-    leg = make_phantom(BENT, SPACING.tolist(), 1e5, **(keys | {"seed": seed}))
-    random = np.random.default_rng(seed)
-    place = np.indices(BENT) * SPACING[:, np.newaxis, np.newaxis, np.newaxis]
-    moved = np.indices(BENT).astype(float)
-    for axis in range(2):
-        shift = np.zeros(BENT)
-        for _ in range(6):
-            turn, way = random.uniform(0, 2 * np.pi), 2 * np.pi / random.uniform(50, 100)
-            up = random.choice([-1, 1]) * random.uniform(0.6, 1.4) * 2 * np.pi / period
-            waves = np.array([np.cos(turn) * way, np.sin(turn) * way, up])
-            shift += random.normal() * np.sin(np.tensordot(waves, place, 1) + random.uniform(0, 7))
-        moved[axis] += shift * most / (np.abs(shift).max() * SPACING[axis])
-    signal = ndimage.map_coordinates(leg.anatomy.data, moved, order=1, mode="nearest")
-    label = ndimage.map_coordinates(leg.truth.data, moved, order=0, mode="nearest")
-    return rician(signal, MUSCLE / snr, random), label.astype(np.int32)
 
 
 def theirs(calves: Calves, known: I32, beta: float) -> I32:
@@ -192,50 +157,10 @@ def walks(half: str, *real: str) -> Iterator[tuple[str, ...]]:
         yield "mean", group, *(f"{mean:.4f}" for mean in np.mean(rows, axis=0))
 
 
-def outlines(half: str) -> Iterator[tuple[str, ...]]:
-    """Twelve muscles drawn in every fourth or eighth slice: random walks without and with shapes.
-
-    Two calves of the phantom with six muscles each in 17 slices of 6 mm, bent in each slice by up
-    to 4 to 6 mm, otherwise every 90 to 150 mm along the stack; shading is taken out by `auto`.
-    Whole slices are drawn, or three clicks a muscle and 24 of what is around them. The default of
-    `image.edge_weight` and the constants of `segmentation.outlines` were chosen on `tuned`. Mean
-    and least Dice of the twelve in the slices that are not drawn.
-    """
-    yield "images", "drawn", "shapes alone", "walks alone", "both"
-    means: dict[str, list[list[float]]] = {}
-    for case in BENT_HALVES[half]:
-        first = case[3].get("seed", 1)
-        calves = two_legs(partial(bent, case), first)
-        heights = heights_of(calves.image, calves.region)
-        for kind in ("outlines", "clicks"):
-            random = np.random.default_rng(first)
-            marks = calves.full
-            if kind == "clicks":
-                marks = seeds(kind, calves.full, SPACING, random)
-            for step in (4, 8):
-                known = np.full(calves.full.shape, -1, np.int32)
-                known[..., ::step] = np.where(marks > 0, marks, -1)[..., ::step]
-                pull = pull_of_outlines(known, SPACING)
-                found = [np.zeros_like(calves.full)]
-                if pull is not None:
-                    found[0] = np.where(pull.any(axis=0), pull.argmax(axis=0) + 1, 0)
-                found += [
-                    random_walk(heights, calves.region, known, SPACING, WEIGHT, rates)
-                    for rates in (None, pull)
-                ]
-                scores = [calves.score(each, np.arange(BENT[2]) % step > 0) for each in found]
-                means.setdefault(kind, []).append([mean for mean, _ in scores])
-                name = f"SNR {case[0]:g}, shifts {case[1]:g} mm"
-                shown = (f"{mean:.3f} ({least:.3f})" for mean, least in scores)
-                yield name, f"{kind}, every {step}th slice", *shown
-    for kind, rows in means.items():
-        yield "mean", kind, *(f"{mean:.4f}" for mean in np.mean(rows, axis=0))
-
-
 def _means(rows: list[list[str]]) -> list[list[str]]:
     """The means of the cases."""
     return [row for row in rows if row[0] in (rows[0][0], "mean")]
 
 
 #: What the page of results shows
-PIVOTS = {"walks": _means, "outlines": _means}
+PIVOTS = {"walks": _means}

@@ -647,7 +647,7 @@ _COMMANDS = {
     ),
     "check": _Command(
         _check,
-        "check a deck: tangent, material curves, fibers, balance, restart, threads",
+        "check a deck: tangent, material curves, fibers, balance, restart",
         "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
         (*_DECK, _flag("--quick", "skip the checks that solve the deck")),
         "put check.json there", "",

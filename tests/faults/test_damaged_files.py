@@ -278,8 +278,8 @@ ONCE: list[tuple[str, list[Edit], str]] = [
     ("gradients/sound.bval", text("0" + " 0.5" * 7), "no b value is above 50 s/mm"),
     ("gradients/sound.bvec", text("1e300 1 1 1 1 1 1 1\n" * 3), "must be unit vectors"),
     ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "of numbers"),
-    ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "must be integers"),
-    ("tracts/sound.npz", lines(LINES, [0, 70]), "offsets must rise"),
+    ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "offsets integers that rise"),
+    ("tracts/sound.npz", lines(LINES, [0, 70]), "offsets integers that rise"),
     ("tracts/sound.npz", lines(LINES[:0], [0]), "contains no lines"),
     ("tracts/sound.npz", lines(LINES * 0, [0, 7]), "all points of each line coincide"),
 ]  # fmt: skip

@@ -54,11 +54,10 @@ def one_slice_of(today, then, drawn):
 def test_every_muscle_of_a_slice_follows_its_own_bend():
     """The grid of the earlier visit may be another: finer, turned about, and begun elsewhere."""
     image, then, drawn, truth = one_slice_of(*visits())
-    found, moved = bend_labels(drawn, then, image, body_mask(image))
+    found = bend_labels(drawn, then, image, body_mask(image))
     after = means(found, truth)
     assert means(drawn, truth).mean() < 0.89
     assert after.mean() > 0.95 and after.min() > 0.88
-    assert np.median(moved) > 1.0 and moved.max() < 9.0
     np.testing.assert_array_equal(found.affine, image.affine)
     affine = then.affine @ np.diag([-0.5, 0.5, 1.0, 1.0])
     affine[:3, 3] = (then.affine @ [95.25, -0.25, 0.0, 1.0])[:3]
@@ -66,16 +65,15 @@ def test_every_muscle_of_a_slice_follows_its_own_bend():
         kind(np.flip(ndimage.zoom(one.data, (2, 2, 1), order=n, grid_mode=True, mode="nearest"), 0),
              affine) for kind, one, n in ((Labels, drawn, 0), (Image, then, 1))
     )  # fmt: skip
-    other, _ = bend_labels(drawn, then, image, body_mask(image))
+    other = bend_labels(drawn, then, image, body_mask(image))
     assert means(other, found).min() > 0.95 and means(other, truth).mean() > 0.96
 
 
 @pytest.mark.slow
 def test_stacks_are_bent():
     today, then, drawn = visits(5.0, (48, 48, 6), (2.5, 2.5, 6.0))
-    found, moved = bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
+    found = bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
     before, after = (means(one, today.truth) for one in (drawn, found))
-    assert len(moved) == (found.data > 0).sum()
     assert before.mean() < 0.88
     assert after.mean() > 0.93 and after.min() > 0.86
 

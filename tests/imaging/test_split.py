@@ -15,7 +15,6 @@ from myork.records import Image, Labels
 from myork.segmentation import walk
 from myork.segmentation.channels import smoothed_tensor
 from myork.segmentation.grouping import Muscle, rule_seeds
-from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.scores import dice
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import heights_of, random_walk
@@ -291,38 +290,6 @@ def leaning_rods():
     label = np.where(inside, np.where(x < 14 + k, 1, 2), 3).astype(np.int32)
     noise = np.random.default_rng(2).normal(0.0, 5.0, label.shape)
     return np.where(label == 3, 300.0, 100.0) + noise, label, np.array([1.0, 1.0, 4.0])
-
-
-def test_outlines_of_the_first_and_last_slice_tell_the_border_that_no_edge_shows():
-    grey, label, spacing = leaning_rods()
-    known = np.full(label.shape, -1, np.int32)
-    known[..., [0, 8]] = label[..., [0, 8]]
-    pull = pull_of_outlines(known, spacing)
-    heights = heights_of(grey, label > 0)
-    alone, both = (random_walk(heights, label > 0, known, spacing, 40.0, p) for p in (None, pull))
-    for number in (1, 2):
-        found, without = (dice(one == number, label == number) for one in (both, alone))
-        assert found > 0.93 and found > without
-    assert dice(both == 3, label == 3) > 0.99
-
-
-def test_shapes_decide_nothing_against_edges_and_strokes_predict_nothing():
-    _, label, spacing = leaning_rods()
-    known = np.full(label.shape, -1, np.int32)
-    known[5:7, 15, 0] = known[30:32, 15, 8] = 1
-    known[20:22, 15, 0] = known[15:17, 15, 8] = 2
-    assert pull_of_outlines(known, spacing) is None
-    # A label that is wider in the middle slices than in those that are drawn
-    i, j, k = np.indices(label.shape)
-    end = (k == 0) | (k == 8)
-    half = np.where(end, 6, 9)
-    wide = (abs(i - 19.5) < half) & (abs(j - 14.5) < half)
-    known = np.where(end, np.where(wide, 1, 2), -1).astype(np.int32)
-    heights = heights_of(np.where(wide, 100.0, 300.0), k >= 0)
-    pull = pull_of_outlines(known, spacing)
-    assert (pull[1] > pull[0])[wide].any()
-    found = random_walk(heights, k >= 0, known, spacing, 40.0, pull)
-    assert dice(found == 1, wide) > 0.99
 
 
 def test_the_number_of_the_background_does_not_matter(tmp_path):

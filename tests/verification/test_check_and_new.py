@@ -42,9 +42,9 @@ def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     found = json.loads((tmp_path / "out" / "check.json").read_text())["checks"]
     assert [check["name"] for check in found] == [
-        "tangent", "material muscle", "fibers", "solve and balance", "restart", "threads",
+        "tangent", "material muscle", "fibers", "solve and balance", "restart",
     ]  # fmt: skip
-    assert all(check["passed"] for check in found) and said.count("ok") == 6
+    assert all(check["passed"] for check in found) and said.count("ok") == 5
 
 
 @pytest.mark.parametrize(

@@ -211,14 +211,6 @@ def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str
                 "muscle where it is thicker (build.slices)"
             )
     warnings += _slender(coarse, step)
-    thin = points.thin_voxels(body)
-    if len(thin):
-        where = coarse.world(thin[0])
-        warnings.append(
-            f"{len(thin)} of {int(body.sum())} points lie in sheets one point thick, the first "
-            f"around ({', '.join(f'{c:.1f}' for c in where)}) mm; their normals and derivatives "
-            "are poor (lower build.collocation_stride)"
-        )
     if not np.array_equal(frame(coarse.affine), np.eye(3)):
         warnings.append(
             "the image is rotated against the world axes: the model's x, y, z are the voxel axes "

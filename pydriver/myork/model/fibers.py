@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.diffusion import dyads_of, lead_vector, unit_vectors
-from myork.imaging.geometry import boxes_of, frame
+from myork.imaging.geometry import frame
 from myork.imaging.resampling import on_grid
 from myork.model.averaging import (
     LEAST_WEIGHT,
@@ -112,65 +112,40 @@ def fibers_of_labels(
     - `muscles`: those by whose walls and names the gradient axes are checked, on the same grid; by
       default the labels
     """
-    found = _of_labels(tensor, labels, smoothing)
-    axes = check_orientation(found.fibers, muscles or labels, tensor.affine)
-    return found._replace(axes=axes)
-
-
-def _of_labels(tensor: Image, labels: Labels, smoothing: float | None) -> FiberField:
-    """Fibers of labels, as `fibers_of_labels`."""
     there, move = on_grid(labels, tensor)
     found = fiber_field(tensor, there.data, smoothing)
-    if move is None:
-        return found
-    inside = labels.data > 0
-    fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
-    away = _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
-    # the rim of a label lies within a voxel of the tensors
-    far = away > np.linalg.norm(tensor.spacing)
-    return found._replace(
-        fibers=Image(fiber, labels.affine, found.fibers.name),
-        far=found.far + int(far.sum()),
-        distance=max(found.distance, float(away[far].max(initial=0.0))),
-    )
+    if move is not None:
+        inside = labels.data > 0
+        fiber = on_grid(found.fibers, labels, "tensor-wise")[0].data * inside[..., np.newaxis]
+        away = _fill(fiber, np.asarray(fiber.any(axis=-1)), labels.data, labels.spacing)
+        # the rim of a label lies within a voxel of the tensors
+        far = away > np.linalg.norm(tensor.spacing)
+        found = found._replace(
+            fibers=Image(fiber, labels.affine, found.fibers.name),
+            far=found.far + int(far.sum()),
+            distance=max(found.distance, float(away[far].max(initial=0.0))),
+        )
+    axes = check_orientation(found.fibers, muscles or labels, tensor.affine)
+    return found._replace(axes=axes)
 
 
 def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
     """Give voxels without a fiber that of the nearest one, of their own label if it has any.
 
-    Returns the distance as `fill_from_own` does.
+    - `fiber`: changed in place, shape `(ni, nj, nk, 3)`
+    - `known`: voxels that have a fiber, shape `(ni, nj, nk)`
+    - `label`: labels, 0 where nothing is wanted, same shape
+    - returns distance to that voxel, zero where nothing was missing, same shape [mm]
     """
-    away = fill_from_own(fiber, known, label, spacing)
-    alone = (label != 0) & ~known & np.isinf(away)
-    if alone.any():
-        away[alone] = _take_nearest(fiber, alone, known, spacing)
-    return away
-
-
-def _take_nearest(values: F64, missing: Mask, source: Mask, spacing: F64) -> F64:
-    """Give voxels the values of the nearest ones that have some; returns the distances [mm]."""
-    distance, nearest = ndimage.distance_transform_edt(
-        ~source, sampling=spacing, return_indices=True
-    )
-    values[missing] = values[tuple(index[missing] for index in nearest)]
-    return np.asarray(distance[missing])
-
-
-def fill_from_own(values: F64, known: Mask, label: I32, spacing: F64) -> F64:
-    """Give voxels without a value that of the nearest voxel of their own label, in place.
-
-    - `values`: changed where a label has no value, shape `(ni, nj, nk)` or `(ni, nj, nk, n)`
-    - `known`: voxels that have a value, shape `(ni, nj, nk)`
-    - `label`: labels, 0 where nothing is wanted, shape `(ni, nj, nk)`
-    - `spacing`: voxel sizes, shape `(3,)` [mm]
-    - returns distance to that voxel, infinite where the label has no value at all, zero where
-      nothing was missing, shape `(ni, nj, nk)` [mm]
-    """
-    away = np.where((label != 0) & ~known, np.inf, 0.0)
-    for box, own in boxes_of(label):
-        missing, source = own & ~known[box], own & known[box]
-        if missing.any() and source.any():
-            away[box][missing] = _take_nearest(values[box], missing, source, spacing)
+    away = np.zeros(label.shape)
+    for number in np.unique(label[(label != 0) & ~known]):
+        own = label == number
+        source, missing = own & known, own & ~known
+        distance, nearest = ndimage.distance_transform_edt(
+            ~(source if source.any() else known), sampling=spacing, return_indices=True
+        )
+        fiber[missing] = fiber[tuple(index[missing] for index in nearest)]
+        away[missing] = distance[missing]
     return away
 
 

@@ -119,16 +119,14 @@ def _archived_lines(path: Path) -> list[F64]:
             f"{path}: needs the arrays points and offsets of numbers: "
             f"{' '.join(str(reason).split())}; write it again"
         ) from None
-    if points.ndim != 2 or points.shape[1] != 3 or offsets.ndim != 1:
+    sized = points.shape == (len(points), 3) and offsets.ndim == 1
+    rising = np.concatenate([[0.0], offsets.ravel(), [float(len(points))]])
+    if not (sized and len(offsets) and (np.diff(rising) >= 0).all() and (rising % 1 == 0).all()):
         raise InputError(
-            f"{path}: points must be (n, 3), offsets (m,), not {points.shape} and {offsets.shape}"
+            f"{path}: points must be (n, 3) and offsets integers that rise from 0 to n, not "
+            f"{points.shape} and {offsets.shape}"
         )
-    with np.errstate(invalid="ignore"):
-        starts = offsets.astype(np.int64)
-    if not (starts == offsets).all():
-        raise InputError(f"{path}: offsets must be integers")
-    if not len(starts) or (np.diff(starts) < 0).any() or starts[0] < 0 or starts[-1] > len(points):
-        raise InputError(f"{path}: offsets must rise from 0 to the number of points")
+    starts = offsets.astype(np.int64)
     return np.split(points, starts[(starts > 0) & (starts < len(points))])
 
 

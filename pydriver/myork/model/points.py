@@ -180,24 +180,6 @@ def blunt_ends(body: Mask, least: float) -> tuple[int, int]:
     return int(full[0]), int(full[-1])
 
 
-def thin_voxels(body: Mask) -> Index:
-    """Index of sheets and rods one voxel thick, shape `(n, 3)`.
-
-    Such a voxel has no neighbour on either side of some direction, and two neighbours at least of
-    which the same is true; a mere tip has not. A single slice is thin by intention and is looked
-    at in its plane only.
-    """
-    padded = np.pad(body, 1)
-    middle = (slice(1, -1),) * 3
-    thin = np.zeros(body.shape, dtype=bool)
-    for d in range(3 if body.shape[2] > 1 else 2):
-        thin |= body & ~(np.roll(padded, 1, axis=d) | np.roll(padded, -1, axis=d))[middle]
-    beside = ndimage.convolve(
-        thin.astype(int), ndimage.generate_binary_structure(3, 1).astype(int), mode="constant"
-    )
-    return np.argwhere(thin & (beside > 2))
-
-
 def points_across(body: Mask, step: Sequence[int]) -> float:
     """Source points across a body, in the median of its voxels: the least of both directions.
 

@@ -32,15 +32,14 @@ _BINS = 32
 _FEWEST = 4
 
 
-def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tuple[Labels, F64]:
+def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> Labels:
     """Bend labels onto an image.
 
     - `labels`: on the grid of the image they were drawn in
     - `drawn_in`: that image, of an earlier visit, on any grid near the image
     - `image`: onto which they are bent
     - `body`: its inside of the body, shape `(ni, nj, nk)`
-    - returns labels on the grid of the image, and how far their voxels were moved, shape `(n,)`
-      [mm]
+    - returns labels on the grid of the image
     """
     itk = optional("SimpleITK", "seg", "image.reference_anatomy")
     flat = image.data.shape[2] == 1
@@ -75,18 +74,13 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> tu
     grid = _picture(itk, body, place @ image.affine, axes, np.uint8)
     numbers = _picture(itk, labels.data, place @ labels.affine, axes, np.int32)
     found = itk.GetArrayFromImage(itk.Resample(numbers, grid, bend, itk.sitkNearestNeighbor, 0)).T
-    field = itk.TransformToDisplacementField(
-        bend, itk.sitkVectorFloat64, grid.GetSize(), grid.GetOrigin(), grid.GetSpacing(),
-        grid.GetDirection(),
-    )  # fmt: skip
-    moved = np.linalg.norm(itk.GetArrayFromImage(field), axis=-1).T[found > 0]
     if not found.any():
         raise InputError(
             f"{labels.name}: none of its labels lies in {image.name} after the registration; do "
             "both images show the same part of the body at about the same place?"
         )
     data = np.ascontiguousarray(found.reshape(image.data.shape))
-    return Labels(data, image.affine, labels.names, labels.name), moved
+    return Labels(data, image.affine, labels.names, labels.name)
 
 
 def _found(itk: Any, fixed: Any, moving: Any, mask: Any) -> Any:

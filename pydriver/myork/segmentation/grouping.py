@@ -12,7 +12,6 @@ from myork.errors import InputError
 from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
 from myork.segmentation.level_sets import Regions, wanted_phase
-from myork.segmentation.outlines import pull_of_outlines
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
@@ -211,8 +210,7 @@ def label_by_seeds(
     for number in [number for number, name in names.items() if name == BACKGROUND]:
         known[known == number] = _LAST
         del names[number]
-    pull = pull_of_outlines(known, image.spacing)
-    label = random_walk(heights, where, known, image.spacing, table["edge_weight"], pull)
+    label = random_walk(heights, where, known, image.spacing, table["edge_weight"])
     label = np.maximum(label, 0)
     label[label == _LAST] = 0
     return Labels(label, image.affine, names, "segmentation"), warnings

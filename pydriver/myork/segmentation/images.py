@@ -31,7 +31,7 @@ from myork.segmentation.grouping import (
 )
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
 from myork.segmentation.regions import body_mask, box_mask, grown_mask
-from myork.segmentation.shading import check_positive, shading, variation_doubt
+from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
 
@@ -230,18 +230,16 @@ def _body_of(images: Images) -> Mask:
 
 def _shading(image: Image, mask: Mask) -> tuple[F64, dict[str, Any]]:
     """Shading estimated in the body, and its record."""
-    check_positive(image, mask)
     try:
         best = shading(image.data, mask, spacing=image.spacing)
     except InputError as reason:
         raise InputError(f"{image.name}: {reason}") from None
-    doubts = (best.doubt, variation_doubt(image.data, best.field, mask))
     inside = best.field[mask]
     return best.field, {
         "method": "auto",
         "range": [float(inside.min()), float(inside.max())],
-        "start": best.candidates[0].start,
-        "doubt": "; ".join(text for text in doubts if text),
+        "start": best.start,
+        "doubt": best.doubt,
     }
 
 
@@ -250,11 +248,8 @@ def _bent(images: Images, body: Mask, progress: ProgressCallback) -> tuple[Label
     drawn = images.reference
     if drawn is None or images.drawn_in is None:
         return drawn, ""
-    bent, moved = bend_labels(drawn, images.drawn_in, images.anatomy, body)
-    progress(
-        f"reference bent onto the image: it moves by {np.median(moved):.1f} mm in the median, "
-        f"{moved.max():.1f} mm at most"
-    )
+    progress("bending the reference onto the image")
+    bent = bend_labels(drawn, images.drawn_in, images.anatomy, body)
     kept = bent.present
     gone = [name for number, name in drawn.present.items() if number not in kept]
     where = f"{drawn.name}: bent onto {images.anatomy.name}"

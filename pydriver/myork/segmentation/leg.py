@@ -37,16 +37,13 @@ _CORTICAL, _DARK = 0.8, 0.5
 _AROUND = 15.0
 _LEAST_WHOLE = 20
 _ROUNDS = 5
-# Bounds of doubts: section of a limb [mm^2]; Dice of two methods; difference of fat and muscle over
-# their scatter; part of a tissue that touches no other (of muscle half: a tenth of the rest on the
-# wrong side then costs a Dice of 0.05); part of the body between both; difference of the signal
-# beyond the skin from that of air, over that of the body; part of the slices without a bone.
+# Bounds of doubts: section of a limb [mm^2]; Dice of two methods; part of a tissue that touches no
+# other (of muscle half: a tenth of the rest on the wrong side then costs a Dice of 0.05); part of
+# the body that a threshold finds beyond the level set's skin; part of the slices without a bone.
 _LIMB = 35000.0
 _ALIKE = 0.93
-_CONTRAST = 3.0
 _WHOLE = (0.36, 0.5)
-_BETWEEN = 0.015
-_AIR = 0.03
+_RIM = 0.018
 _BONELESS = 0.1
 # The bright cluster of the special sequence is connective tissue only if it is so many times as
 # bright as the other: without any, the two would be muscle and fat.
@@ -61,10 +58,6 @@ _SEEN = 0.1
 _SKIN = 3.0
 # Two phases of a slice. The choice is this method's own: a leg has no keys for it.
 _PHASES = LevelSets(regions=2, start="otsu", mu=0.01, tolerance=1e-4)
-
-
-# Part of the body that a threshold finds beyond the level set's skin
-_RIM = 0.018
 
 
 class Tissues(NamedTuple):
@@ -123,8 +116,8 @@ def leg_tissues(
     if connective is not None:
         sheets = _shaded_apart(connective, soft, sheets, fatty)
     inside = inner & ~sheets
-    fat_inside, place = _drawn_anew(shown.data, more, inside, fatty, anatomy.spacing)
-    doubts = _doubts(shown, body, inside, fat_inside, place)
+    fat_inside = _drawn_anew(shown.data, more, inside, fatty, anatomy.spacing)
+    doubts = _doubts(shown, body, inside, fat_inside)
     if found_body:
         doubts += _beyond(anatomy, body) + _boneless(anatomy, body, bone)
     fatty = np.where(inside, fat_inside, fatty)
@@ -147,15 +140,9 @@ def leg_tissues(
     return Tissues(Labels(data, anatomy.affine, TISSUES, "tissue"), memberships, doubts)
 
 
-def _drawn_anew(
-    shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing: F64
-) -> tuple[Mask, F64 | None]:
-    """Fat, whose border to muscle lies at half of their difference around each place.
-
-    Also how far each voxel is from muscle (0) to fat (1), None where one is missing.
-    """
+def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing: F64) -> Mask:
+    """Fat, whose border to muscle lies at half of their difference around each place."""
     fat = fat & inner
-    place = None
     for _ in range(_ROUNDS):
         whole = [_whole(fat), _whole(inner & ~fat)]
         # what has no signal is no muscle
@@ -164,12 +151,11 @@ def _drawn_anew(
             break
         values = _best_part(shown, more, *whole)
         high, low = (_around(values, one, spacing) for one in whole)
-        place = (values - low) / np.maximum(high - low, 1e-9 * np.ptp(values))
-        new = inner & (place > 0.5)
+        new = inner & (values > 0.5 * (low + high))
         if (new == fat).all():
             break
         fat = new
-    return fat, place
+    return fat
 
 
 def _shaded_apart(image: Image, soft: Mask, sheets: Mask, fat: Mask) -> Mask:
@@ -205,7 +191,7 @@ def _around(values: F64, where: Mask, spacing: F64) -> F64:
     return local_means(values, where, (*(_AROUND / spacing[:2]), 0.0), 1e-3)
 
 
-def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, place: F64 | None) -> list[str]:
+def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask) -> list[str]:
     """What the border of fat and muscle supposes and an image does not show."""
     found, muscle = [], inner & ~fat
     size, name = shown.spacing, shown.name
@@ -217,11 +203,8 @@ def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, place: F64 | None)
             f"the section has {area / 100:.0f} cm^2, more than a limb: organs have the grey "
             "value of muscle and are labelled as muscle; limit it by image.body"
         )
-    whole = [_whole(fat), _whole(muscle)]
-    for label, own, all_, least in zip(
-        ("fat", "muscle"), whole, (fat, muscle), _WHOLE, strict=True
-    ):
-        part = own.sum() / max(all_.sum(), 1)
+    for label, own, least in zip(("fat", "muscle"), (fat, muscle), _WHOLE, strict=True):
+        part = _whole(own).sum() / max(own.sum(), 1)
         if part < least:
             found.append(
                 f"only {100 * part:.0f} % of the voxels of {label} have no other tissue beside "
@@ -235,21 +218,6 @@ def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, place: F64 | None)
             f"level sets of two regions and the border of fat and muscle disagree (Dice "
             f"{alike:.2f})"
         )
-    if place is not None and min(one.sum() for one in whole) >= _LEAST_WHOLE:
-        scatter = float(np.linalg.norm([np.std(place[one]) for one in whole]))
-        if scatter * _CONTRAST > 1.0:
-            found.append(
-                f"the grey values of fat and muscle are {1 / scatter:.1f} standard deviations "
-                "apart: too little to separate them"
-            )
-        between = _whole(inner) & (np.abs(place - 0.5) < 0.25)
-        between = np.asarray(ndimage.binary_opening(between, np.ones((3, 3, 1))))
-        part = between.sum() / inner.sum()
-        if part > _BETWEEN:
-            found.append(
-                f"{100 * part:.1f} % of the body have grey values between those of fat and "
-                "muscle: there is a third tissue, which is labelled as one of the two"
-            )
     depth = _depth(body, size[:2])
     rind = depth < 2 * _SKIN + size[0]
     shell, core = inner & rind, inner & (depth > 0.5 * depth[np.isfinite(depth)].max(initial=0.0))
@@ -261,24 +229,13 @@ def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, place: F64 | None)
 
 
 def _beyond(anatomy: Image, body: Mask) -> list[str]:
-    """Whether there is signal beyond the skin."""
+    """Whether a threshold finds a part of the body beyond the skin."""
     rim = float((body_mask(anatomy, rim=1.0) & ~body).sum() / body.sum())
-    if rim > _RIM:
-        return [
-            f"tissue of {anatomy.name}: {100 * rim:.1f} % of the body by a threshold lies beyond "
-            "what was taken for the skin, which is dark here; image.body says what is inside"
-        ]
-    away = _depth(~body, anatomy.spacing[:2])
-    near, far = ((away > low) & (away < high) for low, high in ((_SKIN, 8.0), (15.0, np.inf)))
-    if not near.any():
-        return []
-    air = float(np.median(anatomy.data[far])) if far.any() else 0.0
-    signal = float(np.median(anatomy.data[near]))
-    if signal <= 1.5 * air + _AIR * float(np.median(anatomy.data[body])):
+    if rim <= _RIM:
         return []
     return [
-        f"tissue of {anatomy.name}: there is signal beyond what was taken for the skin (dark "
-        "fat?); image.body says what is inside"
+        f"tissue of {anatomy.name}: {100 * rim:.1f} % of the body by a threshold lies beyond "
+        "what was taken for the skin, which is dark here; image.body says what is inside"
     ]
 
 

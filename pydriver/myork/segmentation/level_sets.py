@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from myork.core.level_sets import evolve_level_sets
 from myork.errors import InputError
+from myork.segmentation.regions import otsu
 from myork.segmentation.starts import (
     kmeans,
     level_sets_for,
     level_sets_of,
     regions_of,
-    threshold_regions,
 )
 from myork.types import F64, I32, Mask
 
@@ -157,7 +157,7 @@ def _first_level_sets(
     elif choice.start == "otsu":
         if choice.regions > 2:
             raise InputError(f"'otsu' makes two regions, not {choice.regions}: use 'kmeans'")
-        first = threshold_regions(channels[..., 0], region)
+        first = (channels[..., 0] > otsu(channels[region, 0])).astype(np.int32)
     else:
         first = np.zeros(region.shape, np.int32)
         first[region] = kmeans(channels[region] * np.sqrt(weights), choice.regions)[0]

@@ -27,12 +27,9 @@ _FEW = 20  # whole voxels that a label needs for a mean
 _PEAK = 90.0  # percentile that counts for a label without whole voxels, away from what is around
 _LEVEL = 0.01  # least noise over the range of the values
 _LEAST = 3.0  # distance of two means over the noise, below which a voxel is not divided
-_WHOLE, _WHOLE_INSIDE = 0.5, 0.9  # part of the voxels along borders and elsewhere that are whole
-_STRAY = 0.1  # how likely a voxel holds two labels beside it and not its own
-_ROUNDS = 4  # of leaving out voxels that are unlike the mean of their label
-_UNLIKE = (
-    3.0  # distance from the mean of their label over the noise of voxels inside that are mixed
-)
+_WHOLE = 0.5  # part of the voxels that are whole
+# Distance from the mean of their label over the noise of voxels inside that are mixed
+_UNLIKE = 3.0
 
 
 def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequence[int] = ()) -> F64:
@@ -54,7 +51,7 @@ def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequenc
     border = low != high
     means = _Means(kind, channels, border, numbers > 0, np.asarray(spacing, float))
     fixed = np.flatnonzero(np.isin(numbers, unmixed))
-    there = (border | means.unlike(_UNLIKE)) & ~np.isin(kind, fixed)
+    there = (border | means.unlike()) & ~np.isin(kind, fixed)
     at = np.argwhere(there)
     own, rows, inside = kind[there], np.arange(len(at)), ~border[there]
     beside = _contacts(kind, at, len(numbers))
@@ -64,13 +61,9 @@ def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequenc
     values = channels[there] / means.noise
     near = [means.near(number, there) / means.noise for number in range(len(numbers))]
 
-    best, ends, part = np.full(len(at), -np.inf), np.stack([own, own]), np.zeros(len(at))
+    best, second, part = np.full(len(at), -np.inf), own.copy(), np.zeros(len(at))
     for first, other in permutations(range(len(numbers)), 2):
-        mine = own == first
-        # of labels beside a voxel that are both not its own one order will do
-        stray = (beside[:, first] > 0) & (own != other) & (first < other)
-        touched = np.flatnonzero((mine | stray) & (beside[:, other] > 0))
-        mine = mine[touched]
+        touched = np.flatnonzero((own == first) & (beside[:, other] > 0))
         way = near[other][touched] - near[first][touched]
         gone = values[touched] - near[first][touched]
         length = np.linalg.norm(way, axis=1)
@@ -79,19 +72,17 @@ def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequenc
         nearest = np.divide(np.clip(along, 0.0, length), length, out=0.0 * along, where=apart)
         misfit = ((gone - nearest[:, np.newaxis] * way) ** 2).sum(axis=1)
         likely = np.log(beside[touched, other]) - 0.5 * misfit
-        likely[~mine] += np.log(_STRAY * beside[touched, first][~mine] / 26.0)
-        wins = (likely > best[touched]) & (mine | apart)
+        wins = likely > best[touched]
         chosen = touched[wins]
-        best[chosen], ends[:, chosen] = likely[wins], [[first], [other]]
-        whole = np.where(mine, np.where(inside[touched], _WHOLE_INSIDE, _WHOLE), 0.0)
-        expected = _expected(along, np.maximum(length, _LEAST), whole)
+        best[chosen], second[chosen] = likely[wins], other
+        expected = _expected(along, np.maximum(length, _LEAST))
         part[chosen] = np.where(apart, expected, 0.0)[wins]
     parts = np.zeros((*labels.shape, len(numbers)))
     np.put_along_axis(parts, kind[..., np.newaxis], 1.0, axis=-1)
     parts[there] = 0.0
     i, j, k = at.T
-    parts[i, j, k, ends[0]] += 1.0 - part
-    parts[i, j, k, ends[1]] += part
+    parts[i, j, k, own] += 1.0 - part
+    parts[i, j, k, second] += part
     return np.asarray(parts[..., numbers > 0])
 
 
@@ -132,18 +123,17 @@ class _Means:
         # images without noise, and of one value
         least = _LEVEL * np.maximum(np.ptp(channels.reshape(-1, channels.shape[3]), axis=0), 1e-300)
         self._whole = ~border
-        for _ in range(_ROUNDS):
-            self._apart = np.zeros(channels.shape)
-            for number in np.unique(kind).tolist():
-                mine = kind == number
-                self._apart[mine] = channels[mine] - self.near(number, mine)
-            noise = 1.4826 * np.median(np.abs(self._apart[inside]), axis=0)
-            self.noise = np.maximum(noise, least)
-            self._whole = ~border & ~self.unlike(_UNLIKE)
+        self._apart = np.zeros(channels.shape)
+        for number in np.unique(kind).tolist():
+            mine = kind == number
+            self._apart[mine] = channels[mine] - self.near(number, mine)
+        noise = 1.4826 * np.median(np.abs(self._apart[inside]), axis=0)
+        self.noise = np.maximum(noise, least)
+        self._whole = ~border & ~self.unlike()
 
-    def unlike(self, limit: float) -> Mask:
-        """Voxels of labels that are farther from the mean of their label than that, over noise."""
-        far = np.linalg.norm(self._apart / self.noise, axis=-1) > limit
+    def unlike(self) -> Mask:
+        """Voxels of labels that are far from the mean of their label."""
+        far = np.linalg.norm(self._apart / self.noise, axis=-1) > _UNLIKE
         return np.asarray(self._labelled & far)
 
     def near(self, number: int, there: Mask) -> F64:
@@ -168,17 +158,16 @@ def _peak(here: Mask, channels: F64) -> F64:
     return np.array(result)
 
 
-def _expected(along: F64, length: F64, whole: F64) -> F64:
+def _expected(along: F64, length: F64) -> F64:
     """Expected part of the other label.
 
     - `along`: distance from the own mean towards that of the other label over the noise [-]
     - `length`: distance of both means over the noise [-]
-    - `whole`: part of such voxels that are whole [-]
     """
     low, high = -along, length - along
     mixed = np.maximum(ndtr(high) - ndtr(low), 1e-12)
     normal = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / np.sqrt(2.0 * np.pi)
     mean = np.clip((along + normal / mixed) / length, 0.0, 1.0)
-    one = whole * np.exp(-0.5 * along**2) / np.sqrt(2.0 * np.pi)
-    some = (1.0 - whole) * mixed / length
+    one = _WHOLE * np.exp(-0.5 * along**2) / np.sqrt(2.0 * np.pi)
+    some = (1.0 - _WHOLE) * mixed / length
     return some / (some + one) * mean

@@ -13,7 +13,6 @@ Pattern Anal. Mach. Intell. 24 (2002), doi:10.1109/34.1000236 (mean shift)
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +20,6 @@ from scipy import ndimage
 
 from myork.errors import InputError
 from myork.imaging.geometry import neighbours
-from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, I64, Mask
 
@@ -40,11 +38,6 @@ _EDGE = 0.1  # relative change from pixel to pixel at which a voxel counts a qua
 _ROUNDS_SLOPES, _ROUNDS_CONVEX = 30, 12
 _ROUNDS_PEAKS = 60
 _WIDE, _NARROW = 0.12, 0.05
-# Fields that are not this alike and entropies that are this close: the image does not decide.
-_ALIKE = 0.95
-_CLOSE = 0.03
-_APART = 0.1  # standard deviation of the logarithm between fields by slopes and by peaks: a doubt
-_FLAT = 0.02  # standard deviation of a field's logarithm below which likeness means nothing
 _NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
 _SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
 _RISE = 1.1  # a field that raises the coefficient of joint variation by less is not doubted
@@ -53,23 +46,15 @@ _RISE = 1.1  # a field that raises the coefficient of joint variation by less is
 _ONE_TISSUE = float(np.sqrt(0.5 * np.pi - 1.0))
 
 
-class Candidate(NamedTuple):
-    """Field from one start, and the entropy of the logarithms that it leaves."""
-
-    start: str
-    field: F64
-    entropy: float
-
-
 @dataclass(frozen=True)
 class Shading:
-    """Field and how sure it is."""
+    """Field, where it started and how sure it is."""
 
     #: Factor on the true values, mean one inside the mask and going on beyond it, shape
     #: `(ni, nj, nk)` [-]
     field: F64
-    candidates: tuple[Candidate, ...]  #: All fields, best first
-    doubt: str  #: Why it may be wrong; empty where starts, and slopes and peaks, agree
+    start: str  #: `flat`, or the shortest wave of the slopes
+    doubt: str  #: Why it may be wrong; empty without a doubt
 
 
 def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
@@ -88,6 +73,12 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
         )
     if not np.isfinite(values[mask]).all():
         raise InputError("bias: values of the body are not finite; replace them")
+    negative = float((values[mask] < 0).mean())
+    if negative > _NEGATIVE:
+        raise InputError(
+            f"bias: {negative:.0%} of the values in the body are negative, which no field makes; "
+            "give the magnitude image, or set bias.method = 'none'"
+        )
     size = np.asarray(spacing, float)
     bright = float(np.percentile(values[mask], 90.0))
     if not bright > 0:
@@ -99,32 +90,17 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
     if len(voxels) > _SAMPLE:
         voxels = voxels[random.choice(len(voxels), _SAMPLE, replace=False)]
     peaks = _Peaks(smooth, mask, voxels, _Waves(mask, size, _WAVE * width), size)
-    found = [Candidate("flat", *peaks.field(np.zeros(len(voxels))))]
-    slopes = []
+    start = "flat"
+    found, least = peaks.field(np.zeros(len(voxels)))
     for wave in _SLOPES:
         waves = _Waves(mask, size, wave * width)
         slow = waves.everywhere(_fit_slopes(smooth, mask, waves, size, _STEP * width, random))
         slow = _aligned(smooth, mask, slow)
-        start = f"slopes, {wave:g} of the limb"
-        found.append(Candidate(start, *peaks.field(slow[tuple(voxels.T)])))
-        slopes.append(slow)
-    found.sort(key=lambda one: one.entropy)
-    field = _of_mean_one(found[0].field, mask)
-    return Shading(field, tuple(found), _doubt(found, slopes, mask))
-
-
-def check_positive(image: Image, mask: Mask) -> None:
-    """Refuse an image of which a good part is negative: a factor explains no change of sign.
-
-    - `image`: MR image, shape `(ni, nj, nk)`
-    - `mask`: voxels of the body, same shape
-    """
-    share = float((image.data[mask] < 0).mean())
-    if share > _NEGATIVE:
-        raise InputError(
-            f"{image.name}: {share:.0%} of the values in the body are negative, which no bias "
-            "field makes; give the magnitude image, or set bias.method = 'none'"
-        )
+        other, entropy = peaks.field(slow[tuple(voxels.T)])
+        if entropy < least:
+            start, found, least = f"slopes, {wave:g} of the limb", other, entropy
+    field = _of_mean_one(found, mask)
+    return Shading(field, start, variation_doubt(values, field, mask))
 
 
 def joint_variation(values: F64, mask: Mask) -> float:
@@ -152,7 +128,7 @@ def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
     - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
     """
     before, after = (joint_variation(one, mask) for one in (values, values / field))
-    if after <= _RISE * before or before >= _ONE_TISSUE:
+    if after <= _RISE * before or not 0.0 < before < _ONE_TISSUE:
         return ""
     return (
         "the bias field raises the coefficient of joint variation of bright and dark tissue from "
@@ -330,30 +306,6 @@ class _Peaks:
             ndimage.gaussian_filter1d(one, 6.0, mode="constant") for one in (count, count * centre)
         )
         return centre, density, moment
-
-
-def _doubt(found: list[Candidate], slopes: list[F64], mask: Mask) -> str:
-    """Whether two fields explain the image equally well, or its slopes give another one."""
-    best = np.log(found[0].field[mask])
-    for other in found[1:]:
-        if other.entropy > found[0].entropy + _CLOSE:
-            continue
-        values = np.log(other.field[mask])
-        if max(best.std(), values.std()) < _FLAT:
-            continue
-        alike = float(np.corrcoef(best, values)[0, 1])
-        if not alike >= _ALIKE:
-            return (
-                f"two bias fields explain the image equally well and are not alike (correlation "
-                f"{alike:.2f}); look at bias.nii.gz, or set bias.method"
-            )
-    apart = min(float((best - one[mask]).std()) for one in slopes)
-    if apart > _APART:
-        return (
-            f"the bias field is {100 * apart:.0f} % off the one that the slopes of the image give; "
-            "look at bias.nii.gz, or set bias.method"
-        )
-    return ""
 
 
 def _smoothed(values: F64, mask: Mask) -> F64:

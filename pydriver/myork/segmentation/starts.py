@@ -1,10 +1,8 @@
 """First regions of a segmentation, and level sets made of regions."""
 
-import warnings
-
 import numpy as np
 from scipy import ndimage
-from scipy.cluster.vq import kmeans2, vq
+from scipy.cluster import vq
 
 from myork.errors import InputError
 from myork.segmentation.regions import otsu
@@ -16,7 +14,7 @@ _BLUR = 1.0  # standard deviation [voxels]
 _HEIGHT = 3.0  # far from contours; several times the width of the step function [-]
 
 _SAMPLE = 20_000  # values that place the centres of k-means
-_RESTARTS, _ROUNDS = 8, 50
+_RESTARTS = 8
 
 
 def kmeans(values: F64, count: int) -> tuple[I32, F64]:
@@ -26,27 +24,17 @@ def kmeans(values: F64, count: int) -> tuple[I32, F64]:
     - `count`: clusters
     - returns cluster of each value, shape `(nvalue,)`; centres, shape `(count, nchannel)`
 
-    References: Arthur, Vassilvitskii, Proc. SODA (2007), k-means++: the start; Lloyd, IEEE Trans.
-    Inf. Theory 28 (1982), doi:10.1109/TIT.1982.1056489. Both as SciPy has them.
+    Reference: Lloyd, IEEE Trans. Inf. Theory 28 (1982), doi:10.1109/TIT.1982.1056489, as SciPy has
+    it, with the best of several random starts
     """
     random = np.random.default_rng(0)
     some = values
     if len(values) > _SAMPLE:
         some = values[random.choice(len(values), _SAMPLE, replace=False)]
-    best, least = np.unique(some, axis=0), np.inf
-    if len(best) <= count:
-        best = np.resize(best, (count, values.shape[1]))
-    else:
-        for _ in range(_RESTARTS):
-            with warnings.catch_warnings():
-                # a cluster that has lost its values; another start will have less left over
-                warnings.simplefilter("ignore", UserWarning)
-                centres, _ = kmeans2(some, count, iter=_ROUNDS, minit="++", seed=random)
-            rest = float((vq(some, centres)[1] ** 2).sum())
-            if rest < least:
-                best, least = centres, rest
-    best = best[np.lexsort(best.T[::-1])]
-    return vq(values, best)[0], best
+    # SciPy leaves out clusters that have lost their values
+    best = vq.kmeans(some, count, iter=_RESTARTS, seed=random)[0]
+    best = np.resize(best[np.lexsort(best.T[::-1])], (count, values.shape[1]))
+    return vq.vq(values, best)[0], best
 
 
 def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
@@ -61,7 +49,7 @@ def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
     """
     labels = np.unique(known[known > 0])
     inside = values[region]
-    nearest, away = vq(inside, np.stack([values[known == n].mean(axis=0) for n in labels]))
+    nearest, away = vq.vq(inside, np.stack([values[known == n].mean(axis=0) for n in labels]))
     if count > len(labels):
         # Few voxels far from all would drag the threshold.
         away = np.minimum(away**2, np.percentile(away, 99.0) ** 2)
@@ -73,11 +61,6 @@ def seeded_regions(values: F64, region: Mask, known: I32, count: int) -> I32:
     result = np.zeros(region.shape, np.int32)
     result[region] = nearest
     return result
-
-
-def threshold_regions(values: F64, region: Mask) -> I32:
-    """Two regions by Otsu's threshold: 0 dark, 1 bright."""
-    return (values > otsu(values[region])).astype(np.int32)
 
 
 def level_sets_for(regions: int) -> int:
@@ -108,11 +91,7 @@ def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
 
 def regions_of(phi: F64, regions: int) -> I32:
     """Map of regions from the signs of level sets; the inverse of `level_sets_of`."""
-    bits = (phi > 0).astype(np.int32)
-    return _known((bits << np.arange(phi.shape[-1])).sum(-1, dtype=np.int32), regions)
-
-
-def _known(combination: I32, regions: int) -> I32:
-    """Combinations of signs without a region of their own lose their highest bit."""
+    region = ((phi > 0) << np.arange(phi.shape[-1])).sum(-1, dtype=np.int32)
+    # combinations of signs without a region of their own lose their highest bit
     highest = 1 << (level_sets_for(regions) - 1)
-    return np.where(combination < regions, combination, combination - highest).astype(np.int32)
+    return np.where(region < regions, region, region - highest).astype(np.int32)

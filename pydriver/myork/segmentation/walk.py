@@ -10,7 +10,6 @@ Grady, IEEE Trans. Pattern Anal. Mach. Intell. 28 (2006), doi:10.1109/TPAMI.2006
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
@@ -56,14 +55,7 @@ def heights_of(values: F64, where: Mask, others: F64 | None = None) -> F64:
     return height if others is None else np.concatenate([height, others], axis=3)
 
 
-def random_walk(
-    heights: F64,
-    where: Mask,
-    seeds: I32,
-    spacing: F64,
-    shyness: float,
-    pull: NDArray[np.float32] | None = None,
-) -> I32:
+def random_walk(heights: F64, where: Mask, seeds: I32, spacing: F64, shyness: float) -> I32:
     """Label voxels by the seeds that random walks from them reach first.
 
     - `heights`: see `heights_of`, shape `(ni, nj, nk, nchannel)` [-]
@@ -72,13 +64,10 @@ def random_walk(
     - `spacing`: voxel sizes, shape `(3,)` [mm]
     - `shyness`: a step over the height d near a slope s is `exp(-shyness (d / (1 + d/n) + s/4))`
       times as likely, n being ten times the noise of the first channel, 0.5 to 1 [pixel]
-    - `pull`: rates at which walks end in each label before they reach a seed, against steps of rate
-      1 where there is no edge; labels in their order, shape `(nlabel, ni, nj, nk)` [-]
     - returns labels, -1 where no seed can be reached, same shape
     """
-    ends = seeds >= 0 if pull is None else (seeds >= 0) | pull.any(axis=0)
     pieces, _ = ndimage.label(where)
-    inside = where & np.isin(pieces, np.unique(pieces[where & ends]))
+    inside = where & np.isin(pieces, np.unique(pieces[where & (seeds >= 0)]))
     found = np.full(where.shape, -1, np.int32)
     if not inside.any():
         return found
@@ -88,17 +77,14 @@ def random_walk(
     names = np.unique(seeds[where & (seeds >= 0)])
     result = known.copy()
     if free.any():
-        rates = np.zeros((len(names), int(free.sum())))
-        if pull is not None:
-            rates = pull[:, inside][:, free].astype(float)
-        system = (laplacian[free][:, free] + sparse.diags(rates.sum(axis=0))).tocsr()
+        system = laplacian[free][:, free]
         coupling = laplacian[free][:, ~free]
         slices = np.nonzero(inside)[2][free]
         inverse = _slice_by_slice(system, slices)
         # The last probability is what the others leave.
         likely = np.zeros((len(names), int(free.sum())))
         for number, name in enumerate(names[:-1]):
-            right = rates[number] - coupling @ (known[~free] == name).astype(float)
+            right = -(coupling @ (known[~free] == name).astype(float))
             likely[number], info = cg(system, right, rtol=_TOLERANCE, M=inverse)
             if info != 0:
                 raise InputError(

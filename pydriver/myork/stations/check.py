@@ -40,10 +40,10 @@ def check_deck(
     quick: bool = False,
     progress: ProgressCallback = silent,
 ) -> list[Check]:
-    """Check tangents, balance, restart, threads, fibers and material curves of a deck.
+    """Check tangents, balance, restart, fibers and material curves of a deck.
 
     - `out`: folder of `check.json`, in which the model file is looked for first
-    - `quick`: leave out what solves the deck: balance, threads and restart
+    - `quick`: leave out what solves the deck: balance and restart
     - `progress`: called with a line a check
     - returns what was found
     """
@@ -70,7 +70,6 @@ def check_deck(
             states = scene.states
             if states is not None and len(states.load) and states.load[-1] >= 1.0:
                 note("restart", _restart, deck, overrides, folder, states.x[-1])
-                note("threads", _threads, deck, overrides, folder, states.x)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "check.json", {"checks": [check._asdict() for check in found]})
@@ -176,12 +175,3 @@ def _restart(
         again = scene.solve(start=last, error=False).x[-1]
     change = np.linalg.norm(again - last) / max(np.linalg.norm(last), 1e-300)
     return bool(change < 1e-4), f"from the last state the answer moves by {change:.1e}"
-
-
-def _threads(
-    deck: str | Path, overrides: Sequence[str], out: Path | None, x: F64
-) -> tuple[bool | None, str]:
-    with Scene(deck, overrides, out, threads=2) as scene:
-        other = scene.solve(error=False).x
-    same = np.array_equal(x, other)
-    return same, "one and two threads give " + ("the same bits" if same else "different states")

@@ -20,7 +20,7 @@ from myork.errors import InputError
 from myork.imaging.diffusion import tensor_maps
 from myork.imaging.dixon import water_and_fat
 from myork.imaging.geometry import length_factor
-from myork.imaging.headers import Header, described_by, read_header
+from myork.imaging.headers import described_by, read_header
 from myork.imaging.io import read_image, read_labels, write_labels
 from myork.imaging.phantom import KINDS, make_phantom, write_phantom
 from myork.model.architecture import fat_of_label
@@ -376,28 +376,22 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
     times, strength = table.get("echo_times", ()), table.get("field_strength", 0.0)
     if times and strength:
         return times, strength
-    headers = _headers(files)
-    written = [one.echo_time for one in headers if one.echo_time is not None]
-    fields = {one.field for one in headers if one.field is not None}
-    if not times and len(written) == len(headers):
-        times = written
-    if not strength and len(fields) == 1:
-        strength = fields.pop()
-    if len(times) == 0 or not strength:
-        if written and not table.get("echo_times"):
-            files.grid.doubt(
-                f"the headers of dixon.magnitude contain {len(written)} echo times but no field: "
-                "the first echo is taken as in phase, the second as opposed; give "
-                "dixon.field_strength"
-            )
-        return table.get("echo_times", ()), table.get("field_strength", 0.0)
-    text = ", ".join(f"{time:.4g}" for time in times)
-    progress(f"echo times {text} ms at {strength:.4g} T, of the headers where the deck has none")
-    return times, strength
-
-
-def _headers(files: DeckFiles) -> list[Header]:
-    paths = [files.folder / name for name in files.table["magnitude"]]
+    paths = [files.folder / name for name in table["magnitude"]]
     for path in paths:
         files.grid.tell_strangers(path, described_by(path, "json"))
-    return [read_header(path) for path in paths]
+    headers = [read_header(path) for path in paths]
+    written = [one.echo_time for one in headers if one.echo_time is not None]
+    fields = {one.field for one in headers if one.field is not None}
+    found = times or written, strength or (fields.pop() if len(fields) == 1 else 0.0)
+    if len(found[0]) == len(paths) and found[1]:
+        text = ", ".join(f"{time:.4g}" for time in found[0])
+        progress(
+            f"echo times {text} ms at {found[1]:.4g} T, of the headers where the deck has none"
+        )
+        return found
+    if written and not times:
+        files.grid.doubt(
+            f"the headers of dixon.magnitude contain {len(written)} echo times but no field: the "
+            "first echo is taken as in phase, the second as opposed; give dixon.field_strength"
+        )
+    return times, strength
