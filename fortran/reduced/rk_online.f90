@@ -10,8 +10,8 @@
 !>   - penalty and stabilisation, a constant matrix.
 !> Newton's pressures are linear in the step, as in the full problem (rk_pressure).
 !>
-!> States run side by side in threads; the products of each are small, and BLAS is called for them on
-!> one thread.
+!> States run side by side in threads; the products of each are small, and BLAS is called for them
+!> on one thread.
 !>
 !> Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015),
 !>            doi:10.1002/nme.4820 (cells with weights that keep the energy)
@@ -305,7 +305,8 @@ subroutine cell_law(laws, f, a, bulk, tissue, fiber, sigma, activation, tangent,
    real(wp), intent(in) :: bulk
    !> Tissues with fibers in the cell, shape (k)
    integer, intent(in) :: tissue(:)
-   !> Their directions, shape (3, k), and largest isometric stress times fraction, shape (k) [stress]
+   !> Their directions, shape (3, k), and largest isometric stress times fraction, shape (k)
+   !> [stress]
    real(wp), intent(in) :: fiber(:, :), sigma(:)
    !> Activation of all tissues [-]
    real(wp), intent(in) :: activation(:)
