@@ -80,8 +80,7 @@ OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "damage": ("damage",),
-    "forms": ("walls", "mixed"),
-    "kernels": ("kernels", "solvers"),
+    "forms": ("walls", "mixed", "solvers"),
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from benchmarks.runner import sized_tables
+from benchmarks.runs import PUBLISHED_BLOCK
 from benchmarks.truths.deck_parts import force
 from benchmarks.truths.finite_elements import solve_half_block
 from benchmarks.truths.tubes import tube_deck, wall_stresses
-from myork import Scene
+from myork import Scene, run_deck
 from myork.bench.runs import lattice
 from myork.core.deck import load_deck
-from myork.errors import MyorkError
+from myork.errors import ConvergenceError, MyorkError
 from myork.files import INPUTS
 
 #: The head of a table, then its rows
@@ -145,6 +150,30 @@ def mixed() -> Rows:
                 none = abs(truth) < 1e-9 * abs(truth).max()
                 shown = ["" if zero else f"{one:+.2g}" for one, zero in zip(off, none, strict=True)]
                 yield name, f"{level:g}", program, *shown, f"{abs(off[~none]).max():.2g}", *ranges
+
+
+def solvers() -> Rows:
+    """Each solver on the equations of the muscle block by collocation (docs/solvers.md).
+
+    CPU seconds of the first iteration of a load step, and what the summary reports of it.
+    """
+    yield "solver", "s", "times `dgels`", "backward error", "distance", "condition"
+    words = (*PUBLISHED_BLOCK, "scene.method=rkcm", "approximation.order=2",
+             "approximation.support=3", "load.steps=10", "load.max_halvings=0",
+             "solver.max_iterations=1")  # fmt: skip
+    dgels = 0.0
+    for name in ("dgels", "auto", "refined", "normal", "sparse-normal"):
+        with TemporaryDirectory() as folder:
+            with suppress(ConvergenceError):
+                run_deck(INPUTS / "muscle_block.toml", folder, threads=1, error=False,
+                         overrides=(*words, f"solver.linear={name}"))  # fmt: skip
+            case = json.loads(Path(folder, "summary.json").read_text(encoding="utf-8"))
+        said, times = case["solver"], case["timings_s"]
+        # parts are wall times, of which the process had a share
+        spent = case["cpu_s"] * times["solve"] / times["total"]
+        dgels = dgels or spent
+        found = (said["backward_error"], said["misfit"], said["reciprocal_condition"])
+        yield f"`{name}`", f"{spent:.2f}", f"{dgels / spent:.1f}", *(f"{one:.3e}" for one in found)
 
 
 def _largest(rows: list[list[str]]) -> list[list[str]]:
