@@ -103,8 +103,9 @@ module rk_symmetric
    real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Share with which half of the digits show for sure that a matrix is not [-]
    real(wp), parameter :: surely = 1.0e-4_wp
-   !> Least size of a negative eigenvalue that is no rounding of half of the digits [-]
-   real(wp), parameter :: seen = 1.0e-2_wp
+   !> Least size of a negative eigenvalue that is no rounding of half of the digits, and least one of
+   !> a matrix that is positive definite for sure, of what a factor makes of a matrix near its own [-]
+   real(wp), parameter :: seen = 1.0e-2_wp, clear = 0.1_wp
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
    !> Solves of what the last one has left, and the share of the solution that they may leave [-]
@@ -321,10 +322,10 @@ function nonzeros(self, value) result(kept)
    integer(i8) :: k
    integer :: j
 
-   kept%place = pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp)
-   kept%value = value(kept%place)
+   allocate (kept%place, source=pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp))
+   allocate (kept%value, source=value(kept%place))
    allocate (row, source=self%rows())
-   kept%row = int(row(kept%place)) + 1
+   allocate (kept%row, source=int(row(kept%place)) + 1)
    allocate (kept%column(size(kept%row)))
    j = 1
    do k = 1, size(kept%place, kind=i8)
@@ -609,7 +610,7 @@ contains
          call iterate(left, tolerance, limit, step, lanczos)
          done = done + report%iterations
          if (system%size == self%n) indefinite = indefinite &
-            & .or. has_negative(lanczos(:, :report%iterations))
+            & .or. has_below(lanczos(:, :report%iterations), -seen)
          close = found
          found = .false.
          if (.not. close) exit
@@ -643,31 +644,47 @@ contains
 
 end subroutine solve_near
 
-!> Whether a tridiagonal matrix has a negative eigenvalue: then the matrix that it approximates has
-!> one as well
-pure logical function has_negative(lanczos)
+!> Whether a tridiagonal matrix has an eigenvalue below a bound: then the matrix that it approximates
+!> has one as well
+pure logical function has_below(lanczos, bound)
    !> Diagonal and what stands beside it, shape (2, steps)
    real(wp), intent(in) :: lanczos(:, :)
+   real(wp), intent(in) :: bound
    real(wp) :: pivot
    integer :: k
 
-   has_negative = .false.
+   has_below = .false.
    pivot = 1.0_wp
    do k = 1, size(lanczos, 2)
-      pivot = lanczos(1, k) + seen - merge(lanczos(2, max(k - 1, 1))**2/pivot, 0.0_wp, k > 1)
-      has_negative = pivot <= 0.0_wp
-      if (has_negative) return
+      pivot = lanczos(1, k) - bound &
+         & - merge(lanczos(2, max(k - 1, 1))**2/pivot, 0.0_wp, k > 1)
+      has_below = pivot <= 0.0_wp
+      if (has_below) return
    end do
-end function has_negative
+end function has_below
 
-!> Whether the matrix is positive definite
+!> Whether all eigenvalues are positive: of a large solid by its factor of half as many digits, or by
+!> that of a matrix before it, which makes of this one nearly the identity
 logical function definite(self)
    class(symmetric_matrix), target, intent(in) :: self
    type(error_type), allocatable :: error
-   real(wp) :: b(self%n), x(self%n), rcond
+   type(preconditioned_type) :: system
+   real(wp) :: b(self%n), x(self%n), rcond, lanczos(2, few)
+   integer :: iterations, k
 
    associate (near => self%near)
       if (allocated(near%matrix%start) .and. near%operations >= large .and. .not. near%coarse) then
+         if (near%ready .and. .not. near%share > 0.0_wp) then
+            system%size = self%n
+            system%places => self
+            system%given => self%value
+            ! of no symmetry that a mode could have
+            b = [(sin(real(k, wp)**2), k=1, self%n)]
+            call minres(system, b, exact, min(few, nint(tried*near%cost)), x, iterations, rcond, &
+               & lanczos, gives_up=.true.)
+            definite = rcond <= exact .and. .not. has_below(lanczos(:, :iterations), clear)
+            if (definite) return
+         end if
          call factorise(self, self%value, 0.0_wp)
          definite = near%ready
          if (definite) return

@@ -32,8 +32,9 @@ module rk_run
    integer, parameter :: looks = 16
    !> Distance up to which a probe lies on an interface of two materials, in spacings [-]
    real(wp), parameter :: beside = 1.0e-6_wp
-   !> Bulk over shear modulus beyond which a step of the tolerance leaves an error in pressures [-]
-   real(wp), parameter :: firm = 1.0e3_wp
+   !> Bulk over shear modulus beyond which a step of the tolerance leaves an error in pressures, and
+   !> the smallest share of the tolerance that is asked for: stiffer ones drown it in rounding [-]
+   real(wp), parameter :: firm = 1.0e3_wp, finest = 0.05_wp
 
    !> What a run found out beside its states
    type :: outcome_type
@@ -198,7 +199,8 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    newton%tolerance = scene%solver%tolerance
    ! a last step of size s leaves volumes wrong by about s**2, and pressures by K times that
    if (problem%square .and. scene%stiffest_ratio() <= huge(1.0_wp)) &
-      & newton%tolerance = newton%tolerance*sqrt(firm/max(scene%stiffest_ratio(), firm))
+      & newton%tolerance = newton%tolerance &
+      & *max(finest, sqrt(firm/max(scene%stiffest_ratio(), firm)))
    newton%max_iterations = scene%solver%max_iterations
    allocate (x(problem%n), source=0.0_wp)
    call system_clock(timer%start)

@@ -359,7 +359,8 @@ logical function is_unstable(self, x, load)
 
    is_unstable = .false.
    allocate (r(self%m))
-   call self%start(x, load, .false.)
+   ! no step begins: the last factor stays
+   if (allocated(self%base)) deallocate (self%base)
    call self%evaluate(x, load, r, seen, tangent=.true.)
    tangent => null()
    select type (linearised => self%linearised)
