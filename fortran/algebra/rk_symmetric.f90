@@ -322,11 +322,12 @@ function nonzeros(self, value) result(kept)
    integer(i8) :: k
    integer :: j
 
-   allocate (kept%place, source=pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp))
-   allocate (kept%value, source=value(kept%place))
+   j = count(abs(value) > 0.0_wp)
+   allocate (kept%place(j), kept%value(j), kept%row(j), kept%column(j))
+   kept%place(:) = pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp)
+   kept%value(:) = value(kept%place)
    allocate (row, source=self%rows())
-   allocate (kept%row, source=int(row(kept%place)) + 1)
-   allocate (kept%column(size(kept%row)))
+   kept%row(:) = int(row(kept%place)) + 1
    j = 1
    do k = 1, size(kept%place, kind=i8)
       do while (kept%place(k) > self%start(j + 1))
