@@ -18,7 +18,8 @@ module rk_acoustic
 
    !> Directions of the first search, about 0.3 apart on the half sphere and 0.2 in the plane
    integer, parameter :: directions = 60, in_plane = 15
-   !> Refinements, each of four tries by a turn that is halved where none is better
+   !> Refinements, each of two tries in the plane or four by a turn that is halved, in space
+   !> where none is better
    integer, parameter :: refinements = 10
    !> First turn of the refinement
    real(wp), parameter :: first_turn = 0.15_wp
@@ -73,7 +74,8 @@ pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
          n = cos(turn)*centre - sin(turn)*side(:, i)
          call keep_better(n, least, best)
       end do
-      if (.not. least < value) turn = 0.5_wp*turn
+      ! in the plane the least value lies within a turn of the best of three directions
+      if (nd == 2 .or. .not. least < value) turn = 0.5_wp*turn
    end do
 
 contains

@@ -1,5 +1,6 @@
 !> Numbers as text, also on several threads at once; TAP for `meson test`.
 program test_text
+   use, intrinsic :: ieee_arithmetic, only : ieee_positive_inf, ieee_value
    use rk_precision, only : i8, wp
    use rk_text, only : line, to_power, to_text
    use tap, only : check, finish
@@ -20,6 +21,7 @@ subroutine test_numbers
    call check('real numbers', '|'//to_text(0.5_wp)//'|'//to_text(-100.0_wp)//'|' &
       & //to_text(99999.96_wp)//'|'//to_text(1.0_wp/3.0_wp, 2)//'|'//to_text(2.0e-4_wp)//'|' &
       & == '|0.5|-100|100000|0.33|0.0002|')
+   call check('infinity', to_text(ieee_value(1.0_wp, ieee_positive_inf)) == 'inf')
    call check('powers of ten', '|'//to_power(1.26e-5_wp, 1)//'|'//to_power(-2.0e100_wp, 0)//'|' &
       & == '|1.3E-05|-2E+100|')
    call check('lists', '|'//to_text([1, 20, -3])//'|'//to_text([integer ::])//'|' &
