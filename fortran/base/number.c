@@ -23,7 +23,8 @@ void rkf_number(double value, int digits, int power, char *text)
    const double size = fabs(value);
    if (digits > 0 && !power && size >= 1.0 && size < 1e5) n = (int)fmax(n, 1.0 + floor(log10(size)));
    do {
-      snprintf(found, sizeof found, power ? "%.*E" : "%.*G", n, value);
+      /* inf as decks have it */
+      snprintf(found, sizeof found, !isfinite(value) ? "%.*g" : power ? "%.*E" : "%.*G", n, value);
    } while (digits == 0 && !power && n++ < 17 && strtod(found, NULL) != value);
    uselocale(before);
    memset(text, ' ', LONGEST);
