@@ -253,7 +253,8 @@ subroutine solve_columns(self, x)
    call release_threads(kept)
 end subroutine solve_columns
 
-subroutine free(self)
+!> Also of each factor of an array
+impure elemental subroutine free(self)
    type(sparse_factor), intent(inout) :: self
 
    if (c_associated(self%handle)) call rk_sparse_free(self%handle)

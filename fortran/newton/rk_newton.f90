@@ -167,7 +167,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    do
       call assess()
       if (now%passes .and. now%whole .and. self%step_norm < near .and. merit < now%enough) exit
-      if (converged(self, now)) then
+      if (converged(self, now, problem%inexact)) then
          if (off_weight()) then
             call iterate_on()
             cycle
@@ -468,13 +468,15 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
 end subroutine check_end
 
 !> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
-pure logical function converged(self, now)
+pure logical function converged(self, now, inexact)
    type(newton_type), intent(in) :: self
    type(progress_type), intent(in) :: now
+   !> Steps are solved to few digits: what they promise does not say that the forces balance
+   logical, intent(in) :: inexact
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
    if (converged) converged = (now%whole .and. (self%step_norm < rounding &
-      & .or. self%gradient < now%balance .or. now%left < nothing)) &
+      & .or. self%gradient < now%balance .or. (now%left < nothing .and. .not. inexact))) &
       ! a full Newton step may end where rounding keeps every further one from being accepted
       & .or. self%gradient < rounding
    converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still) &

@@ -7,7 +7,7 @@ module rk_conditions
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
-   use rk_programme, only : combined, programme_type, ramp
+   use rk_programme, only : combined, plan_type, programme_type, ramp
    use rk_scene, only : scene_type
    use rk_tensor, only : vector_product
    use rk_text, only : to_text
@@ -225,14 +225,18 @@ pure subroutine compare_displacements(programme, one, other, both)
    real(wp), intent(in) :: one(:), other(:)
    !> Both displacements
    character(len=:), allocatable, intent(out) :: both
-   !> Loads of a programme that are compared: an odd number meets no period
+   !> Loads that are compared beside the beginning of a programme and the times of its amplitudes:
+   !> an odd number meets no period
    integer, parameter :: looks = 23
+   type(plan_type) :: planned
    real(wp) :: factor(size(one)), largest, u(2)
    integer :: k
 
+   if (.not. any(abs(one - other) > 0.0_wp)) return
+   planned = programme%plan(looks)
    largest = 0.0_wp
-   do k = 1, merge(looks, 0, any(abs(one - other) > 0.0_wp))
-      factor = programme%factors(real(k, wp)/real(looks, wp))
+   do k = 0, size(planned%load)
+      factor = programme%factors(merge(0.0_wp, planned%load(max(k, 1)), k == 0))
       u = [combined(one, factor), combined(other, factor)]
       if (.not. abs(u(1) - u(2)) > max(largest, 1.0e-9_wp*max(abs(u(2)), 1.0e-3_wp))) cycle
       largest = abs(u(1) - u(2))

@@ -198,7 +198,8 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    if (linear == '') newton%linear = scene%solver%linear
    newton%tolerance = scene%solver%tolerance
    ! a last step of size s leaves volumes wrong by about s**2, and pressures by K times that
-   if (problem%square .and. scene%stiffest_ratio() <= huge(1.0_wp)) &
+   ! where the residual, with K in it, does not say so itself
+   if (problem%square .and. .not. problem%inexact .and. scene%stiffest_ratio() <= huge(1.0_wp)) &
       & newton%tolerance = newton%tolerance &
       & *max(finest, sqrt(firm/max(scene%stiffest_ratio(), firm)))
    newton%max_iterations = scene%solver%max_iterations

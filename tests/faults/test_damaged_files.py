@@ -280,6 +280,7 @@ ONCE: list[tuple[str, list[Edit], str]] = [
     ("tracts/sound.npz", lines(LINES * 1j, [0, 7]), "of numbers"),
     ("tracts/sound.npz", lines(LINES, [0, 3.5, 7]), "offsets integers that rise"),
     ("tracts/sound.npz", lines(LINES, [0, 70]), "offsets integers that rise"),
+    ("tracts/sound.npz", lines(np.array(5.0), [0, 7]), "points must be"),
     ("tracts/sound.npz", lines(LINES[:0], [0]), "contains no lines"),
     ("tracts/sound.npz", lines(LINES * 0, [0, 7]), "all points of each line coincide"),
 ]  # fmt: skip

@@ -198,6 +198,8 @@ def test_kmeans_finds_heaps_in_order_and_repeats_itself():
     assert np.array_equal(found, np.array([2, 0, 1])[which])
     assert np.array_equal(found, kmeans(values, 3)[0])
     assert kmeans(np.zeros((5, 1)), 3)[0].shape == (5,)
+    # fewer values than clusters
+    assert kmeans(np.arange(2.0)[:, np.newaxis], 3)[0].tolist() == [0, 1]
     assert 1.0 < otsu(np.repeat([1.0, 5.0], [700, 300])) < 5.0
 
 

@@ -271,6 +271,15 @@ def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: st
     assert what in refused(tables)
 
 
+def test_displacements_that_differ_for_a_moment_only() -> None:
+    """Between two load steps, at the time of an amplitude."""
+    tables = column("rkpm-gauss", [], [{"set": "x0", "u_x": 0.1, "amplitude": "pulse"}])
+    tables["amplitude"] = [
+        {"name": "pulse", "time": [0, 0.1, 0.11, 0.12, 1], "value": [0, 0, 1, 0, 0]}
+    ]
+    assert "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for comp" in refused(tables)
+
+
 def test_loads_of_sets_that_overlap_add() -> None:
     sets = [SIDE, {"name": "half", "side": "y1", "where": "x > 0.5"}]
     boundary = [{"set": "pad", "traction": [0, PULL]}, {"set": "half", "traction": [0, PULL]}]

@@ -119,8 +119,8 @@ def _archived_lines(path: Path) -> list[F64]:
             f"{path}: needs the arrays points and offsets of numbers: "
             f"{' '.join(str(reason).split())}; write it again"
         ) from None
-    sized = points.shape == (len(points), 3) and offsets.ndim == 1
-    rising = np.concatenate([[0.0], offsets.ravel(), [float(len(points))]])
+    sized = points.ndim == 2 and points.shape[1] == 3 and offsets.ndim == 1
+    rising = np.concatenate([[0.0], offsets.ravel(), points.shape[:1]])
     if not (sized and len(offsets) and (np.diff(rising) >= 0).all() and (rising % 1 == 0).all()):
         raise InputError(
             f"{path}: points must be (n, 3) and offsets integers that rise from 0 to n, not "

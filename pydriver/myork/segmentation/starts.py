@@ -31,6 +31,8 @@ def kmeans(values: F64, count: int) -> tuple[I32, F64]:
     some = values
     if len(values) > _SAMPLE:
         some = values[random.choice(len(values), _SAMPLE, replace=False)]
+    elif len(values) < count:
+        some = np.resize(values, (count, values.shape[1]))
     # SciPy leaves out clusters that have lost their values
     best = vq.kmeans(some, count, iter=_RESTARTS, seed=random)[0]
     best = np.resize(best[np.lexsort(best.T[::-1])], (count, values.shape[1]))
