@@ -16,6 +16,9 @@ module rk_static
 
    public :: solve_static
 
+   !> Halvings after which a run ends at an unstable state: the branch is lost, and what further
+   !> ones reach is arbitrary
+   integer, parameter :: early = 5
    !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
    integer, parameter :: rests = 3
 
@@ -135,7 +138,8 @@ contains
       newton%done = done
       ! what is prescribed is that of a start beside the path
       if (aside) newton%done = load
-      newton%impatient = halvings < max_halvings
+      newton%impatient = halvings < max_halvings &
+         & .and. .not. (newton%unstable .and. halvings >= early)
       newton%settles = .false.
       newton%passes = load < target_load
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
@@ -163,6 +167,7 @@ contains
    logical function may_halve()
       may_halve = any(error%code == [err_convergence, err_linalg]) &
          & .and. halvings < max_halvings .and. .not. newton%pinned
+      if (may_halve .and. halvings >= early) may_halve = .not. is_lost()
    end function may_halve
 
    !> Whether the last converged state is unstable; a tangent that is not positive definite does not
