@@ -103,8 +103,8 @@ module rk_symmetric
    real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
    !> Share with which half of the digits show for sure that a matrix is not [-]
    real(wp), parameter :: surely = 1.0e-4_wp
-   !> Least size of a negative eigenvalue that is no rounding of half of the digits, and least one of
-   !> a matrix that is positive definite for sure, of what a factor makes of a matrix near its own [-]
+   !> Least size of a negative eigenvalue that is no rounding of half of the digits, and least
+   !> eigenvalue of a matrix that is surely positive definite, over those of a factor near it [-]
    real(wp), parameter :: seen = 1.0e-2_wp, clear = 0.1_wp
    !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
    integer, parameter :: most = 100, few = 30
@@ -645,8 +645,8 @@ contains
 
 end subroutine solve_near
 
-!> Whether a tridiagonal matrix has an eigenvalue below a bound: then the matrix that it approximates
-!> has one as well
+!> Whether a tridiagonal matrix has an eigenvalue below a bound: then the matrix that it
+!> approximates has one as well
 pure logical function has_below(lanczos, bound)
    !> Diagonal and what stands beside it, shape (2, steps)
    real(wp), intent(in) :: lanczos(:, :)
@@ -664,8 +664,8 @@ pure logical function has_below(lanczos, bound)
    end do
 end function has_below
 
-!> Whether all eigenvalues are positive: of a large solid by its factor of half as many digits, or by
-!> that of a matrix before it, which makes of this one nearly the identity
+!> Whether all eigenvalues are positive: of a large solid by its factor of half as many digits, or
+!> by that of a matrix before it, which makes of this one nearly the identity
 logical function definite(self)
    class(symmetric_matrix), target, intent(in) :: self
    type(error_type), allocatable :: error
