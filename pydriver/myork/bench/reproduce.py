@@ -7,7 +7,6 @@ and puts ours beside the published number.
 from __future__ import annotations
 
 import contextlib
-import re
 import resource
 import shlex
 import tempfile
@@ -290,42 +289,14 @@ def find_tables(names: Sequence[str]) -> list[Table]:
         plain = plain.replace("figure ", "figure-")
         key = next((key for key in (plain, f"figure-{plain}") if key in TABLES), None)
         if key is None:
-            raise InputError(_unknown(name, plain))
+            close = ", ".join(get_close_matches(plain, TABLES, 3, 0.0))
+            raise InputError(
+                f"the dissertation has no table or figure {name!r} with numbers; the nearest are "
+                f"{close}; `myork reproduce --list` names all, and where those without numbers are "
+                "seen"
+            )
         found[key] = TABLES[key]
     return list(found.values())
-
-
-def _unknown(name: str, plain: str) -> str:
-    """Message for an unknown name."""
-    number = plain.removeprefix("figure-")
-    for figures, place in WITHOUT_NUMBERS.items():
-        if number in _spread(figures):
-            return f"figure {number} has no numbers to compare: {place}"
-    close = get_close_matches(plain, TABLES, 3, 0.0)
-    if re.fullmatch(r"\d+\.\d+", number):
-        # the same chapter, and the nearest numbers in it
-        chapter, wanted = (int(part) for part in number.split("."))
-
-        def apart(key: str) -> tuple[int, int]:
-            own, last = (int(part) for part in key.removeprefix("figure-").split("."))
-            return abs(own - chapter), abs(last - wanted)
-
-        close = sorted(TABLES, key=apart)[:3]
-    return (
-        f"the dissertation has no table or figure {name!r} with numbers; the nearest are "
-        f"{', '.join(close)}; `myork reproduce --list` names all"
-    )
-
-
-def _spread(figures: str) -> set[str]:
-    """Numbers of a text such as `3.1 to 3.9, 4.5`."""
-    numbers = set()
-    for part in figures.split(", "):
-        first, _, last = part.partition(" to ")
-        chapter, low = first.split(".")
-        high = (last or first).split(".")[1]
-        numbers |= {f"{chapter}.{n}" for n in range(int(low), int(high) + 1)}
-    return numbers
 
 
 def list_tables() -> str:
