@@ -185,10 +185,9 @@ def _galerkin(name: str, deck: str, words: tuple[str, ...], modes: tuple[int, ..
         rows += [
             Row(f"r = {r}, e1", None, ("path", f"{r}.e1")),
             Row(f"r = {r}, e1 of the modes alone", None, ("path", f"{r}.best_e1")),
-            Row(f"r = {r}, e1 with states of unit norm", None, ("path", f"unit {r}.e1")),
             Row(f"r = {r} [min]", None, ("path", f"{r}.cpu_min")),
         ]
-    run = Run("states", deck, words, modes)
+    run = Run("path", deck, words, modes)
     return Table(name, "Galerkin form", {"path": run}, tuple(rows), 60.0)
 
 

@@ -543,8 +543,7 @@ _COMMANDS = {
             *_DECK,
             _vary(
                 "...",
-                "LOW:HIGH:N for a grid, a,b,c for a list, lhs(LOW,HIGH) or sobol(LOW,HIGH) for "
-                "samples",
+                "LOW:HIGH:N for a grid, a,b,c for a list, lhs(LOW,HIGH) for samples",
             ),
             _option("--samples", "N", "samples; default 32", int, default=32),
             _seed(),

@@ -1,4 +1,4 @@
-"""Progress of a long task: a bar on a terminal or in a notebook, plain lines in a log.
+"""Progress of a long task: a bar on a terminal, plain lines in a log or a notebook.
 
 Every function that takes a `progress` argument calls it with one line of text at a time. A line
 that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
@@ -7,8 +7,7 @@ that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from html import escape
+from collections.abc import Callable
 from typing import Any
 
 ProgressCallback = Callable[[str], None]
@@ -67,11 +66,8 @@ class Console:
         self._quiet = verbosity < 0
         self._bar: Any = None  # a Progress of rich, loaded where one is drawn
         self._tasks: dict[str, Any] = {}
-        self._shown: dict[str, _NotebookBar] | None = None
 
     def __enter__(self) -> "Console":
-        if _in_notebook():
-            self._shown = {}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -84,9 +80,6 @@ class Console:
         if self._quiet:
             return
         counted = _COUNTED.match(line)
-        if self._shown is not None and counted is not None:
-            self._shown.setdefault(counted["name"], _NotebookBar()).show(counted)
-            return
         if counted is None or not sys.stdout.isatty():
             # a bar that is drawn lets lines pass above it
             print(line, flush=True)
@@ -108,44 +101,3 @@ class Console:
         self._bar.update(
             self._tasks[name], completed=int(counted["done"]), total=total, rest=counted["rest"]
         )
-
-
-def as_html(
-    title: str, rows: Iterable[Sequence[Any]], head: Sequence[str] = (), lines: Iterable[str] = ()
-) -> str:
-    """A record as notebooks show it: a title in HTML, sentences, and a table; these are escaped."""
-
-    def row(cells: Sequence[Any], kind: str = "td") -> str:
-        inside = "".join(f"<{kind}>{escape(str(cell))}</{kind}>" for cell in cells)
-        return f"<tr>{inside}</tr>"
-
-    listed = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    table = [row(head, "th")] * bool(head) + [row(cells) for cells in rows]
-    return f"<p>{title}</p><ul>{listed}</ul><table>{''.join(table)}</table>"
-
-
-class _NotebookBar:
-    """A bar below a cell, drawn anew with each line."""
-
-    def __init__(self) -> None:
-        self._handle: Any = None
-
-    def show(self, counted: re.Match[str]) -> None:
-        from IPython.display import HTML, display
-
-        drawn = HTML(
-            f"{escape(counted['name'])} <progress value='{counted['done']}' "
-            f"max='{counted['total']}'></progress> {counted['done']}/{counted['total']} "
-            f"{escape(counted['rest'])}"
-        )
-        if self._handle is None:
-            self._handle = display(drawn, display_id=True)
-        else:
-            self._handle.update(drawn)
-
-
-def _in_notebook() -> bool:
-    """Whether a kernel shows what is displayed; IPython is not loaded for the question."""
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython is not None else None
-    return getattr(shell, "kernel", None) is not None

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from myork.arrays import UNREADABLE, dataset
-from myork.console import as_html
 from myork.errors import FileError, InputError, optional
-from myork.summary import read_summary, with_bar
+from myork.summary import read_summary
 from myork.types import F64, I32
 
 _FILE = "results.vtkhdf"
@@ -90,23 +88,6 @@ class Results:
 
     def __repr__(self) -> str:
         return f"Results({str(self.path)!r}: {self.nstep} steps, {self.npoint} points)"
-
-    def _repr_html_(self) -> str:
-        """The verdict, and load steps with their probes, as notebooks show them."""
-        summary = read_summary(self.path.parent)
-        verdict = summary.get("verdict", {})
-        steps, units = summary.get("steps", []), summary.get("probe_units", {})
-        names = list(dict.fromkeys(name for step in steps for name in step.get("probes", {})))
-        rows = [[f"{s['load']:.4g}", *(with_bar(s, n, units.get(n, "")) for n in names)]
-                for s in steps]  # fmt: skip
-        title, state = (
-            escape(str(text))
-            for text in (summary.get("title") or self.path, verdict.get("state", "not judged"))
-        )
-        sizes = f"{self.nstep} steps, {self.npoint} points"
-        return as_html(
-            f"{title}: <b>{state}</b>, {sizes}", rows, ["load", *names], verdict.get("reasons", [])
-        )
 
     @cached_property
     def points(self) -> F64:

@@ -64,7 +64,7 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "J 0.980 to 1.02" in text and "Force imbalance 2.0·10−13" in text
     for wanted in (
         "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
-        "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "reduced assembly", "0.973",
+        "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "reduced", "0.973",
         "1380 MiB".replace("1380", "1\u202f380"), "10 steps, 30 iterations", "load.steps=10",
     ):  # fmt: skip
         assert wanted in text, wanted
@@ -323,7 +323,7 @@ def test_full_against_reduced() -> None:
     lines = figure.axes[0].lines
     assert_allclose(lines[0].get_xydata(), [[0.5, 1.0], [1.0, 2.0]])
     assert_allclose(lines[1].get_xydata(), [[0.5, 1.1], [1.0, np.nan]])
-    assert lines[1].get_label() == "reduced assembly, r = 3"
+    assert lines[1].get_label() == "r = 3"
     assert_allclose(figure.axes[1].lines[1].get_ydata(), [1.0, 2.0])
 
 

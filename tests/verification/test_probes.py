@@ -254,7 +254,6 @@ def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
     with Results(tmp_path) as results:
         units = results.history().attrs["units"]
         assert units["u_x"] == units["u_y_error"] == "cm" and units["J"] == ""
-        assert "N/cm^2" in results._repr_html_()
 
 
 def test_rounding_below_a_bar_is_printed_as_zero(tmp_path: Path) -> None:

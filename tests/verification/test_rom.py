@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import myork
 from myork.core.scene import Scene
 from myork.rom import study
-from myork.rom.basis import proper_orthogonal_modes, unit_states
+from myork.rom.basis import proper_orthogonal_modes
 from tests.scenes import box, gripped, held, probes, refuses, solved
 from tests.scenes import scene as tables_of
 
@@ -168,18 +168,6 @@ def test_the_method_of_snapshots_has_the_modes_of_the_singular_values(full) -> N
         assert abs(modes[:, k] @ other[:, k]) == pytest.approx(1.0, abs=1e-6), k
     # what is rounding is not counted
     assert len(squares) <= len(values) and squares[-1] > 0
-
-
-def test_unit_snapshots_weigh_small_states_like_large_ones() -> None:
-    states = np.random.default_rng(1).standard_normal((2, 20)) * [[1.0], [1e6]]
-
-    def lost(modes: np.ndarray) -> float:
-        """Of the small state, by the first mode."""
-        return float(np.linalg.norm(states[0] - modes[:, 0] * (modes[:, 0] @ states[0])))
-
-    modes, values = proper_orthogonal_modes(unit_states(states))
-    assert values.sum() == pytest.approx(1.0)
-    assert lost(modes) < 0.9 * lost(proper_orthogonal_modes(states)[0])
 
 
 # ---- rows assembled in full (6.62)-(6.67) --------------------------------------------------------

@@ -7,7 +7,6 @@ and puts ours beside the published number.
 from __future__ import annotations
 
 import contextlib
-import re
 import resource
 import shlex
 import tempfile
@@ -16,7 +15,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -48,7 +46,7 @@ from myork.imaging.io import read_image, read_labels
 from myork.records import Labels
 from myork.report.frame import Page, Section, figure, table
 from myork.results import Results
-from myork.rom.basis import proper_orthogonal_modes, unit_states
+from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.study import PathStates, reduced_path
 from myork.segmentation.scores import dice
 from myork.stations.build import build
@@ -199,13 +197,12 @@ def _strong(scene: Scene) -> bool:
     return str(scene.deck["scene"]["method"]).startswith("rkcm")
 
 
-def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Record:
+def _path(run: Run, progress: ProgressCallback) -> Record:
     """Errors and times of a path of loads, full and by numbers of modes.
 
-    Rows are assembled in full and projected, and Cholesky's factor is taken. Beside them stand
-    modes of states of unit norm, with rows in their span (`unit`), and the time of the full model
-    by `auto`; beside those `published` rows in the span of the modes (`span`), and the time of the
-    full model by dense QR: that of an iteration times their number.
+    Rows of collocation are assembled in full and projected, and Cholesky's factor is taken. Beside
+    them stand rows in the span of the modes (`span`), and the time of the full model by `auto`
+    beside that by dense QR, which is that of an iteration times their number.
     """
     assert isinstance(run.more, tuple)
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
@@ -218,17 +215,13 @@ def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Re
             states = scene.solve(error=False)
             auto = time.process_time() - before
             full = PathStates.of(scene, states.x, states.load)
-            last = scene.probes(states.x[-1:], states.load[-1:])[0, :, 0]
-            names = [probe["name"] for probe in scene.deck["probe"]]
             modes, _ = proper_orthogonal_modes(states.x)
-            alike, _ = proper_orthogonal_modes(unit_states(states.x))
-            ways = {"": (modes, _strong(scene)), "unit ": (alike, False)}
-            if published:
-                ways["span "] = modes, False
+            published = _strong(scene)
+            ways = {"": True, "span ": False} if published else {"": False}
             record: dict[str, Any] = {}
-            for (way, (basis, whole)), r in product(ways.items(), run.more):
+            for (way, whole), r in product(ways.items(), run.more):
                 progress(f"{run.deck}: {way}r = {r}")
-                record[f"{way}{r}"] = reduced_path(scene, full, basis[:, :r], published=whole)
+                record[f"{way}{r}"] = reduced_path(scene, full, modes[:, :r], published=whole)
             dense = auto
             if published:
                 progress(f"{run.deck}: an iteration by dense QR")
@@ -236,10 +229,7 @@ def _path(run: Run, progress: ProgressCallback, *, published: bool = True) -> Re
                 dense = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
     for entry in record.values():
         entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
-    return record | {
-        "full": {"cpu_min": dense / 60, "auto_min": auto / 60},
-        "probes": dict(zip(names, last.tolist(), strict=True)),
-    }
+    return record | {"full": {"cpu_min": dense / 60, "auto_min": auto / 60}}
 
 
 def _images(run: Run) -> tuple[str, ...]:
@@ -268,7 +258,6 @@ RUNS: dict[str, Callable[..., Record]] = {
     "fibers": _fibers,
     "motion": _motion,
     "path": _path,
-    "states": partial(_path, published=False),
 }
 
 
@@ -290,42 +279,14 @@ def find_tables(names: Sequence[str]) -> list[Table]:
         plain = plain.replace("figure ", "figure-")
         key = next((key for key in (plain, f"figure-{plain}") if key in TABLES), None)
         if key is None:
-            raise InputError(_unknown(name, plain))
+            close = ", ".join(get_close_matches(plain, TABLES, 3, 0.0))
+            raise InputError(
+                f"the dissertation has no table or figure {name!r} with numbers; the nearest are "
+                f"{close}; `myork reproduce --list` names all, and where those without numbers are "
+                "seen"
+            )
         found[key] = TABLES[key]
     return list(found.values())
-
-
-def _unknown(name: str, plain: str) -> str:
-    """Message for an unknown name."""
-    number = plain.removeprefix("figure-")
-    for figures, place in WITHOUT_NUMBERS.items():
-        if number in _spread(figures):
-            return f"figure {number} has no numbers to compare: {place}"
-    close = get_close_matches(plain, TABLES, 3, 0.0)
-    if re.fullmatch(r"\d+\.\d+", number):
-        # the same chapter, and the nearest numbers in it
-        chapter, wanted = (int(part) for part in number.split("."))
-
-        def apart(key: str) -> tuple[int, int]:
-            own, last = (int(part) for part in key.removeprefix("figure-").split("."))
-            return abs(own - chapter), abs(last - wanted)
-
-        close = sorted(TABLES, key=apart)[:3]
-    return (
-        f"the dissertation has no table or figure {name!r} with numbers; the nearest are "
-        f"{', '.join(close)}; `myork reproduce --list` names all"
-    )
-
-
-def _spread(figures: str) -> set[str]:
-    """Numbers of a text such as `3.1 to 3.9, 4.5`."""
-    numbers = set()
-    for part in figures.split(", "):
-        first, _, last = part.partition(" to ")
-        chapter, low = first.split(".")
-        high = (last or first).split(".")[1]
-        numbers |= {f"{chapter}.{n}" for n in range(int(low), int(high) + 1)}
-    return numbers
 
 
 def list_tables() -> str:

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.console import as_html
 from myork.types import F64, I64
 
 #: In the order of the core
@@ -58,13 +57,6 @@ class States(NamedTuple):
             *self.reasons,
         ]
         return "States(" + "\n  ".join(lines) + ")"
-
-    def _repr_html_(self) -> str:
-        """The verdict with its reasons, and the states, as notebooks show them."""
-        rows = zip(self.load, self.iterations, self.min_j, self.max_j, strict=True)
-        cells = [(f"{a:.4g}", b, f"{c:.4g}", f"{d:.4g}") for a, b, c, d in rows]
-        head = ("load", "iterations", "least J", "largest J")
-        return as_html(f"<b>{self.verdict or 'not judged'}</b>", cells, head, self.reasons)
 
 
 class Fields(NamedTuple):

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
 
 from myork.report.numbers import labelled
-from myork.report.tables import MODEL_KINDS
 from myork.types import F64
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -141,8 +140,7 @@ def rom_series(rom: Mapping[str, Any]) -> list[Series]:
             "linestyle": "none", "markerfacecolor": "none", "color": COLOURS[number % 6],
             "marker": MARKERS[number % len(MARKERS)], "markersize": 6 + 2 * (number % 3),
         }  # fmt: skip
-        name = f"{MODEL_KINDS.get(model['kind'], model['kind'])}, r = {model['r']}"
-        found.append(Series(name, steps(model.get("probes", {})), look))
+        found.append(Series(f"r = {model['r']}", steps(model.get("probes", {})), look))
     return found
 
 
@@ -165,35 +163,29 @@ def rom_figure(rom: Mapping[str, Any]) -> Figure:
     if pov.size and pov[0] > 0.0:
         relative = np.where(pov > 0.0, pov / pov[0], np.nan)
         decay.semilogy(np.arange(1, len(pov) + 1), relative, "o-", color=COLOURS[0], markersize=4)
-        for modes in sorted({model["r"] for model in models}):
-            decay.axvline(modes, color=GREY, linewidth=0.8, linestyle=":")
+        for model in models:
+            decay.axvline(model["r"], color=GREY, linewidth=0.8, linestyle=":")
         decay.xaxis.set_major_locator(MaxNLocator(integer=True))
     decay.set(xlabel="mode (dotted: sizes used)", ylabel="orthogonal value / first [-]")
-    for number, kind in enumerate(dict.fromkeys(model["kind"] for model in models)):
-        mine = sorted((model for model in models if model["kind"] == kind), key=lambda m: m["r"])
-        modes = [model["r"] for model in mine]
-        name = MODEL_KINDS.get(kind, kind)
-        look = {"color": COLOURS[number], "marker": MARKERS[number], "markersize": 5}
-        errors.semilogy(modes, _column(mine, "e1"), "-", label=f"{name}, e₁", **look)
-        errors.semilogy(
-            modes, _column(mine, "e2"), "--", label=f"{name}, e₂", markerfacecolor="none", **look
-        )
-        speed.loglog(_column(mine, "speedup_vs_full"), _column(mine, "e1"), "-", label=name, **look)
-        for model in mine:
-            if model.get("speedup_vs_full") and model.get("e1"):
-                speed.annotate(
-                    f"r = {model['r']}", (model["speedup_vs_full"], model["e1"]),
-                    xytext=(6, 5), textcoords="offset points", fontsize="small",
-                )  # fmt: skip
+    models = sorted(models, key=lambda model: model["r"])
+    modes = [model["r"] for model in models]
+    look = {"color": COLOURS[0], "marker": MARKERS[0], "markersize": 5}
+    errors.semilogy(modes, _column(models, "e1"), "-", label="e₁", **look)
+    errors.semilogy(modes, _column(models, "e2"), "--", label="e₂", markerfacecolor="none", **look)
+    speed.loglog(_column(models, "speedup_vs_full"), _column(models, "e1"), "-", **look)
+    for model in models:
+        if model.get("speedup_vs_full") and model.get("e1"):
+            speed.annotate(
+                f"r = {model['r']}", (model["speedup_vs_full"], model["e1"]),
+                xytext=(6, 5), textcoords="offset points", fontsize="small",
+            )  # fmt: skip
     errors.xaxis.set_major_locator(MaxNLocator(integer=True))
     errors.set(xlabel="modes r", ylabel="error [-]")
     speed.set(xlabel="speed-up over the full solution", ylabel="displacement error e₁ [-]")
     speed.margins(0.25)
     speed.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     speed.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    for axes in (errors, speed):
-        if models:
-            axes.legend(frameon=False, fontsize="small")
+    errors.legend(frameon=False, fontsize="small")
     for axes in (decay, errors, speed):
         axes.grid(color="#E5E5E5")
         axes.minorticks_off()

@@ -10,8 +10,6 @@ from myork.report.frame import table
 from myork.report.numbers import DASH, fraction, labelled, number, typeset, unit_of, with_error
 from myork.summary import printed
 
-#: Kinds of reduced models as the summary names them
-MODEL_KINDS = {"galerkin": "Galerkin", "reduced": "reduced assembly"}
 _STAGES = {
     "shape": "shape functions",
     "assemble": "assembly",
@@ -154,7 +152,7 @@ def _numbers(entry: Mapping[str, Any], key: str) -> list[float]:
 def rom_table(models: Sequence[Mapping[str, Any]]) -> Markup:
     """Errors, times and speed-up of the reduced models, side by side."""
     columns = {
-        "model": lambda own: MODEL_KINDS.get(str(own.get("kind")), str(own.get("kind"))),
+        "model": lambda own: str(own.get("kind")),
         "modes r": _of("r"),
         "points": _of("points"),
         Markup("e<sub>1</sub> displacement [-]"): _of("e1", 2),

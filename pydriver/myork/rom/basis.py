@@ -30,13 +30,3 @@ def proper_orthogonal_modes(snapshots: F64, image: F64 | None = None) -> tuple[F
     real = values > _ROUNDING * values[0]
     values, vectors = values[real], vectors[:, real]
     return snapshots.T @ vectors / np.sqrt(values), values / len(snapshots)
-
-
-def unit_states(snapshots: F64) -> F64:
-    """Snapshots over their norms.
-
-    Errors that are relative to each state want modes that know the small ones as well as the large
-    ones.
-    """
-    size = np.linalg.norm(snapshots, axis=1, keepdims=True)
-    return snapshots / np.maximum(size, np.finfo(float).tiny)

@@ -2,13 +2,11 @@
 
 import json
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.console import as_html
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
 from myork.errors import FileError, InputError
@@ -131,14 +129,6 @@ class ReducedState:
         error = f"estimated relative error of the displacement {self.indicator:.1e}"
         held = "within the tolerance of the training" if self.certified else "not certified"
         return "; ".join([f"{error}, {held}", *self.doubts])
-
-    def _repr_html_(self) -> str:
-        """Probes, and how far they hold, as notebooks show them."""
-        rows = [
-            (name, f"{_six_digits(value)} {self.probe_units.get(name, '')}")
-            for name, value in {**self.parameters, **self.probes}.items()
-        ]
-        return as_html(escape(self._quality()), rows)
 
     def __repr__(self) -> str:
         return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"
@@ -295,13 +285,6 @@ class ReducedModel:
 
     def __repr__(self) -> str:
         return f"ReducedModel({self.describe()})"
-
-    def _repr_html_(self) -> str:
-        """What it answers and what was measured of it, as notebooks show them."""
-        first, *rest = self.describe().split("\n")
-        ranges = [(p.key, f"{p.low:g}", f"{p.high:g}") for p in self.parameters]
-        head, measured = ("parameter", "from", "to"), rest[len(self.parameters) :]
-        return as_html(f"<b>{escape(first)}</b>", ranges, head, measured)
 
     def solve(self, /, **values: float) -> ReducedState:
         """The state of one set of parameters, with its estimated error.

@@ -137,16 +137,11 @@ def short_names(parameters: Sequence[Parameter]) -> dict[str, str]:
 
 def spread_points(parameters: Sequence[Parameter], count: int, seed: int) -> F64:
     """Points that fill the range evenly (Sobol), shape `(count, p)`."""
-    low = np.array([p.low for p in parameters])
-    return low + sobol_points(len(parameters), count, seed) * widths_of(parameters)
-
-
-def sobol_points(axes: int, count: int, seed: int) -> F64:
-    """Points that fill a unit cube evenly (Sobol), shape `(count, axes)`."""
     from scipy.stats import qmc
 
     power = int(np.ceil(np.log2(max(count, 2))))
-    return np.asarray(qmc.Sobol(axes, seed=seed).random_base2(power)[:count])
+    unit = qmc.Sobol(len(parameters), seed=seed).random_base2(power)[:count]
+    return np.array([p.low for p in parameters]) + unit * widths_of(parameters)
 
 
 def widths_of(parameters: Sequence[Parameter]) -> F64:

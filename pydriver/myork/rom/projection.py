@@ -17,9 +17,6 @@ from myork.core.online import Cells, Model
 from myork.core.scene import Scene
 from myork.types import F64, I32, I64, Mask
 
-#: Unit tensor as F is stored
-_UNIT = np.eye(3).ravel()
-
 
 class Laws(NamedTuple):
     """Materials of the tissues as the reduced model has them."""
@@ -251,11 +248,11 @@ def _changes(cells: Cells, parts: GalerkinParts, states: F64) -> F64:
     h = cells.h.reshape(-1, cells.h.shape[2], order="F")
     columns = np.moveaxis(cells.h, 0, 1)
     for z in states.T:
-        f = (h @ z).reshape(-1, 9) + _UNIT
-        cofactor = _cofactor(f)
+        f = (h @ z).reshape(-1, 3, 3) + np.eye(3)
+        cofactor = 0.5 * _cross(f, f).reshape(-1, 9)
         # dy/dz, also by amplitudes that stay zero: forces are their derivatives
         slope = rows @ np.einsum("qk,qkm->qm", cofactor, columns)
-        change = rows @ ((cofactor * f).sum(axis=1) / 3.0) - total
+        change = rows @ ((cofactor * f.reshape(-1, 9)).sum(axis=1) / 3.0) - total
         # the changes themselves, however small, as large as what they may become
         size = np.linalg.norm(change)
         if size > 0.0:
@@ -295,21 +292,10 @@ def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64]:
     return matrix, np.array(total)
 
 
-def _cofactor(f: F64) -> F64:
-    f = f.reshape(-1, 3, 3)
-    rows = [np.cross(f[:, i - 2], f[:, i - 1]) for i in range(3)]
-    return np.stack(rows, axis=1).reshape(-1, 9)
-
-
 def _cross(a: F64, b: F64) -> F64:
-    """Tensor cross product: half of A x A is the cofactor."""
-    product = np.empty_like(a)
-    for i in range(3):
-        k, m = i - 2, i - 1
-        for j in range(3):
-            p, q = j - 2, j - 1
-            product[..., i, j] = (
-                a[..., k, p] * b[..., m, q] - a[..., k, q] * b[..., m, p]
-                + b[..., k, p] * a[..., m, q] - b[..., k, q] * a[..., m, p]
-            )  # fmt: skip
-    return product
+    """Tensor cross product of `(..., 3, 3)`: half of A x A is the cofactor."""
+    rows = [
+        np.cross(a[..., i - 2, :], b[..., i - 1, :]) + np.cross(b[..., i - 2, :], a[..., i - 1, :])
+        for i in range(3)
+    ]
+    return np.stack(rows, axis=-2)

@@ -12,10 +12,10 @@ import numpy as np
 from myork.core.cloud import model_path
 from myork.core.deck import load_deck
 from myork.errors import FileError, InputError, MyorkError
-from myork.rom.parameters import grid_in, number_in, sobol_points
+from myork.rom.parameters import grid_in, number_in
 from myork.rom.probes import probe_columns
 
-_FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... , KEY=lhs(LOW,HIGH) or KEY=sobol(LOW,HIGH)"
+_FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... or KEY=lhs(LOW,HIGH)"
 
 #: More points are a slip of the pen
 _MOST = 1_000_000
@@ -47,8 +47,8 @@ class Plan(NamedTuple):
 def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     """All points: the product of grids and lists with the common samples of the sampled keys.
 
-    - `vary`: `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` or
-      `KEY=sobol(LOW,HIGH)` for samples
+    - `vary`: `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` for
+      samples
     - `samples`: number of samples
     - raises InputError: a wrong form, a key twice, too many points
     """
@@ -56,16 +56,14 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         raise InputError(f"a sweep needs a key to vary: {_FORMS}")
     grids: dict[str, list[Any]] = {}
     ranges: dict[str, tuple[float, float]] = {}
-    kinds = set()
     for item in vary:
         key, sign, text = (part.strip() for part in item.partition("="))
         if not (key and sign and text):
             raise InputError(f"--vary {item}: {_FORMS} is needed")
         if key in grids or key in ranges:
             raise InputError(f"--vary {item}: {key} is given twice")
-        if sampled := re.fullmatch(r"(lhs|sobol)\(([^,]+),([^,]+)\)", text):
-            kinds.add(sampled[1])
-            low, high = number_in(item, sampled[2]), number_in(item, sampled[3])
+        if sampled := re.fullmatch(r"lhs\(([^,]+),([^,]+)\)", text):
+            low, high = number_in(item, sampled[1]), number_in(item, sampled[2])
             if not low < high:
                 raise InputError(f"--vary {item}: {low:g} is not below {high:g}")
             ranges[key] = (low, high)
@@ -76,13 +74,11 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
             grids[key] = [_value(word) for word in re.split(r",(?![^\[]*\])", text)]
             if "" in grids[key]:
                 raise InputError(f"--vary {item}: a value is missing between two commas")
-    if len(kinds) > 1:
-        raise InputError("lhs and sobol cannot be mixed: all sampled keys are drawn together")
     count = int(np.prod([len(values) for values in grids.values()])) * (samples if ranges else 1)
     if not 1 <= count <= _MOST:
         raise InputError(f"{count} points: the number must be between 1 and {_MOST}")
     keys = (*grids, *ranges)
-    drawn = _samples(ranges, kinds.pop(), samples, seed) if ranges else [()]
+    drawn = _samples(ranges, samples, seed) if ranges else [()]
     points = [(*on_grid, *row) for on_grid in product(*grids.values()) for row in drawn]
     return Plan(keys, points)
 
@@ -99,17 +95,14 @@ def _value(text: str) -> Any:
 
 
 def _samples(
-    ranges: dict[str, tuple[float, float]], kind: str, count: int, seed: int
+    ranges: dict[str, tuple[float, float]], count: int, seed: int
 ) -> list[tuple[float, ...]]:
     from scipy.stats import qmc
 
     if count < 1:
         raise InputError(f"{count} samples: at least 1 is needed")
     low, high = np.array(list(ranges.values())).T
-    if kind == "lhs":
-        unit = qmc.LatinHypercube(len(ranges), seed=seed).random(count)
-    else:
-        unit = sobol_points(len(ranges), count, seed)
+    unit = qmc.LatinHypercube(len(ranges), seed=seed).random(count)
     return [tuple(float(v) for v in row) for row in low + unit * (high - low)]
 
 

@@ -68,8 +68,8 @@ def sweep(
     goes on where the first ended. A point that fails keeps its message and ends nothing.
 
     - `deck`: deck file
-    - `vary`: `KEY=LOW:HIGH:N`, `KEY=a,b,c`, `KEY=lhs(LOW,HIGH)` or `KEY=sobol(LOW,HIGH)` each; KEY
-      is any key of the deck
+    - `vary`: `KEY=LOW:HIGH:N`, `KEY=a,b,c` or `KEY=lhs(LOW,HIGH)` each; KEY is any key of the
+      deck
     - `out`: folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`
     - `samples`: number of samples of sampled keys
     - `workers`: processes; default all cores
