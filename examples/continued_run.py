@@ -12,7 +12,7 @@ MUSCLE = {"name": "muscle", "model": "muscle", "A10": 6.43, "A01": -3.8, "A20": 
 BLOCK = {
     "units": {"force": "N", "length": "cm"},
     "scene": {"dimension": 3, "method": "rkpm-gauss"},
-    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [4, 4, 7]},
+    "geometry": {"kind": "box", "size": [1, 1, 2], "source": [5, 5, 9]},
     "material": [{**MUSCLE, "fiber": [0, 0, 1]}],
     "boundary": [
         {"set": "z0", "u_x": 0, "u_y": 0, "u_z": 0},

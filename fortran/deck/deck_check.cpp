@@ -177,8 +177,15 @@ static const Condition *failing(const Deck &deck, const Section &section,
 static std::string only_for(const Deck &deck, const Section &section, const Condition &broken) {
    if (broken.values.empty())
       return "needs " + broken.key + " beside it";
-   return "only for " + broken.key + " = " + join(broken.values, " or ") + "; here " + broken.key + " = " +
-          deck.lookup(section, broken.key);
+   // no user can write the value of a table that is absent
+   const std::string absent = broken.key == "linear.problem" ? "none" : "", without = "without [linear]";
+   std::vector<std::string> values = broken.values;
+   values.erase(std::remove(values.begin(), values.end(), absent), values.end());
+   std::string wanted = values.empty() ? "" : "for " + broken.key + " = " + join(values, " or ");
+   if (values.size() < broken.values.size())
+      wanted += (values.empty() ? "" : " or ") + without;
+   const std::string here = deck.lookup(section, broken.key);
+   return "only " + wanted + "; here " + (here == absent ? without : broken.key + " = " + here);
 }
 
 static std::optional<std::string> default_of(const Deck &deck, const Section &section,

@@ -285,7 +285,7 @@ def test_both_commands_know_the_options(tmp_path, write_deck):
 @pytest.mark.slow
 def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     """A killed run goes on with the points it had found, whatever a search would find now."""
-    wanted = {"accuracy": 0.01, "probe": "force", "cost": 60.0}
+    wanted = {"accuracy": 0.01, "cost": 60.0}
     deck = write_deck({**RUBBER, "load": {"steps": 12}, "refine": wanted})
     said = run(deck, tmp_path / "whole")
     assert "refine 2:" in said and "the target error of 1 % is" in said
