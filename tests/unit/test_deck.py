@@ -511,14 +511,18 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
             yield key, deck(own, **{key: None}), "missing"
         for other in own.get("not_beside", []):
             both = {key: right, other: valid(keys[other])}
-            yield f"({key}|{other})", deck(own, **both), "cannot be combined with|only for"
+            yield (
+                f"({key}|{other})",
+                deck(own, **both),
+                "cannot be combined with|only (for|without)",
+            )
         for condition in own.get("only_if", {}):
-            yield key, deck(own, condition, **{key: right}), "only for|needs"
+            yield key, deck(own, condition, **{key: right}), "only (for|without)|needs"
         for restriction in own.get("value_if", []):
             conditions = own.get("only_if", {}) | restriction["when"]
             for value, condition in itertools.product(restriction["is"], restriction["when"]):
                 there = deck({"only_if": conditions}, condition, **{key: _WORDS.get(value, value)})
-                yield key, there, f"{value} is only for"
+                yield key, there, f"{value} is only (for|without)"
 
 
 def test_every_declaration_is_enforced(pages: ModuleType) -> None:
