@@ -197,8 +197,8 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    newton%linear = trim(linear)
    if (linear == '') newton%linear = scene%solver%linear
    newton%tolerance = scene%solver%tolerance
-   ! a last step of size s leaves volumes wrong by about s**2, and pressures by K times that
-   ! where the residual, with K in it, does not say so itself
+   ! a last step of size s leaves volumes wrong by about s**2, and pressures by K times that; above
+   ! the limit of direct solves the residual, which has K in it, decides instead
    if (problem%square .and. .not. problem%inexact .and. scene%stiffest_ratio() <= huge(1.0_wp)) &
       & newton%tolerance = newton%tolerance &
       & *max(finest, sqrt(firm/max(scene%stiffest_ratio(), firm)))
