@@ -7,8 +7,8 @@ module rk_deck_regions
    use rk_deck, only : deck_type
    use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type
+   use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
-   use rk_lattice, only : lattice_frame, place_of
    use rk_precision, only : pi, wp
    use rk_scene, only : last_part, scene_type, tissue_type
    use rk_text, only : to_text
@@ -16,23 +16,11 @@ module rk_deck_regions
    private
 
    public :: label_regions
-   public :: fine_bisections, most_planes, same_place, too_close
 
    !> Places in each direction at which the volume of a point is looked at where a border cuts it
    integer, parameter :: samples = 6
    !> Halvings of the way between two of them in the search for a border
    integer, parameter :: bisections = 12
-   !> The same for planes, which are wanted to rounding; most of them across an axis
-   integer, parameter :: fine_bisections = 40, most_planes = 8
-   !> Spacings between two planes across an axis at least: a sheet of 0.04 between plates a hundred
-   !> times as stiff was sheared four times too stiffly, and sheets of 1.5 spacings are right to 2 %
-   real(wp), parameter :: least_gap = 1.5_wp
-   !> Planes that differ by less, in spacings, are the same, as those beside points: borders of a
-   !> map are known to a thousandth of a voxel, and thinner cells have no use [-]
-   real(wp), parameter :: same_place = 2.0e-3_wp
-   !> Points on a circle are by rounding on either side of it: all are taken so far beyond, of the
-   !> radius [-]
-   real(wp), parameter :: off_circle = 1.0e-12_wp
 
 contains
 
@@ -43,16 +31,12 @@ subroutine label_regions(scene, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
-   logical :: close
 
-   close = .false.
    associate (cloud => scene%cloud)
       call fill_points(cloud, scene%tissue, deck, error)
       if (allocated(error) .or. .not. allocated(cloud%fraction)) return
       if (scene%method == 'rkpm-gauss' .and. (.not. cloud%polar &
-         & .or. scene%approximation%window == window_polar)) call find_planes(cloud, scene%tissue, &
-         & scene%approximation%kink_axis, scene%approximation%kink, close, error)
-      scene%thin_layers = close .and. cloud%nd == 3
+         & .or. scene%approximation%window == window_polar)) call find_jumps(scene, error)
    end associate
 end subroutine label_regions
 
@@ -244,206 +228,5 @@ contains
    end function material_at
 
 end subroutine fill_points
-
-!> Planes across the axes of a box on which materials meet, or circles of an annulus, if these meet
-!> nowhere else
-subroutine find_planes(cloud, tissue, axis, plane, close, error)
-   !> Points with fractions
-   type(cloud_type), intent(in) :: cloud
-   !> Materials with their parts
-   type(tissue_type), intent(in) :: tissue(:)
-   !> Axis across each plane, and its place, of a circle its radius [length]; not allocated where
-   !> borders are not planes
-   integer, allocatable, intent(out) :: axis(:)
-   real(wp), allocatable, intent(out) :: plane(:)
-   !> Borders are planes, but two of them too near each other
-   logical, intent(out) :: close
-   !> Error handling: an expression without a value somewhere
-   type(error_type), allocatable, intent(inout) :: error
-   real(wp), dimension(cloud%nd) :: near, wide
-   !> Points in the coordinates of the lattice, shape (nd, nc) [length], of angles [radian]
-   real(wp), allocatable :: point(:, :)
-   real(wp) :: low(3), step(3)
-   integer, allocatable :: own(:)
-   integer :: base(3), counts(3), d, ip
-
-   near = same_place*minval(cloud%spacing, dim=2)
-   wide = maxval(cloud%spacing, dim=2)
-   point = cloud%points
-   if (cloud%polar) then
-      call lattice_frame(cloud, low, step)
-      wide = step(:cloud%nd)
-      near = same_place*wide
-      point = reshape([norm2(cloud%points, dim=1), atan2(cloud%points(2, :), cloud%points(1, :))], &
-         & shape(point), order=[2, 1])
-   end if
-   counts = 1
-   counts(:cloud%nd) = maxval(cloud%place, dim=2) + 1
-   allocate (axis(0), plane(0))
-   close = .false.
-   do ip = 1, size(cloud%points, 2)
-      do d = 1, cloud%nd
-         associate (next => beside(ip, d, 1))
-            call look_between(d, point(:, ip), point(:, next), &
-               & all(maxval(cloud%fraction(:, [ip, next]), dim=1) >= 1.0_wp))
-         end associate
-         if (allocated(error)) return
-         if (count(axis == d) > most_planes) exit
-      end do
-      if (d <= cloud%nd) exit
-   end do
-   if (ip > size(cloud%points, 2)) then
-      ! each box between planes has one material
-      base = 1
-      base(:cloud%nd) = [(1 + count(axis == d), d=1, cloud%nd)]
-      allocate (own(product(base)), source=0)
-      do ip = 1, size(cloud%points, 2)
-         if (.not. agrees(ip)) exit
-         if (allocated(error)) return
-      end do
-   end if
-   close = ip > size(cloud%points, 2) .and. too_close(axis, plane, wide)
-   ! layers in the plane know the way across them; in space nothing better is at hand
-   if (ip <= size(cloud%points, 2) .or. size(plane) == 0 .or. (close .and. cloud%nd == 2) &
-      & .or. (cloud%polar .and. any(axis == 2))) deallocate (axis, plane)
-
-contains
-
-   !> Point beside another one along an axis, itself at the ends of the body
-   pure integer function beside(ip, d, step)
-      integer, intent(in) :: ip, d
-      !> Forward or backward: 1 or -1
-      integer, intent(in) :: step
-      integer :: at(3)
-
-      at = 0
-      at(:cloud%nd) = cloud%place(:, ip)
-      at(d) = min(max(at(d) + step, 0), counts(d) - 1)
-      beside = place_of(at, counts)
-   end function beside
-
-   !> Material at a place in the coordinates of the lattice
-   integer function part_at(q)
-      real(wp), intent(in) :: q(:)
-
-      if (cloud%polar) then
-         part_at = last_part(tissue, (1.0_wp + off_circle)*q(1)*[cos(q(2)), sin(q(2))], error)
-      else
-         part_at = last_part(tissue, q, error)
-      end if
-   end function part_at
-
-   !> Planes between two points that follow each other along an axis
-   subroutine look_between(d, a, b, whole)
-      integer, intent(in) :: d
-      real(wp), intent(in) :: a(:), b(:)
-      !> Their volumes have one material each
-      logical, intent(in) :: whole
-      real(wp) :: from(size(a)), to(size(a)), middle(size(a)), last(size(a))
-      integer :: i, k, parts, before, after
-      logical :: new
-
-      parts = merge(1, samples, whole)
-      from = a
-      before = part_at(from)
-      do k = 1, parts
-         to = a + (b - a)*k/parts
-         after = part_at(to)
-         last = to
-         new = after /= before
-         if (new) new = .not. known(d, from, to, before, after)
-         if (new) then
-            do i = 1, fine_bisections
-               middle = 0.5_wp*(from + to)
-               if (part_at(middle) == before) then
-                  from = middle
-               else
-                  to = middle
-               end if
-            end do
-            if (allocated(error)) return
-            ! a plane through points lies there to the last bit
-            if (abs(to(d) - a(d)) < near(d)) to(d) = a(d)
-            if (abs(to(d) - b(d)) < near(d)) to(d) = b(d)
-            if (.not. any(axis == d .and. abs(plane - to(d)) < near(d))) then
-               axis = [axis, d]
-               plane = [plane, to(d)]
-            end if
-         end if
-         before = after
-         from = last
-      end do
-   end subroutine look_between
-
-   !> Whether a plane that was found parts two places
-   logical function known(d, a, b, before, after)
-      integer, intent(in) :: d
-      real(wp), intent(in) :: a(:), b(:)
-      !> Their materials
-      integer, intent(in) :: before, after
-      real(wp) :: x(size(a))
-      integer :: k
-
-      known = .false.
-      do k = 1, size(plane)
-         if (axis(k) /= d .or. plane(k) < a(d) - near(d) .or. plane(k) > b(d) + near(d)) cycle
-         x = a
-         x(d) = plane(k) - near(d)
-         known = part_at(x) == before
-         x(d) = plane(k) + near(d)
-         if (known) known = part_at(x) == after
-         if (known) return
-      end do
-   end function known
-
-   !> Whether all places of a point's volume have the material of their box between planes
-   logical function agrees(ip)
-      integer, intent(in) :: ip
-      real(wp) :: from(cloud%nd), to(cloud%nd), x(cloud%nd)
-      integer :: at, box(3), d, i, k, n
-
-      agrees = .true.
-      n = merge(1, samples, maxval(cloud%fraction(:, ip)) >= 1.0_wp)
-      do d = 1, cloud%nd
-         ! half way to the neighbours
-         from(d) = 0.5_wp*(point(d, ip) + point(d, beside(ip, d, -1)))
-         to(d) = 0.5_wp*(point(d, ip) + point(d, beside(ip, d, 1)))
-      end do
-      do i = 0, n**cloud%nd - 1
-         box = 0
-         do d = 1, cloud%nd
-            x(d) = from(d) + (mod(i/n**(d - 1), n) + 0.5_wp)/n*(to(d) - from(d))
-            box(d) = count(axis == d .and. plane < x(d))
-            if (any(axis == d .and. abs(plane - x(d)) < near(d))) exit
-         end do
-         ! on a plane
-         if (d <= cloud%nd) cycle
-         at = place_of(box, base)
-         k = part_at(x)
-         if (own(at) == 0) own(at) = k
-         agrees = agrees .and. own(at) == k
-      end do
-   end function agrees
-
-end subroutine find_planes
-
-!> Whether two planes leave fewer spacings between them than two kinks need: what lies between would
-!> be as stiff as what lies around it
-pure logical function too_close(axis, plane, spacing)
-   !> Axis across each plane, and its place, shape (n) [length]
-   integer, intent(in) :: axis(:)
-   real(wp), intent(in) :: plane(:)
-   !> Distance of source points along each axis, shape (nd) [length]
-   real(wp), intent(in) :: spacing(:)
-   integer :: i, k
-
-   too_close = .false.
-   do k = 2, size(plane)
-      do i = 1, k - 1
-         too_close = too_close .or. (axis(i) == axis(k) .and. abs(plane(i) - plane(k)) &
-            & < least_gap*spacing(axis(k)))
-      end do
-   end do
-end function too_close
 
 end module rk_deck_regions

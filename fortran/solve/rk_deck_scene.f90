@@ -58,8 +58,9 @@ subroutine new_scene(scene, deck, model, error)
       call read_sets(scene, deck, error)
       if (allocated(error)) return
       call read_linear(scene, deck, error)
-      if (.not. allocated(error) .and. scene%method == 'rkpm-gauss' .and. .not. &
-         & allocated(scene%motion)) call find_jumps(scene, error)
+      if (.not. allocated(error) .and. scene%method == 'rkpm-gauss' .and. scene%equation%varies() &
+         & .and. allocated(scene%cloud%lattice) .and. .not. allocated(scene%motion)) &
+         & call find_jumps(scene, error)
       call read_probes(scene, deck, error)
       return
    end if
