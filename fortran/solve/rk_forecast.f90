@@ -12,13 +12,10 @@ module rk_forecast
    implicit none
    private
 
-   public :: forecast_solve, forecast_bars, may_be_halved
+   public :: forecast_solve, forecast_bars
 
    !> Iterations of a run and of each load step more, as the decks in inputs need them
    real(wp), parameter :: first_iterations = 3.0_wp, step_iterations = 3.0_wp
-   !> Load steps where they are halved, as the hardest decks need them, and iterations until the
-   !> long ones are given up
-   real(wp), parameter :: halved_steps = 16.0_wp, lost_iterations = 32.0_wp
    !> Points of the rule along each direction of a cell that measures the error of a known solution
    integer, parameter :: norm_rule = 5
    !> Operations of a matrix product that a count costs, fitted to the CPU times of eleven decks:
@@ -29,28 +26,16 @@ module rk_forecast
 
 contains
 
-!> Whether a scene is solved in a few load steps that are halved where they do not converge
-logical function may_be_halved(scene)
-   type(scene_type), intent(in) :: scene
-
-   may_be_halved = .not. allocated(scene%equation%problem) .and. .not. allocated(scene%motion) &
-      & .and. scene%load%max_halvings > 0 .and. scene%steps() < halved_steps
-end function may_be_halved
-
 !> Operations of a solve without its error bars
-real(wp) function forecast_solve(scene, cost, halved) result(operations)
+real(wp) function forecast_solve(scene, cost) result(operations)
    type(scene_type), intent(in) :: scene
    type(estimate_type), intent(in) :: cost
-   !> The load steps are halved where they may be
-   logical, intent(in) :: halved
    real(wp) :: counts(9), iterations, steps
    integer :: nd
 
    nd = cost%nd
    steps = scene%steps()
    iterations = first_iterations + step_iterations*steps
-   if (halved .and. may_be_halved(scene)) iterations = first_iterations + lost_iterations &
-      & + step_iterations*halved_steps
    counts = 0.0_wp
    if (allocated(scene%equation%problem)) then
       iterations = 1.0_wp
@@ -67,13 +52,11 @@ real(wp) function forecast_solve(scene, cost, halved) result(operations)
 end function forecast_solve
 
 !> Operations of the second solution, which gives the error bars; 0 where there is none
-real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
+real(wp) function forecast_bars(deck, model, scene) result(operations)
    type(deck_type), intent(in) :: deck
    !> Points of the model file
    type(cloud_type), intent(in) :: model
    type(scene_type), intent(in) :: scene
-   !> The load steps are halved where they may be
-   logical, intent(in) :: halved
    type(companion_type) :: companion
    type(deck_type) :: other
    type(scene_type) :: second
@@ -89,8 +72,7 @@ real(wp) function forecast_bars(deck, model, scene, halved) result(operations)
    if (allocated(companion%why_not)) return
    call deck%vary(words, other, error)
    if (.not. allocated(error)) call new_scene(second, other, model, error)
-   if (.not. allocated(error)) operations = forecast_solve(second, estimate_cost(other, model), &
-      & halved)
+   if (.not. allocated(error)) operations = forecast_solve(second, estimate_cost(other, model))
 end function forecast_bars
 
 end module rk_forecast

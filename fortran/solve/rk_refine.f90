@@ -86,7 +86,7 @@ module rk_refine
       !> CPU time at which solutions are given up [s]
       real(wp) :: deadline = huge(1.0_wp)
    contains
-      procedure :: late, stopped, note => pass_on
+      procedure :: late, stopped
    end type limited_type
 
 contains
@@ -646,14 +646,5 @@ logical function stopped(self)
    stopped = self%late()
    if (.not. stopped) stopped = self%receiver%stopped()
 end function stopped
-
-!> Hand on what happened
-subroutine pass_on(self, line, warning)
-   class(limited_type), intent(inout) :: self
-   character(len=*), intent(in) :: line
-   logical, intent(in) :: warning
-
-   call self%receiver%note(line, warning)
-end subroutine pass_on
 
 end module rk_refine

@@ -5,7 +5,7 @@ module rk_explain
    use rk_deck_blocks, only : finer_directions
    use rk_error, only : error_type
    use rk_estimate, only : estimate_cost, estimate_type
-   use rk_forecast, only : forecast_bars, forecast_solve, may_be_halved
+   use rk_forecast, only : forecast_bars, forecast_solve
    use rk_lapack, only : syrk
    use rk_memory, only : available_bytes
    use rk_named_sets, only : extent_of
@@ -71,12 +71,9 @@ subroutine explain(deck, model, scene)
    print '(a)', '  memory        '//to_text(1.0e-6_wp*cost%bytes, 3)//' MB of ' &
       & //to_text(1.0e-6_wp*available_bytes(), 3)//' MB free'
    speed = rate()
-   bars = forecast_bars(deck, model, scene, halved=.false.)/speed
-   whole = forecast_solve(scene, cost, halved=.false.)/speed + bars
+   bars = forecast_bars(deck, model, scene)/speed
+   whole = forecast_solve(scene, cost)/speed + bars
    text = 'about '//to_text(whole, 2)//' CPU s, of which error bars '//to_text(bars, 2)
-   if (may_be_halved(scene)) text = text//'; up to '//to_text((forecast_solve(scene, cost, &
-      & halved=.true.) + forecast_bars(deck, model, scene, halved=.true.))/speed, 2) &
-      & //' if load steps have to be halved'
    if (deck%has('refine')) text = text//'; finer points of the search take more'
    print '(a)', '  time          '//text
 end subroutine explain
