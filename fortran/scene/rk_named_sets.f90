@@ -8,7 +8,7 @@ module rk_named_sets
    use rk_lattice, only : lattice_frame, set_number
    use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
-   use rk_region, only : criteria, region_type
+   use rk_region, only : region_type
    implicit none
    private
 
@@ -20,31 +20,27 @@ module rk_named_sets
 contains
 
 !> Add a set to those of a cloud
-subroutine add_set(cloud, name, region, left, error)
+subroutine add_set(cloud, name, region, found, error)
    !> Cloud with its boundary entries and labels
    type(cloud_type), intent(inout) :: cloud
    character(len=*), intent(in) :: name
    type(region_type), intent(in) :: region
-   !> Boundary entries that are left after each criterion, shape (criteria)
-   integer, intent(out) :: left(size(criteria))
+   !> It holds a boundary entry
+   logical, intent(out) :: found
    !> Error handling: an expression that is not finite somewhere
    type(error_type), allocatable, intent(inout) :: error
-   logical :: met(size(criteria)), inside(size(cloud%boundary_set))
+   logical :: inside(size(cloud%boundary_set))
    logical, allocatable :: wider(:, :)
    integer :: c, e, n
 
-   left = 0
    do e = 1, size(inside)
       associate (ip => cloud%boundary_point(e))
-         call region%look(cloud%points(:, ip), cloud%normal(:, e), cloud%boundary_set(e), &
-            & cloud%label(ip), met, error)
+         inside(e) = region%holds(cloud%points(:, ip), cloud%normal(:, e), &
+            & cloud%boundary_set(e), cloud%label(ip), error)
       end associate
       if (allocated(error)) return
-      inside(e) = all(met)
-      do c = 1, size(criteria)
-         if (all(met(:c))) left(c) = left(c) + 1
-      end do
    end do
+   found = any(inside)
    n = size(cloud%set_names)
    if (.not. allocated(cloud%region)) then
       allocate (cloud%region(0), cloud%within(n, size(inside)))
@@ -76,7 +72,6 @@ subroutine sets_of(cloud, place, outward, side, near, within, error)
    logical, allocatable, intent(out) :: within(:, :)
    !> Error handling: an expression that is not finite somewhere
    type(error_type), allocatable, intent(out) :: error
-   logical :: met(size(criteria))
    real(wp) :: normal(cloud%nd)
    integer :: k, n, regions, s
 
@@ -88,9 +83,9 @@ subroutine sets_of(cloud, place, outward, side, near, within, error)
       within(:n, s) = [(k, k=1, n)] == side(s)
       normal = outward(:, s)/norm2(outward(:, s))
       do k = 1, regions
-         call cloud%region(k)%look(place(:, s), normal, side(s), cloud%label(near(s)), met, error)
+         within(n + k, s) = cloud%region(k)%holds(place(:, s), normal, side(s), &
+            & cloud%label(near(s)), error)
          if (allocated(error)) return
-         within(n + k, s) = all(met)
       end do
    end do
 end subroutine sets_of
@@ -109,9 +104,9 @@ subroutine extent_of(cloud, set, area, middle, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: place(:, :), outward(:, :)
    integer, allocatable :: side(:), near(:)
-   logical :: met(size(criteria))
    real(wp) :: low(3), step(3), share
    integer :: e, s
+   logical :: inside
 
    if (set <= cloud%sides() .or. .not. allocated(cloud%lattice)) then
       middle = cloud%set_centroid(set)
@@ -125,10 +120,10 @@ subroutine extent_of(cloud, set, area, middle, error)
    middle = 0.0_wp
    do s = 1, size(side)
       share = norm2(outward(:, s))
-      call cloud%region(set - cloud%sides())%look(place(:, s), outward(:, s)/share, side(s), &
-         & cloud%label(near(s)), met, error)
+      inside = cloud%region(set - cloud%sides())%holds(place(:, s), outward(:, s)/share, side(s), &
+         & cloud%label(near(s)), error)
       if (allocated(error)) return
-      if (.not. all(met)) cycle
+      if (.not. inside) cycle
       area = area + share
       middle = middle + share*place(:, s)
    end do

@@ -7,7 +7,7 @@ module rk_region
    implicit none
    private
 
-   public :: region_type, criteria
+   public :: region_type
 
    !> Part of the surface; all that it names must hold
    type :: region_type
@@ -21,16 +21,13 @@ module rk_region
       !> Where it is not zero; not given for everywhere
       type(expression_type) :: where
    contains
-      procedure :: look
+      procedure :: holds
    end type region_type
-
-   !> Criteria of a region, in the order in which they are looked at
-   character(len=*), parameter :: criteria(3) = ['side ', 'on   ', 'where']
 
 contains
 
-!> Which of the criteria a place of the surface meets; those that a region does not have are met
-subroutine look(self, x, normal, side, label, met, error)
+!> Whether a region holds a place of the surface
+logical function holds(self, x, normal, side, label, error)
    class(region_type), intent(in) :: self
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -40,26 +37,24 @@ subroutine look(self, x, normal, side, label, met, error)
    integer, intent(in) :: side
    !> Label of the tissue there
    integer, intent(in) :: label
-   !> Whether each is met
-   logical, intent(out) :: met(size(criteria))
    !> Error handling: an expression that is not finite there
    type(error_type), allocatable, intent(inout) :: error
    real(wp) :: value
    integer :: k
 
-   met = .true.
-   if (self%side > 0) met(1) = side == self%side
-   if (allocated(self%label)) met(2) = label == self%label
+   holds = .true.
+   if (self%side > 0) holds = side == self%side
+   if (allocated(self%label)) holds = holds .and. label == self%label
    if (allocated(self%tissue)) then
       do k = 1, size(self%tissue)
          if (.not. self%tissue(k)%given()) cycle
          call self%tissue(k)%at(x, value, error)
-         met(2) = met(2) .and. (abs(value) > 0.0_wp .eqv. k == 1)
+         holds = holds .and. (abs(value) > 0.0_wp .eqv. k == 1)
       end do
    end if
    if (.not. self%where%given()) return
    call self%where%at(x, value, error, normal=normal)
-   met(3) = abs(value) > 0.0_wp
-end subroutine look
+   holds = holds .and. abs(value) > 0.0_wp
+end function holds
 
 end module rk_region

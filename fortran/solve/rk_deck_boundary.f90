@@ -9,7 +9,7 @@ module rk_deck_boundary
    use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
    use rk_programme, only : programme_type, rotation_type
-   use rk_region, only : criteria, region_type
+   use rk_region, only : region_type
    use rk_scene, only : condition_type, probe_type, scene_type
    use rk_text, only : to_text
    implicit none
@@ -196,7 +196,8 @@ subroutine read_sets(scene, deck, error)
    type(error_type), allocatable, intent(inout) :: error
    type(region_type), allocatable :: region
    character(len=:), allocatable :: at, name
-   integer :: k, left(size(criteria)), n
+   integer :: k, n
+   logical :: found
 
    n = size(scene%cloud%set_names)
    do k = 1, deck%count('set')
@@ -212,12 +213,11 @@ subroutine read_sets(scene, deck, error)
       allocate (region)
       call read_region(region, scene, deck, at, error)
       if (allocated(error)) return
-      call add_set(scene%cloud, name, region, left, error)
+      call add_set(scene%cloud, name, region, found, error)
       if (allocated(error)) return
       deallocate (region)
-      if (left(size(left)) > 0) cycle
-      call get_what_is_left(deck, at, size(scene%cloud%boundary_set), left, name)
-      call deck%complain(at, 'no place of the surface lies in it: '//name, error)
+      if (.not. found) call deck%complain(at, 'no place of the surface lies in it; coordinates ' &
+         & //'are those of the body at rest, and normals point out of it', error)
    end do
 end subroutine read_sets
 
@@ -250,27 +250,5 @@ subroutine read_region(region, scene, deck, at, error)
    end if
    call deck%get(at//'.where', region%where)
 end subroutine read_region
-
-!> How many boundary points each criterion of an empty set leaves
-subroutine get_what_is_left(deck, at, all_, left, text)
-   type(deck_type), intent(in) :: deck
-   character(len=*), intent(in) :: at
-   !> Boundary points
-   integer, intent(in) :: all_
-   !> Those left after each criterion, shape (criteria)
-   integer, intent(in) :: left(:)
-   character(len=:), allocatable, intent(out) :: text
-   integer :: c
-
-   text = 'of '//to_text(all_)//' boundary points'
-   do c = 1, size(left)
-      if (.not. deck%has(at//'.'//trim(criteria(c)))) cycle
-      text = text//', `'//trim(criteria(c))//'` leaves '//to_text(left(c))
-      if (left(c) > 0) cycle
-      if (criteria(c) == 'where') text = text//'; coordinates are those of the body at rest, and ' &
-         & //'normals point out of it'
-      return
-   end do
-end subroutine get_what_is_left
 
 end module rk_deck_boundary
