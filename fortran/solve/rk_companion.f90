@@ -14,7 +14,7 @@ module rk_companion
    use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation, has_few_cells
-   use rk_error, only : error_type, err_convergence, err_memory
+   use rk_error, only : error_type, err_memory
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
@@ -82,9 +82,6 @@ module rk_companion
       character(len=:), allocatable :: why_not
       !> There should be one, but it failed
       logical :: missed = .false.
-      !> It did not converge, and how it ended
-      logical :: lost = .false.
-      character(len=:), allocatable :: ended
       !> Its form
       character(len=:), allocatable :: method
       !> Another form than that of the answer
@@ -168,7 +165,6 @@ subroutine solve_companion(self, answer, bars)
    if (answer%receiver%stopped()) return
    ! sets that contradict each other where they meet, more unknowns than are factorised
    self%missed = .false.
-   self%lost = .false.
    deallocate (self%why_not)
    call solve_beside(self, answer, words(:size(words) - 1))
 end subroutine solve_companion
@@ -249,8 +245,6 @@ subroutine solve_beside(self, answer, words)
    end if
    if (allocated(error)) then
       self%missed = error%code /= err_memory
-      self%lost = error%code == err_convergence
-      self%ended = error%message
       self%why_not = 'the solution to compare with, method "'//self%method//'", ended: ' &
          & //error%message
    end if

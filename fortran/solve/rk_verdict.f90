@@ -8,8 +8,7 @@ module rk_verdict
    use rk_bars, only : bars_by_other, bars_by_solution, bars_type, new_bars, softened, &
       & twice_fewer
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, override_length, solve_beside, solve_companion, &
-      & solved_type
+   use rk_companion, only : companion_type, override_length, solve_companion, solved_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -76,8 +75,6 @@ module rk_verdict
    character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
       & //'positive definite: a small disturbance takes the body to another state; use more ' &
       & //'load.steps, reduce the load or constrain the body'
-   !> Load steps in place of one where the second solution lost its way
-   integer, parameter :: finer_steps = 4
 
    !> Verdict with its reasons and the error bars
    type :: verdict_type
@@ -228,7 +225,6 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       end if
       if (allocated(self%companion%why_not)) then
          call no_estimate(self, outcome)
-         if (self%companion%lost) call judge_path(self, answer, outcome)
          return
       end if
       call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
@@ -691,31 +687,6 @@ subroutine no_estimate(self, outcome)
       self%reasons = self%reasons//note//new_line('a')
    end if
 end subroutine no_estimate
-
-!> Whether smaller steps lead to the same state, where the second solution lost its way: long ones
-!> may jump past a load that the body cannot carry
-subroutine judge_path(self, answer, outcome)
-   type(verdict_type), intent(inout) :: self
-   type(solved_type), intent(in) :: answer
-   type(outcome_type), intent(inout) :: outcome
-   type(companion_type) :: slower
-   character(len=:), allocatable :: reason
-
-   associate (scene => answer%problem%scene)
-      slower%method = scene%method
-      call solve_beside(slower, answer, ['load.steps='//to_text(finer_steps*scene%load%steps)])
-   end associate
-   if (slower%lost) then
-      reason = 'in smaller load steps it '//slower%ended//': this state was reached by a jump ' &
-         & //'past that load; reduce the load or constrain the body'
-   else if (slower%distance > of_distance(1)) then
-      reason = 'in smaller load steps it ends in another state; use more load.steps'
-   else
-      return
-   end if
-   outcome%warnings = outcome%warnings//reason//new_line('a')
-   call self%object(refused, reason)
-end subroutine judge_path
 
 !> Compare a measure with its bounds
 subroutine compare(self, measure, bounds, what, curable)

@@ -254,16 +254,15 @@ def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, asked):
     assert sway > 0.2 if unstable else sway < 0.03
 
 
-def test_a_jump_past_a_load_that_the_body_cannot_carry_is_refused() -> None:
+def test_a_jump_past_a_load_that_the_body_cannot_carry_is_not_accepted() -> None:
     """Suction buckles a ring at .68 of the load: one step ends behind it, three before it."""
     soft = 2.114535721824404
     b = {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
     materials = [neo(9.94, 4970.0, "a"), b | {"where": "x > 1.50034"}]
     tables = ring((1.933, 2.976), [8, 10], materials, pressure=-0.6978)
     states, _ = solved(tables)
-    assert states.verdict == "refused"
-    # they do not converge, or end in another state
-    assert any("in smaller load steps it" in reason for reason in states.reasons)
+    assert states.verdict == "doubtful"
+    assert any("no error estimate" in reason for reason in states.reasons)
     refuses("last converged load 0.6", solved, tables, "load.steps=3", kind=ConvergenceError)
 
 
