@@ -221,7 +221,7 @@ subroutine keep_places(self, state)
 end subroutine keep_places
 
 !> Stress and deformation at a place from the displacement there
-subroutine at_place(self, state, ip, x, u, local, other)
+subroutine at_place(self, state, ip, x, u, local)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
    !> Collocation point whose material and fiber hold there
@@ -231,12 +231,8 @@ subroutine at_place(self, state, ip, x, u, local, other)
    !> Unknown fields there with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
-   !> Also the stress by other derivatives of the displacements, where the form knows such
-   logical, intent(in), optional :: other
    real(wp) :: h(3, 3, 3)
 
-   associate (unused => other)
-   end associate
    if (self%linear) then
       call self%linear_place(ip, x, u, local)
       return

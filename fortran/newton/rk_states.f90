@@ -21,9 +21,6 @@ module rk_states
       real(wp) :: p(3, 3) = 0.0_wp
       !> Cauchy stress [stress]
       real(wp) :: cauchy(3, 3) = 0.0_wp
-      !> The same from other derivatives of the same displacements, if the form has several: their
-      !> difference is part of the error
-      real(wp), allocatable :: other(:, :)
    end type point_state
 
    !> A state of a discretised body. The form that made it can answer every question about it, in

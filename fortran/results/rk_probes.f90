@@ -60,8 +60,7 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
    real(wp), intent(out) :: value(3)
    !> Norm of the vector or tensor of which it is a component, or its own
    real(wp), intent(out), optional :: whole
-   !> Of J by how much it is off what the pressure allows, of a stress by how much other derivatives
-   !> change it, else 0
+   !> Of J by how much it is off what the pressure allows, else 0
    real(wp), intent(out), optional :: apart
    type(field_state) :: own
    type(point_state) :: again, local
@@ -95,12 +94,6 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
                again%j = pressed_volume(problem, probes%nearest(i), local)
                apart = norm2(local_value(problem, probe, probes%nearest(i), again) - value)
             end if
-            if (present(apart) .and. allocated(local%other)) then
-               again = local
-               again%cauchy = local%other
-               apart = apart + maxval(abs(local_value(problem, probe, probes%nearest(i), again) &
-                  & - value))
-            end if
             if (.not. present(whole)) return
             whole = norm2(value)
             select case (quantity_kind(probe%quantity))
@@ -130,8 +123,7 @@ subroutine place_state(problem, probes, i, state, local)
 
    associate (nd => problem%scene%cloud%nd)
       call probes%shape%interpolate(i, state%x, 1, 1 + nd, u)
-      call problem%at_place(state, probes%nearest(i), problem%scene%probe(i)%point(:nd), u, local, &
-         & other=.true.)
+      call problem%at_place(state, probes%nearest(i), problem%scene%probe(i)%point(:nd), u, local)
    end associate
 end subroutine place_state
 

@@ -83,20 +83,17 @@ module rk_companion
       logical :: missed = .false.
       !> Its form
       character(len=:), allocatable :: method
-      !> Another form than that of the answer
-      logical :: other_form = .false.
+      !> What it is beside the answer: fewer_points, more_points, which are the better answer of the
+      !> two, another_form or twice_fewer
+      integer :: kind = fewer_points
       !> Its source points or blocks along each direction, in words; not allocated where they are
       !> those of the answer
       character(len=:), allocatable :: lattice
       !> So few in some direction that it may be much farther off than the answer
       logical :: coarse = .false.
-      !> More in each direction: the better answer of the two
-      logical :: finer = .false.
       !> Beside an answer of few cells, with more points in some direction: its last state is no
       !> stable equilibrium. With a cell or two across a body locks in bending and seems stable
       logical :: unstable = .false.
-      !> Where it has fewer: fewer_points or twice_fewer
-      integer :: fewer = fewer_points
       !> Source points and unknowns
       integer :: points = 0
       integer :: unknowns = 0
@@ -114,8 +111,6 @@ module rk_companion
       !> Root mean square difference of the probed quantity at points around each probe,
       !> negative if there are none, shape (3, probes, loads)
       real(wp), allocatable :: around(:, :, :)
-   contains
-      procedure :: kind => kind_of_companion
    end type companion_type
 
    !> Receiver that keeps a run
@@ -153,7 +148,7 @@ subroutine solve_companion(self, answer, bars)
    call solve_beside(self, answer, words)
    holds = findloc(words == softly .or. words == exactly, .true., dim=1)
    if (holds > 0 .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. ( &
-      & allocated(self%why_not) .or. self%finer .or. answer%receiver%stopped())) then
+      & allocated(self%why_not) .or. self%kind /= fewer_points .or. answer%receiver%stopped())) then
       alike%method = self%method
       words(holds) = merge(exactly, softly, words(holds) == softly)
       call solve_beside(alike, answer, words)
@@ -168,15 +163,6 @@ subroutine solve_companion(self, answer, bars)
    call solve_beside(self, answer, words(:size(words) - 1))
 end subroutine solve_companion
 
-!> What kind of solution it is, for the bars
-pure integer function kind_of_companion(self) result(kind)
-   class(companion_type), intent(in) :: self
-
-   kind = self%fewer
-   if (self%finer) kind = more_points
-   if (self%other_form) kind = another_form
-end function kind_of_companion
-
 !> Of two companions take the probes that are farther from an answer, moved away by the difference
 !> of the two: fewer points may make a body as much too stiff as the penalty makes it too soft, and
 !> then only this difference shows the error at singular rims
@@ -188,7 +174,7 @@ subroutine take_farther(self, other, bars)
    type(bars_type), intent(in) :: bars
    real(wp) :: between(3, size(bars%values, 2), size(bars%values, 3))
 
-   self%fewer = twice_fewer
+   self%kind = twice_fewer
    between = abs(other%seen%values - self%seen%values)
    where (abs(other%seen%values - bars%values) > abs(self%seen%values - bars%values)) &
       & self%seen%values = other%seen%values
@@ -270,19 +256,18 @@ subroutine choose_companion(self, scene, deck, words)
    ! exact values make a body stiffer and the penalty makes it softer: what the method changes shows
    if (scene%galerkin%essential == 'transformation') words = [character(len=override_length) :: &
       & words, softly]
-   self%other_form = index(scene%method, 'rkcm') == 1
-   if (self%other_form .and. allocated(scene%motion)) then
-      self%why_not = 'motions by collocation have no second solution'
-      return
-   end if
-   if (self%other_form) then
+   if (index(scene%method, 'rkcm') == 1) then
+      self%kind = another_form
+      if (allocated(scene%motion)) then
+         self%why_not = 'motions by collocation have no second solution'
+         return
+      end if
       self%method = 'rkpm-scni'
       if (allocated(scene%cloud%lattice)) self%method = 'rkpm-gauss'
       words = [character(len=override_length) :: words, 'scene.method='//self%method]
       ! on few cells the weak form is as far off as the answer, and to the same side
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          if (any(scene%cloud%lattice <= least_cells)) then
-            self%finer = .true.
             self%lattice = list(2*scene%cloud%lattice - 1)//' points'
             call lattice_words(deck, 2*scene%cloud%lattice - 1, words)
          end if
@@ -315,7 +300,7 @@ subroutine choose_companion(self, scene, deck, words)
    call deck%get('geometry.source', source)
    other = other_number(source, scene%approximation%order)
    if (scene%cloud%nd == 2 .and. any(source <= least_cells)) other = 2*source - 1
-   self%finer = all(other > source)
+   if (all(other > source)) self%kind = more_points
    self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)
    words = [character(len=override_length) :: words, 'scene.method='//self%method]
@@ -328,8 +313,8 @@ subroutine choose_companion(self, scene, deck, words)
    ! with more points both ways come too near each other, and a search from points that were given
    ! would pay for what its answer lacks; in space the penalty lets singular rims give way, and bars
    ! of glued bodies would double; few points in a narrow set of one's own hold too little
-   if (can_hold(scene) .and. scene%cloud%nd == 2 .and. .not. (holds_part(scene) .or. self%finer &
-      & .or. deck%has('refine'))) &
+   if (can_hold(scene) .and. scene%cloud%nd == 2 .and. .not. (holds_part(scene) &
+      & .or. self%kind == more_points .or. deck%has('refine'))) &
       & words = [character(len=override_length) :: words, exactly]
 end subroutine choose_companion
 
@@ -493,8 +478,8 @@ subroutine look(self, problem, run, answer, error)
          ! where a body is held all round hardly anything moves, and a difference of nothing means
          ! nothing: as that of a probe, the size is at least a tenth of that of its kind. Off
          ! equilibrium collocation may have the right stress, and its displacements alone show it
-         if (.not. self%other_form) total = max(total, (share_of_kind*self%seen%strained(k))**2 &
-            & *sum(cloud%volume))
+         if (self%kind /= another_form) total = max(total, sum(cloud%volume) &
+            & *(share_of_kind*self%seen%strained(k))**2)
          most = max(most, [difference, total])
          self%difference = max(self%difference, sqrt(difference/sum(cloud%volume)))
          do i = 1, size(near, 2)

@@ -469,7 +469,7 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, c
       call deck%complain('refine', companion%why_not, error)
       return
    end if
-   call bars_by_other(bars, problem, companion%seen, companion%kind(), companion%around)
+   call bars_by_other(bars, problem, companion%seen, companion%kind, companion%around)
 end subroutine solve
 
 !> Bars over the sizes of their probes, of a programme over the largest on the way [-]

@@ -5,8 +5,8 @@
 module rk_verdict
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, &
       & ieee_value
-   use rk_bars, only : bars_by_other, bars_by_solution, bars_type, new_bars, softened, &
-      & twice_fewer
+   use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, more_points, &
+      & new_bars, softened, twice_fewer
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, override_length, solve_companion, solved_type
    use rk_deck, only : deck_type
@@ -227,7 +227,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          call no_estimate(self, outcome)
          return
       end if
-      call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind(), &
+      call bars_by_other(self%bars, problem, self%companion%seen, self%companion%kind, &
          & self%companion%around)
       if (allocated(search%bars)) then
          if (size(search%bars%load) == size(self%bars%load)) self%bars = search%bars
@@ -237,12 +237,12 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
          & //'across it, the body is too stiff to buckle; use more points')
       lower = of_forms(1)
-      if (.not. self%companion%other_form) then
+      if (self%companion%kind /= another_form) then
          lower = of_bar
          if (allocated(problem%scene%cloud%block)) lower = of_block_bar
-         if (allocated(problem%scene%cloud%lattice) .and. .not. self%companion%finer) &
+         if (allocated(problem%scene%cloud%lattice) .and. self%companion%kind /= more_points) &
             & lower = of_wide_bar
-         if (self%companion%kind() == twice_fewer .and. softened(problem%scene)) &
+         if (self%companion%kind == twice_fewer .and. softened(problem%scene)) &
             & lower = min(lower, of_bar*self%bars%kind/max(self%bars%size, tiny(1.0_wp)))
          lower = max(0.0_wp, lower - self%bars%open)/self%bars%factor
       end if
@@ -263,10 +263,10 @@ pure real(wp) function most_change(companion)
    type(companion_type), intent(in) :: companion
 
    most_change = of_change
-   if (companion%kind() == twice_fewer) most_change = 2.0_wp*of_change
-   if (companion%finer) most_change = of_finer
+   if (companion%kind == twice_fewer) most_change = 2.0_wp*of_change
+   if (companion%kind == more_points) most_change = of_finer
    if (companion%coarse) most_change = huge(1.0_wp)
-   if (companion%other_form) most_change = of_forms(2)
+   if (companion%kind == another_form) most_change = of_forms(2)
 end function most_change
 
 !> What a second solution is, behind a difference
@@ -275,7 +275,7 @@ pure function other_text(companion) result(text)
    character(len=override_length) :: text
 
    text = ' from a solution'
-   if (companion%other_form) text = trim(text)//' by method "'//companion%method//'"'
+   if (companion%kind == another_form) text = trim(text)//' by method "'//companion%method//'"'
    if (allocated(companion%lattice)) then
       text = trim(text)//' with '//companion%lattice
    else
@@ -288,7 +288,6 @@ subroutine withhold(bars)
    type(bars_type), intent(inout) :: bars
 
    bars%change = ieee_value(1.0_wp, ieee_quiet_nan)
-   bars%bar = ieee_value(1.0_wp, ieee_quiet_nan)
    bars%bars = ieee_value(1.0_wp, ieee_quiet_nan)
    bars%source = ''
 end subroutine withhold
@@ -532,8 +531,8 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    found%reasons = ''
    small = ''
    limits = of_distance
-   if (self%companion%finer) limits = [of_bar, of_finer]
-   if (self%companion%other_form) limits = of_forms
+   if (self%companion%kind == more_points) limits = [of_bar, of_finer]
+   if (self%companion%kind == another_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
    reference = trim(from)
    if (self%companion%tissue > 0) reference = reference//', most of it in ' &
@@ -541,17 +540,17 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    call found%compare(self%companion%distance, limits, 'the displacements differ by # of their ' &
       & //'norm'//reference, curable=.true.)
    if (self%companion%distance > of_distance(2) .and. .not. (self%companion%coarse &
-      & .or. self%companion%other_form)) then
+      & .or. self%companion%kind == another_form)) then
       ! the difference from another branch is no measure of an error
       call withhold(self%bars)
       call found%object(refused, 'no error bars: a solution this different is on another branch')
    else
-      associate (bars => self%bars)
+      associate (bars => self%bars, last => size(self%bars%load))
          allocate (upper(size(bars%change)))
          ! a probe that is small relative to its kind is no reason against the rest
          upper = most*(bars%kind/max(bars%size, tiny(1.0_wp)))
          ! at the surface the other form may be the one that is off
-         if (self%companion%other_form) where (bars%at_surface) upper = huge(1.0_wp)
+         if (self%companion%kind == another_form) where (bars%at_surface) upper = huge(1.0_wp)
          ! where voxels leave more open than may be, any change is too much
          worst = maxloc(merge(max(bars%change, least_change)/max(lower, least_change), -1.0_wp, &
             & bars%change >= 0.0_wp), dim=1)
@@ -560,8 +559,8 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
             reference = trim(from)
             if (bars%source(worst) == 'J of the pressure') reference = ' from the value given ' &
                & //'by the pressure'
-            if (bars%source(worst) == 'own derivatives') reference = ' from other derivatives ' &
-               & //'of the same displacements'
+            if (bars%source(worst) == 'free surface') reference = ' from that without the ' &
+               & //'traction on its free face'
             call describe_rim(problem, worst, rim)
             if (lower(worst) > 0.0_wp .or. bars%change(worst) > upper(worst)) then
                call found%compare(bars%change(worst), [lower(worst), upper(worst)], 'probe ' &
@@ -579,13 +578,13 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
                   & //'bar: its value'//trim(from)//' is not a finite number')
                cycle
             end if
-            bar = maxval(bars%bar(:, i), mask=.not. ieee_is_nan(bars%bar(:, i)))
+            bar = maxval(bars%bars(:, i, last), mask=.not. ieee_is_nan(bars%bars(:, i, last)))
             if (found%state == accepted .and. bar > widest(i)) then
                call describe_rim(problem, i, rim)
                call found%compare(bar/max(bars%read(i), tiny(1.0_wp)), [0.0_wp, huge(1.0_wp)], &
                   & 'the error bar of probe '//problem%scene%probe(i)%name//' is # of the ' &
                   & //'largest probe of its kind'//rim, curable=len(rim) == 0)
-            else if (bar > max(of_small*bars%kind(i), norm2(bars%value(:, i)))) then
+            else if (bar > max(of_small*bars%kind(i), norm2(bars%values(:, i, last)))) then
                small = small//', '//problem%scene%probe(i)%name
             end if
          end do

@@ -848,7 +848,7 @@ pure subroutine deform_group(self, g, x, at, lift, excess)
 end subroutine deform_group
 
 !> Stress and deformation at a place from the displacement and the pressure there
-subroutine at_place(self, state, ip, x, u, local, other)
+subroutine at_place(self, state, ip, x, u, local)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state
    integer, intent(in) :: ip
@@ -856,8 +856,6 @@ subroutine at_place(self, state, ip, x, u, local, other)
    !> Displacement with derivatives, shape (nd, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
-   logical, intent(in), optional :: other
-   type(point_state) :: at_point
    type(mixture_type) :: here
    real(wp) :: h(3, 3, 3), slope(3, 3), pressure
    integer :: i
@@ -896,10 +894,6 @@ subroutine at_place(self, state, ip, x, u, local, other)
    slope = local%f - identity
    call self%faces%smooth(i, state%x, slope)
    call self%faces%release(i, here, state%load, identity + slope, local)
-   if (.not. (present(other) .and. norm2(identity + slope - local%f) > 0.0_wp)) return
-   at_point = local
-   call self%faces%release(i, here, state%load, local%f, at_point)
-   local%other = at_point%cauchy
 end subroutine at_place
 
 !> Place of the mixture whose material a place has: the collocation point nearest to it, or where a

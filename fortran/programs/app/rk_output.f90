@@ -279,17 +279,19 @@ subroutine tell_verdict(self, deck, verdict)
    character(len=:), allocatable :: line, unit
    integer :: i, n
 
-   if (allocated(verdict%bars%value)) then
+   if (allocated(verdict%bars%values)) then
       do i = 1, size(verdict%bars%change)
-         associate (probe => self%problem%scene%probe(i), bars => verdict%bars)
+         associate (probe => self%problem%scene%probe(i), bars => verdict%bars, &
+            & last => size(verdict%bars%load))
             n = numbers_of(self%problem, i)
             line = '  '//probe%name//' '
             if (ieee_is_nan(bars%change(i))) then
-               call append_numbers(line, bars%value(:n, i), 6)
+               call append_numbers(line, bars%values(:n, i, last), 6)
             else
-               call append_numbers(line, printed(bars%value(:n, i), bars%bar(:n, i)), 6)
+               call append_numbers(line, printed(bars%values(:n, i, last), &
+                  & bars%bars(:n, i, last)), 6)
                line = line//' +- '
-               call append_numbers(line, bars%bar(:n, i), 2)
+               call append_numbers(line, bars%bars(:n, i, last), 2)
             end if
             call get_probe_unit(deck, i, unit)
             line = line//' '//unit

@@ -1,7 +1,7 @@
 !> summary.json of a solve.
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
-   use rk_bars, only : bars_type, printed
+   use rk_bars, only : another_form, bars_type, printed
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
@@ -402,10 +402,11 @@ subroutine write_verdict(json, verdict)
    call json%put_lines('reasons', verdict%reasons)
    call json%end_object()
    associate (companion => verdict%companion)
-      if (.not. allocated(companion%seen%value)) return
+      if (.not. allocated(companion%seen%values)) return
       call json%begin_object('companion')
       call json%put('method', companion%method)
-      call json%put('same_points', companion%other_form .and. .not. companion%finer)
+      call json%put('same_points', companion%kind == another_form &
+         & .and. .not. allocated(companion%lattice))
       call json%put('source_points', companion%points)
       call json%put('dofs', companion%unknowns)
       call json%put('difference', companion%difference)
