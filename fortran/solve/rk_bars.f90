@@ -26,7 +26,7 @@ module rk_bars
 
    public :: bars_type, new_bars, bars_by_other, bars_by_solution, bars_by_earlier, printed
    public :: fewer_points, more_points, another_form, twice_fewer, share_of_kind
-   public :: holds_part, softened
+   public :: holds_part
 
    !> What an answer is compared with: the same form on half as many cells in each direction, or on
    !> more, or another form, or both boundary methods on half as many
@@ -45,15 +45,12 @@ module rk_bars
    !> is. Of 178 probes of random bodies 167 were covered without the latter and with displacements
    !> that see 0.05 of a voxel, 176 with both
    real(wp), parameter :: factor_blocks = 0.5_wp, off_surface = 0.08_wp, off_end = 0.2_wp
-   !> Times as much for displacements and forces where both boundary methods are solved on fewer
-   !> points, and what is farther away counts: beside an answer that holds displacements exactly the
+   !> Times as much for displacements and forces beside an answer that holds displacements exactly,
+   !> where both boundary methods are solved on fewer points and what is farther away counts: the
    !> softer one alone agrees by chance. Errors of 95 % of the forces of random plane bodies are
    !> below 2.0 of its difference, and below .53 of the larger one, of solids below .81. By the
    !> order of the basis
    real(wp), parameter :: factor_farther(2) = [0.7_wp, 0.5_wp]
-   !> Times as much there, but for stresses at the surface, beside an answer of order two that the
-   !> penalty holds: errors of rims decrease with the first power of the spacing
-   real(wp), parameter :: factor_soft = 1.4_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
    real(wp), parameter :: factor_fine = 2.0_wp
    !> Times as much where two materials meet: the interface lies elsewhere between the points of
@@ -357,11 +354,9 @@ subroutine bars_by_other(self, problem, other, kind, around)
             ! others are of the order of one, or without a size
             if (all(['ratio', 'angle'] /= kind_of_probe(problem%scene%probe(i)))) left = open
          end if
-         if (kind == twice_fewer .and. softened(problem%scene)) then
-            if (.not. self%at_surface(i)) factor = factor_soft*factor
-         else if (kind == twice_fewer .and. kind_of_probe(problem%scene%probe(i)) /= 'stress') then
-            factor = factor_farther(order)*factor
-         end if
+         if (kind == twice_fewer .and. kind_of_probe(problem%scene%probe(i)) /= 'stress' .and. &
+            & problem%scene%galerkin%essential == 'transformation') &
+            & factor = factor_farther(order)*factor
          if (kind == more_points) factor = factor_fine
          if (singular) factor = factor_layers*factor
          if (kind == another_form) then
@@ -408,15 +403,6 @@ real(wp) function factor_of(probe, at_surface) result(factor)
       factor = merge(factor_inside, factor_coarse, kind_of_probe(probe) == 'stress')
    end if
 end function factor_of
-
-!> Whether the penalty holds an answer of order two in the plane: errors inside are then so small
-!> that those at rims, which the penalty softens, are most of what is left
-pure logical function softened(scene)
-   type(scene_type), intent(in) :: scene
-
-   softened = scene%method == 'rkpm-gauss' .and. scene%galerkin%essential == 'penalty' &
-      & .and. scene%approximation%order > 1 .and. scene%cloud%nd == 2
-end function softened
 
 !> How much narrower than their slices the ends of voxels are that conditions act on [-]
 pure real(wp) function taper_of(scene) result(most)

@@ -30,6 +30,7 @@ module rk_companion
    private
 
    public :: companion_type, solved_type, solve_companion, solve_beside, choose_companion
+   public :: other_number
    public :: lattice_words, list, override_length, kept_run
 
    !> Length of an override

@@ -69,7 +69,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
-   logical :: by_label
+   logical :: by_label, found
 
    at = 'material.'//to_text(k)
    associate (tissue => scene%tissue(k))
@@ -85,7 +85,10 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
       if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
          & tissue, by_label)
-      if (.not. any(scene%tissue_of == k) .and. .not. has_part(scene, material_of, k)) then
+      found = any(scene%tissue_of == k)
+      if (allocated(material_of)) found = found .or. any(spread(material_of == k, 2, &
+         & size(scene%tissue_of)) .and. scene%cloud%fraction > 0.0_wp)
+      if (.not. found) then
          if (regions) then
             call deck%complain(at//'.where', &
                & 'no point lies there, or later materials fill it: more points across it ' &
@@ -107,21 +110,6 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       end if
    end associate
 end subroutine read_tissue
-
-!> Whether some point has a fraction of a material
-pure logical function has_part(scene, material_of, k)
-   type(scene_type), intent(in) :: scene
-   integer, allocatable, intent(in) :: material_of(:)
-   !> Material
-   integer, intent(in) :: k
-   integer :: i
-
-   has_part = .false.
-   if (.not. allocated(material_of)) return
-   do i = 1, size(material_of)
-      if (material_of(i) == k) has_part = has_part .or. any(scene%cloud%fraction(i, :) > 0.0_wp)
-   end do
-end function has_part
 
 !> Fractions of the materials from those of labels
 subroutine set_parts(scene, material_of, deck, error)

@@ -1,16 +1,18 @@
 !> More source points where they pay, until probes are known well enough or the cost is too high.
 !>
-!> A scene is solved, and a companion on half as many cells gives bars. Where they are too wide, the
-!> next lattice has as many more cells in all directions as errors need that fall like the square of
-!> the spacing, at most twice as many. Corners and clamped edges make errors fall more slowly; then
-!> one more lattice follows. The last solution of the search is the answer, whose run begins where
-!> it ended.
+!> A scene is solved, and a companion on half as many cells gives bars. Where they are too wide,
+!> one more solution with half as many cells in a single direction tells how much of them comes
+!> from there. Errors fall like the square of the spacing, so that the cells which meet a wanted
+!> error with the fewest points make all directions err alike: the next lattice has them, with at
+!> most twice as many cells in a direction. Corners and clamped edges make errors fall more slowly;
+!> then one more lattice follows. The last solution of the search is the answer, whose run begins
+!> where it ended.
 module rk_refine
    use rk_bars, only : bars_by_earlier, bars_by_other, bars_type, new_bars
    use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, lattice_words, list, override_length, kept_run, &
-      & solve_companion, solved_type
+   use rk_companion, only : companion_type, lattice_words, list, other_number, &
+      & override_length, kept_run, solve_beside, solve_companion, solved_type
    use rk_deck, only : deck_type, joined
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
@@ -110,7 +112,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(deck_type) :: coarser, finer
    real(wp) :: start, before, growth, now, worst, power, points, points_before, solving, &
       & solving_before
-   real(wp), allocatable :: bar(:), left(:)
+   real(wp), allocatable :: bar(:), left(:), share(:, :)
    integer, allocatable :: before_cells(:), cells(:), next(:), aimed(:), limit(:)
    integer :: d, level, halvings
    character(len=:), allocatable :: line
@@ -153,6 +155,11 @@ subroutine refine(self, deck, model, receiver, error)
          ! what voxels leave open no blocks will close
          left = bar - bars%open
          call forecast()
+         if (another()) then
+            if (any(left > self%wanted)) call shares(answer, cells, bars, share)
+         else if (.not. allocated(share)) then
+            allocate (share(size(cells), size(bar)), source=1.0_wp/size(cells))
+         end if
          self%start = run
          self%companion = companion
          self%bars = bars
@@ -199,7 +206,7 @@ subroutine refine(self, deck, model, receiver, error)
             & //'points there are; give a label map of finer voxels'
          return
       end if
-      next = next_cells(cells, maxval(left), aim*self%wanted)
+      next = next_cells(cells, share, left, aim*self%wanted)
       ! blocks of as many voxels each: where they differ answers are worse than the bars tell
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
@@ -287,6 +294,15 @@ contains
       seen = log(solving/solving_before)/log(points/points_before)
       power = 0.5_wp*(power + min(power, max(1.0_wp, seen)))
    end subroutine forecast
+
+   !> Whether the cost allows another lattice after the solutions that tell where it needs points
+   logical function another()
+      real(wp) :: sharing
+
+      ! one for each direction, with half of the points
+      sharing = size(cells)*solving*0.5_wp**power
+      another = self%seconds + sharing + solving*least_growth**power <= self%cost
+   end function another
 
    !> Whether a lattice can be solved within the cost
    logical function possible(cells_then)
@@ -472,6 +488,47 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, c
    call bars_by_other(bars, problem, companion%seen, companion%kind, companion%around)
 end subroutine solve
 
+!> How much of each probe's bar comes from each direction
+subroutine shares(answer, cells, bars, share)
+   type(solved_type), intent(in) :: answer
+   !> Cells along each direction, shape (nd)
+   integer, intent(in) :: cells(:)
+   type(bars_type), intent(in) :: bars
+   !> Shares, which add up to one, shape (nd, probes) [-]
+   real(wp), allocatable, intent(out) :: share(:, :)
+   type(companion_type) :: companion
+   character(len=override_length) :: steps
+   character(len=override_length), allocatable :: words(:)
+   integer :: d, i, n, other(size(cells))
+
+   associate (scene => answer%problem%scene)
+      steps = 'load.steps='//to_text(merge(scene%load%steps, 1, scene%programme%count() > 1))
+      allocate (share(size(cells), size(scene%probe)))
+      do d = 1, size(cells)
+         other = cells
+         other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
+         companion = companion_type()
+         words = [words_of(answer%deck, scene%cloud, other), steps]
+         call solve_beside(companion, answer, words)
+         if (allocated(companion%why_not)) then
+            ! unknown: as much as all others
+            share(d, :) = 1.0_wp
+            cycle
+         end if
+         do i = 1, size(scene%probe)
+            n = quantity_size(scene%probe(i)%quantity)
+            share(d, i) = maxval(abs(bars%values(:n, i, :) - companion%seen%values(:n, i, :)))
+            ! with twice as many cells what is seen is a quarter of what half as many would show
+            if (other(d) > cells(d)) share(d, i) = 4.0_wp*share(d, i)
+         end do
+      end do
+      do i = 1, size(scene%probe)
+         share(:, i) = share(:, i) + tiny(1.0_wp)
+         share(:, i) = share(:, i)/sum(share(:, i))
+      end do
+   end associate
+end subroutine shares
+
 !> Bars over the sizes of their probes, of a programme over the largest on the way [-]
 pure function relative(bars, wanted) result(bar)
    type(bars_type), intent(in) :: bars
@@ -489,15 +546,39 @@ pure function relative(bars, wanted) result(bar)
    end do
 end function relative
 
-!> Cells with which all probes are expected to be known well enough, at most twice as many
-elemental integer function next_cells(cells, bar, wanted) result(next)
-   !> Cells of a direction
-   integer, intent(in) :: cells
-   !> Widest bar, and the one that is wanted [-]
-   real(wp), intent(in) :: bar, wanted
+!> Fewest cells with which all probes are known well enough, at most twice as many
+pure function next_cells(cells, share, bar, wanted) result(next)
+   !> Cells, shape (nd)
+   integer, intent(in) :: cells(:)
+   !> Share of each direction, shape (nd, probes) [-]
+   real(wp), intent(in) :: share(:, :)
+   !> Bar of each probe [-]
+   real(wp), intent(in) :: bar(:)
+   !> Target error [-]
+   real(wp), intent(in) :: wanted
+   integer :: next(size(cells))
+   real(wp) :: part(size(cells)), left
+   logical :: grows(size(cells))
+   integer :: d, i
 
+   next = cells
+   do i = 1, size(bar)
+      if (bar(i) <= wanted) cycle
+      part = bar(i)*share(:, i)
+      ! directions that err less than their part keep their cells, and leave more to the others
+      grows = .true.
+      do d = 1, size(cells)
+         left = (wanted - sum(part, mask=.not. grows))/count(grows)
+         if (all(part > left .or. .not. grows)) exit
+         grows = grows .and. part > left
+      end do
+      do d = 1, size(cells)
+         if (grows(d)) next(d) = max(next(d), ceiling(cells(d)*min(most_growth, &
+            & (part(d)/left)**(1.0_wp/order))))
+      end do
+   end do
    ! pairs of cells share their pressures
-   next = 2*((ceiling(cells*min(most_growth, (bar/wanted)**(1.0_wp/order))) + 1)/2)
+   where (next > cells) next = 2*((next + 1)/2)
 end function next_cells
 
 !> Smallest divisor of a number from another number on

@@ -6,7 +6,7 @@ module rk_verdict
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, &
       & ieee_value
    use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, more_points, &
-      & new_bars, softened, twice_fewer
+      & new_bars, twice_fewer
    use rk_cloud, only : cloud_type
    use rk_companion, only : companion_type, override_length, solve_companion, solved_type
    use rk_deck, only : deck_type
@@ -41,8 +41,8 @@ module rk_verdict
    !> Forces on all boundary sets, of the largest of them
    real(wp), parameter :: of_balance(2) = [0.05_wp, 0.25_wp]
    !> Error bar of a probe from another cloud, of its size: from fewer points of a lattice bars are
-   !> some times the error, from fewer blocks of voxels less; from more points, of nodal cells, or
-   !> of order two by the penalty, they are not, and those are then at most the latter of their kind
+   !> some times the error, from fewer blocks of voxels less; from more points and of nodal cells
+   !> they are not
    real(wp), parameter :: of_wide_bar = 0.10_wp, of_block_bar = 0.08_wp, of_bar = 0.05_wp
    !> Change of a probe from fewer points and from more, which are nearer to the truth, that is too
    !> much for any answer; and change from another form
@@ -242,8 +242,6 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          if (allocated(problem%scene%cloud%block)) lower = of_block_bar
          if (allocated(problem%scene%cloud%lattice) .and. self%companion%kind /= more_points) &
             & lower = of_wide_bar
-         if (self%companion%kind == twice_fewer .and. softened(problem%scene)) &
-            & lower = min(lower, of_bar*self%bars%kind/max(self%bars%size, tiny(1.0_wp)))
          lower = max(0.0_wp, lower - self%bars%open)/self%bars%factor
       end if
       widest = self%bars%size
