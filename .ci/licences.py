@@ -3,8 +3,8 @@
 `auditwheel repair` copies libraries of the system into the wheel. Who passes them on passes on
 their licences: the copyright file of each library's Debian package goes to `licenses/`, with a
 table of versions and sources. MyoRK is under the MIT licence. SuiteSparse's sparse QR, UMFPACK and
-supernodal Cholesky are under GPL-2+: a wheel that holds them says so in its metadata and is passed
-on under the GPL as a whole; version 3, as METIS and OpenSSL (Apache-2.0) do not go with version 2.
+supernodal Cholesky are under GPL-2+: the wheel holds them, says so in its metadata and is passed on
+under the GPL as a whole; version 3, as METIS and OpenSSL (Apache-2.0) do not go with version 2.
 """
 
 import re
@@ -13,21 +13,19 @@ import sys
 import tempfile
 from pathlib import Path
 
-GPL = ("libspqr", "libcholmod", "libumfpack")
 PLACES = ("/lib/x86_64-linux-gnu", "/usr/lib/x86_64-linux-gnu", "/usr/lib", "/lib")
 HEAD = """\
 # Libraries in this wheel
 
 Copied from Debian packages, unchanged but for names and search paths. Their licences are the files
 beside this one; `apt-get source SOURCE=VERSION` and snapshot.debian.org have their sources.
-{gpl}
-| library | package | version | source |
-|---|---|---|---|
-"""
-MARKED = """
+
 MyoRK itself is under the MIT licence (LICENSE). This wheel holds SPQR, UMFPACK and the supernodal
 Cholesky of SuiteSparse, which are under GPL-2+: as a whole it is passed on under the GNU General
-Public License, version 3 or later. A wheel without them: `.ci/wheel --without-gpl`.
+Public License, version 3 or later.
+
+| library | package | version | source |
+|---|---|---|---|
 """
 
 
@@ -83,18 +81,15 @@ def main(wheel: Path, out: Path) -> None:
             text = Path(f"/usr/share/doc/{name}/copyright").read_bytes()
             (licences / f"{name}.copyright").write_bytes(text)
             rows.append(f"| {library.name} | {name} | {version} | {source} |\n")
-        gpl = any(library.name.startswith(GPL) for library in libraries)
-        if gpl:
-            mark(info / "METADATA")
-            for number in (2, 3):
-                text = Path(f"/usr/share/common-licenses/GPL-{number}").read_bytes()
-                (licences / f"GPL-{number}").write_bytes(text)
-        table = HEAD.format(gpl=MARKED if gpl else "") + "".join(rows)
+        mark(info / "METADATA")
+        for number in (2, 3):
+            text = Path(f"/usr/share/common-licenses/GPL-{number}").read_bytes()
+            (licences / f"GPL-{number}").write_bytes(text)
+        table = HEAD + "".join(rows)
         (licences / "BUNDLED.md").write_text(table, encoding="utf-8")
         out.mkdir(parents=True, exist_ok=True)
         run(sys.executable, "-m", "wheel", "pack", "-d", out, tree)
-    told = "marked GPL-3.0-or-later" if gpl else "without SuiteSparse"
-    print(f"{len(libraries)} libraries, {told}")
+    print(f"{len(libraries)} libraries, marked GPL-3.0-or-later")
 
 
 if __name__ == "__main__":

@@ -5,15 +5,15 @@
 module rk_lapack
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_blas, only : dpotrf, dsteqr, dsyrk, dtrsv
-   use rk_error, only : error_type, fatal_error, err_linalg, err_memory
-   use rk_precision, only : i8, wp
+   use rk_error, only : error_type, fatal_error, err_linalg
+   use rk_precision, only : wp
    use rk_text, only : to_text
    use rk_threads, only : hold_threads, release_threads, threads_type
    implicit none
    private
 
    public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk
-   public :: largest_eigenpair, solve_band
+   public :: largest_eigenpair
 
    interface
       subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
@@ -24,12 +24,6 @@ module rk_lapack
          real(wp), intent(out) :: work(*)
          integer, intent(out) :: info
       end subroutine dgels
-      subroutine dgbsv(n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
-         import :: wp
-         integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
-         real(wp), intent(inout) :: ab(ldab, *), b(ldb, *)
-         integer, intent(out) :: ipiv(*), info
-      end subroutine dgbsv
       subroutine dgelsy(m, n, nrhs, a, lda, b, ldb, jpvt, rcond, rank, work, lwork, info)
          import :: wp
          integer, intent(in) :: m, n, nrhs, lda, ldb, lwork
@@ -105,62 +99,6 @@ subroutine solve_qr(a, b, error)
    if (info /= 0) call fatal_error(error, err_linalg, 'least squares matrix of shape ' &
       & //to_text(m)//' x '//to_text(n)//' is rank deficient, column '//to_text(info))
 end subroutine solve_qr
-
-!> Solve equations with a square matrix by LU in the band of its entries (DGBSV)
-subroutine solve_band(start, column, value, b, x, rcond, error)
-   !> Row i has entries start(i)+1 : start(i+1), shape (n + 1)
-   integer(i8), intent(in) :: start(:)
-   !> Column of each entry less 1
-   integer(i8), intent(in) :: column(:)
-   !> Entries
-   real(wp), intent(in) :: value(:)
-   !> Right hand side, shape (n)
-   real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-   !> Ratio of the extreme pivots, a rough reciprocal condition [-]
-   real(wp), intent(out) :: rcond
-   !> Error handling: singular, no memory
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: band(:, :)
-   integer, allocatable :: pivot(:)
-   integer(i8) :: k
-   type(threads_type) :: kept
-   integer :: i, info, n, stat, width
-
-   n = size(b)
-   width = 0
-   do i = 1, n
-      do k = start(i) + 1, start(i + 1)
-         width = max(width, abs(int(column(k)) + 1 - i))
-      end do
-   end do
-   rcond = 0.0_wp
-   allocate (band(3*width + 1, n), pivot(n), stat=stat)
-   if (stat /= 0) then
-      call fatal_error(error, err_memory, 'no memory for a band of '//to_text(width) &
-         & //' on both sides of '//to_text(n)//' unknowns: build with SuiteSparse')
-      return
-   end if
-   band = 0.0_wp
-   do i = 1, n
-      do k = start(i) + 1, start(i + 1)
-         band(2*width + i - int(column(k)), column(k) + 1) = value(k)
-      end do
-   end do
-   x = b
-   call hold_threads(kept)
-   call dgbsv(n, width, width, 1, band, size(band, 1), pivot, x, n, info)
-   call release_threads(kept)
-   if (info /= 0) then
-      call fatal_error(error, err_linalg, 'matrix of '//to_text(n)//' unknowns is singular, ' &
-         & //'pivot '//to_text(info))
-      return
-   end if
-   associate (diagonal => abs(band(2*width + 1, :)))
-      rcond = minval(diagonal)/maxval(diagonal)
-   end associate
-end subroutine solve_band
 
 !> Smallest least squares solutions by rank revealing QR (DGELSY)
 subroutine solve_pivoted_qr(a, b, pivot, rank, error)

@@ -1,4 +1,4 @@
-!> Sparse factorisations of SuiteSparse, where it was there at build time.
+!> Sparse factorisations of SuiteSparse.
 !>
 !> References: Chen et al., ACM TOMS 35 (2008) 22, doi:10.1145/1391989.1391995;
 !>             Davis, ACM TOMS 38 (2011) 8, doi:10.1145/2049662.2049670
@@ -6,7 +6,7 @@ module rk_sparse
    use, intrinsic :: iso_c_binding, only : c_associated, c_double, c_int, c_int64_t, c_null_ptr, &
       & c_ptr
    use rk_envelope, only : envelope_type
-   use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
+   use rk_error, only : error_type, fatal_error, err_linalg, err_memory
    use rk_operator, only : factor_type, row_operator
    use rk_precision, only : i8, wp
    use rk_threads, only : hold_threads, release_threads, threads_type
@@ -72,7 +72,7 @@ contains
 subroutine sparse_cholesky(self, matrix, error)
    type(sparse_factor), intent(inout) :: self
    type(envelope_type), intent(in) :: matrix
-   !> Error handling: not positive definite, no memory, no SuiteSparse
+   !> Error handling: not positive definite, no memory
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), row(:)
    real(wp), allocatable :: value(:)
@@ -112,7 +112,7 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    integer, intent(out) :: rank
-   !> Error handling: rank deficient, no memory, no SuiteSparse
+   !> Error handling: rank deficient, no memory
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:)
@@ -152,7 +152,7 @@ subroutine factor_upper(self, n, start, row, value, error)
    integer(i8), contiguous, intent(in) :: row(:)
    !> Entries
    real(wp), contiguous, intent(in) :: value(:)
-   !> Error handling: not positive definite, no memory, no SuiteSparse
+   !> Error handling: not positive definite, no memory
    type(error_type), allocatable, intent(out) :: error
    type(threads_type) :: kept
    real(wp) :: rcond
@@ -189,7 +189,7 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    real(wp), intent(out) :: rcond
    !> What is left of factors of matrices with the same places of entries
    type(sparse_factor), intent(inout) :: kept
-   !> Error handling: not positive definite, singular, no memory, no SuiteSparse
+   !> Error handling: not positive definite, singular, no memory
    type(error_type), allocatable, intent(out) :: error
    !> Unknowns less 1 in an order of elimination to be tried beside those that are found for
    !> Cholesky, shape (n)
@@ -217,10 +217,6 @@ subroutine complain(stat, error)
    case (0)
    case (2)
       call fatal_error(error, err_memory, 'no memory for a sparse factor: use solver "refined"')
-   case (3)
-      call fatal_error(error, err_input, 'this build has no sparse solvers: install SuiteSparse ' &
-         & //'(Debian: libsuitesparse-dev) and build again with -Dsparse=enabled, or use solver ' &
-         & //'"auto"')
    case default
       call fatal_error(error, err_linalg, 'matrix is not positive definite or not of full rank')
    end select

@@ -6,8 +6,7 @@
 !> Matrices that follow one another differ little: those with the last factor come first.
 module rk_symmetric
    use rk_csr, only : csr_type, sort
-   use rk_error, only : error_type, err_input, err_memory
-   use rk_lapack, only : solve_band
+   use rk_error, only : error_type, err_memory
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, sp, wp
@@ -507,9 +506,8 @@ subroutine solve_with(self, given, b, x, report, error)
    if (.not. symmetric .or. allocated(error)) then
       if (allocated(error)) then
          if (error%code == err_memory) return
-         report%indefinite = error%code /= err_input
-         if (report%indefinite .and. self%near%far .and. (self%impatient &
-            & .or. self%near%operations > hopeless)) then
+         report%indefinite = .true.
+         if (self%near%far .and. (self%impatient .or. self%near%operations > hopeless)) then
             error%message = 'the tangent is far from positive definite'
             return
          end if
@@ -519,12 +517,6 @@ subroutine solve_with(self, given, b, x, report, error)
       call both_triangles(self, given, -1.0_wp, start, column, value)
       call solve_sparse(self%n, start, column, value, .false., self%keeps, b, x, report%rcond, &
          & self%kept, error)
-   end if
-   if (allocated(error)) then
-      if (error%code /= err_input) return
-      report%used = 'band'
-      call both_triangles(self, given, 1.0_wp, start, column, value)
-      call solve_band(start, column, value, b, x, report%rcond, error)
    end if
    if (allocated(error)) return
    allocate (r(self%n))
@@ -697,7 +689,6 @@ logical function definite(self)
    call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, rcond, &
       & self%kept, error)
    definite = .not. allocated(error)
-   if (.not. definite) definite = error%code == err_input
 end function definite
 
 !> Order of elimination and envelope of the factor of half as many digits

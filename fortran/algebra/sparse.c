@@ -1,20 +1,19 @@
 /* Thin shim over SuiteSparse: sparse Cholesky (CHOLMOD) and sparse QR (SPQR).
  *
  * Matrices come in compressed form with 64-bit indices that start at 0; nothing of them is copied
- * where the library does not need to. Without SuiteSparse every call answers rk_missing.
+ * where the library does not need to.
  *
  * CHOLMOD's supernodal part and SPQR are under the GPL: a binary that links them is too.
  */
+#include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2, rk_missing = 3 };
-
-#ifdef HAVE_SUITESPARSE
 #include <suitesparse/SuiteSparseQR_C.h>
 #include <suitesparse/cholmod.h>
 #include <suitesparse/umfpack.h>
+
+enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2 };
 
 /* A factor with everything its solves need */
 struct factor {
@@ -145,7 +144,7 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
 }
 
 /* Solve with the matrix of a Cholesky factor for a number of vectors, or for one of LU or R^T R, in
- * place */
+ * place; without memory they are not numbers afterwards */
 void rk_sparse_solve(struct factor *f, int64_t number, double *x)
 {
     if (f->lu) {
@@ -159,9 +158,10 @@ void rk_sparse_solve(struct factor *f, int64_t number, double *x)
     }
     if (f->cholesky) {
         cholmod_dense b = vectors(f->n, number, x);
-        if (cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y, &f->e,
-                             &f->common))
-            memcpy(x, f->x->x, b.nzmax * sizeof *x);
+        const int solved = cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y,
+                                            &f->e, &f->common);
+        for (size_t k = 0; k < b.nzmax; k++)
+            x[k] = solved ? ((double *)f->x->x)[k] : NAN;
         return;
     }
     const SuiteSparse_long *p = f->r->p, *i = f->r->i;
@@ -284,36 +284,3 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         return rk_no_memory;
     return stat == UMFPACK_OK ? rk_done : rk_singular;
 }
-
-#else
-
-void rk_sparse_free(void *f)
-{
-    (void)f;
-}
-
-int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
-                 double tol, double *x, int64_t *rank, void **out)
-{
-    (void)m, (void)n, (void)start, (void)column, (void)value, (void)b, (void)tol, (void)x;
-    *rank = 0;
-    *out = NULL;
-    return rk_missing;
-}
-
-int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int64_t *order,
-                     int definite, int again, const double *b, double *x, double *rcond,
-                     void **kept)
-{
-    (void)n, (void)start, (void)row, (void)value, (void)order, (void)definite, (void)again;
-    (void)b, (void)x, (void)kept;
-    *rcond = 0;
-    return rk_missing;
-}
-
-void rk_sparse_solve(void *f, int64_t number, double *x)
-{
-    (void)f, (void)number, (void)x;
-}
-
-#endif

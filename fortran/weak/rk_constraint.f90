@@ -83,7 +83,7 @@ subroutine new_constraint(self, n, unknown, value, resistance, error)
    real(wp), intent(in) :: value(:)
    !> Resistance of each row, > 0, shape (rows)
    real(wp), intent(in) :: resistance(:)
-   !> Error handling: rows that depend on each other, no memory, no SuiteSparse
+   !> Error handling: rows that depend on each other, no memory
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: rows
    type(symmetric_matrix) :: square

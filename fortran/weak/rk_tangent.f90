@@ -123,7 +123,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    type(csr_type), intent(in) :: held
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Error handling: no memory, no SuiteSparse, held points without a factor
+   !> Error handling: no memory, held points without a factor
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: along(:, :)
    integer :: k
