@@ -3,12 +3,13 @@
 import csv
 import sys
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.optimize import curve_fit
+from scipy.stats import t
 
-from myork.studies import identify
+from myork import Scene
 
 DATA = Path(__file__).parent / "data" / "tomalka_2017_figure_2.csv"
 OPTIMUM, SIGMA = 2.46, 30  # [um], [N/cm^2], as in measured_fibers.py
@@ -21,17 +22,29 @@ boundary = [{ set = "x0", u_x = 0 }, { set = "y0", u_y = 0 },
             { set = "z0", u_z = 0 }, { set = "z1", u_z = 0.1 }]
 probe = [{ name = "pull", quantity = "force_z", set = "z1" }]
 """
-with TemporaryDirectory() as name, DATA.open() as lines:
+with DATA.open() as lines:
     rows = csv.reader(line for line in lines if line.startswith("passive"))
     data = np.array([row[1:] for row in rows], float) * [1 / OPTIMUM, SIGMA] - [1, 0]
-    deck, table = Path(name, "fiber.toml"), Path(name, "m.csv")
-    deck.write_text(DECK)
-    np.savetxt(table, data[data[:, 0] > 0], "%.6g", ",", header="boundary.z1.u_z,pull", comments="")
-    found = identify(deck, table, ["material.m.gamma2=1:7"], name)
-    fit = np.genfromtxt(Path(name, "identify.csv"), delimiter=",", names=True)
-for key, entry in found["parameters"].items():
-    print("{}: {:.3g}, 95 % from {:.3g} to {:.3g}".format(key, entry["value"], *entry["interval"]))
-strain, measured, fitted = np.transpose(fit.tolist())
+strain, measured = data[data[:, 0] > 0].T
+
+
+def stress(strains, gamma2):
+    """Passive stress at strains of the fibers [N/cm^2]."""
+    found = []
+    for strain in strains:
+        scene.update({"material.m.gamma2": gamma2, "boundary.z1.u_z": strain})
+        states = scene.solve(error=False)
+        found.append(scene.probes(states.x[-1:], states.load[-1:])[0, 0, 0])
+    return found
+
+
+with Scene.from_tables(DECK) as scene:
+    (value,), ((variance,),) = curve_fit(
+        stress, strain, measured, p0=[4], bounds=(1, 7), diff_step=1e-3
+    )
+    half = t.ppf(0.975, len(strain) - 1) * variance**0.5
+    print(f"gamma2: {value:.3g}, 95 % from {value - half:.3g} to {value + half:.3g}")
+    fitted = stress(strain, value)
 plt.plot(strain, measured, "o", label="measured")
 plt.plot(strain, fitted, label="fitted")
 plt.xlabel("strain of the fibers")

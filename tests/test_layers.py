@@ -40,7 +40,7 @@ PYTHON_LAYERS = [
     {"model"},
     {"stations"},
     {"rom", "report"},
-    {"bench", "chain", "sweeps", "studies", "view"},
+    {"bench", "chain", "sweeps", "view"},
     {"demo"},
     {"cli"},
     {"__main__"},

@@ -18,7 +18,6 @@ _MESSAGES = _LIST.messages()
     ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
     ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
     ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),
-    ("pydriver/myork/studies/identify.py", "{path}: standard errors must be above 0"),
 ])  # fmt: skip
 def test_lists_messages_of_all_languages(file: str, message: str) -> None:
     assert message in _MESSAGES[file]

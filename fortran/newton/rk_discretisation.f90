@@ -55,7 +55,6 @@ module rk_discretisation
       !> Force through a plane section of the body
       procedure(section_interface), deferred :: section_force
       procedure :: strain_energy, set_point_loads
-      procedure(renew_interface), deferred :: renew
       procedure, non_overridable :: has_pressure
       procedure, non_overridable :: linear_place
       procedure, non_overridable :: at_point, keep_places, largest_stress
@@ -63,16 +62,6 @@ module rk_discretisation
    end type discretisation_type
 
    abstract interface
-      !> Take other loads and material parameters from the scene of a nonlinear problem, whose
-      !> points, conditions, tissues and shape functions are unchanged
-      subroutine renew_interface(self, materials, error)
-         import :: discretisation_type, error_type
-         class(discretisation_type), intent(inout) :: self
-         !> Material parameters changed as well
-         logical, intent(in) :: materials
-         !> Error handling: what cannot be changed
-         type(error_type), allocatable, intent(out) :: error
-      end subroutine renew_interface
       function force_interface(self, set, state, share, about) result(force)
          import :: discretisation_type, field_state, wp
          class(discretisation_type), intent(in) :: self

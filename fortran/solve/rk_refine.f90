@@ -75,7 +75,7 @@ module rk_refine
    contains
       !> What the answer has of what was wanted
       procedure :: look_back
-      procedure :: limited, forget
+      procedure :: limited
       procedure, private :: target
    end type refinement_type
 
@@ -606,16 +606,6 @@ function limited(self, receiver) result(within)
    within%receiver => receiver
    within%deadline = now + self%cost - self%seconds
 end function limited
-
-!> Leave the answer away, as of a scene that has changed
-subroutine forget(self)
-   class(refinement_type), intent(inout) :: self
-
-   if (allocated(self%start)) deallocate (self%start)
-   if (allocated(self%companion)) deallocate (self%companion)
-   if (allocated(self%bars)) deallocate (self%bars)
-   self%cost = huge(1.0_wp)
-end subroutine forget
 
 !> Whether the cost is used up
 logical function late(self)

@@ -83,7 +83,7 @@ module rk_equilibrium
       !> Then the linearised rows times the modes
       type(matrix_rows), private :: projected
    contains
-      procedure :: field, start, assemble, check_answer, renew, own_side, set_force, section_force
+      procedure :: field, start, assemble, check_answer, own_side, set_force, section_force
    end type equilibrium_problem
 
    !> Smallest share of a row's weight, on the edge itself
@@ -162,7 +162,9 @@ subroutine new_equilibrium(self, scene, mixed, error)
    if (.not. mixed) return
    self%pressure_first = self%fields
    self%pressure_stride = self%fields
-   call set_extent(self)
+   ! of one shear modulus
+   self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
+      & *maxval([(scene%tissue(b)%material%shear, b=1, size(scene%tissue))])
    call set_weights(self)
 end subroutine new_equilibrium
 
@@ -203,28 +205,6 @@ subroutine own_side(self, time, side, error)
    side = -side
    self%boundary = kept
 end subroutine own_side
-
-!> Norm of pressures of one shear modulus
-subroutine set_extent(self)
-   class(equilibrium_problem), intent(inout) :: self
-   integer :: k
-
-   associate (tissue => self%scene%tissue)
-      self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
-         & *maxval([(tissue(k)%material%shear, k=1, size(tissue))])
-   end associate
-end subroutine set_extent
-
-!> Take other loads from the scene; materials are asked at each evaluation
-subroutine renew(self, materials, error)
-   class(equilibrium_problem), intent(inout) :: self
-   logical, intent(in) :: materials
-   !> Error handling: contradicting conditions
-   type(error_type), allocatable, intent(out) :: error
-
-   call new_boundary(self%boundary, self%scene, error)
-   if (self%has_pressure() .and. materials) call set_extent(self)
-end subroutine renew
 
 !> Row weights and shares of row weights that do not change during a run
 subroutine set_weights(self)

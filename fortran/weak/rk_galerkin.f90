@@ -95,7 +95,7 @@ module rk_galerkin
       logical, private :: resists = .false.
    contains
       procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
-      procedure :: set_displacement, section_force, set_point_loads, renew, inner_forces
+      procedure :: set_displacement, section_force, set_point_loads, inner_forces
       procedure :: material_at
    end type galerkin_problem
 
@@ -210,7 +210,6 @@ subroutine set_constants(self, shear, error)
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
 
-   if (allocated(self%force)) deallocate (self%force)
    self%matrix%value = 0.0_wp
    call self%surface%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
    allocate (self%force(self%n, self%scene%programme%count()), source=0.0_wp)
@@ -218,7 +217,6 @@ subroutine set_constants(self, shear, error)
    call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%matrix%value, self%force)
    call self%matrix%complete(self%cells, self%inside, shear)
-   if (allocated(self%matrix%skew)) deallocate (self%matrix%skew)
    ! minimal residuals need a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
       & allocate (self%matrix%skew, source=0.0_wp*self%matrix%value)
@@ -247,54 +245,6 @@ function sources(self, time, error) result(b)
       if (allocated(error)) return
    end do
 end function sources
-
-!> Take other loads and material parameters from the scene
-subroutine renew(self, materials, error)
-   class(galerkin_problem), intent(inout) :: self
-   logical, intent(in) :: materials
-   !> Error handling: what depends on materials cannot be made again
-   type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: shear(:), softness(:)
-   integer :: ip, nc
-
-   associate (scene => self%scene)
-      if (materials) then
-         do ip = 1, size(scene%tissue)
-            if (self%multiplier%extra > 0 .or. scene%tissue(ip)%material%incompressible()) then
-               call fatal_error(error, err_input, 'where K = inf makes pressures unknowns, ' &
-                  & //'materials cannot be changed in an open scene: open another one')
-               return
-            end if
-         end do
-         if (.not. self%matrix%formed) call fatal_error(error, err_input, 'above ' &
-            & //'galerkin.direct_limit materials cannot be changed in an open scene: open ' &
-            & //'another one')
-         if (allocated(error)) return
-      end if
-      nc = size(scene%cloud%points, 2)
-      call new_boundary(self%boundary, scene, error)
-      if (allocated(error)) return
-      shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, size(self%cells%weight))]
-      call set_conditions(self%surface, scene, self%cells, shear, error)
-      if (allocated(error)) return
-      call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
-      if (materials) then
-         call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
-         call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &
-            & scene%approximation, error)
-         if (allocated(error)) return
-         call new_multiplier(self%multiplier, self%cells, self%bulk, shear, &
-            & size(scene%cloud%source, 2) + self%surface%plates%count, self%gradient%member)
-      end if
-      if (allocated(self%walls)) call new_walls(self%walls, scene, self%cells, self%surface, error)
-      if (allocated(error)) return
-      if (allocated(self%held)) call hold_points(self, error)
-      if (allocated(error)) return
-   end associate
-   call set_constants(self, shear, error)
-   if (allocated(self%base)) deallocate (self%base)
-   if (allocated(self%origin)) deallocate (self%origin)
-end subroutine renew
 
 !> Set what varies over the points and has no place in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)

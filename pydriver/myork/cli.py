@@ -295,21 +295,6 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
     return f"table: {table}"
 
 
-def _identify(options: argparse.Namespace, console: Console) -> str:
-    found = _load("studies:identify")(
-        options.source, options.data, options.free, options.out, fixed=options.set,
-        seed=options.seed, threads=options.threads, progress=console,
-    )  # fmt: skip
-    lines = [
-        "{}: {:.5g}, 95 % from {:.5g} to {:.5g}".format(key, entry["value"], *entry["interval"])
-        for key, entry in found["parameters"].items()
-    ]
-    lines += [f"warning: {line}" for line in found["warnings"]]
-    lines.append("{states} states by {by}: {cpu_s:.1f} s of processor time".format(**found["cost"]))
-    lines.append(f"study: {options.out / 'identify.json'}, {options.out / 'identify.csv'}")
-    return "\n".join(lines)
-
-
 # ---- options -------------------------------------------------------------------------------------
 
 
@@ -553,31 +538,6 @@ _COMMANDS = {
             _flag("--dry-run", "print what would be solved and its estimated cost, and exit"),
         ),
         default="out/<deck>_sweep",
-    ),
-    "study identify": _Command(
-        _identify,
-        "fit parameters to measured forces or displacements, with confidence intervals",
-        "  myork study identify block.rom.h5 --data measured.csv --free sigma_max\n"
-        "  myork study identify deck.toml --data measured.csv \\\n"
-        "      --free material.muscle.sigma_max=20:60 --free material.muscle.A10=4:9",
-        (
-            _option(
-                "source", "MODEL",
-                "reduced model (.rom.h5), or a deck, which is then solved in full", Path,
-            ),
-            _set("value of another parameter, or override of the deck"), _seed(),
-            _option(
-                "--data", "FILE",
-                "CSV: a column for each varied key and each probe; NAME_error for standard errors",
-                Path, required=True,
-            ),
-            _several(
-                "--free", "KEY=LOW:HIGH",
-                "parameter to be fitted; KEY alone uses the range of the training",
-                required=True,
-            ),
-        ),
-        default="out/<name>",
     ),
     "view": _Command(
         _view,

@@ -62,27 +62,6 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    call pack_error(error, stat, message)
 end subroutine scene_open
 
-!> Change loads, material parameters, steps, solver or probes of an open scene. Not threadsafe, as
-!> scene_open
-subroutine scene_update(handle, nover, overrides, stat, message)
-   use rk_error, only : error_type, pack_error
-   use rk_handles, only : slot_of, slot_type
-   use rk_session, only : update_session
-   implicit none
-   !f2py integer*8 handle
-   integer(8), intent(in) :: handle
-   integer, intent(in) :: nover
-   character(len=*), intent(in) :: overrides(nover)
-   integer, intent(out) :: stat
-   character(len=2048), intent(out) :: message
-   type(error_type), allocatable :: error
-   type(slot_type), pointer :: slot
-
-   slot => slot_of(handle)
-   call update_session(slot, overrides, error)
-   call pack_error(error, stat, message)
-end subroutine scene_update
-
 subroutine scene_close(handle)
    use rk_handles, only : close_slot, slot_of, slot_type
    implicit none

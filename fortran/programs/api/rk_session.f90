@@ -16,7 +16,7 @@ module rk_session
    implicit none
    private
 
-   public :: open_session, update_session, solve_session, find_problem
+   public :: open_session, solve_session, find_problem
 
 contains
 
@@ -58,73 +58,6 @@ subroutine open_session(path, text, overrides, model, listener, slot, error)
       call get_approximation(deck, slot%approximation)
    end if
 end subroutine open_session
-
-!> Change loads, material parameters, steps, solver or probes of an open scene; its shape functions
-!> stay, and so does all of it where the change is refused
-subroutine update_session(slot, overrides, error)
-   type(slot_type), target, intent(inout) :: slot
-   character(len=*), intent(in) :: overrides(:)
-   !> Error handling: wrong values, and what an open scene cannot change
-   type(error_type), allocatable, intent(out) :: error
-   type(deck_type) :: deck
-   type(scene_type) :: other, kept
-   logical :: materials
-   integer :: k
-
-   call slot%deck%vary(overrides, deck, error)
-   if (slot%full%linear .and. .not. allocated(error)) call fatal_error(error, err_input, &
-      & 'a linear problem cannot be changed: open another scene')
-   if (allocated(error)) return
-   call new_scene(other, deck, slot%model, error)
-   if (allocated(error)) return
-   associate (scene => slot%scene)
-      if (size(scene%condition) /= size(other%condition) .or. size(scene%tissue) &
-         & /= size(other%tissue)) then
-         call fatal_error(error, err_input, 'an open scene keeps the number of its ' &
-            & //'conditions and materials: open another one')
-         return
-      end if
-      do k = 1, size(scene%condition)
-         associate (a => scene%condition(k), b => other%condition(k))
-            if (a%set == b%set .and. all(a%fixed .eqv. b%fixed) &
-               & .and. (a%is_radial .eqv. b%is_radial) &
-               & .and. ((a%sine > 0) .eqv. (b%sine > 0))) cycle
-            call fatal_error(error, err_input, 'boundary.'//trim(scene%cloud%set_names(a%set)) &
-               & //': an open scene keeps which components of which sets are prescribed: open ' &
-               & //'another one')
-            return
-         end associate
-      end do
-      materials = any([(index(overrides(k), 'material.') == 1, k=1, size(overrides))])
-      call take(scene, kept)
-      call take(other, scene)
-      call slot%full%renew(materials, error)
-      if (allocated(error)) then
-         call take(kept, scene)
-         return
-      end if
-   end associate
-   slot%deck = deck
-   if (associated(slot%reduced)) deallocate (slot%reduced)
-   call slot%refinement%forget()
-
-contains
-
-   !> Take from another scene what can be changed
-   subroutine take(from, to)
-      !> The other scene
-      type(scene_type), intent(in) :: from
-      type(scene_type), intent(inout) :: to
-
-      to%condition = from%condition
-      to%tissue = from%tissue
-      to%load = from%load
-      to%programme = from%programme
-      to%solver = from%solver
-      to%probe = from%probe
-   end subroutine take
-
-end subroutine update_session
 
 !> Full or reduced problem of a scene
 subroutine find_problem(slot, reduced, problem, error)

@@ -1,4 +1,4 @@
-"""What a scene checks before it calls the core: shapes, starting states, keys of changes."""
+"""What a scene checks before it calls the core: shapes and starting states."""
 
 from pathlib import Path
 
@@ -8,21 +8,6 @@ from myork import errors
 from myork.core.states import States
 from myork.results import RestartState, restart_of
 from myork.types import F64
-
-#: Tables that an open scene can change, and keys of theirs that it cannot
-_CHANGEABLE = {"load", "material", "boundary", "amplitude", "solver", "probe"}
-_FIXED_KEYS = {"set", "label", "model", "fiber", "fiber_angle", "name"}
-
-
-def check_changeable(key: str) -> None:
-    """Refuse a key that an open scene cannot change."""
-    table, _, rest = key.partition(".")
-    name = rest.rpartition(".")[2]
-    if table not in _CHANGEABLE or name in _FIXED_KEYS:
-        raise errors.InputError(
-            f"{key} cannot be changed in an open scene: open another one. Changeable are "
-            f"the tables {', '.join(sorted(_CHANGEABLE))} but for {', '.join(sorted(_FIXED_KEYS))}"
-        )
 
 
 def shaped(name: str, array: F64, shape: tuple[int, ...]) -> F64:

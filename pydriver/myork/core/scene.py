@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from myork import _core, errors
 from myork.core.calls import Turn, answer, call_in_thread, listening
-from myork.core.checks import check_changeable, finite, modes_of, shaped, unknowns_of
+from myork.core.checks import finite, modes_of, shaped, unknowns_of
 from myork.core.cloud import NO_CLOUD, check_cloud, model_of, packed, with_cloud
 from myork.core.deck import (
     NAME_OF_TABLES,
@@ -72,7 +72,8 @@ class Scene:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         deck = load_deck(path, overrides, "solve")
-        self._open(deck, "", overrides, model_of(deck, Path(path).parent, out), threads, progress)
+        self._hold("", overrides, model_of(deck, Path(path).parent, out), threads)
+        self._open(deck, overrides, progress)
 
     @classmethod
     def from_tables(
@@ -110,42 +111,56 @@ class Scene:
         deck = deck_values(NAME_OF_TABLES, tables, overrides, "solve")
         cloud = model_of(deck, Path(), out) if cloud is None else check_cloud(deck, cloud)
         scene = cls.__new__(cls)
-        scene._open(deck, tables, overrides, cloud, threads, progress)
+        scene._hold(tables, overrides, cloud, threads)
+        scene._open(deck, overrides, progress)
         return scene
 
-    def _open(
+    def _hold(
         self,
-        deck: dict[str, Any],
         text: str,
         overrides: Sequence[str],
         model: PointCloud | None,
         threads: int | None,
-        progress: Callable[[str], None] | None,
     ) -> None:
-        """Hand deck and points to the core; the text is empty where the deck is a file."""
+        """Keep what the scene is opened from; the text is empty where the deck is a file."""
+        self._text, self._overrides, self._model = text, tuple(overrides), model
+        self._changes: dict[str, str] = {}
+        self._threads = threads or 0
+        self._turn = Turn()
+
+    def _open(
+        self, deck: dict[str, Any], words: Sequence[str], progress: Callable[[str], None] | None
+    ) -> None:
+        """Hand deck, overrides and points to the core."""
         with listening(progress) as listener:
             handle, stat, message = _core.scene_open(
                 os.fsencode(deck["path"]),
-                text.encode() or b" ",
-                as_texts(overrides),
-                *packed(NO_CLOUD if model is None else model),
+                self._text.encode() or b" ",
+                as_texts(words),
+                *packed(NO_CLOUD if self._model is None else self._model),
                 listener,
             )
-        check_deck(stat, message, text)
+        check_deck(stat, message, self._text)
         self._address = handle
         self.points_found = tuple(answer(handle, "found")["overrides"].split())
         for word in self.points_found:
             key, _, value = word.partition("=")
             deck["geometry"][key.removeprefix("geometry.")] = json.loads(value)
         self.deck = read_only(deck)
-        self._text, self._overrides = text, list(overrides)
         self._has_fields = False
-        self._turn = Turn()
         self._states: States | None = None
         self._close = weakref.finalize(self, _close, handle, self._turn)
-        self._read_sizes()
+        (
+            self.dimension,
+            self.source_points,
+            self.collocation_points,
+            self.dofs,
+            self.rows,
+            self._probes,
+            self.steps,
+            self.stencils,
+        ) = answer(handle, "sizes")["sizes"].tolist()
         self._unknowns = 0
-        self._threads = threads or 0
 
     @property
     def _handle(self) -> int:
@@ -158,18 +173,6 @@ class Scene:
         """What the core says of this scene, as `answer` has it."""
         with self._turn.short():
             return answer(self._handle, question, *given, word=word)
-
-    def _read_sizes(self) -> None:
-        (
-            self.dimension,
-            self.source_points,
-            self.collocation_points,
-            self.dofs,
-            self.rows,
-            self._probes,
-            self.steps,
-            self.stencils,
-        ) = answer(self._handle, "sizes")["sizes"].tolist()
 
     def __repr__(self) -> str:
         return (
@@ -193,37 +196,35 @@ class Scene:
         self._close()
 
     def update(self, changes: Mapping[str, Any]) -> None:
-        """Change loads and material parameters of the open scene.
-
-        The shape functions stay: the next `solve` is that of a scene opened with these values, at
-        less cost.
+        """Open the scene again with other values of its keys; its points stay.
 
         - `changes`: values by key, as in `--set`: `{"material.muscle.K": 100, "load.activation":
-          0.4}`. Keys of `load`, `material`, `boundary`, `amplitude`, `solver` and `probe`; which
-          components of which sets are prescribed stays, and so do labels and fibers.
-        - raises InputError: a wrong value, or what an open scene cannot change: points,
-          approximation, method, and materials where K = inf. The scene is as it was then.
+          0.4}`
+        - raises InputError: a wrong value; the scene is as it was then
 
         >>> with Scene("inputs/muscle_block.toml") as scene:  # doctest: +SKIP
         ...     for bulk in (100, 1000):
         ...         scene.update({"material.muscle.K": bulk})
         ...         states = scene.solve()
         """
-        for key in changes:
-            check_changeable(key)
         if self._has_fields:
             raise errors.InputError("loads set by set_fields would be lost: open another scene")
-        overrides = [override_text(key, value) for key, value in changes.items()]
-        every = self._overrides + overrides
-        path = self.deck["path"]
-        deck = deck_values(path, self._text, every, "solve")
+        if self._model is not None and any(key.startswith("geometry.") for key in changes):
+            raise errors.InputError("the points come from a model: open another scene")
+        # a value counts behind those that were set before it under another name of its key
+        every = {k: word for k, word in self._changes.items() if k not in changes}
+        every |= {key: override_text(key, value) for key, value in changes.items()}
+        if every == self._changes:
+            return
+        found = self.points_found
+        words = [*self._overrides, *found, *every.values()]
+        deck = deck_values(self.deck["path"], self._text, words, "solve")
         with self._turn.short():
-            stat, message = _core.scene_update(self._handle, as_texts(overrides))
-            check_deck(stat, message, self._text)
-            self.deck, self._overrides = read_only(deck), every
-            self._read_sizes()
-            self._unknowns = 0
-            self._states = None
+            before, close = self._handle, self._close
+            self._open(deck, words, None)
+            close.detach()
+            _core.scene_close(before)
+            self.points_found, self._changes = found, every
 
     @property
     def probe_units(self) -> dict[str, str]:

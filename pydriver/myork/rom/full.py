@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.changing import ChangingScene
 from myork.core.galerkin import LoadParts, load_parts, modal_products
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError
@@ -24,6 +24,7 @@ _PATIENCE = 12
 #: Halvings of a load step from rest, and near states that are lost: where the branch ends, more of
 #: them only cost
 _HALVINGS, _FEW_HALVINGS = 5, 2
+_FROM_GUESS = {"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": _PATIENCE}
 
 
 class FullState(NamedTuple):
@@ -59,8 +60,6 @@ class FullModel:
         self.overrides = tuple(overrides)
         self.cloud = cloud
         self._threads = threads
-        self._at_values: ChangingScene | None = None
-        self._own: dict[str, Any] = {}  # keys that a guess of the state changes
 
     def open(self, more: Sequence[str] = ()) -> Scene:
         """Open the scene with further overrides."""
@@ -111,13 +110,10 @@ class FullModel:
 
         - raises ConvergenceError: the solve ended before its full load
         """
-        scene = self._at(parameters, values)
         begin = time.process_time()
         states = None
         if start is not None:
-            scene.update(
-                {"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": _PATIENCE}
-            )
+            scene = self._at(parameters, values, _FROM_GUESS)
             try:
                 states = scene.solve(start=start, error=False)
             except ConvergenceError:
@@ -129,12 +125,12 @@ class FullModel:
                     states = None
         started = states is not None
         if states is None:
-            own = dict(self._own)
+            own = dict(self._from_rest)
             if steps is not None:
                 own["load.steps"] = steps
             if doubted:
                 own["load.max_halvings"] = min(own["load.max_halvings"], _FEW_HALVINGS)
-            scene.update(own)
+            scene = self._at(parameters, values, own)
             states = scene.solve(error=False)
         cpu = time.process_time() - begin
         if len(states.load) == 0 or states.load[-1] < 1.0:
@@ -144,18 +140,26 @@ class FullModel:
             mark = LOST
         return self._state(scene, states.x, states.load, cpu, started)._replace(mark=mark)
 
-    def _at(self, parameters: Sequence[Parameter], values: F64) -> Scene:
-        """The scene at values; it is opened once for all that an open scene can change."""
+    @cached_property
+    def _scene(self) -> Scene:
+        """The scene that is changed from solve to solve."""
+        return self.open()
+
+    @cached_property
+    def _from_rest(self) -> dict[str, Any]:
+        """What the deck says where a solve begins at rest."""
+        own = self._scene.deck
+        return {
+            "load.steps": own["load"]["steps"],
+            "load.max_halvings": min(own["load"]["max_halvings"], _HALVINGS),
+            "solver.max_iterations": own["solver"]["max_iterations"],
+        }
+
+    def _at(self, parameters: Sequence[Parameter], values: F64, own: Mapping[str, Any]) -> Scene:
+        """The scene at values, and with values of other keys."""
         wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
-        if self._at_values is None:
-            self._at_values = ChangingScene(self.open, wanted)
-            own = self._at_values.scene.deck
-            self._own = {
-                "load.steps": own["load"]["steps"],
-                "load.max_halvings": min(own["load"]["max_halvings"], _HALVINGS),
-                "solver.max_iterations": own["solver"]["max_iterations"],
-            }
-        return self._at_values.at(wanted)
+        self._scene.update({**self._from_rest, **wanted, **own})
+        return self._scene
 
     def _state(self, scene: Scene, x: F64, load: F64, cpu: float, started: bool) -> FullState:
         probes = scene.probes(x, load)
@@ -175,16 +179,9 @@ class FullModel:
 
         - raises ConvergenceError: the solve did not follow
         """
-        scene = self._at(parameters, values)
-        before = {key: prescribed, "solver.tolerance": scene.deck["solver"]["tolerance"]}
-        scene.update(
-            {
-                key: prescribed + step,
-                "load.steps": 1,
-                "load.max_halvings": 0,
-                "solver.tolerance": 1e-8,
-            }
-        )
+        before = {key: prescribed, "solver.tolerance": self._scene.deck["solver"]["tolerance"]}
+        near = {"load.steps": 1, "load.max_halvings": 0, "solver.tolerance": 1e-8}
+        scene = self._at(parameters, values, {**near, key: prescribed + step})
         try:
             states = scene.solve(start=x, error=False)
         finally:

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from myork.core.changing import ChangingScene
 from myork.core.states import Fields
 from myork.errors import InputError, MyorkError
 from myork.rom.check import LEAST_FORCE
@@ -64,9 +63,9 @@ class Answers:
     def __init__(self, path: Path, threads: int = 1) -> None:
         self.rom = rom = ReducedModel.load(path, threads=threads)
         full = rom.full_model()
-        self._full = ChangingScene(lambda more: full.open(["load.steps=1", *more]))
-        points = self._full.scene.points()
-        self._corners, renumbered = np.unique(self._full.scene.surface(), return_inverse=True)
+        self._full = full.open(["load.steps=1"])
+        points = self._full.points()
+        self._corners, renumbered = np.unique(self._full.surface(), return_inverse=True)
         self.triangles = renumbered.reshape(-1, 3).astype(np.uint32)
         #: Undeformed corners of the surface, shape `(n, 3)` [length]
         self.rest = np.zeros((len(self._corners), 3))
@@ -79,7 +78,7 @@ class Answers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._full.scene.close()
+        self._full.close()
 
     def about(self) -> dict[str, Any]:
         """What the page is built from."""
@@ -208,13 +207,14 @@ class Answers:
     def _fields(self, row: F64, amplitudes: F64) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""
         wanted = {p.key: float(v) for p, v in zip(self.rom.parameters, row, strict=True)}
-        return self._full.at(wanted).fields(self.rom.basis @ amplitudes, 1.0)
+        self._full.update(wanted)
+        return self._full.fields(self.rom.basis @ amplitudes, 1.0)
 
     def _probes(self) -> list[dict[str, str]]:
         """Names and units of the scalars that probes give, forces first."""
         found = []
         for probe in self.rom.head["probes"]:
-            names = probe_columns(probe, self._full.scene.dimension)
+            names = probe_columns(probe, self._full.dimension)
             found += [{"name": n, "unit": probe["unit"], "of": probe["name"]} for n in names]
         if not found:
             raise InputError("the reduced model has no probe to show")
@@ -259,7 +259,7 @@ class Answers:
 
     def _full_error(self, folder: Path, name: str) -> float | None:
         """Relative error bar of a force in the folder of the model; none where none is of it."""
-        scene = self._full.scene
+        scene = self._full
         try:
             summary = read_summary(folder)
             last = summary["steps"][-1]

@@ -1,5 +1,0 @@
-"""Studies: which parameters fit measurements."""
-
-from myork.studies.identify import identify
-
-__all__ = ["identify"]
