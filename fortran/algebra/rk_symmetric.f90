@@ -16,7 +16,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: symmetric_matrix, few_entries, new_symmetric, preconditioned_type, solve_near
+   public :: symmetric_matrix, new_symmetric, preconditioned_type, solve_near
 
    !> Factor of half as many digits, of the matrix between the roots of its diagonal
    type :: near_factor
@@ -61,21 +61,8 @@ module rk_symmetric
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
       procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
-      procedure :: nonzeros
       final :: free
    end type symmetric_matrix
-
-   !> Mostly zero entries in the pattern of a matrix: those that are not
-   type :: few_entries
-      !> Place of each among the entries of the matrix, shape (few)
-      integer(i8), allocatable :: place(:)
-      !> Its row and column, shape (few)
-      integer, allocatable :: row(:), column(:)
-      !> The entries, shape (few)
-      real(wp), allocatable :: value(:)
-   contains
-      procedure :: put, product => product_of_few
-   end type few_entries
 
    !> A matrix and the factor of another one in the same places
    type, extends(symmetric_system) :: preconditioned_type
@@ -310,57 +297,6 @@ subroutine product_with(self, value, x, y)
       end do
    end do
 end subroutine product_with
-
-!> The nonzero ones of other entries in the same pattern
-function nonzeros(self, value) result(kept)
-   class(symmetric_matrix), intent(in) :: self
-   !> Entries, shape (entries)
-   real(wp), intent(in) :: value(:)
-   type(few_entries) :: kept
-   integer(i8), allocatable :: row(:)
-   integer(i8) :: k
-   integer :: j
-
-   j = count(abs(value) > 0.0_wp)
-   allocate (kept%place(j), kept%value(j), kept%row(j), kept%column(j))
-   kept%place(:) = pack([(k, k=1, size(value, kind=i8))], abs(value) > 0.0_wp)
-   kept%value(:) = value(kept%place)
-   allocate (row, source=self%rows())
-   kept%row(:) = int(row(kept%place)) + 1
-   j = 1
-   do k = 1, size(kept%place, kind=i8)
-      do while (kept%place(k) > self%start(j + 1))
-         j = j + 1
-      end do
-      kept%column(k) = j
-   end do
-end function nonzeros
-
-!> All entries, zero where none is kept
-subroutine put(self, value)
-   class(few_entries), intent(in) :: self
-   !> Entries of a matrix, shape (entries)
-   real(wp), intent(inout) :: value(:)
-
-   value = 0.0_wp
-   value(self%place) = self%value
-end subroutine put
-
-!> Product with a vector
-subroutine product_of_few(self, x, y)
-   class(few_entries), intent(in) :: self
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), contiguous, intent(inout) :: y(:)
-   integer(i8) :: k
-
-   y = 0.0_wp
-   do k = 1, size(self%value, kind=i8)
-      associate (i => self%row(k), j => self%column(k))
-         y(i) = y(i) + self%value(k)*x(j)
-         if (i < j) y(j) = y(j) + self%value(k)*x(i)
-      end associate
-   end do
-end subroutine product_of_few
 
 !> Some entries of a column above the diagonal, and of its row
 pure subroutine add_column(n, a, x, x_own, y, y_own)

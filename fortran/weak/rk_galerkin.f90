@@ -43,7 +43,7 @@ module rk_galerkin
    use rk_stabilisation, only : bulk_within, judged_share, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
-   use rk_symmetric, only : few_entries, symmetric_matrix
+   use rk_symmetric, only : symmetric_matrix
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity
    use rk_text, only : to_text
@@ -77,9 +77,9 @@ module rk_galerkin
       real(wp), allocatable :: local_bulk(:), bulk(:)
       !> Surface, and pins of a linear problem
       type(surface_type) :: surface, pins
-      !> Tangent, and the part of it that never changes: penalty and stabilisation
+      !> Tangent, and the part of its entries that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
-      type(few_entries) :: constant
+      real(wp), allocatable :: constant(:)
       !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
       real(wp), allocatable :: force(:, :)
       !> What is held at source points; not allocated where the penalty holds
@@ -221,7 +221,7 @@ subroutine set_constants(self, shear, error)
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
       & allocate (self%matrix%skew, source=0.0_wp*self%matrix%value)
    if (self%linear) call self%pins%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
-   self%constant = self%matrix%nonzeros(self%matrix%value)
+   self%constant = self%matrix%value
    if (.not. self%linear) return
    call self%pins%add_forces(self%force)
    call add_load(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
@@ -366,7 +366,7 @@ subroutine assemble(self, x, stage, r, seen)
    r = 0.0_wp
    call self%matrix%constant_product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
-   if (tangent) call self%constant%put(self%matrix%value)
+   if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    if (tangent .and. allocated(self%held)) call self%held%resist(self%matrix)
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
@@ -387,7 +387,6 @@ subroutine assemble(self, x, stage, r, seen)
    end do
    !$omp end parallel do
    call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, r)
-   if (tangent) call self%matrix%keep_surface()
    if (allocated(self%held)) call self%held%constrain(x, factor, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)

@@ -37,7 +37,7 @@ module rk_tangent
    use rk_shape, only : polar, shape_type
    use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_stabilisation, only : stabilise
-   use rk_symmetric, only : few_entries, new_symmetric, symmetric_matrix
+   use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
    implicit none
@@ -46,15 +46,13 @@ module rk_tangent
    public :: tangent_type, new_tangent
 
    !> Tangent; as a matrix it is the whole of it where it is formed, otherwise what supports the
-   !> surface
+   !> surface, with what pressures that follow it add in the linearisation
    type, extends(symmetric_matrix) :: tangent_type
       !> The matrix holds all of it
       logical :: formed = .true.
       !> Stiffness of the groups where it is not formed
       type(group_stiffness) :: groups
-      !> Where it is not formed what holds the surface, with what pressures that follow it add in
-      !> the linearisation, and the stabilisation of a component by source points
-      type(few_entries), private :: surface
+      !> Where it is not formed the stabilisation of a component by source points
       type(sparse_rows), private :: stabilising
       !> Tolerance of Newton's iteration, whose solves need no more digits [-]
       real(wp) :: wanted = 0.0_wp
@@ -70,8 +68,6 @@ module rk_tangent
       !> Note a place, and carry the pressures there
       procedure :: carry
       procedure :: measure, keep_group
-      !> Keep the stiffness of the surface
-      procedure :: keep_surface
       procedure :: complete, constant_product, apply, apply_transposed, solve_square
    end type tangent_type
 
@@ -200,13 +196,6 @@ subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    if (.not. self%pressures%carrying) self%pressures%carried(:, g) = pressure
 end subroutine keep_group
 
-!> Keep the entries where the tangent is not formed: supports, and pressures that follow the surface
-subroutine keep_surface(self)
-   class(tangent_type), intent(inout) :: self
-
-   if (.not. self%formed) self%surface = self%nonzeros(self%value)
-end subroutine keep_surface
-
 !> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
 !> their own where the tangent is not formed
 subroutine complete(self, cells, inside, modulus)
@@ -238,8 +227,8 @@ end subroutine complete
 !> Product of the part that never changes with a vector
 subroutine constant_product(self, constant, x, y)
    class(tangent_type), intent(in) :: self
-   !> The constant part, without the stabilisation where the tangent is not formed [force/length]
-   type(few_entries), intent(in) :: constant
+   !> Its entries, without the stabilisation where the tangent is not formed [force/length]
+   real(wp), contiguous, intent(in) :: constant(:)
    !> Displacements, shape (n) [length]
    real(wp), contiguous, target, intent(in) :: x(:)
    !> Forces, shape (n) [force]
@@ -247,7 +236,7 @@ subroutine constant_product(self, constant, x, y)
    real(wp), pointer, contiguous :: to(:, :), from(:, :)
    integer :: nd, ns
 
-   call constant%product(x, y)
+   call self%product(constant, x, y)
    if (.not. allocated(self%stabilising%value)) return
    nd = self%block
    ns = size(self%stabilising%place%offset) - 1
@@ -269,7 +258,7 @@ subroutine apply(self, x, y)
    if (self%formed) then
       call self%product(self%value, x, y)
    else
-      call self%constant_product(self%surface, x(:self%n), y(:self%n))
+      call self%constant_product(self%value, x(:self%n), y(:self%n))
       allocate (volume, mold=self%groups%pressure%total)
       call self%groups%add_product(x, y, volume)
    end if
@@ -426,7 +415,7 @@ subroutine multiply(self, x, y)
    associate (tangent => self%tangent, n => self%tangent%n)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
-      call tangent%constant_product(tangent%surface, x(:n), y(:n))
+      call tangent%constant_product(tangent%value, x(:n), y(:n))
       call tangent%groups%add_product(x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]

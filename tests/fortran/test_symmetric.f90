@@ -1,54 +1,17 @@
-!> Symmetric matrices: parts with few entries, and envelope factors on several threads; TAP for
+!> Symmetric matrices: envelope factors on several threads; TAP for
 !> `meson test`.
 program test_symmetric
    use, intrinsic :: omp_lib, only : omp_set_num_threads
-   use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_precision, only : i8, wp
    use rk_single_envelope, only : envelope_type, new_envelope
-   use rk_symmetric, only : few_entries, new_symmetric, symmetric_matrix
    use tap, only : check, finish
    implicit none
 
-   call test_few
    call test_factor
    call finish()
 
 contains
-
-!> Products of a part, and all entries restored
-subroutine test_few
-   integer, parameter :: nodes = 60
-   type(symmetric_matrix) :: matrix
-   type(few_entries) :: part
-   type(csr_type) :: group
-   real(wp) :: x(3*nodes), y(3*nodes), z(3*nodes)
-   real(wp), allocatable :: again(:)
-   integer :: k
-
-   ! neighbours in a row of points, and their mirror images
-   allocate (group%offset(nodes/2 + 1), group%index(0))
-   group%offset(1) = 0
-   do k = 1, nodes/2
-      group%index = [group%index, k, k + 1, k + 2]
-      if (k < nodes/2 - 1) group%index = [group%index, nodes - k - 1, nodes - k, nodes - k + 1]
-      group%offset(k + 1) = size(group%index)
-   end do
-   call new_symmetric(matrix, 3, nodes, group)
-   call random_number(matrix%value)
-   call random_number(x)
-   do k = 1, size(matrix%value) - 6
-      if (modulo(k/7, 3) > 0) matrix%value(k) = 0.0_wp
-   end do
-   part = matrix%nonzeros(matrix%value)
-   call matrix%product(matrix%value, x, y)
-   call part%product(x, z)
-   call check('products', all(abs(y - z) <= 20*epsilon(1.0_wp)*abs(y)))
-   call check('fewer entries', size(part%value) < size(matrix%value)*9/10)
-   allocate (again(size(matrix%value)), source=1.0_wp)
-   call part%put(again)
-   call check('all entries again', .not. any(abs(again - matrix%value) > 0.0_wp))
-end subroutine test_few
 
 !> A band over several blocks: the same factor on two threads, its solution, and the first minor
 !> that is not positive, if there is one
