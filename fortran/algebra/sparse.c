@@ -19,9 +19,7 @@ enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2 };
 struct factor {
     cholmod_common common;
     int64_t n;
-    cholmod_factor *cholesky; /* perhaps with the permuted matrix, or */
-    cholmod_sparse *permuted; /* lower triangle, and where its entries come from */
-    int64_t *source;
+    cholmod_factor *cholesky; /* or */
     cholmod_sparse *r;        /* upper triangular, with */
     SuiteSparse_long *order;  /* column order, NULL if none */
     double *work;
@@ -37,8 +35,6 @@ void rk_sparse_free(struct factor *f)
     umfpack_dl_free_symbolic(&f->symbolic);
     cholmod_l_free_factor(&f->cholesky, &f->common);
     cholmod_l_free_sparse(&f->r, &f->common);
-    cholmod_l_free_sparse(&f->permuted, &f->common);
-    free(f->source);
     if (f->order)
         cholmod_l_free(f->n, sizeof(SuiteSparse_long), f->order, &f->common);
     cholmod_l_free_dense(&f->x, &f->common);
@@ -182,56 +178,10 @@ void rk_sparse_solve(struct factor *f, int64_t number, double *x)
         x[f->order ? f->order[j] : j] = y[j];
 }
 
-/* Note how the entries of a matrix move where the unknowns are put in the order of a supernodal
- * factor: CHOLMOD would find it out again each time. Without memory it does. */
-static void keep_permutation(struct factor *f, cholmod_sparse *a)
-{
-    const size_t entries = a->nzmax;
-    void *const value = a->x;
-    double *number = malloc(entries * sizeof *number);
-    f->source = malloc(entries * sizeof *f->source);
-    if (number && f->source) {
-        for (size_t k = 0; k < entries; k++)
-            number[k] = (double)k;
-        a->x = number;
-        f->permuted = cholmod_l_ptranspose(a, 2, f->cholesky->Perm, NULL, 0, &f->common);
-        a->x = value;
-    }
-    if (f->permuted)
-        for (size_t k = 0; k < entries; k++)
-            f->source[k] = (int64_t)((double *)f->permuted->x)[k];
-    f->common.status = CHOLMOD_OK;
-    free(number);
-}
-
-/* Factorise a matrix given by its upper triangle, with the order of elimination of the first one;
- * others `follow` or not */
-static void factorise(struct factor *f, cholmod_sparse *a, int64_t *order, int follow)
-{
-    if (!f->cholesky) {
-        f->cholesky = cholmod_l_analyze_p(a, order, NULL, 0, &f->common);
-        if (follow && f->cholesky && f->cholesky->is_super)
-            keep_permutation(f, a);
-    }
-    if (!f->cholesky)
-        return;
-    if (!f->permuted || !f->cholesky->is_super) {
-        cholmod_l_factorize(a, f->cholesky, &f->common);
-        return;
-    }
-    double *to = f->permuted->x, none[2] = {0, 0};
-    const double *from = a->x;
-    for (size_t k = 0; k < a->nzmax; k++)
-        to[k] = from[f->source[k]];
-    f->common.status = CHOLMOD_OK;
-    cholmod_l_super_numeric(f->permuted, NULL, none, f->cholesky, &f->common);
-}
-
 /* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
  * order of elimination and the place of the factor are kept for further matrices of the pattern, LU
- * as a whole where the matrix is to be solved with again. Of the order that is given and those that
- * CHOLMOD finds, the one that fills least is taken. Without b and x a matrix is only factorised, and
- * no other one follows. */
+ * as a whole where the matrix is to be solved with again. Without b and x a matrix is only
+ * factorised. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int64_t *order,
                      int definite, int again, const double *b, double *x, double *rcond,
                      struct factor **kept)
@@ -246,7 +196,10 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         return rk_no_memory;
     if (definite) {
         cholmod_sparse a = matrix(n, n, start, row, value, 1);
-        factorise(f, &a, order, b != NULL);
+        if (!f->cholesky)
+            f->cholesky = cholmod_l_analyze_p(&a, order, NULL, 0, &f->common);
+        if (f->cholesky)
+            cholmod_l_factorize(&a, f->cholesky, &f->common);
         int stat = state(&f->common);
         if (stat == rk_done && b) {
             *rcond = cholmod_l_rcond(f->cholesky, &f->common);
