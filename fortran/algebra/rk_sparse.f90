@@ -22,8 +22,6 @@ module rk_sparse
       type(c_ptr), private :: handle = c_null_ptr
       !> Place of each unknown in the matrix that was factorised, where they have others, shape (n)
       integer, allocatable, private :: position(:)
-      !> An order of elimination for Cholesky was found
-      logical :: ordered = .false.
    contains
       procedure :: solve, solve_columns
       final :: free
@@ -41,13 +39,12 @@ module rk_sparse
          integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
-      integer(c_int) function rk_sparse_direct(n, start, row, value, order, definite, again, b, x, &
-         & rcond, kept) bind(c)
+      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, again, b, x, rcond, &
+         & kept) bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: start(*), row(*)
          real(c_double), intent(in) :: value(*)
-         integer(c_int64_t), intent(in), optional :: order(*)
          integer(c_int), value :: definite, again
          real(c_double), intent(in), optional :: b(*)
          real(c_double), intent(inout), optional :: x(*)
@@ -167,7 +164,7 @@ subroutine factor_upper(self, n, start, row, value, error)
 end subroutine factor_upper
 
 !> Solve equations with a square matrix
-subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept, error, order)
+subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept, error)
    !> Unknowns
    integer, intent(in) :: n
    !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -191,20 +188,14 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    type(sparse_factor), intent(inout) :: kept
    !> Error handling: not positive definite, singular, no memory
    type(error_type), allocatable, intent(out) :: error
-   !> Unknowns less 1 in an order of elimination to be tried beside those that are found for
-   !> Cholesky, shape (n)
-   integer(i8), contiguous, intent(in), optional :: order(:)
    type(threads_type) :: threads
    integer(c_int) :: stat
 
    call hold_threads(threads)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, order, merge(1, 0, definite), &
+   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), &
       & merge(1, 0, again), b, x, rcond, kept%handle)
    call release_threads(threads)
    call complain(stat, error)
-   if (.not. definite) return
-   kept%ordered = .true.
-   if (allocated(error)) kept%ordered = error%code == err_linalg
 end subroutine solve_sparse
 
 !> What the shim's answer means

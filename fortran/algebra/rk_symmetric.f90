@@ -413,7 +413,7 @@ subroutine solve_with(self, given, b, x, report, error)
    type(square_report), intent(out) :: report
    !> Error handling: singular matrix, one far from a positive definite one, no memory
    type(error_type), allocatable, intent(out) :: error
-   integer(i8), allocatable :: start(:), column(:), order(:)
+   integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
    type(preconditioned_type) :: system
@@ -434,10 +434,8 @@ subroutine solve_with(self, given, b, x, report, error)
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
    if (symmetric) then
-      ! not allocated it is no argument
-      if (allocated(self%x) .and. .not. self%kept%ordered) order = unknowns_along(self)
       call solve_sparse(self%n, self%start, self%rows(), given, .true., self%keeps, b, x, &
-         & report%rcond, self%kept, error, order)
+         & report%rcond, self%kept, error)
    end if
    if (.not. symmetric .or. allocated(error)) then
       if (allocated(error)) then
@@ -762,22 +760,6 @@ subroutine precondition(self, x, y)
       y = y/factor%scale
    end associate
 end subroutine precondition
-
-!> Unknowns less 1 along the body, an order of elimination
-function unknowns_along(self) result(order)
-   class(symmetric_matrix), intent(in) :: self
-   !> Unknowns less 1, shape (n)
-   integer(i8), allocatable :: order(:)
-   integer, allocatable :: place(:), reach(:)
-   real(wp) :: operations
-   integer :: c, i
-
-   call order_blocks(self, place, reach, operations)
-   allocate (order(self%n))
-   do c = 1, self%block
-      order(self%block*(place - 1) + c) = [(self%block*(i - 1_i8) + c - 1, i=1, size(place))]
-   end do
-end function unknowns_along
 
 !> Solve in place with the factor of the last solve, which is there where the matrix keeps it
 subroutine solve_again(self, x)

@@ -182,9 +182,8 @@ void rk_sparse_solve(struct factor *f, int64_t number, double *x)
  * order of elimination and the place of the factor are kept for further matrices of the pattern, LU
  * as a whole where the matrix is to be solved with again. Without b and x a matrix is only
  * factorised. */
-int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int64_t *order,
-                     int definite, int again, const double *b, double *x, double *rcond,
-                     struct factor **kept)
+int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
+                     int again, const double *b, double *x, double *rcond, struct factor **kept)
 {
     *rcond = 0;
     if (*kept)
@@ -197,7 +196,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     if (definite) {
         cholmod_sparse a = matrix(n, n, start, row, value, 1);
         if (!f->cholesky)
-            f->cholesky = cholmod_l_analyze_p(&a, order, NULL, 0, &f->common);
+            f->cholesky = cholmod_l_analyze(&a, &f->common);
         if (f->cholesky)
             cholmod_l_factorize(&a, f->cholesky, &f->common);
         int stat = state(&f->common);
