@@ -3,8 +3,7 @@
 !> Reference: Anderson et al., LAPACK Users' Guide, 3rd ed., SIAM (1999),
 !>            doi:10.1137/1.9780898719604
 module rk_lapack
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
-   use rk_blas, only : dpotrf, dsteqr, dsyrk, dtrsv
+   use rk_blas, only : dpotrf, dsyrk, dtrsv
    use rk_error, only : error_type, fatal_error, err_linalg
    use rk_precision, only : wp
    use rk_text, only : to_text
@@ -13,7 +12,6 @@ module rk_lapack
    private
 
    public :: cholesky, solve_triangular, solve_qr, solve_pivoted_qr, svd, syrk
-   public :: largest_eigenpair
 
    interface
       subroutine dgels(trans, m, n, nrhs, a, lda, b, ldb, work, lwork, info)
@@ -162,29 +160,6 @@ subroutine svd(a, u, s, vt, error)
    if (info /= 0) call fatal_error(error, err_linalg, 'singular value decomposition failed, info ' &
       & //to_text(info)//': check for NaN or infinite values')
 end subroutine svd
-
-!> Largest eigenvalue of a symmetric tridiagonal matrix and its vector
-subroutine largest_eigenpair(diagonal, beside, value, vector)
-   !> Diagonal, shape (n)
-   real(wp), intent(in) :: diagonal(:)
-   !> Entries beside it, shape (n - 1)
-   real(wp), intent(in) :: beside(:)
-   !> Eigenvalue; not a number where there is no convergence
-   real(wp), intent(out) :: value
-   !> Vector of length one, shape (n)
-   real(wp), intent(out) :: vector(:)
-   real(wp) :: d(size(diagonal)), e(size(diagonal)), z(size(diagonal), size(diagonal))
-   real(wp) :: work(2*size(diagonal))
-   integer :: info, n
-
-   n = size(diagonal)
-   d = diagonal
-   e(:n - 1) = beside
-   call dsteqr('i', n, d, e, z, n, work, info)
-   value = d(n)
-   vector = z(:, n)
-   if (info /= 0) value = ieee_value(value, ieee_quiet_nan)
-end subroutine largest_eigenpair
 
 !> Upper triangle of C = A^T A
 subroutine syrk(a, rows, columns, c)

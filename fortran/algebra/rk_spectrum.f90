@@ -1,7 +1,7 @@
 !> Largest eigenvalues, which limit the time steps of explicit schemes.
 module rk_spectrum
+   use rk_blas, only : dsteqr
    use rk_error, only : error_type, fatal_error, err_linalg
-   use rk_lapack, only : largest_eigenpair
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_symmetric, only : symmetric_matrix
@@ -56,12 +56,12 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
    real(wp), contiguous, intent(in) :: m(:)
    !> Largest eigenvalue
    real(wp), intent(out) :: value
-   !> Error handling: M is singular
+   !> Error handling: M is singular, no convergence
    type(error_type), allocatable, intent(out) :: error
    type(square_report) :: report
    real(wp), allocatable :: v(:, :), w(:), image(:)
-   real(wp) :: alpha(most_vectors), beta(most_vectors), part(most_vectors), last
-   integer :: i, k, n
+   real(wp) :: alpha(most_vectors), beta(most_vectors), d(most_vectors), e(most_vectors), none(1, 1), work(1), last
+   integer :: i, info, k, n
 
    n = matrix%n
    allocate (v(n, most_vectors), w(n), image(n))
@@ -83,7 +83,13 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
       call matrix%product(m, w, image)
       beta(k) = sqrt(max(dot_product(w, image), 0.0_wp))
       last = value
-      call largest_eigenpair(alpha(:k), beta(:k - 1), value, part(:k))
+      d(:k) = alpha(:k)
+      e(:k) = beta(:k)
+      call dsteqr('n', k, d, e, none, 1, work, info)
+      if (info /= 0) call fatal_error(error, err_linalg, 'eigenvalues were not found, info ' &
+         & //to_text(info))
+      if (allocated(error)) return
+      value = d(k)
       if (k == most_vectors .or. beta(k) <= epsilon(1.0_wp)*abs(value)) exit
       if (k > 20 .and. abs(value - last) <= settled*abs(value)) exit
       v(:, min(k + 1, most_vectors)) = w/beta(k)

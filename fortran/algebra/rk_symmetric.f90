@@ -51,15 +51,15 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
-      !> Where the first blocks are, in coordinates along the body, shape (nd, located); not
+      !> Where the first blocks are, shape (nd, located); not
       !> allocated where they are nowhere
       real(wp), allocatable, private :: x(:, :)
-      !> What the factors have in common
-      type(sparse_factor), pointer, private :: kept => null()
+      !> What the factors have in common; the last factor is there where the matrix keeps it
+      type(sparse_factor), pointer :: kept => null()
       !> Factor of half as many digits
       type(near_factor), pointer, private :: near => null()
    contains
-      procedure :: apply, apply_transposed, compressed, solve_square, solve_with, solve_again
+      procedure :: apply, apply_transposed, compressed, solve_square, solve_with
       procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
       final :: free
    end type symmetric_matrix
@@ -760,15 +760,6 @@ subroutine precondition(self, x, y)
       y = y/factor%scale
    end associate
 end subroutine precondition
-
-!> Solve in place with the factor of the last solve, which is there where the matrix keeps it
-subroutine solve_again(self, x)
-   class(symmetric_matrix), intent(in) :: self
-   !> Right hand side, replaced by the solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-
-   call self%kept%solve(x)
-end subroutine solve_again
 
 !> Solve the next equations by a factor of their own
 subroutine let_go(self)

@@ -17,7 +17,7 @@ module rk_shape
    implicit none
    private
 
-   public :: approximation_type, new_approximation, shape_type, new_shape, derivative_count, polar
+   public :: approximation_type, new_approximation, shape_type, new_shape, derivative_count
 
    !> Shape functions at places. Derivatives are counted: 1 value, then nd first derivatives, then
    !> the nd(nd+1)/2 second derivatives in the order 11, 12, 13, 22, 23, 33.

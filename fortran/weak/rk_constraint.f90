@@ -220,7 +220,7 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
          report%iterations = report%iterations + done
          right = 0.0_wp
          call rows%add_transposed(m, right)
-         call self%matrix%solve_again(right)
+         call self%matrix%kept%solve(right)
          x = x - right
       end do
       left = rows%times(x) - wanted
@@ -305,7 +305,7 @@ subroutine multiply(self, x, y)
 
    u = 0.0_wp
    call self%whole%constraint%add_transposed(x, u)
-   call self%whole%matrix%solve_again(u)
+   call self%whole%matrix%kept%solve(u)
    y = self%whole%constraint%times(u)
 end subroutine multiply
 

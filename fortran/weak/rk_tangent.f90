@@ -34,7 +34,7 @@ module rk_tangent
    use rk_precision, only : i8, wp
    use rk_preconditioner, only : new_preconditioner, preconditioner_type
    use rk_scene, only : scene_type
-   use rk_shape, only : polar, shape_type
+   use rk_shape, only : shape_type
    use rk_sparse_rows, only : new_sparse_rows, sparse_rows
    use rk_stabilisation, only : stabilise
    use rk_symmetric, only : new_symmetric, symmetric_matrix
@@ -121,7 +121,6 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    real(wp), intent(in) :: shear(:)
    !> Error handling: no memory, held points without a factor
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: along(:, :)
    integer :: k
 
    self%formed = gradient%nd*ns <= scene%galerkin%direct_limit
@@ -135,10 +134,8 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
       return
    end if
    if (self%formed) then
-      along = scene%cloud%source
-      if (scene%cloud%polar) along = polar(along)
       call new_symmetric(self%symmetric_matrix, gradient%fields, ns + multiplier%extra, &
-         & joined(gradient%member, held), along)
+         & joined(gradient%member, held), scene%cloud%source)
       self%indefinite = multiplier%extra > 0
       self%once = allocated(scene%equation%problem)
       return
