@@ -27,14 +27,13 @@ struct factor {
     SuiteSparse_long *order;  /* column order, NULL if none */
     double *work;
     cholmod_dense *x, *y, *e; /* CHOLMOD's work */
-    void *symbolic, *lu;      /* or UMFPACK's order of elimination and factor */
+    void *symbolic;           /* or UMFPACK's order of elimination */
 };
 
 void rk_sparse_free(struct factor *f)
 {
     if (!f)
         return;
-    umfpack_dl_free_numeric(&f->lu);
     umfpack_dl_free_symbolic(&f->symbolic);
     cholmod_l_free_factor(&f->cholesky, &f->common);
     cholmod_l_free_sparse(&f->r, &f->common);
@@ -148,15 +147,6 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
  * place */
 void rk_sparse_solve(struct factor *f, int64_t number, double *x)
 {
-    if (f->lu) {
-        /* refinement would ask for the matrix */
-        double control[UMFPACK_CONTROL];
-        umfpack_dl_defaults(control);
-        control[UMFPACK_IRSTEP] = 0;
-        memcpy(f->work, x, (size_t)f->n * sizeof *x);
-        umfpack_dl_solve(UMFPACK_A, NULL, NULL, NULL, x, f->work, f->lu, control, NULL);
-        return;
-    }
     if (f->cholesky) {
         cholmod_dense b = vectors(f->n, number, x);
         if (cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y, &f->e,
@@ -228,17 +218,13 @@ static void factorise(struct factor *f, cholmod_sparse *a, int64_t *order, int f
 }
 
 /* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
- * order of elimination and the place of the factor are kept for further matrices of the pattern, LU
- * as a whole where the matrix is to be solved with again. Of the order that is given and those that
- * CHOLMOD finds, the one that fills least is taken. Without b and x a matrix is only factorised, and
+ * order of elimination and the place of a Cholesky factor are kept for further matrices of the
+ * pattern. Of the order that is given and those that CHOLMOD finds, the one that fills least is taken. Without b and x a matrix is only factorised, and
  * no other one follows. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int64_t *order,
-                     int definite, int again, const double *b, double *x, double *rcond,
-                     struct factor **kept)
+                     int definite, const double *b, double *x, double *rcond, struct factor **kept)
 {
     *rcond = 0;
-    if (*kept)
-        umfpack_dl_free_numeric(&(*kept)->lu);
     if (!*kept)
         *kept = new_factor(n);
     struct factor *f = *kept;
@@ -276,10 +262,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         *rcond = info[UMFPACK_RCOND];
         stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, control, info);
     }
-    if (again && stat == UMFPACK_OK)
-        f->lu = numeric;
-    else
-        umfpack_dl_free_numeric(&numeric);
+    umfpack_dl_free_numeric(&numeric);
     if (stat == UMFPACK_ERROR_out_of_memory)
         return rk_no_memory;
     return stat == UMFPACK_OK ? rk_done : rk_singular;
@@ -302,10 +285,9 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
 }
 
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int64_t *order,
-                     int definite, int again, const double *b, double *x, double *rcond,
-                     void **kept)
+                     int definite, const double *b, double *x, double *rcond, void **kept)
 {
-    (void)n, (void)start, (void)row, (void)value, (void)order, (void)definite, (void)again;
+    (void)n, (void)start, (void)row, (void)value, (void)order, (void)definite;
     (void)b, (void)x, (void)kept;
     *rcond = 0;
     return rk_missing;
