@@ -1,4 +1,4 @@
-!> What fibers whose direction varies from point to point add to the strong form.
+!> Slopes of fibers whose direction varies from point to point.
 !>
 !> P depends on the place through F and through the fiber direction N, so that
 !>    P_iA,A = C4_iAkC u_k,CA + dP_iA/dN_k N_k,A.
@@ -9,7 +9,6 @@ module rk_fiber_gradient
    use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_kernel, only : window_product
-   use rk_material, only : material_point, material_type
    use rk_neighbours, only : find_neighbours
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
@@ -17,13 +16,10 @@ module rk_fiber_gradient
    implicit none
    private
 
-   public :: fiber_gradients, fiber_divergence
+   public :: fiber_gradients
 
    !> Window of the fit in source spacings: what the unknowns can follow; noise is averaged
    real(wp), parameter :: reach = 1.5_wp
-   !> Change of direction of the central differences along N_k,A [-]: their error is its square
-   !> times third derivatives, below 1e-8 of the term
-   real(wp), parameter :: fiber_gradient = 1.0e-5_wp
    !> Share of the mean square distance added to each direction of the fit, so that a direction in
    !> which a point has no neighbours gets no slope
    real(wp), parameter :: damping = 1.0e-8_wp
@@ -131,37 +127,5 @@ pure function fitted_slope(scene, window, near, ip) result(slope)
       slope(:, d) = slope(:, d) - n*dot_product(n, slope(:, d))
    end do
 end function fitted_slope
-
-!> dP_iA/dN_k N_k,A, what turning fibers add to the divergence of P, and its derivatives by F
-pure subroutine fiber_divergence(material, at, slope, pull, t)
-   class(material_type), intent(in) :: material
-   type(material_point), intent(in) :: at
-   !> Slope N_k,A of its fiber, shape (3, nd) [1/length]
-   real(wp), intent(in) :: slope(:, :)
-   !> Force per volume [stress/length]
-   real(wp), intent(out) :: pull(3)
-   !> Its derivatives T(i, k, C) by F(k, C) [stress/length]
-   real(wp), intent(out) :: t(3, 3, 3)
-   type(material_point) :: beside
-   real(wp) :: p(3, 3, 2), c4(3, 3, 3, 3, 2), rate
-   integer :: a, c
-
-   pull = 0.0_wp
-   t = 0.0_wp
-   do a = 1, size(slope, 2)
-      rate = norm2(slope(:, a))
-      if (.not. rate > 0.0_wp) cycle
-      do c = 1, 2
-         beside = material_point(at%f, at%fiber + (2*c - 3)*fiber_gradient/rate*slope(:, a), &
-            & at%activation, .false.)
-         call material%stress(beside, p(:, :, c), c4(:, :, :, :, c))
-      end do
-      rate = 0.5_wp*rate/fiber_gradient
-      pull = pull + rate*(p(:, a, 2) - p(:, a, 1))
-      do c = 1, 3
-         t(:, :, c) = t(:, :, c) + rate*(c4(:, a, :, c, 2) - c4(:, a, :, c, 1))
-      end do
-   end do
-end subroutine fiber_divergence
 
 end module rk_fiber_gradient

@@ -23,7 +23,7 @@ module rk_mixture
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
-   use rk_fiber_gradient, only : fiber_divergence, fiber_gradients
+   use rk_fiber_gradient, only : fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, parts_at, shares
    use rk_laminate, only : add_volume, layers_type
    use rk_kernel, only : kernel_quintic, window_product
@@ -543,6 +543,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    real(wp), intent(out) :: t(3, 3, 3)
    logical, intent(in) :: volumetric
    real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
+   real(wp) :: turn(3, nd)
    integer :: a, b, e
 
    divergence = 0.0_wp
@@ -561,36 +562,25 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
             divergence = divergence + t(:, a, b)*f(a, b)
          end do
       end do
-   else if (self%first(ip) + 1 == self%first(ip + 1)) then
-      e = self%first(ip) + 1
-      associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%strong(nd, point_of(self, e, f, load, volumetric), h, p, c4, t)
-      end associate
    else
       p = 0.0_wp
       c4 = 0.0_wp
       t = 0.0_wp
+      turn = 0.0_wp
       do e = self%first(ip) + 1, self%first(ip + 1)
+         if (allocated(self%fiber_gradient)) turn = self%fiber_gradient(:, :, e)
          associate (material => self%scene%tissue(self%tissue(e))%material)
-            call material%strong(nd, point_of(self, e, f, load, volumetric), h, part, part4, part_t)
+            call material%strong(nd, point_of(self, e, f, load, volumetric), h, turn, part, part4, &
+               & pull, part_t)
          end associate
          p = p + self%fraction(e)*part
          c4 = c4 + self%fraction(e)*part4
          t = t + self%fraction(e)*part_t
+         divergence = divergence + self%fraction(e)*pull
          do a = 1, nd
             divergence = divergence + part(:, a)*self%slope(a, e)
             t = t + part4(:, a, :, :)*self%slope(a, e)
          end do
-      end do
-   end if
-   if (allocated(self%fiber_gradient)) then
-      do e = self%first(ip) + 1, self%first(ip + 1)
-         associate (material => self%scene%tissue(self%tissue(e))%material)
-            call fiber_divergence(material, point_of(self, e, f, load, volumetric), &
-               & self%fiber_gradient(:, :, e), pull, part_t)
-         end associate
-         divergence = divergence + self%fraction(e)*pull
-         t = t + self%fraction(e)*part_t
       end do
    end if
    do a = 1, nd
