@@ -226,7 +226,8 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
          if (.not. rate > 0.0_wp) cycle
          do c = 1, 2
             associate (aside => (2*c - 3)*step/rate)
-               beside = material_point(at%f + aside*along, at%fiber + aside*n, at%activation, .false.)
+               beside = material_point(at%f + aside*along, at%fiber + aside*n, at%activation, &
+                  & .false.)
             end associate
             call self%stress(beside, q(:, :, c), q4(:, :, :, :, c))
          end do
