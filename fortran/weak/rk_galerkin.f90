@@ -143,8 +143,7 @@ subroutine new_galerkin(self, scene, error)
    end if
    self%nearest = nearest_points(scene%cloud%centres(), self%cells%point)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%points, self%cells%point], &
-      & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], .not. self%cells%smoothed &
-      & .and. nd == 2, error)
+      & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return
    shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, np)]
    call set_conditions(self%surface, scene, self%cells, shear, error)
