@@ -85,6 +85,7 @@ TABLES = {
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
     "shading_fields": ("shading_fields", "shading_doubts"),
+    "sizes": ("sizes",),
     "tissues": ("tissues",),
     "trained": ("trained",),
     "forecasts": ("forecasts",),
@@ -95,6 +96,7 @@ PAGES = {
     "forms": "Settings of the forms",
     "images": "Images: both halves of the cases",
     "large_leg": "A leg of many points",
+    "sizes": "Cost against size",
     "trained": "Trained reduced models",
 }
 

@@ -169,7 +169,7 @@ def sheared(
 ) -> dict[str, Any]:
     """A block with a clamped end and one that is stretched and shorn.
 
-    Displacements hold exactly at source points, which are the places of output as well.
+    Displacements hold at source points, which are the places of output as well.
     """
     last = "xyz"[nd - 1]
     sides = (f"{last}0", f"{last}1")

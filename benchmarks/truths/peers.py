@@ -40,7 +40,7 @@ def compiled_peers(
     rows = []
     for form in _FORMS:
         name = f"dolfinx {form}"
-        rows += [{"form": name, **row} for row in _dolfinx(deck, elements, form)]
+        rows += [{"form": name, **row} for row in solve_dolfinx(deck, elements, form)]
     table = deck["material"][0]
     if table["model"] == "muscle":
         rows.append({"form": "CalculiX C3D20R", "outcome": "has no such material"})
@@ -52,10 +52,10 @@ def compiled_peers(
     return rows
 
 
-def _dolfinx(
-    deck: Mapping[str, Any], elements: Sequence[Sequence[int]], form: str
+def solve_dolfinx(
+    deck: Mapping[str, Any], elements: Sequence[Sequence[int]], form: str, limit: float = _LIMIT
 ) -> list[dict[str, Any]]:
-    """Rows of one form, as far as they came within the limit."""
+    """Rows of one form of dolfinx, as far as they came within the limit [s]."""
     table = deck["material"][0]
     job = {
         "deck": deck,
@@ -71,12 +71,12 @@ def _dolfinx(
     try:
         ended = subprocess.run(
             [DOLFINX, str(script)], input=json.dumps(job, default=str), text=True,
-            capture_output=True, timeout=_LIMIT, env={**kept, **one}, check=False,
+            capture_output=True, timeout=limit, env={**kept, **one}, check=False,
         )  # fmt: skip
         printed, fault = ended.stdout, ended.stderr
     except subprocess.TimeoutExpired as late:
         printed = late.stdout.decode() if isinstance(late.stdout, bytes) else late.stdout or ""
-        fault = f"ended after {_LIMIT:g} s"
+        fault = f"ended after {limit:g} s"
     rows = [json.loads(line) for line in printed.splitlines() if line.startswith("{")]
     if len(rows) < len(elements):
         last = (fault.strip().splitlines() or ["no answer"])[-1]

@@ -39,13 +39,13 @@ module rk_sparse
          integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
-      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, again, b, x, rcond, &
-         & kept) bind(c)
+      integer(c_int) function rk_sparse_direct(n, start, row, value, definite, b, x, rcond, kept) &
+         & bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: n
          integer(c_int64_t), intent(in) :: start(*), row(*)
          real(c_double), intent(in) :: value(*)
-         integer(c_int), value :: definite, again
+         integer(c_int), value :: definite
          real(c_double), intent(in), optional :: b(*)
          real(c_double), intent(inout), optional :: x(*)
          real(c_double), intent(out) :: rcond
@@ -157,14 +157,14 @@ subroutine factor_upper(self, n, start, row, value, error)
 
    call free(self)
    call hold_threads(kept)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, definite=1_c_int, again=0_c_int, &
+   stat = rk_sparse_direct(int(n, i8), start, row, value, definite=1_c_int, &
       & rcond=rcond, kept=self%handle)
    call release_threads(kept)
    call complain(stat, error)
 end subroutine factor_upper
 
 !> Solve equations with a square matrix
-subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept, error)
+subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error)
    !> Unknowns
    integer, intent(in) :: n
    !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -176,8 +176,6 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    !> The entries are the upper triangle of a symmetric, positive definite matrix (Cholesky);
    !> otherwise they are all (LU)
    logical, intent(in) :: definite
-   !> The factor stays for further solves
-   logical, intent(in) :: again
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
@@ -192,8 +190,8 @@ subroutine solve_sparse(n, start, row, value, definite, again, b, x, rcond, kept
    integer(c_int) :: stat
 
    call hold_threads(threads)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), &
-      & merge(1, 0, again), b, x, rcond, kept%handle)
+   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rcond, &
+      & kept%handle)
    call release_threads(threads)
    call complain(stat, error)
 end subroutine solve_sparse

@@ -60,7 +60,8 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
    type(error_type), allocatable, intent(out) :: error
    type(square_report) :: report
    real(wp), allocatable :: v(:, :), w(:), image(:)
-   real(wp) :: alpha(most_vectors), beta(most_vectors), d(most_vectors), e(most_vectors), none(1, 1), work(1), last
+   real(wp) :: alpha(most_vectors), beta(most_vectors), d(most_vectors), e(most_vectors)
+   real(wp) :: none(1, 1), work(1), last
    integer :: i, info, k, n
 
    n = matrix%n

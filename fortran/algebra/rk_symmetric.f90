@@ -16,7 +16,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: symmetric_matrix, new_symmetric, preconditioned_type, solve_near
+   public :: symmetric_matrix, new_symmetric
 
    !> Factor of half as many digits, of the matrix between the roots of its diagonal
    type :: near_factor
@@ -39,8 +39,6 @@ module rk_symmetric
       integer :: block = 1
       !> Known not to be definite: no attempt at Cholesky
       logical :: indefinite = .false.
-      !> The last factor stays for further solves
-      logical :: keeps = .false.
       !> Of a linear problem: no later step mends what a solve leaves
       logical :: once = .false.
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -54,8 +52,8 @@ module rk_symmetric
       !> Where the first blocks are, shape (nd, located); not
       !> allocated where they are nowhere
       real(wp), allocatable, private :: x(:, :)
-      !> What the factors have in common; the last factor is there where the matrix keeps it
-      type(sparse_factor), pointer :: kept => null()
+      !> What the factors have in common
+      type(sparse_factor), pointer, private :: kept => null()
       !> Factor of half as many digits
       type(near_factor), pointer, private :: near => null()
    contains
@@ -416,14 +414,11 @@ subroutine solve_with(self, given, b, x, report, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
-   type(preconditioned_type) :: system
    logical :: symmetric, found
 
    symmetric = .not. (self%indefinite .or. allocated(self%skew))
    found = .false.
-   system%size = self%n
-   if (symmetric .and. .not. self%keeps) &
-      & call solve_near(self, given, system, b, x, report, found)
+   if (symmetric) call solve_near(self, given, b, x, report, found)
    if (found) return
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
@@ -434,8 +429,8 @@ subroutine solve_with(self, given, b, x, report, error)
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
    if (symmetric) then
-      call solve_sparse(self%n, self%start, self%rows(), given, .true., self%keeps, b, x, &
-         & report%rcond, self%kept, error)
+      call solve_sparse(self%n, self%start, self%rows(), given, .true., b, x, report%rcond, &
+         & self%kept, error)
    end if
    if (.not. symmetric .or. allocated(error)) then
       if (allocated(error)) then
@@ -449,7 +444,7 @@ subroutine solve_with(self, given, b, x, report, error)
       report%used = 'lu'
       ! columns
       call both_triangles(self, given, -1.0_wp, start, column, value)
-      call solve_sparse(self%n, start, column, value, .false., self%keeps, b, x, report%rcond, &
+      call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, &
          & self%kept, error)
    end if
    if (allocated(error)) return
@@ -462,25 +457,25 @@ end subroutine solve_with
 
 !> Solve a large system by minimal residuals with a factor of half as many digits: the last one, or
 !> one of this matrix, if need be with a larger diagonal
-subroutine solve_near(self, given, system, b, x, report, found)
+subroutine solve_near(self, given, b, x, report, found)
    type(symmetric_matrix), target, intent(in) :: self
    real(wp), contiguous, target, intent(in) :: given(:)
-   !> The system of the matrix, or one that has it as its first block
-   class(preconditioned_type), intent(inout) :: system
-   !> Right hand side, shape (system%size)
+   !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Solution where it was found, shape (system%size)
+   !> Solution where it was found, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    type(square_report), intent(inout) :: report
    !> Whether it was found: not where the system is small, half of the digits do not suffice, or the
    !> matrix is too far from a positive definite one
    logical, intent(out) :: found
+   type(preconditioned_type) :: system
    logical :: close
    integer :: k
 
    found = .false.
    close = .false.
    if (self%block < 3) return
+   system%size = self%n
    system%places => self
    system%given => given
    associate (near => self%near)
@@ -523,7 +518,7 @@ contains
    subroutine refine(tolerance, limit)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
-      real(wp) :: left(system%size), step(system%size), image(system%size), lanczos(2, limit)
+      real(wp) :: left(self%n), step(self%n), image(self%n), lanczos(2, limit)
       real(wp) :: last, size_of_step
       integer :: pass, done
       logical :: indefinite
@@ -536,17 +531,16 @@ contains
       do pass = 1, passes
          call iterate(left, tolerance, limit, step, lanczos)
          done = done + report%iterations
-         if (system%size == self%n) indefinite = indefinite &
-            & .or. has_below(lanczos(:, :report%iterations), -seen)
+         indefinite = indefinite .or. has_below(lanczos(:, :report%iterations), -seen)
          close = found
          found = .false.
          if (.not. close) exit
          x = x + step
-         size_of_step = norm2(step(:self%n))
+         size_of_step = norm2(step)
          ! what the next one would be, as this one to the last; a matrix that is surely not positive
          ! definite is that of a step of Newton, which need not be better than the first
          found = ((indefinite .or. self%near%share > added(1)) .and. .not. self%once) &
-            & .or. (pass > 1 .and. size_of_step**2 <= same*norm2(x(:self%n))*last)
+            & .or. (pass > 1 .and. size_of_step**2 <= same*norm2(x)*last)
          if (found .or. size_of_step > 0.5_wp*last) exit
          last = size_of_step
          call system%multiply(x, image)
@@ -620,7 +614,7 @@ logical function definite(self)
       end if
    end associate
    b = 1.0_wp
-   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., self%keeps, b, x, rcond, &
+   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., b, x, rcond, &
       & self%kept, error)
    definite = .not. allocated(error)
 end function definite

@@ -24,14 +24,13 @@ struct factor {
     SuiteSparse_long *order;  /* column order, NULL if none */
     double *work;
     cholmod_dense *x, *y, *e; /* CHOLMOD's work */
-    void *symbolic, *lu;      /* or UMFPACK's order of elimination and factor */
+    void *symbolic;           /* or UMFPACK's order of elimination */
 };
 
 void rk_sparse_free(struct factor *f)
 {
     if (!f)
         return;
-    umfpack_dl_free_numeric(&f->lu);
     umfpack_dl_free_symbolic(&f->symbolic);
     cholmod_l_free_factor(&f->cholesky, &f->common);
     cholmod_l_free_sparse(&f->r, &f->common);
@@ -139,19 +138,10 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Solve with the matrix of a Cholesky factor for a number of vectors, or for one of LU or R^T R, in
- * place; without memory they are not numbers afterwards */
+/* Solve with the matrix of a Cholesky factor for a number of vectors, or for one of R^T R, in place;
+ * without memory they are not numbers afterwards */
 void rk_sparse_solve(struct factor *f, int64_t number, double *x)
 {
-    if (f->lu) {
-        /* refinement would ask for the matrix */
-        double control[UMFPACK_CONTROL];
-        umfpack_dl_defaults(control);
-        control[UMFPACK_IRSTEP] = 0;
-        memcpy(f->work, x, (size_t)f->n * sizeof *x);
-        umfpack_dl_solve(UMFPACK_A, NULL, NULL, NULL, x, f->work, f->lu, control, NULL);
-        return;
-    }
     if (f->cholesky) {
         cholmod_dense b = vectors(f->n, number, x);
         const int solved = cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y,
@@ -179,15 +169,12 @@ void rk_sparse_solve(struct factor *f, int64_t number, double *x)
 }
 
 /* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
- * order of elimination and the place of the factor are kept for further matrices of the pattern, LU
- * as a whole where the matrix is to be solved with again. Without b and x a matrix is only
- * factorised. */
+ * order of elimination and the place of a Cholesky factor are kept for further matrices of the
+ * pattern. Without b and x a matrix is only factorised. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
-                     int again, const double *b, double *x, double *rcond, struct factor **kept)
+                     const double *b, double *x, double *rcond, struct factor **kept)
 {
     *rcond = 0;
-    if (*kept)
-        umfpack_dl_free_numeric(&(*kept)->lu);
     if (!*kept)
         *kept = new_factor(n);
     struct factor *f = *kept;
@@ -228,10 +215,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         *rcond = info[UMFPACK_RCOND];
         stat = umfpack_dl_solve(UMFPACK_A, start, row, value, x, b, numeric, control, info);
     }
-    if (again && stat == UMFPACK_OK)
-        f->lu = numeric;
-    else
-        umfpack_dl_free_numeric(&numeric);
+    umfpack_dl_free_numeric(&numeric);
     if (stat == UMFPACK_ERROR_out_of_memory)
         return rk_no_memory;
     return stat == UMFPACK_OK ? rk_done : rk_singular;

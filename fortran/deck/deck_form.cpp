@@ -214,10 +214,9 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
       put_default(refine, "accuracy", Value(usual_accuracy));
 }
 
-// Whether source points on the sides can hold prescribed displacements exactly, so that no answer
-// depends on a penalty. Tendons, pressures with a free rim and tangents that are not factorised need
-// the penalty, and a deck that sets its size asks for it. Part of a side ends between two points: the
-// penalty holds it to its border.
+// Whether source points on the sides hold prescribed displacements. Tangents that are not factorised
+// need the penalty on sides, tendons and pressures have it, and a deck that sets its size asks for it.
+// Part of a side ends between two points: the penalty holds it to its border.
 static bool can_hold(Deck &deck) {
    if (deck.value("galerkin", "penalty") || deck.value("galerkin", "direct_limit"))
       return false;

@@ -162,7 +162,6 @@ pure subroutine polynomial_energy(self, state, order, w)
       if (order < 1) return
       w%first(1) = a(1, 0) + x*(2.0_wp*a(2, 0) + x*3.0_wp*a(3, 0))
       w%second(1, 1) = 2.0_wp*a(2, 0) + x*6.0_wp*a(3, 0)
-      w%third(1, 1, 1) = 6.0_wp*a(3, 0)
       if (.not. self%active(kind_i2)) return
 
       w%first(1) = w%first(1) + y*(a(1, 1) + 2.0_wp*x*a(2, 1) + y*a(1, 2))
@@ -172,13 +171,6 @@ pure subroutine polynomial_energy(self, state, order, w)
       w%second(1, 2) = a(1, 1) + 2.0_wp*(x*a(2, 1) + y*a(1, 2))
       w%second(2, 1) = w%second(1, 2)
       w%second(2, 2) = 2.0_wp*(a(0, 2) + x*a(1, 2)) + y*6.0_wp*a(0, 3)
-      w%third(2, 2, 2) = 6.0_wp*a(0, 3)
-      w%third(1, 1, 2) = 2.0_wp*a(2, 1)
-      w%third(1, 2, 1) = w%third(1, 1, 2)
-      w%third(2, 1, 1) = w%third(1, 1, 2)
-      w%third(1, 2, 2) = 2.0_wp*a(1, 2)
-      w%third(2, 1, 2) = w%third(1, 2, 2)
-      w%third(2, 2, 1) = w%third(1, 2, 2)
    end associate
 end subroutine polynomial_energy
 
@@ -212,7 +204,7 @@ pure subroutine muscle_energy(self, state, order, w)
    integer, intent(in) :: order
    type(energy_derivatives), intent(out) :: w
    !> Integral of the force by lambda*, the force and its derivatives [-]
-   real(wp) :: f(0:3), passive(0:3)
+   real(wp) :: f(0:2), passive(0:2)
    !> lambda*, and d lambda*/d I4r = c/lambda* [-]
    real(wp) :: stretch, c
 
@@ -231,12 +223,6 @@ pure subroutine muscle_energy(self, state, order, w)
    w%second(kind_i1:kind_i2, kind_i4) = 0.0_wp
    w%second(kind_i4, kind_i1:kind_i2) = 0.0_wp
    w%second(kind_i4, kind_i4) = c**2*(f(2) - f(1)/stretch)/stretch**2
-   if (order < 3) return
-   w%third(:, :, kind_i4) = 0.0_wp
-   w%third(:, kind_i4, :) = 0.0_wp
-   w%third(kind_i4, :, :) = 0.0_wp
-   w%third(kind_i4, kind_i4, kind_i4) = &
-      & c**3*(f(3) - 3.0_wp*(f(2) - f(1)/stretch)/stretch)/stretch**3
 end subroutine muscle_energy
 
 !> Take the expression and its constants, and look at it at rest
@@ -277,13 +263,12 @@ subroutine set_written(self, deck, at, error)
       self%active = self%jets%uses(:3)
       self%fibered = self%jets%uses(kind_i4)
       self%kinked = self%jets%kinked
-      w = energy_derivatives(0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp)
+      w = energy_derivatives(0.0_wp, 0.0_wp, 0.0_wp)
       rest = invariant_state([3.0_wp, 3.0_wp, 1.0_wp], self%fibered, 0.0_wp)
-      call self%jets%derivatives(rest, 3, w)
+      call self%jets%derivatives(rest, 2, w)
       self%shear = 2.0_wp*(w%first(kind_i1) + w%first(kind_i2))
-      if (.not. (all(ieee_is_finite(w%first)) .and. all(ieee_is_finite(w%second)) .and. &
-         & all(ieee_is_finite(w%third)))) then
-         fault = "'"//text//"' has no finite derivatives up to the third at rest, I1 = I2 = 3 " &
+      if (.not. (all(ieee_is_finite(w%first)) .and. all(ieee_is_finite(w%second)))) then
+         fault = "'"//text//"' has no finite derivatives up to the second at rest, I1 = I2 = 3 " &
             & //'and I4 = 1'
       else if (.not. self%shear > 0.0_wp) then
          fault = "'"//text//"' has dW/dI1 + dW/dI2 = "//to_text(0.5_wp*self%shear)//' at rest, ' &

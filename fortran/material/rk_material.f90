@@ -10,10 +10,11 @@
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
-   use rk_curvature, only : second_form, third_tensor
+   use rk_curvature, only : second_form
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_precision, only : wp
+   use rk_tensor, only : add_cross_form, cofactor, cross, determinant
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
       & kind_i4, set_invariants
    implicit none
@@ -24,6 +25,9 @@ module rk_material
 
    !> Exponents n of the reduced invariants I J^(-n)
    real(wp), parameter :: exponent(3) = [2.0_wp, 4.0_wp, 2.0_wp]/3.0_wp
+   !> Change of F or N of the central differences along axes [-]: their error is its square times
+   !> third derivatives, below 1e-8 of the term
+   real(wp), parameter :: step = 1.0e-5_wp
 
    !> What the reduced energy depends on at one point
    type :: invariant_state
@@ -55,8 +59,6 @@ module rk_material
       real(wp) :: first(3)
       !> Second derivatives, symmetric [stress]
       real(wp) :: second(3, 3)
-      !> Third derivatives, symmetric [stress]
-      real(wp) :: third(3, 3, 3)
    end type energy_derivatives
 
    !> Material of one kind of points
@@ -102,7 +104,7 @@ module rk_material
          class(material_type), intent(in) :: self
          !> Reduced invariants and activation
          type(invariant_state), intent(in) :: state
-         !> Highest derivative wanted, 0..3
+         !> Highest derivative wanted, 0..2
          integer, intent(in) :: order
          !> Energy and derivatives
          type(energy_derivatives), intent(out) :: w
@@ -182,8 +184,13 @@ pure subroutine stress(self, at, p, c4)
    if (present(c4)) call second_form(inv, w, c4)
 end subroutine stress
 
-!> Everything a row of the strong form needs: P, C4 and T(i,k,C) = C6_iAjBkC H_jBA
-pure subroutine strong(self, nd, at, h, p, c4, t)
+!> Everything a row of the strong form needs: P, C4, the pull of fibers that converge or bend, and
+!> T(i,k,C) = C4_iAkC,A, the derivative of P_iA,A by F_kC.
+!>
+!> P and C4 depend on the place through F and through the fiber direction N. What they are a little
+!> to either side along both gives the slopes of what is without change of volume, K/2 (J-1)^2 is a
+!> polynomial in F.
+pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
    integer, intent(in) :: nd
@@ -191,24 +198,53 @@ pure subroutine strong(self, nd, at, h, p, c4, t)
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA; indices above nd are not read
    !> [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
+   !> Slope N_k,A of the fiber, shape (3, nd) [1/length]
+   real(wp), intent(in) :: turn(:, :)
    !> Stress P(i,A), all components also in the plane [stress]
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B); zero where an index is above nd [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
-   !> Contraction T(i,k,C); zero where an index is above nd [stress/length]
+   !> dP_iA/dN_k N_k,A [stress/length]
+   real(wp), intent(out) :: pull(3)
+   !> Divergence T(i,k,C); zero where an index is above nd [stress/length]
    real(wp), intent(out) :: t(3, 3, 3)
-   type(invariants_type) :: inv
-   type(derivatives_type) :: w
-   real(wp) :: within(3, 3, 3)
-   integer :: a
+   type(material_point) :: beside
+   real(wp) :: along(3, 3), n(3), q(3, 3, 2), q4(3, 3, 3, 3, 2), bend(3, 3), cof(3, 3), rate
+   integer :: a, c, way
 
-   call set_invariants(inv, at%f, at%fiber, self%active, gradients=.true.)
-   call set_derivatives(self, inv, at, 3, w)
-   call first_tensor(inv, w, p)
-   within = 0.0_wp
-   within(:nd, :nd, :nd) = h(:nd, :nd, :nd)
-   call second_form(inv, w, c4)
-   call third_tensor(nd, inv, w, within, t)
+   call self%stress(at, p, c4)
+   pull = 0.0_wp
+   t = 0.0_wp
+   cof = cofactor(at%f)
+   do a = 1, nd
+      do way = 1, 2
+         along = 0.0_wp
+         n = 0.0_wp
+         if (way == 1) along(:nd, :nd) = h(:nd, :nd, a)
+         if (way == 2) n = turn(:, a)
+         rate = norm2(along) + norm2(n)
+         if (.not. rate > 0.0_wp) cycle
+         do c = 1, 2
+            associate (aside => (2*c - 3)*step/rate)
+               beside = material_point(at%f + aside*along, at%fiber + aside*n, at%activation, &
+                  & .false.)
+            end associate
+            call self%stress(beside, q(:, :, c), q4(:, :, :, :, c))
+         end do
+         rate = 0.5_wp*rate/step
+         if (way == 2) pull = pull + rate*(q(:, a, 2) - q(:, a, 1))
+         t = t + rate*(q4(:, a, :, :, 2) - q4(:, a, :, :, 1))
+         if (way == 2 .or. .not. at%volumetric) cycle
+         bend = cross(at%f, along)
+         q4(:, :, :, :, 1) = 0.0_wp
+         call add_cross_form(self%bulk, sum(cof*along)*at%f + (determinant(at%f) - 1.0_wp)*along, &
+            & q4(:, :, :, :, 1))
+         do c = 1, 3
+            t(:, :, c) = t(:, :, c) + q4(:, a, :, c, 1) + self%bulk*(outer(bend(:, a), cof(:, c)) &
+               & + outer(cof(:, a), bend(:, c)))
+         end do
+      end do
+   end do
    do a = nd + 1, 3
       c4(a, :, :, :) = 0.0_wp
       c4(:, a, :, :) = 0.0_wp
@@ -218,6 +254,16 @@ pure subroutine strong(self, nd, at, h, p, c4, t)
       t(:, a, :) = 0.0_wp
       t(:, :, a) = 0.0_wp
    end do
+
+contains
+
+   pure function outer(x, y)
+      real(wp), intent(in) :: x(3), y(3)
+      real(wp) :: outer(3, 3)
+
+      outer = spread(x, 2, 3)*spread(y, 1, 3)
+   end function outer
+
 end subroutine strong
 
 !> Reduced invariants I J^(-n) of the invariants in use
@@ -248,15 +294,15 @@ pure subroutine set_derivatives(self, inv, at, order, w)
    class(material_type), intent(in) :: self
    type(invariants_type), intent(in) :: inv
    type(material_point), intent(in) :: at
-   !> Highest derivative wanted, 1..3
+   !> Highest derivative wanted, 1..2
    integer, intent(in) :: order
    type(derivatives_type), intent(out) :: w
    type(energy_derivatives) :: r
    type(invariant_state) :: state
-   !> Of a reduced invariant by I, by I and J (once, twice) and by J (once, twice, three times)
-   real(wp), dimension(4) :: di, dij, dijj, dj, djj, djjj
+   !> Of a reduced invariant by I, by I and J, and by J (once, twice)
+   real(wp), dimension(4) :: di, dij, dj, djj
    real(wp) :: power(3), inverse
-   integer :: k(4), m, a, b, c
+   integer :: k(4), m, a, b
 
    call set_state(inv, at%activation, state, power)
    call self%reduced(state, order, r)
@@ -269,8 +315,6 @@ pure subroutine set_derivatives(self, inv, at, order, w)
          dj(a) = -n*inverse*state%reduced(k(a))
          dij(a) = -n*inverse*di(a)
          djj(a) = -(n + 1.0_wp)*inverse*dj(a)
-         dijj(a) = -(n + 1.0_wp)*inverse*dij(a)
-         djjj(a) = -(n + 2.0_wp)*inverse*djj(a)
       end associate
    end do
 
@@ -295,32 +339,6 @@ pure subroutine set_derivatives(self, inv, at, order, w)
          end associate
       end do
       w%second(1, a) = w%second(a, 1)
-   end do
-   if (order < 3) return
-
-   w%third(1, 1, 1) = 0.0_wp
-   do a = 2, m
-      w%third(1, 1, 1) = w%third(1, 1, 1) + r%first(k(a))*djjj(a)
-      w%third(a, 1, 1) = r%first(k(a))*dijj(a)
-      do b = 2, m
-         associate (wab => r%second(k(a), k(b)))
-            w%third(1, 1, 1) = w%third(1, 1, 1) + 3.0_wp*wab*dj(a)*djj(b)
-            w%third(a, 1, 1) = w%third(a, 1, 1) + wab*(2.0_wp*dij(a)*dj(b) + di(a)*djj(b))
-            w%third(b, a, 1) = wab*(dij(a)*di(b) + di(a)*dij(b))
-         end associate
-         do c = 2, m
-            associate (wabc => r%third(k(a), k(b), k(c)))
-               w%third(1, 1, 1) = w%third(1, 1, 1) + wabc*dj(a)*dj(b)*dj(c)
-               w%third(a, 1, 1) = w%third(a, 1, 1) + wabc*di(a)*dj(b)*dj(c)
-               w%third(b, a, 1) = w%third(b, a, 1) + wabc*di(a)*di(b)*dj(c)
-               w%third(c, b, a) = wabc*di(a)*di(b)*di(c)
-            end associate
-         end do
-         w%third(b, 1, a) = w%third(b, a, 1)
-         w%third(1, b, a) = w%third(b, a, 1)
-      end do
-      w%third(1, a, 1) = w%third(a, 1, 1)
-      w%third(1, 1, a) = w%third(a, 1, 1)
    end do
 end subroutine set_derivatives
 

@@ -56,8 +56,6 @@ module rk_tensors
       real(wp) :: first(4)
       !> Second, symmetric [stress]
       real(wp) :: second(4, 4)
-      !> Third, symmetric [stress]
-      real(wp) :: third(4, 4, 4)
    end type derivatives_type
 
 contains

@@ -168,7 +168,8 @@ subroutine add_loads(self, time, y, error)
    if (.not. allocated(error)) y = y + self%held
 end subroutine add_loads
 
-!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the loads
+!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the
+!> loads; no numbers where the equations have no symmetric matrices, whose energies these are
 function energy(self, now, next)
    class(form_motion), intent(in) :: self
    !> Coefficients at two times, shape (n)
@@ -176,6 +177,8 @@ function energy(self, now, next)
    real(wp) :: energy(3)
    real(wp) :: image(self%m), speed(self%n)
 
+   energy = ieee_value(energy, ieee_quiet_nan)
+   if (.not. self%symmetric) return
    speed = (next - now)/self%motion%time_step
    call self%product('mass', speed, image)
    energy(1) = 0.5_wp*dot_product(speed, image)

@@ -42,9 +42,6 @@ module rk_states
       real(wp), allocatable :: p(:, :, :)
       !> Where the stress is that of one tissue: its fraction, shape (np) [-]
       real(wp), allocatable :: part(:)
-      !> Weak forms that hold source points: forces of the supports on them, shape (fields, nh)
-      !> [force]
-      real(wp), allocatable :: held(:, :)
       !> Weak forms: coefficients of the pressure, the projected K (J - 1) of each group of points,
       !> shape (1 + nd, groups) [stress length^(nd/2)]
       real(wp), allocatable :: pressure(:, :)

@@ -20,7 +20,6 @@ module rk_online
    use rk_blas, only : dgemm, dgemv, dgesv
    use rk_energies, only : muscle_type
    use rk_fiber, only : active_curve, passive_curve
-   use rk_laminate, only : layers_type
    use rk_material, only : kind_i2, material_point
    use rk_precision, only : wp
    use rk_tensor, only : determinant
@@ -63,13 +62,6 @@ module rk_online
       real(wp), pointer, contiguous :: a_slope(:, :, :) => null(), bulk_slope(:, :) => null()
       real(wp), pointer, contiguous :: constant_slope(:, :, :) => null()
       real(wp), pointer, contiguous :: volume_slope(:, :) => null()
-      !> Cells with layers of two tissues: normal, fraction of the first, space dimension, zeros
-      !> elsewhere, shape (5, nc); the tissues, shape (2, nc)
-      real(wp), pointer, contiguous :: layer(:, :) => null()
-      integer, pointer, contiguous :: pair(:, :) => null()
-      !> Coefficients, bulk and shear modulus of both, shape (11, 2, nc), and their derivatives by
-      !> parameters of the materials, shape (11, 2, nc, nm) [stress]
-      real(wp), pointer, contiguous :: own(:, :, :) => null(), own_slope(:, :, :, :) => null()
    end type online_model
 
    !> Room for one state at a time
@@ -112,7 +104,7 @@ subroutine new_online(self, whole, number, least)
    !> Model, whose arrays are those of the record
    type(online_model), intent(out) :: self
    !> Sizes: modes, amplitudes, cells, fibers, pieces and entries of the volume, tissues,
-   !> parameters; then `first`, `tissue` and `pair`
+   !> parameters; then `first` and `tissue`
    integer, target, contiguous, intent(in) :: whole(:)
    !> The other arrays in the order of the model, and for each tissue lambda_o, gamma1, gamma2,
    !> whether the curves are smooth (1) and the axis about which fibers turn
@@ -129,7 +121,6 @@ subroutine new_online(self, whole, number, least)
       & triples => whole(6), nt => whole(7), nm => whole(8))
       self%first(1:nc + 1) => whole(9:9 + nc)
       self%tissue(1:ne) => whole(10 + nc:9 + nc + ne)
-      self%pair(1:2, 1:nc) => whole(10 + nc + ne:9 + 3*nc + ne)
       o = 0
       self%h(1:s, 1:9, 1:nc) => next(s*9*nc)
       self%weight(1:nc) => next(nc)
@@ -139,9 +130,6 @@ subroutine new_online(self, whole, number, least)
       self%fiber(1:3, 1:ne) => next(3*ne)
       self%a_slope(1:9, 1:nc, 1:nm) => next(9*nc*nm)
       self%bulk_slope(1:nc, 1:nm) => next(nc*nm)
-      self%layer(1:5, 1:nc) => next(5*nc)
-      self%own(1:11, 1:2, 1:nc) => next(22*nc)
-      self%own_slope(1:11, 1:2, 1:nc, 1:nm) => next(22*nc*nm)
       self%constant(1:s, 1:s) => next(s**2)
       self%constant_slope(1:s, 1:s, 1:nm) => next(s**2*nm)
       self%volume(1:8, 1:triples, 1:pieces) => next(8*triples*pieces)
@@ -268,9 +256,6 @@ subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, 
             if (tangent) c = 0.0_wp
             if (.not. j > 0.0_wp) then
                continue
-            else if (model%layer(4, q) > 0.0_wp) then
-               call layered_law(model, work%laws, q, f, modulus, fiber(:, :l), sigma(:l), &
-                  & activation, p, c)
             else
                a = model%a(:, q)
                bulk = model%local_bulk(q)
@@ -346,53 +331,6 @@ subroutine cell_law(laws, f, a, bulk, tissue, fiber, sigma, activation, tangent,
       p = p + one
    end do
 end subroutine cell_law
-
-!> Stress and tangent of a cell with layers of two tissues
-subroutine layered_law(model, laws, q, f, modulus, fiber, sigma, activation, p, c)
-   type(online_model), intent(in) :: model
-   !> Laws of all tissues, which take the parameters
-   type(muscle_type), intent(inout) :: laws(:)
-   !> Cell
-   integer, intent(in) :: q
-   !> F, with a positive determinant [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Parameters of the materials less their values in the model
-   real(wp), intent(in) :: modulus(:)
-   !> Fibers of the cell, shape (3, k); largest isometric stress times fraction, shape (k) [stress];
-   !> activation of all tissues [-]
-   real(wp), intent(in) :: fiber(:, :), sigma(:), activation(:)
-   !> Stress and tangent [stress]
-   real(wp), intent(out) :: p(3, 3), c(3, 3, 3, 3)
-   type(layers_type) :: layers
-   real(wp) :: own(11, 2), fraction(2)
-   integer :: k, l
-
-   own = model%own(:, :, q)
-   do k = 1, size(modulus)
-      own = own + modulus(k)*model%own_slope(:, :, q, k)
-   end do
-   fraction = [model%layer(4, q), 1.0_wp - model%layer(4, q)]
-   call layers%start(f, fraction, model%layer(:3, q), nint(model%layer(5, q)), own(10, :), &
-      & own(11, :))
-   associate (tissue => model%tissue(model%first(q) + 1:model%first(q + 1)))
-      do while (.not. layers%done)
-         do k = 1, 2
-            if (.not. all(layers%j > 0.0_wp)) cycle
-            p = 0.0_wp
-            c = 0.0_wp
-            associate (own_fibers => pack([(l, l=1, size(tissue))], tissue == model%pair(k, q)))
-               call cell_law(laws, layers%f(:, :, k), own(:9, k), 0.0_wp, tissue(own_fibers), &
-                  & fiber(:, own_fibers), sigma(own_fibers)/fraction(k), activation, .true., p, c)
-            end associate
-            layers%p(:, :, k) = p
-            layers%c4(:, :, :, :, k) = c
-         end do
-         call layers%next()
-      end do
-   end associate
-   p = layers%stress(0)
-   c = layers%tangent()
-end subroutine layered_law
 
 !> Rotation about a unit axis
 pure function rotation(axis, angle) result(q)

@@ -98,14 +98,9 @@ subroutine new_reduced(reduced, full, modes, projection, assembled, error)
       call reduce_rows(full, modes, rows)
       reduced => rows
    class default
-      if (full%scene%galerkin%essential == 'transformation') then
-         call fatal_error(error, err_input, 'modes do not reduce galerkin.essential = ' &
-            & //'"transformation": use "penalty"')
-      else
-         call fatal_error(error, err_input, 'modes do not reduce method "'//full%scene%method &
-            & //'" with a material of K = inf, whose pressures are unknowns: use a finite K, ' &
-            & //'1e3 times the shear modulus, or method "rkcm-mixed"')
-      end if
+      call fatal_error(error, err_input, 'modes do not reduce method "'//full%scene%method &
+         & //'" with a material of K = inf, whose pressures are unknowns: use a finite K, ' &
+         & //'1e3 times the shear modulus, or method "rkcm-mixed"')
    end select
 end subroutine new_reduced
 

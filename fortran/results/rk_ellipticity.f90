@@ -3,7 +3,6 @@ module rk_ellipticity
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_acoustic, only : least_acoustic
    use rk_discretisation, only : discretisation_type
-   use rk_laminate, only : layers_type
    use rk_precision, only : wp
    use rk_states, only : field_state, point_state
    use rk_tensor, only : cofactor
@@ -30,47 +29,33 @@ module rk_ellipticity
 contains
 
 !> Find the worst point. The mixed form takes the material as incompressible, all forms where K is
-!> infinite. Where two tissues are layers, of which the body has one interface and no more, each is
-!> asked by itself: many thin layers buckle where their tissues are elliptic
+!> infinite
 subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
    type(ellipticity_type), intent(out) :: worst
    type(point_state) :: local
-   type(layers_type) :: layers
    real(wp), allocatable :: least(:), j(:)
    real(wp) :: p(3, 3), c4(3, 3, 3, 3), modulus
-   logical :: fixed, mixed, layered
-   integer :: ip, k, nd
+   logical :: fixed, mixed
+   integer :: ip, nd
 
    nd = problem%scene%cloud%nd
    mixed = problem%has_pressure()
    allocate (least(size(problem%scene%cloud%points, 2)), j(size(problem%scene%cloud%points, 2)), &
       & worst%broken(size(problem%scene%cloud%points, 2)))
    least = huge(1.0_wp)
-   !$omp parallel do default(none) schedule(static) private(ip, k, local, layers, layered, p, c4, &
-   !$omp& fixed, modulus) shared(problem, state, worst, least, j, nd, mixed)
+   !$omp parallel do default(none) schedule(static) private(ip, local, p, c4, fixed, &
+   !$omp& modulus) shared(problem, state, worst, least, j, nd, mixed)
    do ip = 1, size(least)
       call problem%at_point(state, ip, local)
       j(ip) = local%j
       worst%broken(ip) = .not. (local%j > 0.0_wp .and. all(ieee_is_finite(local%cauchy)))
       fixed = mixed .or. problem%mixture%bulk(ip) > huge(1.0_wp)
       modulus = problem%scene%tissue(problem%scene%tissue_of(ip))%material%shear
-      layered = problem%mixture%is_layered(ip)
-      if (layered) then
-         call problem%mixture%find_layers(ip, local%f, state%load, layers)
-         layered = all(layers%j > 0.0_wp)
-      end if
-      if (layered) then
-         do k = 1, 2
-            least(ip) = min(least(ip), least_acoustic(nd, layers%c4(:, :, :, :, k), &
-               & cofactor(layers%f(:, :, k)), fixed)/modulus)
-         end do
-      else
-         call problem%mixture%stress(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
-         least(ip) = min(least(ip), least_acoustic(nd, c4, cofactor(local%f), fixed)/modulus)
-      end if
+      call problem%mixture%stress(ip, local%f, state%load, p, c4, volumetric=.not. fixed)
+      least(ip) = min(least(ip), least_acoustic(nd, c4, cofactor(local%f), fixed)/modulus)
    end do
    !$omp end parallel do
    worst%point = minloc(least, dim=1)

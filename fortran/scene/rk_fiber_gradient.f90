@@ -1,4 +1,4 @@
-!> What fibers whose direction varies from point to point add to the strong form.
+!> Slopes of fibers whose direction varies from point to point.
 !>
 !> P depends on the place through F and through the fiber direction N, so that
 !>    P_iA,A = C4_iAkC u_k,CA + dP_iA/dN_k N_k,A.
@@ -9,7 +9,6 @@ module rk_fiber_gradient
    use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_kernel, only : window_product
-   use rk_material, only : material_point, material_type
    use rk_neighbours, only : find_neighbours
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
@@ -17,16 +16,15 @@ module rk_fiber_gradient
    implicit none
    private
 
-   public :: fiber_gradients, fiber_divergence
+   public :: fiber_gradients
 
    !> Window of the fit in source spacings: what the unknowns can follow; noise is averaged
    real(wp), parameter :: reach = 1.5_wp
-   !> Change of direction of the central differences along N_k,A [-]: their error is its square
-   !> times third derivatives, below 1e-8 of the term
-   real(wp), parameter :: fiber_gradient = 1.0e-5_wp
-   !> Share of the mean square distance added to each direction of the fit, so that a direction in
-   !> which a point has no neighbours gets no slope
+   !> Share of the square distances added to each direction of the fit, so that a direction in which
+   !> a point has no neighbours gets no slope
    real(wp), parameter :: damping = 1.0e-8_wp
+   !> Turn over a window that is rounding: fibers are parallel [-]
+   real(wp), parameter :: rounding = 1.0e-9_wp
 
 contains
 
@@ -34,15 +32,16 @@ contains
 subroutine fiber_gradients(scene, slope, error)
    !> Scene with fibers and tissues
    type(scene_type), intent(in) :: scene
-   !> N_k,A of each collocation point, shape (3, nd, nc) [1/length]; not allocated where all fibers
-   !> of each tissue are parallel
+   !> N_k,A of each collocation point, shape (3, nd, nc) [1/length]; not allocated where no form or
+   !> no tissue needs them
    real(wp), allocatable, intent(out) :: slope(:, :, :)
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: near
    real(wp), allocatable :: window(:, :)
    integer :: ip, nc, nd
 
-   if (parallel_fibers(scene)) return
+   ! integrals of weak forms have no derivatives of the stress
+   if (index(scene%method, 'rkcm') /= 1 .or. .not. any(abs(scene%cloud%fiber) > 0.0_wp)) return
    associate (cloud => scene%cloud)
       nc = size(cloud%points, 2)
       nd = cloud%nd
@@ -57,25 +56,6 @@ subroutine fiber_gradients(scene, slope, error)
    end associate
 end subroutine fiber_gradients
 
-!> Whether the fibers of each tissue are all parallel
-pure logical function parallel_fibers(scene)
-   type(scene_type), intent(in) :: scene
-   integer :: ip, k, first
-
-   parallel_fibers = .true.
-   do k = 1, size(scene%tissue)
-      first = findloc(scene%tissue_of, k, dim=1)
-      do ip = first + 1, size(scene%tissue_of)
-         if (scene%tissue_of(ip) /= k) cycle
-         associate (a => scene%cloud%fiber(:, first), b => scene%cloud%fiber(:, ip))
-            ! |a x b| up to rounding
-            parallel_fibers = parallel_fibers .and. &
-               & norm2(a*dot_product(b, b) - b*dot_product(a, b)) <= 1.0e-9_wp
-         end associate
-      end do
-   end do
-end function parallel_fibers
-
 !> Slope at one point
 pure function fitted_slope(scene, window, near, ip) result(slope)
    type(scene_type), intent(in) :: scene
@@ -86,39 +66,26 @@ pure function fitted_slope(scene, window, near, ip) result(slope)
    !> Point
    integer, intent(in) :: ip
    real(wp) :: slope(3, size(window, 1))
-   real(wp) :: x(size(window, 1)), mean(size(window, 1)), moment(size(window, 1), size(window, 1))
-   real(wp) :: n(3), value(3), middle(3), right(size(window, 1), 3), w, total
-   integer :: j, d, pass, nd
+   !> One and the distance in windows, their products, and those with (N N) n of the neighbours
+   real(wp) :: x(0:size(window, 1)), moment(0:size(window, 1), 0:size(window, 1))
+   real(wp) :: right(0:size(window, 1), 3), n(3), w
+   integer :: j, d, nd
 
    nd = size(window, 1)
    n = scene%cloud%fiber(:, ip)
-   total = 0.0_wp
-   mean = 0.0_wp
-   middle = 0.0_wp
    moment = 0.0_wp
    right = 0.0_wp
-   do pass = 1, 2
-      do j = 1, size(near)
-         if (scene%tissue_of(near(j)) /= scene%tissue_of(ip)) cycle
-         x = (scene%cloud%points(:, near(j)) - scene%cloud%points(:, ip))/window(:, ip)
-         w = product(max(1.0_wp - abs(x), 0.0_wp))
-         ! (N N) n of the neighbour
-         value = scene%cloud%fiber(:, near(j))*dot_product(scene%cloud%fiber(:, near(j)), n)
-         if (pass == 1) then
-            total = total + w
-            mean = mean + w*x
-            middle = middle + w*value
-         else
-            do d = 1, nd
-               moment(:, d) = moment(:, d) + w*(x - mean)*(x(d) - mean(d))
-               right(d, :) = right(d, :) + w*(x(d) - mean(d))*(value - middle)
-            end do
-         end if
-      end do
-      if (pass == 1) then
-         mean = mean/total
-         middle = middle/total
-      end if
+   do j = 1, size(near)
+      if (scene%tissue_of(near(j)) /= scene%tissue_of(ip)) cycle
+      x(0) = 1.0_wp
+      x(1:) = (scene%cloud%points(:, near(j)) - scene%cloud%points(:, ip))/window(:, ip)
+      w = product(max(1.0_wp - abs(x(1:)), 0.0_wp))
+      associate (fiber => scene%cloud%fiber(:, near(j)))
+         do d = 0, nd
+            moment(:, d) = moment(:, d) + w*x(d)*x
+            right(d, :) = right(d, :) + w*x(d)*fiber*dot_product(fiber, n)
+         end do
+      end associate
    end do
    w = damping*sum([(moment(d, d), d=1, nd)]) + tiny(1.0_wp)
    do d = 1, nd
@@ -130,38 +97,7 @@ pure function fitted_slope(scene, window, near, ip) result(slope)
       ! a unit vector turns, it does not grow
       slope(:, d) = slope(:, d) - n*dot_product(n, slope(:, d))
    end do
+   where (abs(slope) < rounding/maxval(window(:, ip))) slope = 0.0_wp
 end function fitted_slope
-
-!> dP_iA/dN_k N_k,A, what turning fibers add to the divergence of P, and its derivatives by F
-pure subroutine fiber_divergence(material, at, slope, pull, t)
-   class(material_type), intent(in) :: material
-   type(material_point), intent(in) :: at
-   !> Slope N_k,A of its fiber, shape (3, nd) [1/length]
-   real(wp), intent(in) :: slope(:, :)
-   !> Force per volume [stress/length]
-   real(wp), intent(out) :: pull(3)
-   !> Its derivatives T(i, k, C) by F(k, C) [stress/length]
-   real(wp), intent(out) :: t(3, 3, 3)
-   type(material_point) :: beside
-   real(wp) :: p(3, 3, 2), c4(3, 3, 3, 3, 2), rate
-   integer :: a, c
-
-   pull = 0.0_wp
-   t = 0.0_wp
-   do a = 1, size(slope, 2)
-      rate = norm2(slope(:, a))
-      if (.not. rate > 0.0_wp) cycle
-      do c = 1, 2
-         beside = material_point(at%f, at%fiber + (2*c - 3)*fiber_gradient/rate*slope(:, a), &
-            & at%activation, .false.)
-         call material%stress(beside, p(:, :, c), c4(:, :, :, :, c))
-      end do
-      rate = 0.5_wp*rate/fiber_gradient
-      pull = pull + rate*(p(:, a, 2) - p(:, a, 1))
-      do c = 1, 3
-         t(:, :, c) = t(:, :, c) + rate*(c4(:, a, :, c, 2) - c4(:, a, :, c, 1))
-      end do
-   end do
-end subroutine fiber_divergence
 
 end module rk_fiber_gradient

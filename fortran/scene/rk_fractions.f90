@@ -36,8 +36,8 @@ pure function own_parts(scene, ip) result(part)
    end if
 end function own_parts
 
-!> Fractions of the tissues at a place of a body in which these meet on planes: one or none; on a
-!> plane that beyond it, whose derivatives shape functions have there
+!> Fractions of the tissues at a place of a body in which these have their parts: one or none; on a
+!> plane on which they meet that beyond it, whose derivatives shape functions have there
 subroutine parts_at(scene, place, part, error)
    type(scene_type), intent(in) :: scene
    !> Place, shape (nd) [length]
@@ -46,10 +46,12 @@ subroutine parts_at(scene, place, part, error)
    !> Error handling: an expression without a value there
    type(error_type), allocatable, intent(inout) :: error
    real(wp) :: x(size(place))
-   integer :: k
+   integer :: k, planes
 
    x = place
-   do k = 1, size(scene%approximation%kink)
+   planes = 0
+   if (allocated(scene%approximation%kink)) planes = size(scene%approximation%kink)
+   do k = 1, planes
       associate (a => scene%approximation%kink_axis(k), at => scene%approximation%kink(k), &
          & here => scene%approximation%across(k, place))
          if (.not. abs(here - at) < on_plane*maxval(scene%support(a, :))) cycle

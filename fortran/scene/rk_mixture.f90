@@ -7,8 +7,8 @@
 !> energies is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside
 !> the derivatives of the stress.
 !>
-!> With a reach of 0 the fractions at a place are those of its voxel and jump from one to the next,
-!> which the integrals of a Galerkin form allow.
+!> With a reach of 0 a place has the tissues of its voxel, of a box or an annulus the one tissue
+!> that is there. They jump from one place to the next, which integrals of a Galerkin form allow.
 !>
 !> Fibers: a muscle's fraction reaches into fat, where no fiber was measured. With the fiber of the
 !> muscle's nearest point all of the fraction acts, and the volume that contracts is the muscle's.
@@ -23,16 +23,14 @@ module rk_mixture
    use rk_coefficients, only : coefficients_type, moduli, new_coefficients
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
-   use rk_fiber_gradient, only : fiber_divergence, fiber_gradients
+   use rk_fiber_gradient, only : fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, parts_at, shares
-   use rk_laminate, only : add_volume, layers_type
    use rk_kernel, only : kernel_quintic, window_product
    use rk_lattice, only : digits_of, lattice_frame
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_shape, only : approximation_type, new_shape, shape_type
-   use rk_tensor, only : cofactor
    use rk_text, only : to_text
    implicit none
    private
@@ -43,8 +41,6 @@ module rk_mixture
    real(wp), parameter :: least = 1.0e-6_wp
    !> Shear modulus over the bulk modulus below which a place is as incompressible as its tissue [-]
    real(wp), parameter :: trace = 1.0e-5_wp
-   !> Two tissues are layers where each has at least this fraction [-]
-   real(wp), parameter :: least_layer = 0.01_wp
    !> Part of an activation by which the mean of the corners of a spacing is off the middle, above
    !> which it is not linear there [-]
    real(wp), parameter :: bent_level = 1.0e-3_wp
@@ -67,13 +63,10 @@ module rk_mixture
       real(wp), allocatable :: fraction(:)
       !> Its gradient, shape (3, entries) [1/length]
       real(wp), allocatable :: slope(:, :)
-      !> Normal of the layers of two tissues at each place, zeros where they are none, shape
-      !> (3, np); not allocated where all tissues have the same gradient [-]
-      real(wp), allocatable :: normal(:, :)
       !> Fiber of the tissue, shape (3, entries) [-]
       real(wp), allocatable :: fiber(:, :)
-      !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where the fibers of
-      !> each tissue are parallel
+      !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where no form or no
+      !> tissue needs them
       real(wp), allocatable :: fiber_gradient(:, :, :)
       !> Part of its muscle's activation that each entry has, shape (entries); not allocated where
       !> all have all of it [-]
@@ -85,17 +78,16 @@ module rk_mixture
       !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
-      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus, layer_normal, has_layers
-      procedure :: is_layered, find_layers
+      procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
       !> Fraction of a tissue, and its fiber
-      procedure :: part_of, beside, activation_jumps
+      procedure :: part_of, beside, meets, activation_jumps
       procedure :: fiber_of, energy, stress, strong
    end type mixture_type
 
 contains
 
 !> Find the tissues of places
-subroutine new_mixture(self, scene, position, nearest, layered, error)
+subroutine new_mixture(self, scene, position, nearest, error)
    type(mixture_type), intent(out) :: self
    !> Scene, which must outlive the mixture
    type(scene_type), target, intent(in) :: scene
@@ -103,8 +95,6 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
    real(wp), intent(in) :: position(:, :)
    !> Collocation point nearest to each place, shape (np)
    integer, intent(in) :: nearest(:)
-   !> Whether two tissues at a place are layers, whose gradients differ, where the normal is known
-   logical, intent(in) :: layered
    type(error_type), allocatable, intent(out) :: error
    type(coefficients_type) :: coefficient
    type(shape_type) :: shape
@@ -112,7 +102,7 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
    real(wp), allocatable :: fiber_gradient(:, :, :), share(:, :)
    integer, allocatable :: fibered(:, :)
    integer :: ip, k, n, np, round
-   logical :: planes
+   logical :: placed
 
    self%scene => scene
    if (allocated(scene%equation%problem)) then
@@ -130,8 +120,8 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
    do k = 1, size(scene%tissue)
       if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
    end do
-   planes = allocated(scene%approximation%kink)
-   if (size(scene%tissue) > 1 .and. scene%basis%interface > 0.0_wp .and. .not. planes) then
+   placed = allocated(scene%approximation%kink) .or. self%meets()
+   if (size(scene%tissue) > 1 .and. scene%basis%interface > 0.0_wp .and. .not. placed) then
       call new_shape(shape, approximation_type(0, kernel_quintic, window_product), &
          & scene%cloud%source, scene%basis%interface*scene%cloud%spacing, position, error)
       if (allocated(error)) return
@@ -143,7 +133,7 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
       do ip = 1, np
          if (allocated(share)) then
             call fractions(shape, share, ip, part, gradient)
-         else if (planes) then
+         else if (placed) then
             gradient = 0.0_wp
             call parts_at(scene, position(:, ip), part, error)
             if (allocated(error)) return
@@ -178,37 +168,17 @@ subroutine new_mixture(self, scene, position, nearest, layered, error)
       if (round == 1 .and. allocated(fiber_gradient)) &
          & allocate (self%fiber_gradient(3, size(fiber_gradient, 2), n))
    end do
-   if (.not. layered .or. .not. allocated(share)) return
-   allocate (self%normal(3, np), source=0.0_wp)
-   do ip = 1, np
-      associate (first => self%first(ip) + 1, last => self%first(ip + 1))
-         if (last /= first + 1) cycle
-         if (minval(self%fraction(first:last)) < least_layer) cycle
-         gradient(:, 1) = self%slope(:, first)
-         if (norm2(gradient(:, 1)) > 0.0_wp) &
-            & self%normal(:, ip) = gradient(:, 1)/norm2(gradient(:, 1))
-      end associate
-   end do
 end subroutine new_mixture
 
-!> Normal of the layers of two tissues at a place, zeros where they are none [-]
-pure function layer_normal(self, ip) result(normal)
+!> Whether the tissues of a box or an annulus meet without a width on other surfaces than planes
+pure logical function meets(self)
    class(mixture_type), intent(in) :: self
-   !> Place
-   integer, intent(in) :: ip
-   real(wp) :: normal(3)
+   integer :: k
 
-   normal = 0.0_wp
-   if (allocated(self%normal)) normal = self%normal(:, ip)
-end function layer_normal
-
-!> Whether two tissues are layers anywhere
-pure logical function has_layers(self)
-   class(mixture_type), intent(in) :: self
-
-   has_layers = allocated(self%normal)
-   if (has_layers) has_layers = any(abs(self%normal) > 0.0_wp)
-end function has_layers
+   meets = .not. (self%scene%basis%interface > 0.0_wp &
+      & .or. allocated(self%scene%approximation%kink)) &
+      & .and. any([(self%scene%tissue(k)%part%given(), k=1, size(self%scene%tissue))])
+end function meets
 
 !> Whether the activation of a tissue jumps on a lattice, where its mean over a spacing differs
 logical function activation_jumps(self)
@@ -231,44 +201,6 @@ logical function activation_jumps(self)
       end do
    end do
 end function activation_jumps
-
-!> Whether two tissues at a place are layers
-pure logical function is_layered(self, ip)
-   class(mixture_type), intent(in) :: self
-   !> Place
-   integer, intent(in) :: ip
-
-   is_layered = any(abs(self%layer_normal(ip)) > 0.0_wp)
-end function is_layered
-
-!> Both tissues of a place in layers
-pure subroutine find_layers(self, ip, f, load, layers)
-   class(mixture_type), intent(in) :: self
-   !> Place with two tissues
-   integer, intent(in) :: ip
-   !> Mean deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   type(layers_type), intent(inout) :: layers
-   integer :: k
-
-   associate (e => self%first(ip), tissue => self%scene%tissue)
-      associate (first => tissue(self%tissue(e + 1))%material, &
-         & second => tissue(self%tissue(e + 2))%material)
-         call layers%start(f, self%fraction(e + 1:e + 2), self%normal(:, ip), &
-            & self%scene%cloud%nd, [first%bulk, second%bulk], [first%shear, second%shear])
-      end associate
-      do while (.not. layers%done)
-         do k = 1, 2
-            if (.not. all(layers%j > 0.0_wp)) cycle
-            call tissue(self%tissue(e + k))%material%stress(point_of(self, e + k, &
-               & layers%f(:, :, k), load, .false.), layers%p(:, :, k), layers%c4(:, :, :, :, k))
-         end do
-         call layers%next()
-      end do
-   end associate
-end subroutine find_layers
 
 !> Tissues of a place with their fractions and fibers
 pure subroutine parts(self, ip, tissue, fraction, fiber)
@@ -401,30 +333,13 @@ pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    !> Tissue, 0 for all
    integer, intent(in) :: tissue
    logical, intent(in) :: volumetric
-   type(layers_type) :: layers
-   real(wp) :: bulk
-   integer :: e, k
+   integer :: e
 
    energy = 0.0_wp
-   bulk = 0.0_wp
-   if (is_layered(self, ip)) then
-      call find_layers(self, ip, f, load, layers)
-      bulk = layers%mean
-      if (volumetric) bulk = bulk - self%bulk_at_one_pressure(ip)
-   end if
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (tissue > 0 .and. self%tissue(e) /= tissue) cycle
       associate (material => self%scene%tissue(self%tissue(e))%material)
-         if (is_layered(self, ip)) then
-            k = e - self%first(ip)
-            energy = energy + self%fraction(e)*(material%energy(point_of(self, e, &
-               & layers%f(:, :, k), load, .false.)) &
-               & + 0.5_wp*layers%bulk(k)*(layers%j(k) - 1.0_wp)**2 &
-               & - 0.5_wp*bulk*(layers%whole - 1.0_wp)**2)
-         else
-            energy = energy + self%fraction(e)*material%energy(point_of(self, e, f, load, &
-               & volumetric))
-         end if
+         energy = energy + self%fraction(e)*material%energy(point_of(self, e, f, load, volumetric))
       end associate
    end do
 end function energy
@@ -466,10 +381,6 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
       if (present(c4)) c4 = self%fraction(e)*c4
       return
    end if
-   if (is_layered(self, ip)) then
-      call layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
-      return
-   end if
    if (present(c4)) c4 = 0.0_wp
    do e = self%first(ip) + 1, self%first(ip + 1)
       if (present(tissue)) then
@@ -487,42 +398,6 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
       p = p + self%fraction(e)*part
    end do
 end subroutine stress
-
-!> Stress of two tissues in layers, as `stress`; the tangent is that of both
-pure subroutine layered_stress(self, ip, f, load, p, c4, volumetric, tissue)
-   class(mixture_type), intent(in) :: self
-   !> Place
-   integer, intent(in) :: ip
-   !> Mean deformation gradient F(i,A) [-]
-   real(wp), intent(in) :: f(3, 3)
-   !> Load [-]
-   real(wp), intent(in) :: load
-   !> Stress P(i,A) [stress]
-   real(wp), intent(out) :: p(3, 3)
-   !> Tangent C4(i,A,j,B) [stress]
-   real(wp), intent(out), optional :: c4(3, 3, 3, 3)
-   !> Include K/2 (J-1)^2?
-   logical, intent(in) :: volumetric
-   !> The part of this tissue alone
-   integer, intent(in), optional :: tissue
-   type(layers_type) :: layers
-   real(wp) :: bulk
-   integer :: k
-
-   call find_layers(self, ip, f, load, layers)
-   if (present(c4)) c4 = layers%tangent()
-   k = 0
-   if (present(tissue)) k = findloc(self%tissue(self%first(ip) + 1:self%first(ip + 1)), tissue, &
-      & dim=1)
-   p = 0.0_wp
-   if (present(tissue) .and. k == 0) return
-   p = layers%stress(k)
-   if (.not. volumetric) return
-   bulk = self%bulk_at_one_pressure(ip)
-   p = p + merge(1.0_wp, self%part_of(ip, self%tissue(self%first(ip) + max(k, 1))), k == 0) &
-      & *bulk*(layers%whole - 1.0_wp)*cofactor(f)
-   if (present(c4)) call add_volume(bulk, f, c4)
-end subroutine layered_stress
 
 !> Divergence of the stress, and everything a row of the strong form needs
 pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
@@ -543,6 +418,7 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    real(wp), intent(out) :: t(3, 3, 3)
    logical, intent(in) :: volumetric
    real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
+   real(wp) :: turn(3, nd)
    integer :: a, b, e
 
    divergence = 0.0_wp
@@ -561,36 +437,25 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
             divergence = divergence + t(:, a, b)*f(a, b)
          end do
       end do
-   else if (self%first(ip) + 1 == self%first(ip + 1)) then
-      e = self%first(ip) + 1
-      associate (material => self%scene%tissue(self%tissue(e))%material)
-         call material%strong(nd, point_of(self, e, f, load, volumetric), h, p, c4, t)
-      end associate
    else
       p = 0.0_wp
       c4 = 0.0_wp
       t = 0.0_wp
+      turn = 0.0_wp
       do e = self%first(ip) + 1, self%first(ip + 1)
+         if (allocated(self%fiber_gradient)) turn = self%fiber_gradient(:, :, e)
          associate (material => self%scene%tissue(self%tissue(e))%material)
-            call material%strong(nd, point_of(self, e, f, load, volumetric), h, part, part4, part_t)
+            call material%strong(nd, point_of(self, e, f, load, volumetric), h, turn, part, part4, &
+               & pull, part_t)
          end associate
          p = p + self%fraction(e)*part
          c4 = c4 + self%fraction(e)*part4
          t = t + self%fraction(e)*part_t
+         divergence = divergence + self%fraction(e)*pull
          do a = 1, nd
             divergence = divergence + part(:, a)*self%slope(a, e)
             t = t + part4(:, a, :, :)*self%slope(a, e)
          end do
-      end do
-   end if
-   if (allocated(self%fiber_gradient)) then
-      do e = self%first(ip) + 1, self%first(ip + 1)
-         associate (material => self%scene%tissue(self%tissue(e))%material)
-            call fiber_divergence(material, point_of(self, e, f, load, volumetric), &
-               & self%fiber_gradient(:, :, e), pull, part_t)
-         end associate
-         divergence = divergence + self%fraction(e)*pull
-         t = t + self%fraction(e)*part_t
       end do
    end if
    do a = 1, nd
@@ -621,7 +486,6 @@ subroutine beside(self, ip, place, one)
       one%tissue = self%tissue(first:last)
       one%fraction = self%fraction(first:last)
       one%fiber = self%fiber(:, first:last)
-      if (allocated(self%normal)) one%normal = self%normal(:, ip:ip)
       if (allocated(self%level)) one%level = self%level(first:last)
    end associate
    if (.not. allocated(one%level)) return

@@ -53,7 +53,7 @@ module rk_scene
       !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
       integer :: sine = 0
    contains
-      procedure :: moves_unevenly, acts
+      procedure :: moves_unevenly, acts, prescribes
    end type condition_type
 
    !> Iteration, linear solver and weights of boundary rows
@@ -252,6 +252,15 @@ pure logical function acts(self, factor)
    acts = acts .and. abs(factor(ramp + self%amplitude)) > 0.0_wp
    if (self%sine > 0) acts = acts .or. any(abs(factor(self%sine:self%sine + 1)) > 0.0_wp)
 end function acts
+
+!> Displacement components that a condition prescribes
+pure function prescribes(self) result(fixed)
+   class(condition_type), intent(in) :: self
+   logical :: fixed(3)
+
+   fixed = self%fixed
+   if (self%is_radial) fixed(:2) = .true.
+end function prescribes
 
 !> Shape functions of the source points at places
 subroutine shape_at(self, place, shape, error, first, plain)

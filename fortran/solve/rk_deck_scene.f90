@@ -178,11 +178,10 @@ subroutine read_approximation(scene, deck, error)
 
    call scene%basis%read(deck, 'approximation')
    associate (basis => scene%basis, cloud => scene%cloud)
-      ! models without voxels are refused later, by a word on these
       if (basis%interface <= 1.0_wp .and. (basis%interface > 0.0_wp &
-         & .or. scene%method /= 'rkpm-gauss' .or. allocated(cloud%lattice))) then
-         call deck%complain('approximation.interface', 'must be above 1; 0, tissues as the ' &
-            & //'voxels have them, is for models of voxels by method "rkpm-gauss"', error)
+         & .or. scene%method /= 'rkpm-gauss')) then
+         call deck%complain('approximation.interface', 'must be above 1; 0, tissues as they are ' &
+            & //'at each place, is for method "rkpm-gauss"', error)
          return
       end if
       call new_approximation(scene%approximation, basis%order, basis%kernel, basis%window, error)

@@ -147,7 +147,7 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    real(wp), intent(in) :: support(:)
    !> Source points along each direction
    real(wp), intent(in) :: layers(:)
-   character(len=:), allocatable :: kind, essential
+   character(len=:), allocatable :: kind
    logical :: single
    real(wp) :: coupled, most, band, width, factor, bulk, displacements
    integer :: d, gauss, limit
@@ -189,10 +189,9 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    ! unknowns of the layers that couple through a section, the band of the factor at worst
    band = self%unknowns*min(1.0_wp, 0.5_wp*(most**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
    ! neighbours and gradients at the points, materials and states; entries, of nodal cells twice for
-   ! their stabilisation; the factor, of half the digits where a solid is held by the penalty,
-   ! beside rows of the entries where not
-   call deck%get('galerkin.essential', essential)
-   single = fields == 3 .and. factor <= 1.0_wp .and. essential == 'penalty'
+   ! their stabilisation; the factor, of half the digits in solids, beside rows of the
+   ! entries where not
+   single = fields == 3 .and. factor <= 1.0_wp
    self%entries = 0.5_wp*fields**2*self%ns*coupled
    self%bytes = of_libraries + self%places*(self%neighbours*8.0_wp*(self%nd + 1.0_wp) + of_point) &
       & + 4.0_wp*self%nc*self%neighbours &

@@ -129,7 +129,7 @@ subroutine new_equilibrium(self, scene, mixed, error)
    call scene%shape_at(position, self%shape, error)
    if (allocated(error)) return
    call new_mixture(self%mixture, scene, position, &
-      & [[(b, b=1, nc)], nearest_points(scene%cloud%points, further)], .false., error)
+      & [[(b, b=1, nc)], nearest_points(scene%cloud%points, further)], error)
    if (allocated(error)) return
 
    allocate (self%boundary_of(nc), source=0)

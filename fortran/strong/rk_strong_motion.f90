@@ -5,7 +5,6 @@
 !> with steps of 0.2, and by 2e-2 with steps of 0.02; with 100 times the density it is below 2e-7,
 !> and so is "balanced" here. The published weight is that of "ns-c4".
 module rk_strong_motion
-   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_equilibrium, only : equilibrium_problem
    use rk_error, only : error_type, fatal_error, err_memory
    use rk_lapack, only : svd
@@ -37,7 +36,7 @@ module rk_strong_motion
       !> Values of the fields at the rows' points, and rows of the operator, shape (m, n)
       real(wp), allocatable :: values(:, :), operator(:, :)
    contains
-      procedure :: start, product, loads, solve, limit, energy
+      procedure :: start, product, loads, solve, limit
    end type strong_motion
 
 contains
@@ -264,27 +263,5 @@ subroutine solve(self, y, x)
 
    x = matmul(self%inverse, y)
 end subroutine solve
-
-!> Kinetic energy by the collocation points; the strong form has no stiffness whose energy it keeps,
-!> the other two are not numbers
-function energy(self, now, next)
-   class(strong_motion), intent(in) :: self
-   real(wp), contiguous, intent(in) :: now(:), next(:)
-   real(wp) :: energy(3)
-   real(wp) :: speed(self%m)
-   integer :: b, row
-
-   speed = matmul(self%values, next - now)/self%motion%time_step
-   energy = ieee_value(energy, ieee_quiet_nan)
-   energy(1) = 0.0_wp
-   associate (problem => self%problem)
-      do b = 1, size(problem%rows%place)
-         row = problem%rows%row(b)
-         energy(1) = energy(1) + 0.5_wp*self%density(row + 1) &
-            & *problem%scene%cloud%volume(problem%rows%place(b)) &
-            & *sum(speed(row + 1:row + problem%fields)**2)
-      end do
-   end associate
-end function energy
 
 end module rk_strong_motion

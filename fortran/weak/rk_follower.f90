@@ -120,11 +120,11 @@ pure logical function has_free_rim(scene)
             ! sets of a model need not share points where they meet
             if (allocated(cloud%lattice) .and. .not. (mine(cloud%boundary_point(e)) &
                & .or. inside(cloud%boundary_set(e)))) cycle
-            fixed = held(scene%condition(c))
+            fixed = scene%condition(c)%prescribes()
             do d = 1, size(scene%condition)
                if (.not. cloud%in_set(e, scene%condition(d)%set)) cycle
                if (same_pressure(scene%condition(c), scene%condition(d))) exit
-               fixed = fixed .or. held(scene%condition(d))
+               fixed = fixed .or. scene%condition(d)%prescribes()
             end do
             if (d <= size(scene%condition)) cycle
             if (count(fixed(:cloud%nd)) >= cloud%nd - 1) cycle
@@ -135,14 +135,6 @@ pure logical function has_free_rim(scene)
       end do
    end associate
 end function has_free_rim
-
-pure function held(condition) result(fixed)
-   type(condition_type), intent(in) :: condition
-   logical :: fixed(3)
-
-   fixed = condition%fixed
-   if (condition%is_radial) fixed(:2) = .true.
-end function held
 
 !> Whether two sets have the same pressure
 pure logical function same_pressure(one, other)

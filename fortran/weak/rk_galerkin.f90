@@ -3,9 +3,9 @@
 !>
 !> The energy of the body is integrated with Gauss points, or with smoothed gradients in nodal cells
 !> (SCNI). Prescribed displacements hold weakly: they are lifted into the gradients (rk_gradient)
-!> and held by the penalty of (4.22), which needs not be large then, or exactly at source points
-!> (rk_held). The volume change is projected (rk_pressure). Residual and tangent are the exact
-!> derivatives of that energy.
+!> and held by the penalty of (4.22), which needs not be large then, on the surface or at source
+!> points (rk_held). The volume change is projected (rk_pressure). Residual and tangent are the
+!> exact derivatives of that energy.
 !>
 !> In linear problems the gradient of the fields stands in the place of F, its trace in that of
 !> J - 1: lambda acts on the projected change of volume, so that nearly incompressible bodies do not
@@ -14,25 +14,23 @@ module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_cells, only : cells_type
    use rk_conditions, only : new_boundary
-   use rk_constraint, only : constrained_matrix
-   use rk_csr, only : csr_type
    use rk_discretisation, only : deformation, discretisation_type, entry_displacement, &
       & has_few_cells
    use rk_equation, only : source_at
-   use rk_error, only : err_input, error_type, fatal_error
+   use rk_error, only : error_type
    use rk_free_faces, only : free_faces_type, new_free_faces
    use rk_follower, only : add_pressure, has_free_rim
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
    use rk_group_stiffness, only : add_forces
-   use rk_held, only : held_type, new_held
+   use rk_held, only : add_source_points
    use rk_kernel, only : window_polar
    use rk_mixture, only : mixture_type, new_mixture
    use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
    use rk_place_shape, only : on_plane
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type, stage_type
    use rk_programme, only : ramp
@@ -82,8 +80,6 @@ module rk_galerkin
       real(wp), allocatable :: constant(:)
       !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
       real(wp), allocatable :: force(:, :)
-      !> What is held at source points; not allocated where the penalty holds
-      type(held_type), allocatable :: held
       !> Nearest collocation point of each point, shape (np)
       integer, allocatable :: nearest(:)
       !> F where the tangent was taken, and where the step to there began, shape (3, 3, np) [-]
@@ -110,7 +106,6 @@ subroutine new_galerkin(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
-   type(csr_type) :: covering
    real(wp), allocatable :: shear(:), softness(:)
    integer :: blocks, ip, nc, nd, np, ns
 
@@ -131,6 +126,8 @@ subroutine new_galerkin(self, scene, error)
       call nodal_cells(self%cells, scene%cloud, error)
    end if
    if (.not. allocated(error)) call find_surface_sets(self%cells, scene%cloud, error)
+   if (.not. allocated(error) .and. scene%galerkin%essential == 'transformation') &
+      & call add_source_points(self%cells, scene, error)
    if (allocated(error)) return
    np = size(self%cells%weight)
    self%extent = sqrt(real(nd*ns, wp))*maxval(maxval(scene%cloud%source, dim=2) &
@@ -146,8 +143,7 @@ subroutine new_galerkin(self, scene, error)
    end if
    self%nearest = nearest_points(scene%cloud%centres(), self%cells%point)
    call new_mixture(self%mixture, scene, reshape([scene%cloud%points, self%cells%point], &
-      & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], .not. self%cells%smoothed &
-      & .and. nd == 2, error)
+      & [nd, nc + np]), [[(ip, ip=1, nc)], self%nearest], error)
    if (allocated(error)) return
    shear = [(self%mixture%shear_modulus(nc + ip, identity), ip=1, np)]
    call set_conditions(self%surface, scene, self%cells, shear, error)
@@ -179,13 +175,9 @@ subroutine new_galerkin(self, scene, error)
       if (allocated(error)) return
       if (.not. any(self%walls%side)) deallocate (self%walls)
    end if
-   if (scene%galerkin%essential == 'transformation') call hold_points(self, error)
-   if (allocated(error)) return
-   self%energetic = self%multiplier%extra == 0 .and. .not. (allocated(self%held) .or. self%linear)
-   covering = csr_type([0_i8], [integer ::])
-   if (allocated(self%held)) covering = self%held%points%shape%neighbour
+   self%energetic = self%multiplier%extra == 0 .and. .not. self%linear
    call new_tangent(self%matrix, scene, blocks, self%cells, self%gradient, self%multiplier, &
-      & self%surface, self%inside, covering, shear, error)
+      & self%surface, self%inside, shear, error)
    if (allocated(error)) return
    self%inexact = .not. self%matrix%formed
    self%square = .true.
@@ -252,18 +244,15 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    real(wp), intent(in) :: body_force(:, :)
    real(wp), intent(in) :: displacement(:, :)
    real(wp), intent(in) :: stress(:, :, :)
-   !> Only give the points where values are wanted: the integration points, those of the surface,
-   !> then held source points, shape (nd, n) [length]
+   !> Only give the points where values are wanted: the integration points, then those of the
+   !> surface, shape (nd, n) [length]
    real(wp), allocatable, intent(out), optional :: place(:, :)
-   integer :: ms, nd, np
+   integer :: nd, np
 
    nd = self%scene%cloud%nd
    np = size(self%cells%weight)
-   ms = np + size(self%cells%set)
    if (present(place)) then
-      place = reshape([self%cells%point, self%cells%surface], [nd, ms])
-      if (allocated(self%held)) place = reshape([place, self%held%x], [nd, ms &
-         & + size(self%held%x, 2)])
+      place = reshape([self%cells%point, self%cells%surface], [nd, np + size(self%cells%set)])
       return
    end if
    ! nothing is prescribed between points
@@ -274,9 +263,6 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    self%force = 0.0_wp
    call self%surface%add_forces(self%force)
    call add_load(self%inside, self%cells%weight, body_force(:nd, :np), self%force(:, ramp))
-   if (.not. allocated(self%held)) return
-   self%held%points%value = 0.0_wp
-   self%held%points%value(ramp, :, :) = displacement(:nd, ms + 1:)
 end subroutine set_point_loads
 
 !> Forget where the last load step came from; in an iteration the volume of the next tangent is
@@ -303,7 +289,6 @@ logical function is_unstable(self, x, load)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: load
-   class(symmetric_matrix), pointer :: tangent
    type(evaluation_type) :: seen
    real(wp), allocatable :: r(:)
 
@@ -312,20 +297,8 @@ logical function is_unstable(self, x, load)
    ! no step begins: the last factor stays
    if (allocated(self%base)) deallocate (self%base)
    call self%evaluate(x, load, r, seen, tangent=.true.)
-   tangent => null()
-   select type (linearised => self%linearised)
-   class is (constrained_matrix)
-      tangent => linearised%matrix
-   class is (symmetric_matrix)
-      tangent => linearised
-   end select
-   if (.not. associated(tangent)) return
-   select type (tangent)
-   class is (tangent_type)
-      if (.not. tangent%formed) return
-   end select
-   if (tangent%indefinite .or. allocated(tangent%skew)) return
-   is_unstable = .not. tangent%definite()
+   if (.not. self%matrix%formed .or. self%matrix%indefinite .or. allocated(self%matrix%skew)) return
+   is_unstable = .not. self%matrix%definite()
    if (self%linear .or. .not. is_unstable) return
    if (.not. allocated(self%scene%cloud%lattice) .or. has_few_cells(self%scene)) return
    ! pressures of a group of cells resist the mean volume change and its slopes only: under large
@@ -333,7 +306,7 @@ logical function is_unstable(self, x, load)
    self%resists = .true.
    call self%evaluate(x, load, r, seen, tangent=.true.)
    self%resists = .false.
-   is_unstable = .not. tangent%definite()
+   is_unstable = .not. self%matrix%definite()
 end function is_unstable
 
 !> Residual (4.31), internal less external forces, and where wanted the tangent (4.32): a sum over
@@ -353,7 +326,6 @@ subroutine assemble(self, x, stage, r, seen)
    logical :: tangent
 
    self%linearised => self%matrix
-   if (allocated(self%held)) self%linearised => self%held%whole
    if (allocated(stage%behind)) call extrapolate(self, stage)
    call new_state(self, at)
    at%factor = self%scene%factors(stage%lifted)
@@ -368,7 +340,6 @@ subroutine assemble(self, x, stage, r, seen)
    r = r - matmul(self%force, factor)
    if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
-   if (tangent .and. allocated(self%held)) call self%held%resist(self%matrix)
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
    if (tangent) call self%matrix%carry(x)
    ! parts are added in the order of the groups, so that sums do not depend on the threads
@@ -387,7 +358,6 @@ subroutine assemble(self, x, stage, r, seen)
    end do
    !$omp end parallel do
    call add_pressure(self%surface, self%cells, factor, x, tangent, self%matrix, r)
-   if (allocated(self%held)) call self%held%constrain(x, factor, r)
    seen%worst = minloc(at%j, dim=1)
    seen%min_j = at%j(seen%worst)
    seen%max_j = maxval(at%j)
@@ -575,43 +545,14 @@ logical function curved(self)
    end associate
 end function curved
 
-!> Hold source points, with the values of the deck
-subroutine hold_points(self, error)
-   !> Problem with its surface
-   class(galerkin_problem), intent(inout) :: self
-   !> Error handling: places that cannot be held together
-   type(error_type), allocatable, intent(out) :: error
-   integer :: h
-
-   if (allocated(self%scene%motion)) then
-      call fatal_error(error, err_input, 'galerkin.essential = "transformation" is for problems ' &
-         & //'at rest: motions use galerkin.essential = "penalty"')
-      return
-   end if
-   if (self%surface%plates%count > 0 .or. has_free_rim(self%scene)) then
-      call fatal_error(error, err_input, 'galerkin.essential = "transformation" supports neither ' &
-         & //'tendons nor pressures with a free rim: use galerkin.essential = "penalty"')
-      return
-   end if
-   if (.not. allocated(self%held)) call new_held(self%held, self%scene, self%cells, &
-      & self%surface, error)
-   if (allocated(error) .or. .not. allocated(self%held)) return
-   associate (near => self%held%nearest + size(self%scene%cloud%points, 2), mixture => self%mixture)
-      call self%held%set(self%scene, [(mixture%shear_modulus(near(h), identity), &
-         & h=1, size(near))], [(mixture%bulk_at_one_pressure(near(h)), h=1, size(near))], self%n, &
-         & error)
-   end associate
-end subroutine hold_points
-
 !> State of the body with stresses
-recursive subroutine state(self, x, load, at, tissue)
+subroutine state(self, x, load, at, tissue)
    class(galerkin_problem), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), intent(in) :: load
    type(field_state), intent(out) :: at
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
-   type(field_state) :: whole
    !> Gradients that the prescribed values of a time make; of others only what is given is there
    type(gradient_type) :: lift
    type(error_type), allocatable :: error
@@ -656,34 +597,10 @@ recursive subroutine state(self, x, load, at, tissue)
    !$omp end parallel do
    if (allocated(self%pressure%share)) at%bend = self%pressure%bends(at%pressure)
    if (present(tissue)) call move_alloc(part, at%part)
-   if (allocated(self%held) .and. present(tissue)) then
-      call self%state(x, load, whole)
-      at%held = whole%held*spread([(self%mixture%part_of(nc + self%held%nearest(q), tissue), &
-         & q=1, size(whole%held, 2))], 1, size(whole%held, 1))
-   else if (allocated(self%held)) then
-      at%held = self%held%reaction(forces(self, at))
-   end if
    if (present(tissue) .or. .not. allocated(self%walls)) return
    allocate (at%push(self%fields, size(self%scene%cloud%source, 2)), source=0.0_wp)
    call self%surface%add_push(self%cells, self%walls%side, at, at%push)
-   if (allocated(self%held)) call self%held%add_push(self%walls%side, at%held, at%push)
 end subroutine state
-
-!> Internal less external forces of a state
-function forces(self, state) result(r)
-   class(galerkin_problem), intent(in) :: self
-   !> State with stresses
-   type(field_state), intent(in) :: state
-   !> Forces, shape (n) [force]
-   real(wp) :: r(self%n)
-   type(symmetric_matrix) :: none
-
-   r = 0.0_wp
-   call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), r(:self%matrix%n))
-   r = r - matmul(self%force, state%factor)
-   call self%inner_forces(state, r)
-   call add_pressure(self%surface, self%cells, state%factor, state%x, .false., none, r)
-end function forces
 
 !> Add the forces of the stresses of a state
 subroutine inner_forces(self, state, r)
@@ -971,11 +888,11 @@ function set_force(self, set, state, share, about) result(force)
    if (allocated(self%scene%motion)) call prescribed_at(self%scene, self%cells, essential, value, &
       & traction, error, state%load)
    force = self%surface%force(self%cells, set, state, value, traction, about)
-   if (allocated(self%held)) force = force + self%held%force(set, state%held, state%x, about)
    if (present(about)) return
    ! a set may be a whole side by another name, or several
-   covers = [(any(self%cells%set == side) .and. all(self%cells%set /= side .or. [( &
-      & self%cells%in_set(s, set), s=1, size(self%cells%set))]), side=1, size(covers))]
+   covers = [(any(self%cells%set == side) .and. all(self%cells%set /= side &
+      & .or. .not. self%surface%area > 0.0_wp .or. [(self%cells%in_set(s, set), s=1, &
+      & size(self%cells%set))]), side=1, size(covers))]
    if (.not. any(covers)) return
    do slide = 1, self%scene%cloud%sides()
       i = slides_on(self%scene%cloud, self%surface, self%cells, slide)
@@ -985,8 +902,6 @@ function set_force(self, set, state, share, about) result(force)
          motion = slide_motion(self%scene%cloud, self%surface, self%cells, slide, i, side)
          if (.not. any(abs(motion) > 0.0_wp)) cycle
          push = self%surface%force(self%cells, side, state, value, traction, motion=motion)
-         if (allocated(self%held)) push = push + self%held%force(side, state%held, state%x, &
-            & motion=motion)
          force(i) = force(i) + merge(push(i), -push(i), covers(slide))
       end do
    end do

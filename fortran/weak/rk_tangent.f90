@@ -99,8 +99,8 @@ module rk_tangent
 contains
 
 !> Set up the places of the entries and, where it is not formed, the preconditioner
-subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, inside, held, &
-   & shear, error)
+subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, inside, shear, &
+   & error)
    type(tangent_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
    !> Source points and plates
@@ -115,19 +115,16 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    type(surface_type), intent(in) :: surface
    !> Shape functions at the integration points
    type(shape_type), intent(in) :: inside
-   !> Source points that cover each held one
-   type(csr_type), intent(in) :: held
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Error handling: no memory, held points without a factor
+   !> Error handling: no memory, source points to be held without a factor
    type(error_type), allocatable, intent(out) :: error
    integer :: k
 
    self%formed = gradient%nd*ns <= scene%galerkin%direct_limit
    if (.not. cells%smoothed) self%formed = self%formed .or. allocated(scene%equation%problem) &
       & .or. allocated(scene%motion) .or. .not. has_corners(scene%cloud)
-   self%keeps = size(held%offset) > 1
-   if (self%keeps .and. .not. self%formed) then
+   if (scene%galerkin%essential == 'transformation' .and. .not. self%formed) then
       call fatal_error(error, err_input, 'galerkin.essential = "transformation" needs a tangent ' &
          & //'that is factorised: use galerkin.direct_limit = '//to_text(gradient%nd*ns) &
          & //' where memory allows, or galerkin.essential = "penalty"')
@@ -135,7 +132,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    end if
    if (self%formed) then
       call new_symmetric(self%symmetric_matrix, gradient%fields, ns + multiplier%extra, &
-         & joined(gradient%member, held), scene%cloud%source)
+         & gradient%member, scene%cloud%source)
       self%indefinite = multiplier%extra > 0
       self%once = allocated(scene%equation%problem)
       return

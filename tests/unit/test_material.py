@@ -330,8 +330,8 @@ def test_each_curve_is_the_derivative_of_the_one_before(curve, part):
         return getattr(fiber_curves(x, curve=curve), part)
 
     inside = np.array([0.3, 0.475, 0.525, 0.7, 0.9, 1.07, 1.25, 1.525, 1.8])
-    found = derivative(lambda h: value(inside + h), 3e-3)[:3]
-    np.testing.assert_allclose(found, value(inside)[1:], rtol=1e-9, atol=1e-9)
+    found = derivative(lambda h: value(inside + h), 3e-3)[:2]
+    np.testing.assert_allclose(found, value(inside)[1:3], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("curve", "orders"), [("published", 2), ("smooth", 3)])
@@ -392,7 +392,7 @@ IMPOSSIBLE = [
             ("mu*(J-1)", "unknown name 'J' at position 5", "names are I1, I2, I4, activation, mu"),
             ("mu*atan2(I1, 1)", "unknown name 'atan2'", "functions are abs, cos"),
             ("mu*sqrt(I1-3)", "no finite derivatives"),
-            ("mu*I1 + (I1-3)^2.5", "no finite derivatives"),
+            ("mu*I1 + (I1-3)^1.5", "no finite derivatives"),
             ("-mu*I1", "dW/dI1 + dW/dI2 = -3", "positive"),
             ("I1 > 3 ? mu*I1 : 0", "max(a, b), min(a, b) or (I4 > 1)*a instead of c ? a : b"),
             ("mu*I1, 2", "several values"),

@@ -23,6 +23,8 @@ RIGID = {**RUBBER, "K": np.inf}
 STRONG = ["rkcm", "rkcm-mixed"]
 WEAK = ["rkpm-gauss", "rkpm-scni"]
 ESSENTIAL = ["penalty", "transformation"]
+#: What the penalty of a source point leaves of a displacement, in a body of unit size
+NEARLY = 1e-5
 VOIGT = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
 
 
@@ -65,7 +67,11 @@ PATCHES = {
 
 @pytest.mark.parametrize(
     ("name", "essential"),
-    [(n, e) for n, p in PATCHES.items() for e in ESSENTIAL[: 2 if p[0] not in STRONG else 1]],
+    [
+        (n, e)
+        for n, p in PATCHES.items()
+        for e in ESSENTIAL[: 1 if p[0] in STRONG or not p[1] else 2]
+    ],
 )
 def test_patch(open_scene, name, essential):
     """A linear displacement of the whole surface fills the body with one stress."""
@@ -93,6 +99,9 @@ def test_patch(open_scene, name, essential):
     f[:nd, :nd] += SLOPE[:nd, :nd]
     stress = cauchy(f, 1e3)
     near = (1e-10, 1e-7) if method in STRONG else (1e-11, 1e-11)
+    if essential == "transformation":
+        # the penalty of source points, 1e4 shear moduli, and K multiply the rounding of values
+        near = (1e-11, 1e-10)
     assert len(right) == opened.collocation_points
     assert_allclose(fields.u[:, :nd], right, rtol=0, atol=near[0] * np.abs(right).max())
     # F[point, i, A] is not its transpose: the slope is not symmetric
@@ -290,9 +299,9 @@ def test_values_hold_at_source_points_and_forces_balance(open_scene, nd, method,
     found = solved(opened)
     x, u = opened.points(), found.fields.u
     low, high = x[:, -1] == 0.0, x[:, -1] == x[:, -1].max()
-    assert np.abs(u[low]).max() < 1e-13
-    assert_allclose(u[high, 0], 0.1, atol=1e-13)
-    assert_allclose(u[high, nd - 1], 0.3, atol=1e-13)
+    assert np.abs(u[low]).max() < NEARLY
+    assert_allclose(u[high, 0], 0.1, atol=NEARLY)
+    assert_allclose(u[high, nd - 1], 0.3, atol=NEARLY)
     if nd == 3:
         assert np.ptp(u[high, 1]) > 1e-4, "a component that is not held stays free"
     total = sum(force[-1] for force in found.probes.values())
@@ -515,7 +524,7 @@ def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     assert totals[1] < 1.4 * totals[0]
 
 
-# ---- displacements that hold exactly at source points: galerkin.essential = "transformation" -----
+# ---- displacements that hold at source points: galerkin.essential = "transformation" -----------
 
 
 def test_values_follow_amplitudes_and_rotations(open_scene):
@@ -540,8 +549,8 @@ def test_values_follow_amplitudes_and_rotations(open_scene):
         u = opened.fields(states.x[k], float(states.load[k])).u[high]
         angle = np.deg2rad(60 * share)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        assert_allclose(u[:, :2], arm @ turn.T - arm, atol=1e-13)
-        assert_allclose(u[:, 2], 0.4 * share, atol=1e-13)
+        assert_allclose(u[:, :2], arm @ turn.T - arm, atol=NEARLY)
+        assert_allclose(u[:, 2], 0.4 * share, atol=NEARLY)
         force = found["z1"][k]
         assert_allclose(found["z0"][k], -force, atol=1e-7 * np.abs(force).max())
         assert found["t1"][k, 0] == pytest.approx(-found["t0"][k, 0], rel=1e-6)
@@ -559,9 +568,9 @@ def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
     found = solved(opened)
     x, u = opened.points(), found.fields.u
     inner = np.isclose(np.linalg.norm(x, axis=1), 6)
-    assert_allclose(u[inner, :2], 0.5 * x[inner] / 6, atol=1e-13)
-    assert np.abs(u[np.isclose(x[:, 0], 0), 0]).max() < 1e-13
-    assert np.abs(u[np.isclose(x[:, 1], 0), 1]).max() < 1e-13
+    assert_allclose(u[inner, :2], 0.5 * x[inner] / 6, atol=NEARLY)
+    assert np.abs(u[np.isclose(x[:, 0], 0), 0]).max() < NEARLY
+    assert np.abs(u[np.isclose(x[:, 1], 0), 1]).max() < NEARLY
     pull = np.array(list(found.ends().values()))
     assert_allclose(pull.sum(axis=0)[:2], 0, atol=1e-7 * np.abs(pull).max())
     assert np.abs(pull[0]).max() > 1
@@ -591,21 +600,6 @@ def test_the_penalty_comes_to_it_as_it_grows():
     assert distance[2] < 2e-3
 
 
-@pytest.mark.parametrize("method", WEAK)
-def test_voxel_bodies(method):
-    """Nodal cells hold what is above their points at the ends of the body, blocks their corners."""
-    ends = [held("bottom"), held("top", u_z=0.3)]
-    tables = sheared(3, method, {**RUBBER, "label": 1}, geometry={}, boundary=ends)
-    tables["probe"] = forces("bottom", "top")
-    found = {}
-    for essential in ("penalty", "transformation"):
-        tables["galerkin"] = {"essential": essential}
-        bottom, top = solved(tables, cloud=scenes.staircase()).ends().values()
-        assert_allclose(bottom + top, 0, atol=1e-7 * np.abs(top).max())
-        found[essential] = top[2]
-    assert found["transformation"] == pytest.approx(found["penalty"], rel=0.05)
-
-
 def test_points_of_a_part_of_a_side_are_held(open_scene):
     """A set of one's own: the points in it take its value, the others of the side stay free."""
     tables = sheared(2, "rkpm-gauss", n=9)
@@ -618,7 +612,7 @@ def test_points_of_a_part_of_a_side_are_held(open_scene):
     top = x[:, 1] == 1.0
     inside = top & (x[:, 0] > 0.45)
     assert inside.sum() == 5
-    assert_allclose(u[inside, :2], 0.1, atol=1e-13)
+    assert_allclose(u[inside, :2], 0.1, atol=NEARLY)
     assert np.abs(u[top & ~inside, 1] - 0.1).min() > 1e-3
     bottom, right, whole = (force[:2] for force in found.ends().values())
     assert_allclose(right, -bottom, atol=1e-7 * np.abs(right).max())
@@ -626,13 +620,11 @@ def test_points_of_a_part_of_a_side_are_held(open_scene):
 
 
 def test_what_it_does_not_do_is_refused(open_scene):
-    opened = open_scene(sheared(3, "rkpm-gauss"))
-    scenes.refuses('"transformation": use "penalty"', opened.reduce, np.eye(opened.dofs)[:, :3])
     with pytest.raises(InputError, match="factorised.*direct_limit = 375"):
         open_scene(sheared(3, "rkpm-scni"), "galerkin.direct_limit=0")
-    free = sheared(3, "rkpm-gauss")
-    free["boundary"][2] = {"set": "x1", "pressure": 0.1}
-    scenes.refuses("neither tendons nor pressures with a free rim", open_scene, free)
+    voxels = sheared(3, "rkpm-gauss", {**RUBBER, "label": 1}, geometry={}, boundary=[held("top")])
+    voxels["probe"] = forces("top")
+    scenes.refuses("lattice of a box", open_scene, voxels, cloud=scenes.staircase())
 
 
 @pytest.mark.slow

@@ -360,10 +360,8 @@ def test_parallel_bars_carry_their_areas_share(where, stiff):
 
 @pytest.mark.parametrize("where", ["x + 0.4*y > 0.72", "x > 0.43 and y > 0.37"])
 @pytest.mark.parametrize("source", [[7, 6], [5, 5, 4]])
-def test_layers_have_the_tangent_of_their_stress(open_scene, source, where):
-    """Muscle beside fat: across the axes in layers, whose jump is found anew in each state, or cut
-    by planes.
-    """
+def test_two_tissues_have_the_tangent_of_their_stress(open_scene, source, where):
+    """Muscle beside fat: across the axes, or cut by planes."""
     nd = len(source)
     fiber = [0.6, 0.8, 0.0] if nd == 3 else [0.8, 0.6, 0.0]
     muscle = {**scenes.MUSCLE, "fiber": fiber, "activation": 0.4}

@@ -22,6 +22,8 @@ subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activa
    type(error_type), allocatable :: error
    class(material_type), allocatable :: material
    type(material_point) :: at
+   double precision :: pull(3)
+   double precision, parameter :: still(3, 3) = 0.0d0
    integer :: ip
 
    w = 0.0d0
@@ -32,12 +34,12 @@ subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activa
    if (.not. allocated(error)) call new_material(material, deck, 'material.1', error)
    call pack_error(error, stat, message)
    if (stat /= 0) return
-   !$omp parallel do default(none) schedule(static) private(ip, at) &
+   !$omp parallel do default(none) schedule(static) private(ip, at, pull) &
    !$omp shared(material, nd, np, f, h, fiber, activation, volumetric, w, p, c4, t)
    do ip = 1, np
       at = material_point(f(:, :, ip), fiber(:, ip), activation, volumetric /= 0)
       w(ip) = material%energy(at)
-      call material%strong(nd, at, h(:, :, :, ip), p(:, :, ip), c4(:, :, :, :, ip), &
+      call material%strong(nd, at, h(:, :, :, ip), still, p(:, :, ip), c4(:, :, :, :, ip), pull, &
          & t(:, :, :, ip))
    end do
    !$omp end parallel do

@@ -59,12 +59,12 @@ end subroutine ask_galerkin
 !> Volumes and bulk moduli of integration points; points before each group, its bulk modulus;
 !> number, values and integrals of the groups' polynomials; set, prescribed components and penalty
 !> of surface points; sets of the probes, 0 of those at points; tissues of the points: those before
-!> each point, tissue, fraction and fiber of each entry; normals of the layers of two tissues
+!> each point, tissue, fraction and fiber of each entry
 subroutine answer_cells(full, answer)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
    integer, allocatable :: of(:), tissue(:), first(:)
-   real(wp), allocatable :: part(:), along(:, :), fraction(:), fiber(:, :), layer(:, :)
+   real(wp), allocatable :: part(:), along(:, :), fraction(:), fiber(:, :)
    integer :: nc, q
 
    associate (cells => full%cells, pressure => full%pressure, surface => full%surface)
@@ -96,22 +96,19 @@ subroutine answer_cells(full, answer)
       call answer%put_whole('tissue', shape(tissue), tissue - 1)
       call answer%put('fraction', shape(fraction), fraction)
       call answer%put('fiber', shape(fiber), fiber)
-      layer = reshape([(full%mixture%layer_normal(nc + q), q=1, size(cells%weight))], &
-         & [3, size(cells%weight)])
-      call answer%put('layer', shape(layer), layer)
    end associate
 end subroutine answer_cells
 
 !> Laws of the tissues: A10, A01, A20, A11, A02, A30, A21, A12, A03; lambda_o, gamma1, gamma2,
 !> whether the curves are smooth (1) and the axis about which `fiber_angle` turns fibers; whether
-!> there are fibers, largest isometric stress and activation at full load; bulk and shear moduli
+!> there are fibers, largest isometric stress and activation at full load
 subroutine answer_laws(full, answer, error)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
    !> Error handling: a law that is no polynomial with fibers
    type(error_type), allocatable, intent(out) :: error
    real(wp), dimension(9, size(full%scene%tissue)) :: a
-   real(wp) :: fibers(7, size(a, 2)), state(3, size(a, 2)), moduli(2, size(a, 2))
+   real(wp) :: fibers(7, size(a, 2)), state(3, size(a, 2))
    integer :: t
 
    a = 0
@@ -121,7 +118,6 @@ subroutine answer_laws(full, answer, error)
    if (full%gradient%nd == 2) fibers(5:, :) = spread([0.0_wp, 0.0_wp, -1.0_wp], 2, size(a, 2))
    do t = 1, size(a, 2)
       associate (tissue => full%scene%tissue(t))
-         moduli(:, t) = [tissue%material%bulk, tissue%material%shear]
          select type (law => tissue%material)
          class is (polynomial_type)
             a(:, t) = [law%a(1, 0), law%a(0, 1), law%a(2, 0), law%a(1, 1), law%a(0, 2), &
@@ -141,7 +137,6 @@ subroutine answer_laws(full, answer, error)
    call answer%put('coefficients', shape(a), a)
    call answer%put('fibers', shape(fibers), fibers)
    call answer%put('state', shape(state), state)
-   call answer%put('moduli', shape(moduli), moduli)
 end subroutine answer_laws
 
 !> Displacement gradients u_i,A at the integration points, A running first
@@ -225,7 +220,7 @@ end subroutine answer_products
 !> Displacement gradients u_i,A, A running first, at the place of a probe, or, where these are
 !> smoothed over cells, weights of those at the integration points; weights of the pressures'
 !> coefficients; part of the bulk modulus that acts at the place; tissues there; on a free face the
-!> gradients along it, its normal and the bulk modulus; the normal of layers of two tissues
+!> gradients along it, its normal and the bulk modulus
 subroutine answer_place(full, probe, x, answer, error)
    type(galerkin_problem), intent(in) :: full
    integer, intent(in) :: probe
@@ -292,7 +287,6 @@ subroutine answer_place(full, probe, x, answer, error)
    call answer%put_whole('tissue', shape(tissue), tissue - 1)
    call answer%put('fraction', shape(fraction), fraction)
    call answer%put('fiber', shape(fiber), fiber)
-   call answer%put('layer', [3], full%mixture%layer_normal(ip))
    call answer%put('face', shape(face), face)
    call answer%put('normal', shape(normal), normal)
    call answer%put('bulk', [integer ::], [bulk])

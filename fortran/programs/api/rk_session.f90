@@ -11,7 +11,6 @@ module rk_session
    use rk_recorder, only : start_type
    use rk_refine, only : refine
    use rk_run, only : outcome_type, solve_problem, solve_scene
-   use rk_scene, only : scene_type
    use rk_verdict, only : judge, verdict_type
    implicit none
    private

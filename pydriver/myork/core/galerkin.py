@@ -31,7 +31,6 @@ class GalerkinParts(NamedTuple):
     #: Fraction and fiber of the entries, shapes `(ne,)`, `(ne, 3)`
     fraction: F64
     fiber: F64
-    layer: F64  #: Normal of the layers of two tissues, zeros where they are none, shape `(np, 3)`
 
 
 class LoadParts(NamedTuple):
@@ -58,7 +57,6 @@ class PlaceParts(NamedTuple):
     #: Their fractions and fibers, shapes `(k,)`, `(k, 3)`
     fraction: F64
     fiber: F64
-    layer: F64  #: Normal of their layers, zeros where they are none, shape `(3,)`
     #: On a free face, where the stress has no traction, gradients along it and its normal, shapes
     #: `(9, r)`, `(3,)`; otherwise zero
     face: F64
@@ -72,11 +70,11 @@ def galerkin_parts(scene: Scene) -> GalerkinParts:
     - raises InputError: the scene is of another form, or has an infinite bulk modulus
     """
     found = scene._ask("cells")
-    turned = {name: found[name].T for name in ("basis", "total", "fiber", "layer")}
+    turned = {name: found[name].T for name in ("basis", "total", "fiber")}
     return GalerkinParts(**{**found, **turned, "essential": found["essential"].T != 0})
 
 
-def tissue_laws(scene: Scene) -> tuple[F64, F64, F64, F64]:
+def tissue_laws(scene: Scene) -> tuple[F64, F64, F64]:
     """Laws of the tissues of an open scene.
 
     - returns `coefficients`: A10, A01, A20, A11, A02, A30, A21, A12, A03 of each, shape `(nt, 9)`
@@ -85,11 +83,10 @@ def tissue_laws(scene: Scene) -> tuple[F64, F64, F64, F64]:
       which `fiber_angle` turns fibers, shape `(nt, 7)`
     - returns `state`: whether there are fibers, largest isometric stress and activation, shape
       `(nt, 3)`
-    - returns `moduli`: bulk and shear modulus, shape `(nt, 2)` [stress]
     - raises InputError: a law that is no polynomial with fibers
     """
-    coefficients, fibers, state, moduli = scene._ask("laws").values()
-    return coefficients.T, fibers.T, state.T, moduli.T
+    coefficients, fibers, state = scene._ask("laws").values()
+    return coefficients.T, fibers.T, state.T
 
 
 def load_parts(scene: Scene) -> LoadParts:

@@ -29,14 +29,6 @@ class Cells(NamedTuple):
     #: `(nc, nm)`
     a_slope: F64
     bulk_slope: F64
-    #: Where two tissues are layers their normal, fraction of the first and space dimension, zeros
-    #: elsewhere, shape `(5, nc)`
-    layer: F64
-    #: Coefficients, bulk and shear modulus of both, and their derivatives by parameters, shapes
-    #: `(11, 2, nc)`, `(11, 2, nc, nm)`
-    own: F64
-    own_slope: F64
-    pair: I32  #: Both tissues, from 1, shape `(2, nc)`
 
     def sample(self, kept: I64, factor: F64) -> "Cells":
         """Some of the cells, their weights times factors."""
@@ -57,10 +49,6 @@ class Cells(NamedTuple):
             np.asfortranarray(self.fiber[:, entries]),
             np.asfortranarray(self.a_slope[:, kept]),
             np.asfortranarray(self.bulk_slope[kept]),
-            np.asfortranarray(self.layer[:, kept]),
-            np.asfortranarray(self.own[:, :, kept]),
-            np.asfortranarray(self.own_slope[:, :, kept]),
-            np.asfortranarray(self.pair[:, kept]),
         )
 
     def modes(self, kept: I64) -> "Cells":
@@ -104,15 +92,14 @@ def record(model: Model, cells: Cells) -> Record:
     sizes = [model.r, s, nc, len(cells.tissue), volume.shape[2], volume.shape[1]]
     sizes += [model.fibers.shape[1], slope.shape[1]]
     h = np.moveaxis(cells.h[_COLUMNS], 2, 0)
-    before = (h, *cells[1:4], *cells[6:13], model.constant, model.constant_slope)
+    before = (h, *cells[1:4], *cells[6:], model.constant, model.constant_slope)
     flat = [np.ravel(a, order="F") for a in (*before, volume, pieces, model.fibers)]
     # the volume begins a line of the processor's cache: most of a state's time is spent on it
     count = sum(len(a) for a in flat)
     room = np.empty(count + 7)
     first = -(room.ctypes.data // 8 + sum(a.size for a in before)) % 8
-    whole = sizes, cells.first, cells.tissue
     return Record(
-        np.concatenate([*whole, np.ravel(cells.pair, order="F")]).astype(np.int32),
+        np.concatenate([sizes, cells.first, cells.tissue]).astype(np.int32),
         np.concatenate(flat, out=room[first : first + count]),
     )
 

@@ -436,7 +436,7 @@ def _six_digits(value: Any) -> str:
 
 
 def _cells(arrays: Mapping[str, Any], name: str) -> Cells:
-    kinds = dict.fromkeys(("first", "tissue", "pair"), np.int32)
+    kinds = dict.fromkeys(("first", "tissue"), np.int32)
     return Cells(
         *(
             np.asfortranarray(np.asarray(arrays[f"{name}/{key}"], kinds.get(key, float)))

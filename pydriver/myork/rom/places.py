@@ -59,7 +59,6 @@ def place_arrays(
             np.concatenate([place.fraction for place in found]),
             np.concatenate([place.fiber for place in found]),
         ),
-        np.array([place.layer for place in found]),
         setting.laws,
     )
     slopes = np.zeros((len(probes), model.cells.bulk_slope.shape[1]))

@@ -31,7 +31,6 @@ class Laws(NamedTuple):
     angle: F64
     #: Values of the deck of those parameters that are moduli, one zero where there is none
     modulus: F64
-    moduli: F64  #: Bulk and shear moduli, shape `(nt, 2)`
 
 
 class Variant(NamedTuple):
@@ -80,12 +79,12 @@ class Columns(NamedTuple):
 
 def laws_of(scene: Scene, moduli: Sequence[float] = ()) -> Laws:
     """Materials of an open scene; `moduli` are the values of parameters."""
-    coefficients, fibers, state, own = tissue_laws(scene)
+    coefficients, fibers, state = tissue_laws(scene)
     fibered, sigma_max, activation = state.T
     angle = [m.get("fiber_angle") or 0.0 for m in scene.deck["material"]]
     return Laws(
         coefficients, fibers, fibered > 0.0, sigma_max, activation, np.array(angle, float),
-        np.array(list(moduli) or [0.0], float), own,
+        np.array(list(moduli) or [0.0], float),
     )  # fmt: skip
 
 
@@ -95,7 +94,6 @@ def cells_of(
     bulk: F64,
     first: I32,
     tissues: tuple[I32, F64, F64],
-    normal: F64,
     laws: Laws,
 ) -> Cells:
     """Points as cells.
@@ -104,7 +102,6 @@ def cells_of(
     - `weight`, `bulk`: weight of each point, and the part of the bulk modulus that acts there
     - `first`: entries of tissues before each point, shape `(points + 1,)`
     - `tissues`: tissue of each entry, from 0, its fraction and fiber, as in `GalerkinParts`
-    - `normal`: of the layers of two tissues, zeros where they are none, shape `(points, 3)`
     - `laws`: materials
     """
     tissue, fraction, fiber = tissues
@@ -115,15 +112,6 @@ def cells_of(
     counts = np.bincount(owner[fibered], minlength=points)
     # the core takes no empty arrays
     entries = np.flatnonzero(fibered) if fibered.any() else np.zeros(1, int)
-    layered = np.flatnonzero(normal.any(axis=1))
-    layer, pair = np.zeros((5, points)), np.ones((2, points), np.int32)
-    layer[:3, layered] = normal[layered].T
-    layer[3, layered] = fraction[first[layered]]
-    layer[4, layered] = 3 if h[[2, 5, 6, 7, 8]].any() else 2
-    pair[:, layered] = tissue[first[layered] + np.array([[0], [1]])] + 1
-    both = np.hstack([laws.coefficients, laws.moduli]).T
-    own = np.zeros((11, 2, points))
-    own[:, :, layered] = both[:, pair[:, layered] - 1]
     return Cells(
         np.asfortranarray(h),
         weight,
@@ -135,17 +123,13 @@ def cells_of(
         np.asfortranarray(fiber[entries].T),
         np.zeros((9, points, 1), order="F"),
         np.zeros((points, 1), order="F"),
-        np.asfortranarray(layer),
-        np.asfortranarray(own),
-        np.zeros((11, 2, points, 1), order="F"),
-        np.asfortranarray(pair),
     )
 
 
 def _all_cells(parts: GalerkinParts, laws: Laws, h: F64) -> Cells:
     """All integration points as cells."""
     tissues = parts.tissue, parts.fraction, parts.fiber
-    return cells_of(h, parts.weight, parts.local_bulk, parts.first, tissues, parts.layer, laws)
+    return cells_of(h, parts.weight, parts.local_bulk, parts.first, tissues, laws)
 
 
 def project(
@@ -172,7 +156,6 @@ def project(
         cells = cells._replace(
             a_slope=np.stack([(o.a - cells.a) / v.step for v, o in pairs], axis=2),
             bulk_slope=np.stack([(o.local_bulk - cells.local_bulk) / v.step for v, o in pairs], 1),
-            own_slope=np.stack([(o.own - cells.own) / v.step for v, o in pairs], axis=3),
         )
     return Model(
         r,
