@@ -59,6 +59,8 @@ module rk_bars
    !> one, of solids below .81. By the order of the basis, of one where a wall is held up to a free
    !> end
    real(wp), parameter :: factor_farther(2) = [0.7_wp, 0.5_wp]
+   !> Times the factor from more points at the surface
+   real(wp), parameter :: factor_outside = 1.5_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
    real(wp), parameter :: factor_fine = 2.0_wp
    !> Times as much where two materials meet: the interface lies elsewhere between the points of
@@ -376,6 +378,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
             & .or. kind_of_probe(problem%scene%probe(i)) /= 'stress')) &
             & factor = factor_farther(order)*factor
          if (kind == more_points) factor = factor_fine
+         if (kind == more_points .and. self%at_surface(i)) factor = factor_outside*factor
          if (singular) factor = merge(factor_between, factor_layers, problem%mixture%meets())*factor
          if (kind == another_form) then
             factor = factor_forms
@@ -557,8 +560,10 @@ subroutine set_bar(self, i, n, other, around, left, from)
    last = size(self%load)
    self%source(i) = from
    if (maxval(around(:n, last)) > maxval(difference(:, last))) self%source(i) = 'points around'
-   ! two clouds may agree where their difference changes sign
-   where (around(:n, :) >= 0.0_wp) difference = sqrt(0.5_wp*(difference**2 + around(:n, :)**2))
+   ! two clouds may agree where their difference changes sign; points around one at the surface
+   ! are mostly inside, where stresses are more accurate
+   where (around(:n, :) >= 0.0_wp .and. .not. (self%at_surface(i) .and. around(:n, :) &
+      & < difference)) difference = sqrt(0.5_wp*(difference**2 + around(:n, :)**2))
    do k = 1, size(self%load)
       if (self%moves) difference(:, k) = maxval(difference(:, :k), dim=2)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
