@@ -1,7 +1,7 @@
 """The file `summary.json` of an output folder, to which each station adds its part."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,10 @@ WAITING = "summary.json.previous"
 
 
 @contextmanager
-def asked(folder: Path, head: Callable[[], Mapping[str, Any]]) -> Iterator[None]:
+def asked(folder: Path) -> Iterator[None]:
     """Let the summary in a folder say why a run ended before its solve wrote it.
 
     - `folder`: output folder; what another process has is left alone
-    - `head`: gives what the summary says of the deck of the run, as `deck_head`
     """
     try:
         yield
@@ -29,15 +28,15 @@ def asked(folder: Path, head: Callable[[], Mapping[str, Any]]) -> Iterator[None]
         with suppress(FileError):
             if folder.is_dir():
                 with alone_in(folder):
-                    _write_refusal(folder, head(), str(reason) or type(reason).__name__)
+                    _write_refusal(folder, str(reason) or type(reason).__name__)
         raise
 
 
-def _write_refusal(folder: Path, head: Mapping[str, Any], message: str) -> None:
+def _write_refusal(folder: Path, message: str) -> None:
     summary = _set_aside(folder)
     verdict = {"state": "refused", "reasons": [message]}
     refusal = {
-        **head, "version": myork.__version__, "converged": False, "message": message,
+        "version": myork.__version__, "converged": False, "message": message,
         "verdict": verdict, "steps": [], "cpu_s": time.process_time(), "warnings": [],
     }  # fmt: skip
     write_json(folder / "summary.json", {**_before(summary), **refusal})

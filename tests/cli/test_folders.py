@@ -188,32 +188,21 @@ def test_commands_that_end_before_the_solve_say_so(deck: Path, good: Path, words
     assert told(good)[:2] == (False, "refused") and told(good, WAITING)[0]
 
 
-#: Decks that are refused: what is changed, and units, method and dimension of the summary
-REFUSED = {
-    "value": ("A10 = 37.3", "A10 = -1e99", "N", "rkcm", 2),
-    "syntax": ("[load]", "[load", None, None, None),
-    "units": ("length = ", "lenght = ", None, "rkcm", 2),
-    "method": ('method = "rkcm"', 'method = "rkcn"', "N", None, 2),
-}
-
-
 @pytest.mark.parametrize("command", ["solve", "run", "myork-solve"])
-@pytest.mark.parametrize("name", REFUSED)
-def test_the_summary_of_a_refused_deck(deck: Path, tmp_path: Path, name: str, command: str) -> None:
-    """In a new folder too: the reason, and what is known of the deck and of the cost."""
-    right, wrong, force, method, dimension = REFUSED[name]
-    text, out = deck.read_text(), tmp_path / "out"
-    assert right in text
-    deck.write_text(text.replace(right, wrong))
+@pytest.mark.parametrize("wrong", [("A10 = 37.3", "A10 = -1e99"), ("[load]", "[load")])
+def test_the_summary_of_a_refused_deck(
+    deck: Path, tmp_path: Path, wrong: tuple[str, str], command: str
+) -> None:
+    """In a new folder too: the reason and the cost."""
+    out = tmp_path / "out"
+    deck.write_text(deck.read_text().replace(*wrong))
     if command == "myork-solve":
         assert solve(deck, out).returncode == 2
     else:
         assert main([command, str(deck), "--out", str(out), "-q"]) == 2
     summary = read_summary(out)
     assert told(out)[:2] == (False, "refused") and summary["message"].startswith(str(deck))
-    assert summary["units"].get("force") == force and summary["steps"] == []
-    assert (summary["method"], summary["dimension"]) == (method, dimension)
-    assert len(summary["deck_sha256"]) == 64 and summary["cpu_s"] > 0 and summary["version"]
+    assert summary["steps"] == [] and summary["cpu_s"] > 0 and summary["version"]
     assert "None" not in make_report(out).read_text()
 
 

@@ -178,7 +178,7 @@ contains
       call set_aside(config%out, earlier, error)
       call leave_on(error)
       claimed = .true.
-      call write_refusal(config%out, deck, 'the run of process '//to_text(int(process_number())) &
+      call write_refusal(config%out, 'the run of process '//to_text(int(process_number())) &
          & //' has not ended, or was killed', earlier, error)
       call leave_on(error)
    end subroutine claim
@@ -191,8 +191,8 @@ contains
 
       if (.not. allocated(error)) return
       write (error_unit, '(a)', iostat=ignored) error%message
-      if (claimed .and. .not. written) call write_refusal(config%out, deck, error%message, &
-         & earlier, unwritten)
+      if (claimed .and. .not. written) call write_refusal(config%out, error%message, earlier, &
+         & unwritten)
       if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
       stop 2, quiet=.true.
    end subroutine leave_on

@@ -19,7 +19,7 @@ module rk_summary
    use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds, peak_bytes, version_text
    use rk_text_file, only : move_file
-   use rk_units, only : get_set_unit, put_deck_head, put_probe_units
+   use rk_units, only : get_set_unit, put_probe_units, put_units
    use rk_verdict, only : refused, verdict_names, verdict_type
    implicit none
    private
@@ -57,7 +57,11 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    associate (problem => output%problem, scene => output%problem%scene, &
       & converged => .not. allocated(outcome%ended))
       call json%begin_object()
-      call put_deck_head(json, deck)
+      call json%put('title', scene%title)
+      call json%put('deck_sha256', deck%sha256)
+      call put_units(json, 'units', deck)
+      call json%put('method', scene%method)
+      call json%put('dimension', scene%cloud%nd)
       call json%put('version', version_text())
       call json%begin_object('solver')
       call json%put('asked', scene%solver%linear)
@@ -153,11 +157,9 @@ subroutine set_aside(folder, earlier, error)
 end subroutine set_aside
 
 !> Write a summary that says why a run has no solution
-subroutine write_refusal(folder, deck, reason, earlier, error)
+subroutine write_refusal(folder, reason, earlier, error)
    !> Folder, claimed by this process
    character(len=*), intent(in) :: folder
-   !> Deck of the run, as far as it has been read
-   type(deck_type), intent(in) :: deck
    !> Why there is no solution
    character(len=*), intent(in) :: reason
    !> Entries of an earlier summary
@@ -166,7 +168,6 @@ subroutine write_refusal(folder, deck, reason, earlier, error)
    type(json_type) :: json
 
    call json%begin_object()
-   if (allocated(deck%sha256)) call put_deck_head(json, deck)
    call json%put('version', version_text())
    call json%put('converged', .false.)
    call json%put('message', reason)
