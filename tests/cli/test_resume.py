@@ -278,13 +278,7 @@ def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     said = run(deck, tmp_path / "whole")
     assert "refine 2:" in said and "the target error of 1 % is" in said
     out = tmp_path / "killed"
-    child = start(deck, out)
-    journal = out / "results.journal"
-    while child.poll() is None and not (journal.exists() and journal.stat().st_size > 200_000):
-        time.sleep(0.001)
-    assert child.poll() is None
-    child.kill()
-    child.wait()
+    stop_behind(start(deck, out), 3)
     said = run(deck, out, "--resume")
     assert "refine 1:" not in said and "resumed after load step" in said
     assert "the points of the run that is resumed" in said
