@@ -6,7 +6,6 @@
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -71,13 +70,4 @@ const char *rkf_close(FILE *file)
 const char *rkf_rename(const char *from, const char *to)
 {
    return finish(rename(from, to) != 0);
-}
-
-/* Checksum (Fowler, Noll and Vo's FNV-1a, 64 bits), continued from that of the bytes before */
-int64_t rkf_checksum(const void *data, size_t bytes, int64_t before)
-{
-   uint64_t sum = before ? (uint64_t)before : 0xcbf29ce484222325u;
-   for (const unsigned char *at = data, *end = at + bytes; at < end; at++)
-      sum = (sum ^ *at) * 0x100000001b3u;
-   return (int64_t)sum;
 }

@@ -11,7 +11,7 @@ module rk_text_file
    implicit none
    private
 
-   public :: text_file, make_file, publish_file, save_text, load_text
+   public :: text_file, make_file, move_file, publish_file, drop_file, save_text, load_text
 
    !> A file being written
    type :: text_file
@@ -101,12 +101,29 @@ subroutine publish_file(path, error)
    !> Its name, without the ending .part
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
+
+   call move_file(path//'.part', path, error)
+end subroutine publish_file
+
+!> Give a file another name, in place of what has it
+subroutine move_file(from, to, error)
+   character(len=*), intent(in) :: from, to
+   type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
 
-   why = rkf_rename(path//'.part'//c_null_char, path//c_null_char)
-   if (c_associated(why)) call fatal_error(error, err_file, path//': cannot be replaced: ' &
-      & //to_fortran(why)//'; what was to have its name is in '//path//'.part')
-end subroutine publish_file
+   why = rkf_rename(from//c_null_char, to//c_null_char)
+   if (c_associated(why)) call fatal_error(error, err_file, to//': cannot be replaced: ' &
+      & //to_fortran(why)//'; what was to have its name is in '//from)
+end subroutine move_file
+
+!> Remove a file, if it is there
+subroutine drop_file(path)
+   character(len=*), intent(in) :: path
+   integer :: stat, unit
+
+   open (newunit=unit, file=path, status='old', iostat=stat)
+   if (stat == 0) close (unit, status='delete', iostat=stat)
+end subroutine drop_file
 
 !> Write a text to a file, which is there completely or not at all
 subroutine save_text(path, text, error)

@@ -52,7 +52,7 @@ struct KeySpec {
    int length = any_length;
    bool or_number = false, scalar = false, nonzero = false, infinite = false, unique = false, ascending = false;
    std::string refers_to;
-   std::string expression; // what may stand in an expression: place, surface, time, fields, energy; "" for none
+   std::string expression; // what may stand in an expression: place, surface, time, energy; "" for none
    std::vector<Condition> required_if, only_if;
    std::vector<std::string> not_beside; // keys of the same table that cannot be there as well
    std::vector<std::string> as_many_as; // arrays of the same table, one of which is as long

@@ -163,9 +163,9 @@ void fill(Flat &flat) {
    }
    std::vector<std::string> tables;
    for (const rk::TableSpec &spec : rk::schema()) {
-      // of a refused deck a summary has the units and the method
-      if (spec.many && flat.deck.status != rk::Status::good)
-         continue;
+      // a refused deck has no values
+      if (flat.deck.status != rk::Status::good)
+         break;
       const std::vector<rk::Section *> sections = flat.deck.entries(spec.name);
       std::vector<std::string> objects;
       for (const rk::Section *section : sections) {

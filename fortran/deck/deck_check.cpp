@@ -349,25 +349,13 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
    }
 }
 
-// Names of an expression that mean something in this many dimensions, in the order of messages; a linear
-// problem knows displacement and stress only
-static std::vector<std::string> names_of(const std::string &kind, int dimension, bool linear) {
+// Names of an expression that mean something in this many dimensions, in the order of messages
+static std::vector<std::string> names_of(const std::string &kind, int dimension) {
    std::vector<std::string> names;
    for (const std::string &name : expression_names()) {
       const bool plane = name == "y" || name == "ny" || name == "r" || name == "theta";
       if ((plane && dimension < 2) || (name.back() == 'z' && dimension < 3) ||
           (name == "t" && kind != "time") || (name[0] == 'n' && kind != "surface"))
-         continue;
-      names.push_back(name);
-   }
-   for (const std::string &name : kind == "fields" ? field_names() : std::vector<std::string>{}) {
-      const std::size_t at = name.find('_');
-      const auto along = [&](char axis) {
-         return at != std::string::npos && name.find(axis, at) != std::string::npos;
-      };
-      const bool third = along('z') && name != "cauchy_zz", second = along('y');
-      const bool finite = name[0] == 'J' || name[0] == 'F' || name == "fiber_stretch";
-      if ((third && dimension < 3) || (second && dimension < 2) || (finite && linear))
          continue;
       names.push_back(name);
    }
@@ -388,7 +376,7 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
             names.push_back(other.name);
       }
    } else {
-      names = names_of(kind, deck.dimension(), deck.single("linear"));
+      names = names_of(kind, deck.dimension());
    }
    const auto check = [&](const Value &one, const std::string &which) {
       if (one.kind != Value::Kind::text)

@@ -1,6 +1,5 @@
 // The form that scene.method stands for, the title, and what else defaults of the schema depend on.
 #include "deck.h"
-#include "expression.h"
 
 #include <algorithm>
 #include <cmath>
@@ -64,8 +63,7 @@ static bool asks_order_two(Deck &deck) {
       const std::string quantity = probe->text("quantity");
       const Value *point = probe->find("point");
       const bool stress = quantity.compare(0, 6, "cauchy") == 0 || quantity == "pressure" ||
-                          quantity == "principal_max" ||
-                          (quantity == "expression" && has_stress(probe->text("expression")));
+                          quantity == "principal_max";
       if (stress && point && point->items.size() == 2 && on_surface(*geometry, *point))
          return true;
    }

@@ -86,7 +86,7 @@ static void check_probes(Deck &deck) {
       const bool whole = of_whole_body(quantity);
       const bool force = quantity.compare(0, 5, "force") == 0;
       const bool of_set = force || quantity.compare(0, 6, "torque") == 0;
-      if (!whole && !of_set && quantity != "expression" && !probe->given("point") && !probe->given("set"))
+      if (!whole && !of_set && !probe->given("point") && !probe->given("set"))
          deck.refuse(*probe, "", "needs one of the keys point, set");
       if (whole && probe->find("point"))
          deck.refuse(*probe, "point", "cannot be given for " + quantity + ", a quantity of the whole body");

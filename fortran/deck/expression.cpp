@@ -21,28 +21,10 @@ namespace rk {
 // Compiled expressions that a thread keeps
 constexpr std::size_t most_kept = 256;
 
-constexpr std::size_t name_count = 9, field_count = 23;
+constexpr std::size_t name_count = 9;
 
 const std::vector<std::string> &expression_names() {
    static const std::vector<std::string> names = {"x", "y", "z", "r", "theta", "t", "nx", "ny", "nz"};
-   return names;
-}
-
-const std::vector<std::string> &field_names() {
-   static const std::vector<std::string> names = {
-      "u_x", "u_y", "u_z", "J", "fiber_stretch", "F_xx", "F_xy", "F_xz", "F_yx", "F_yy", "F_yz", "F_zx",
-      "F_zy", "F_zz", "cauchy_xx", "cauchy_yy", "cauchy_zz", "cauchy_xy", "cauchy_yz", "cauchy_xz",
-      "pressure", "principal_max", "principal_min"};
-   return names;
-}
-
-// All names, in the order of the values of a compiled expression
-static const std::vector<std::string> &all_names() {
-   static const std::vector<std::string> names = [] {
-      std::vector<std::string> both = expression_names();
-      both.insert(both.end(), field_names().begin(), field_names().end());
-      return both;
-   }();
    return names;
 }
 
@@ -53,7 +35,7 @@ static double negated(double a) { return a == 0.0 ? 1.0 : 0.0; }
 namespace {
 
 struct Compiled {
-   std::array<double, name_count + field_count> place{};
+   std::array<double, name_count> place{};
    mu::Parser parser;
 
    Compiled(const std::string &text, const std::vector<std::string> &names) {
@@ -62,7 +44,7 @@ struct Compiled {
       parser.DefineOprt("and", both, mu::prLAND, mu::oaLEFT);
       parser.DefineOprt("or", either, mu::prLOR, mu::oaLEFT);
       parser.DefineFun("not", negated);
-      const std::vector<std::string> &all = all_names();
+      const std::vector<std::string> &all = expression_names();
       for (const std::string &name : names) {
          const auto at = static_cast<std::size_t>(
             std::find(all.begin(), all.end(), name) - all.begin());
@@ -104,34 +86,10 @@ static std::string first_fault(const std::string &text) {
    return "";
 }
 
-// What a parser found wrong, in our words
-static std::string parser_fault(const mu::Parser::exception_type &fault, const std::string &text,
-                                const std::string &known_words) {
-   const auto position = static_cast<std::size_t>(std::max(fault.GetPos(), 0));
-   const std::string at = " at position " + std::to_string(position + 1);
-   switch (fault.GetCode()) {
-   case mu::ecUNASSIGNABLE_TOKEN:
-      return "is not an expression: unknown name '" + fault.GetToken() + "'" + at +
-             "; names are " + known_words;
-   case mu::ecUNEXPECTED_EOF:
-      return "is not an expression: it ends where a value is missing";
-   case mu::ecMISSING_PARENS:
-      return "is not an expression: a parenthesis is not closed";
-   case mu::ecUNEXPECTED_OPERATOR:
-   case mu::ecUNEXPECTED_PARENS:
-   case mu::ecUNEXPECTED_VAL:
-   case mu::ecUNEXPECTED_VAR:
-   case mu::ecUNEXPECTED_FUN:
-   case mu::ecUNEXPECTED_ARG:
-      return "is not an expression: unexpected '" + fault.GetToken() + "'" + at +
-             (text.find("**") != std::string::npos ? "; a power is written x^2" : "");
-   default: {
-      std::string what = fault.GetMsg();
-      if (!what.empty() && what.back() == '.')
-         what.pop_back();
-      return "is not an expression: " + what;
-   }
-   }
+// What a parser found wrong, with the names that it knows where it met another one
+static std::string parser_fault(const mu::Parser::exception_type &fault, const std::string &known_words) {
+   const bool unknown = fault.GetCode() == mu::ecUNASSIGNABLE_TOKEN;
+   return "is not an expression: " + fault.GetMsg() + (unknown ? " Names are " + known_words : "");
 }
 
 static const char *const several_values =
@@ -146,7 +104,7 @@ std::string expression_fault(const std::string &text, const std::vector<std::str
       compiled.parser.Eval();
       return compiled.parser.GetNumResults() > 1 ? several_values : "";
    } catch (const mu::Parser::exception_type &fault) {
-      return parser_fault(fault, text, known(Compiled("0", names).parser, names));
+      return parser_fault(fault, known(Compiled("0", names).parser, names));
    }
 }
 
@@ -241,7 +199,7 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
       else if (text.find('?') != std::string::npos)
          tape.fault = "is not an energy: write max(a, b), min(a, b) or (I4 > 1)*a instead of c ? a : b";
    } catch (const mu::Parser::exception_type &fault) {
-      tape.fault = parser_fault(fault, text, known(parser, names));
+      tape.fault = parser_fault(fault, known(parser, names));
    }
    return tape;
 }
@@ -249,18 +207,13 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
 std::string names_in(const std::string &text) {
    std::string found = " ";
    try {
-      for (const auto &used : Compiled(text, all_names()).parser.GetUsedVar())
+      for (const auto &used : Compiled(text, expression_names()).parser.GetUsedVar())
          found += used.first + " ";
    } catch (const mu::Parser::exception_type &) {
       // the check of the deck says why it is none
       return "";
    }
    return found;
-}
-
-bool has_stress(const std::string &text) {
-   const std::string names = names_in(text);
-   return names.find(" cauchy") != std::string::npos || names.find(" p") != std::string::npos;
 }
 
 // Compiled expressions by their text
@@ -270,18 +223,18 @@ using Kept = std::unordered_map<std::string, std::unique_ptr<Compiled>>;
 
 extern "C" {
 
-// Value of an expression where the first `count` names have these values: compiled when it is asked for
-// the first time; not a number where it is none
-double rk_expression_value(const char *text, const double *values, int count) {
+// Value of an expression where its names have these values: compiled when it is asked for the first
+// time; not a number where it is none
+double rk_expression_value(const char *text, const double *values) {
    thread_local rk::Kept kept;
    try {
       auto found = kept.find(text);
       if (found == kept.end()) {
          if (kept.size() >= rk::most_kept)
             kept.clear();
-         found = kept.emplace(text, std::make_unique<rk::Compiled>(text, rk::all_names())).first;
+         found = kept.emplace(text, std::make_unique<rk::Compiled>(text, rk::expression_names())).first;
       }
-      std::copy(values, values + count, found->second->place.begin());
+      std::copy(values, values + rk::name_count, found->second->place.begin());
       return found->second->parser.Eval();
    } catch (const mu::Parser::exception_type &) {
       return std::numeric_limits<double>::quiet_NaN();
@@ -293,8 +246,6 @@ const char *rk_expression_names(const char *text) {
    names = rk::names_in(text);
    return names.c_str();
 }
-
-int rk_expression_has_stress(const char *text) { return rk::has_stress(text) ? 1 : 0; }
 
 // Tape of an energy with constants whose names have blanks between, of `most` values at most; why it
 // has none, or ""

@@ -1,4 +1,4 @@
-// Expressions in coordinates, fields or invariants, as decks hold them: numbers, names, arithmetic, comparisons
+// Expressions in coordinates or invariants, as decks hold them: numbers, names, arithmetic, comparisons
 // and functions; nothing that could act on anything.
 #pragma once
 
@@ -10,18 +10,12 @@ namespace rk {
 // Names of the values that an expression may be asked for, in the order in which they come
 const std::vector<std::string> &expression_names();
 
-// Fields of a state that the expression of a probe may use beside the place, in the order in which
-// they come (rk_probes)
-const std::vector<std::string> &field_names();
-
 // Why a text is not an expression in these names and functions of one value, with the place of the
 // mistake; "" where it is one
 std::string expression_fault(const std::string &text, const std::vector<std::string> &names);
 
 // The names that occur in an expression, each with blanks around it; "" where it is none
 std::string names_in(const std::string &text);
-// Whether an expression of fields depends on the stress
-bool has_stress(const std::string &text);
 
 // Operations of an energy in the order in which they are computed. A value has no operation where it
 // is a name or a number, otherwise one on one or two values before it

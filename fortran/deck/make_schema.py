@@ -37,9 +37,6 @@ EXPRESSIONS = {
     "place": "x, y, z, r, theta",
     "surface": "x, y, z, r, theta and the outward normal nx, ny, nz",
     "time": "x, y, z, r, theta and in `[dynamics]` the time t",
-    "fields": "x, y, z, r, theta and the fields of the place: displacement u_x, u_y, u_z, J, "
-    "fiber_stretch, deformation gradient F_xx, F_xy to F_zz, Cauchy stress cauchy_xx, cauchy_yy, "
-    "cauchy_zz, cauchy_xy, cauchy_yz, cauchy_xz, pressure, principal_max and principal_min",
     "energy": "I1, I2, I4, activation and the constants",
 }
 #: What deck_form.cpp finds out beside the form, for conditions, in words of the reference

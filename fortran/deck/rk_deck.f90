@@ -8,7 +8,7 @@ module rk_deck
    use rk_error, only : err_input, error_type, fatal_error
    use rk_expression, only : expression_type, value_type
    use rk_precision, only : wp
-   use rk_text, only : line, lines_of, to_text
+   use rk_text, only : line, lines_of
    implicit none
    private
 
@@ -63,7 +63,7 @@ module rk_deck
          & get_expression, get_value, get_values
       !> First components of a vector; without a value it stays what it was
       procedure :: get_vector
-      procedure :: vary, get_words
+      procedure :: vary
       procedure, private :: get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
          & get_expression, get_value, get_values, set_expression
       procedure, private :: find
@@ -97,8 +97,7 @@ module rk_deck
 
 contains
 
-!> Read and check a deck, in a file or in memory; the error has all complaints, a line each, and the
-!> deck the correct keys of the tables that come once
+!> Read and check a deck, in a file or in memory; the error has all complaints, a line each
 subroutine open_deck(deck, path, text, overrides, command, error)
    type(deck_type), intent(out) :: deck
    !> File, or the name of the text for messages
@@ -498,34 +497,5 @@ subroutine get_texts(self, key, value)
    call self%get(key, lines)
    call lines_of(lines, value)
 end subroutine get_texts
-
-!> What somebody wrote in a table, as "key value, key value"
-subroutine get_words(self, table, text)
-   class(deck_type), intent(in) :: self
-   !> Name of the table, "boundary.1" of one of several
-   character(len=*), intent(in) :: table
-   character(len=:), allocatable, intent(out) :: text
-   integer :: i
-
-   text = ''
-   do i = 1, size(self%entry)
-      associate (entry => self%entry(i))
-         if (index(entry%key, table//'.') /= 1 .or. entry%where == '') cycle
-         if (text /= '') text = text//', '
-         text = text//entry%key(len(table) + 2:)//' '
-         if (entry%text /= '') then
-            text = text//entry%text(:verify(entry%text, new_line('a'), back=.true.))
-         else if (size(entry%numbers) == 1) then
-            text = text//to_text(entry%numbers(1))
-         else
-            text = text//to_text(entry%numbers)
-         end if
-      end associate
-   end do
-   ! items of a list of texts
-   do i = 1, len(text)
-      if (text(i:i) == new_line('a')) text(i:i) = ' '
-   end do
-end subroutine get_words
 
 end module rk_deck

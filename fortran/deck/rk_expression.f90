@@ -1,5 +1,5 @@
-!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`, numbers
-!> of a state as expressions of its fields, and energies as expressions in invariants.
+!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`, and
+!> energies as expressions in invariants.
 !>
 !> The deck's check has refused what is not an expression; muParser evaluates the others. Energies
 !> are differentiated, so they come as the operations of which they consist.
@@ -12,12 +12,7 @@ module rk_expression
    implicit none
    private
 
-   public :: expression_type, value_type, tape_type, new_tape, field_count
-
-   !> Fields that the expression of a probe may use, in the order of field_names in expression.cpp:
-   !> u, J, stretch of the fibers, F row by row, Cauchy stress xx, yy, zz, xy, yz, xz, pressure, and
-   !> the largest and the smallest principal stress
-   integer, parameter :: field_count = 23
+   public :: expression_type, value_type, tape_type, new_tape
 
    !> Most values of a tape
    integer, parameter :: most = 400
@@ -43,7 +38,7 @@ module rk_expression
       character(len=:), allocatable :: where
    contains
       procedure :: given
-      procedure :: at => value_at, gradient, uses, of_fields, kind_of_fields
+      procedure :: at => value_at, gradient, uses
    end type expression_type
 
    !> A number, or an expression in its place
@@ -55,11 +50,10 @@ module rk_expression
    end type value_type
 
    interface
-      function c_value(text, values, count) result(value) bind(c, name='rk_expression_value')
-         import :: c_char, c_double, c_int
+      function c_value(text, values) result(value) bind(c, name='rk_expression_value')
+         import :: c_char, c_double
          character(kind=c_char), intent(in) :: text(*)
          real(c_double), intent(in) :: values(*)
-         integer(c_int), value :: count
          real(c_double) :: value
       end function c_value
       function c_names(text) result(names) bind(c, name='rk_expression_names')
@@ -67,11 +61,6 @@ module rk_expression
          character(kind=c_char), intent(in) :: text(*)
          type(c_ptr) :: names
       end function c_names
-      function c_has_stress(text) result(has) bind(c, name='rk_expression_has_stress')
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: text(*)
-         integer(c_int) :: has
-      end function c_has_stress
       function c_tape(text, constants, most, count, operation, left, right, number, result) &
          & result(fault) bind(c, name='rk_energy_tape')
          import :: c_char, c_double, c_int, c_ptr
@@ -100,31 +89,6 @@ logical function uses(self, name)
    if (self%given()) uses = index(to_fortran(c_names(self%text//c_null_char)), ' '//name//' ') > 0
 end function uses
 
-!> What an expression of fields depends on: stress, or else length, or else ratio
-function kind_of_fields(self) result(kind)
-   class(expression_type), intent(in) :: self
-   character(len=6) :: kind
-
-   kind = 'ratio'
-   if (self%uses('u_x') .or. self%uses('u_y') .or. self%uses('u_z')) kind = 'length'
-   if (c_has_stress(self%text//c_null_char) /= 0) kind = 'stress'
-end function kind_of_fields
-
-!> Value of an expression of fields, not a number where it has none
-real(wp) function of_fields(self, x, fields)
-   class(expression_type), intent(in) :: self
-   !> Place, shape (nd) [length]
-   real(wp), intent(in) :: x(:)
-   !> Fields there
-   real(wp), intent(in) :: fields(field_count)
-   real(wp) :: values(9 + field_count)
-
-   values(:9) = 0.0_wp
-   call set_place(x, values(:9))
-   values(10:) = fields
-   of_fields = c_value(self%text//c_null_char, values, size(values, kind=c_int))
-end function of_fields
-
 !> Value at a place
 subroutine value_at(self, x, value, error, time, normal)
    class(expression_type), intent(in) :: self
@@ -142,7 +106,7 @@ subroutine value_at(self, x, value, error, time, normal)
    if (present(time)) place(6) = time
    if (present(normal)) place(7:6 + size(normal)) = normal
    call set_place(x, place)
-   value = c_value(self%text//c_null_char, place, size(place, kind=c_int))
+   value = c_value(self%text//c_null_char, place)
    if (abs(value) <= huge(value) .or. allocated(error)) return
    call fatal_error(error, err_input, self%where//": '"//self%text//"' is not finite at " &
       & //to_text(x))

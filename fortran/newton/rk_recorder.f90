@@ -2,12 +2,11 @@
 module rk_recorder
    use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report
-   use rk_path, only : path_type
    use rk_precision, only : wp
    implicit none
    private
 
-   public :: recorder_type, iteration_type, step_type, carried_type, start_type
+   public :: recorder_type, iteration_type, step_type, start_type
 
    !> One iteration of the nonlinear solver
    type :: iteration_type
@@ -31,15 +30,6 @@ module rk_recorder
       !> Wall time since the start of the solve [s]
       real(wp) :: seconds = 0.0_wp
    end type iteration_type
-
-   !> What a load step hands on to the next one beside its state: a run that goes on where another
-   !> one was ended shall not differ in a bit from one that was never ended
-   type :: carried_type
-      !> Halvings of the load step
-      integer :: halvings = 0
-      !> Way through the last states
-      type(path_type) :: path
-   end type carried_type
 
    !> One converged load step
    type :: step_type
@@ -69,14 +59,12 @@ module rk_recorder
       !> Kinetic and strain energy, and work of the loads since the start, of linear dynamics;
       !> otherwise not allocated [force length]
       real(wp), allocatable :: energy(:)
-      !> What the next load step begins with, not allocated behind the last one
-      type(carried_type), allocatable :: carried
    end type step_type
 
    !> Where a run begins instead of at rest
    type :: start_type
-      !> Load steps that an earlier run has done, from the first one on, the last one with what it
-      !> carries; none where only the iteration begins elsewhere
+      !> Load steps that an earlier run has done, from the first one on; none where only the
+      !> iteration begins elsewhere
       type(step_type), allocatable :: step(:)
       !> Their unknowns, or those at which the iteration begins, shape (n, max(steps, 1))
       real(wp), allocatable :: x(:, :)

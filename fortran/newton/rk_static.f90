@@ -9,7 +9,7 @@ module rk_static
    use rk_precision, only : wp
    use rk_problem, only : problem_type
    use rk_programme, only : plan_type
-   use rk_recorder, only : carried_type, recorder_type, step_type
+   use rk_recorder, only : recorder_type, step_type
    use rk_text, only : to_text
    implicit none
    private
@@ -68,10 +68,6 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       record%max_j = last%max_j
       first = last%step + 1
       done = last%load
-      if (allocated(last%carried)) then
-         halvings = last%carried%halvings
-         newton%path = last%carried%path
-      end if
    end if
    record%steps = size(planned%load)
    if (planned%loaded .and. .not. present(last)) then
@@ -123,9 +119,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
       else if (planned%knot(step)) then
          call newton%path%forget()
       end if
-      if (step > 0 .and. step < record%steps) record%carried = carried_type(halvings, newton%path)
       call recorder%step(record, x)
-      if (allocated(record%carried)) deallocate (record%carried)
    end do
 
 contains

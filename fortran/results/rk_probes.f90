@@ -3,7 +3,6 @@ module rk_probes
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type
-   use rk_expression, only : field_count
    use rk_fields, only : field_value
    use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
@@ -14,9 +13,8 @@ module rk_probes
    implicit none
    private
 
-   public :: probes_type, new_probes, probe_value, pressed_volume, local_value, place_state, &
-      & expression_slopes, quantity, quantity_kind, quantity_size, kind_of_probe, &
-      & numbers_of
+   public :: probes_type, new_probes, probe_value, pressed_volume, place_state, quantity, &
+      & quantity_kind, quantity_size, numbers_of
 
    !> Shape functions at the places of point probes
    type :: probes_type
@@ -88,11 +86,11 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
             value = problem%set_displacement(probe%set, state)
          else
             call place_state(problem, probes, i, state, local)
-            value = local_value(problem, probe, probes%nearest(i), local)
+            value = quantity(probe%quantity, local)
             if (present(apart) .and. .not. problem%linear) then
                again = local
                again%j = pressed_volume(problem, probes%nearest(i), local)
-               apart = norm2(local_value(problem, probe, probes%nearest(i), again) - value)
+               apart = norm2(quantity(probe%quantity, again) - value)
             end if
             if (.not. present(whole)) return
             whole = norm2(value)
@@ -126,83 +124,6 @@ subroutine place_state(problem, probes, i, state, local)
       call problem%at_place(state, probes%nearest(i), problem%scene%probe(i)%point(:nd), u, local)
    end associate
 end subroutine place_state
-
-!> Value of a probe of a place in a local state
-function local_value(problem, probe, ip, local) result(value)
-   class(discretisation_type), intent(in) :: problem
-   type(probe_type), intent(in) :: probe
-   !> Collocation point whose material holds there
-   integer, intent(in) :: ip
-   type(point_state), intent(in) :: local
-   real(wp) :: value(3)
-
-   value = 0.0_wp
-   if (probe%expression%given()) then
-      value(1) = probe%expression%of_fields(probe%point(:problem%scene%cloud%nd), &
-         & fields_of(problem, ip, local))
-   else
-      value = quantity(probe%quantity, local)
-   end if
-end function local_value
-
-!> Fields of which an expression may be, in the order of rk_expression
-function fields_of(problem, ip, local) result(fields)
-   class(discretisation_type), intent(in) :: problem
-   integer, intent(in) :: ip
-   type(point_state), intent(in) :: local
-   real(wp) :: fields(field_count)
-   real(wp) :: e(3), fiber(3)
-
-   fiber = 0.0_wp
-   if (.not. problem%linear) fiber = problem%mixture%fiber_of(ip, problem%scene%tissue_of(ip))
-   e = principal_values(local%cauchy)
-   fields = [local%u, local%j, norm2(matmul(local%f, fiber)), field_value('F', local, 9), &
-      & field_value('cauchy', local, 6), field_value('pressure', local, 1), e(1), e(3)]
-end function fields_of
-
-!> How strongly an expression depends on displacements, on ratios and on stresses at a place: the
-!> change that a small change of each field makes, over that; norms over the fields of a kind
-subroutine expression_slopes(problem, probe, ip, local, displacement, stress, slope)
-   class(discretisation_type), intent(in) :: problem
-   !> Probe of quantity = expression
-   type(probe_type), intent(in) :: probe
-   !> Collocation point whose material holds there
-   integer, intent(in) :: ip
-   type(point_state), intent(in) :: local
-   !> Size of displacements [length]
-   real(wp), intent(in) :: displacement
-   !> Size of stresses [stress]
-   real(wp), intent(in) :: stress
-   !> Norms of the slopes: by displacements, ratios and stresses
-   real(wp), intent(out) :: slope(3)
-   !> Share of its size by which a field is changed: differences on both sides, the larger of which
-   !> counts, so that a norm that is zero has a slope
-   real(wp), parameter :: share = 1.0e-3_wp
-   integer, parameter :: last(3) = [3, 14, field_count], first(3) = [1, 4, 15]
-   real(wp) :: own(field_count), moved(field_count), here, there, most, sizes(3)
-   integer :: group, k, side
-
-   own = fields_of(problem, ip, local)
-   slope = 0.0_wp
-   sizes = [displacement, 1.0_wp, stress]
-   associate (x => probe%point(:problem%scene%cloud%nd))
-      here = probe%expression%of_fields(x, own)
-      do group = 1, 3
-         if (.not. sizes(group) > 0.0_wp) cycle
-         do k = first(group), last(group)
-            most = 0.0_wp
-            do side = -1, 1, 2
-               moved = own
-               moved(k) = own(k) + side*share*sizes(group)
-               there = probe%expression%of_fields(x, moved)
-               if (ieee_is_finite(there - here)) most = max(most, &
-                  & abs(there - here)/(share*sizes(group)))
-            end do
-            slope(group) = hypot(slope(group), most)
-         end do
-      end do
-   end associate
-end subroutine expression_slopes
 
 !> Volume ratio that the pressure of a place allows; J there is another one where a form keeps the
 !> volume of cells or patches only
@@ -265,17 +186,7 @@ real(wp) function muscle_value(problem, probe, state) result(value)
    value = value/max(total, tiny(1.0_wp))
 end function muscle_value
 
-!> What kind of number a probe is, of an expression that of the least certain field in it
-function kind_of_probe(probe) result(kind)
-   type(probe_type), intent(in) :: probe
-   character(len=10) :: kind
-
-   kind = quantity_kind(probe%quantity)
-   if (probe%expression%given()) kind = probe%expression%kind_of_fields()
-end function kind_of_probe
-
-!> What kind of number a quantity is: length, ratio, stress, force, torque, energy, angle or
-!> expression
+!> What kind of number a quantity is: length, ratio, stress, force, torque, energy or angle
 pure function quantity_kind(name) result(kind)
    character(len=*), intent(in) :: name
    character(len=10) :: kind
@@ -283,7 +194,6 @@ pure function quantity_kind(name) result(kind)
    kind = 'stress'
    if (any(name == [character(len=13) :: 'J', 'fiber_stretch'])) kind = 'ratio'
    if (name == 'energy') kind = 'energy'
-   if (name == 'expression') kind = 'expression'
    if (name == 'pennation') kind = 'angle'
    if (name(1:1) == 'u') kind = 'length'
    if (index(name, 'force') > 0) kind = 'force'

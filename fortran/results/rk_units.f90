@@ -1,5 +1,4 @@
-!> Units of what a solve finds, in the words of the deck: the only place that makes them. With them
-!> stands what else a summary says of its deck.
+!> Units of what a solve finds, in the words of the deck: the only place that makes them.
 module rk_units
    use rk_deck, only : deck_type
    use rk_json, only : json_type
@@ -8,7 +7,7 @@ module rk_units
    implicit none
    private
 
-   public :: get_probe_unit, get_set_unit, put_deck_head, put_probe_units, put_units
+   public :: get_probe_unit, get_set_unit, put_probe_units, put_units
 
 contains
 
@@ -34,7 +33,7 @@ subroutine get_probe_unit(deck, i, text)
       if (problem == 'poisson') text = ''
    case ('angle')
       text = 'degree'
-   case ('ratio', 'expression')
+   case ('ratio')
       text = ''
    case default
       call compose(deck, 1, -2, text)
@@ -56,46 +55,6 @@ subroutine put_probe_units(json, deck)
    end do
    call json%end_object()
 end subroutine put_probe_units
-
-!> Title, units, method and dimension of a deck; where a refused one does not say them, null and an
-!> object without units
-subroutine put_deck_head(json, deck)
-   type(json_type), intent(inout) :: json
-   type(deck_type), intent(in) :: deck
-   character(len=:), allocatable :: title, method
-   integer :: nd
-
-   nd = 0
-   call deck%get('title', title)
-   call deck%get('scene.method', method)
-   call deck%get('scene.dimension', nd)
-   call put_text('title', title)
-   call put_text('deck_sha256', deck%sha256)
-   if (deck%has('units.force') .and. deck%has('units.length')) then
-      call put_units(json, 'units', deck)
-   else
-      call json%put_json('units', '{}')
-   end if
-   call put_text('method', method)
-   if (nd > 0) then
-      call json%put('dimension', nd)
-   else
-      call json%put_json('dimension', 'null')
-   end if
-
-contains
-
-   subroutine put_text(key, text)
-      character(len=*), intent(in) :: key, text
-
-      if (text == '') then
-         call json%put_json(key, 'null')
-      else
-         call json%put(key, text)
-      end if
-   end subroutine put_text
-
-end subroutine put_deck_head
 
 !> Units of the deck and of fields and volumes, as an entry of a JSON object
 subroutine put_units(json, key, deck)

@@ -230,153 +230,74 @@ function nearest_source(self) result(owner)
    owner = most_central_of(self%source, self%nearest_sources())
 end function nearest_source
 
-!> Refuse arrays from a file or from Python that do not fit together, or that point to what is not
-!> there; indices count from 0 before, one more of which may be no integer, and from 1 after it
+!> Refuse arrays from a file that do not fit together, or that point to what is not there; Python
+!> says of its own which entry is wrong (arrays.py). Indices count from 0 before, from 1 after it
 subroutine take_arrays(self, error)
    !> Model with nd = 3
    type(cloud_type), intent(inout) :: self
    type(error_type), allocatable, intent(out) :: error
-   integer :: nb, np
+   real(wp) :: n(3)
+   integer :: ip, nb, np, ns
 
+   ns = size(self%source, 2)
    np = size(self%points, 2)
    nb = size(self%boundary_point)
-   if (size(self%source, 2) == 0) call complain('it has no source points')
-   if (np == 0) call complain('it has no collocation points')
-   call check_columns('source', self%source, size(self%source, 2))
-   call check_columns('spacing', self%spacing, size(self%source, 2))
-   if (.not. all(self%spacing > 0.0_wp)) call complain("'spacing' must be positive everywhere")
-   call check_columns('points', self%points, np)
-   call need_shape('label', shape(self%label), [np])
-   call check_columns('fiber', self%fiber, np)
-   call check_numbers('volume', self%volume, np, huge(1.0_wp))
-   if (.not. any(self%volume > 0.0_wp)) call complain("'volume' must not be 0 everywhere")
-   call check_indices('boundary_point', self%boundary_point, nb, np)
-   call check_indices('boundary_set', self%boundary_set, nb, size(self%set_names))
-   call check_columns('normal', self%normal, nb)
-   call check_numbers('area', self%area, nb, huge(1.0_wp))
-   if (allocated(self%activation)) call check_numbers('activation', self%activation, np, 1.0_wp)
-   if (allocated(self%fraction)) then
-      call need_shape('fraction', shape(self%fraction), [size(self%fraction_label), np])
-      call need_finite('fraction', any(.not. abs(self%fraction) <= huge(1.0_wp), dim=1))
+   call need('source', ns > 0 .and. are_columns(self%source, ns))
+   call need('spacing', are_columns(self%spacing, ns) .and. all(self%spacing > 0.0_wp))
+   call need('points', np > 0 .and. are_columns(self%points, np))
+   call need('label', size(self%label) == np)
+   call need('fiber', are_columns(self%fiber, np))
+   call need('volume', size(self%volume) == np .and. all(self%volume >= 0.0_wp &
+      & .and. self%volume <= huge(1.0_wp)) .and. any(self%volume > 0.0_wp))
+   call need('boundary_point', all(self%boundary_point >= 0 .and. self%boundary_point < np))
+   call need('boundary_set', size(self%boundary_set) == nb .and. all(self%boundary_set >= 0 &
+      & .and. self%boundary_set < size(self%set_names)))
+   call need('normal', are_columns(self%normal, nb))
+   call need('area', size(self%area) == nb .and. all(self%area >= 0.0_wp &
+      & .and. self%area <= huge(1.0_wp)))
+   if (allocated(self%activation)) call need('activation', size(self%activation) == np &
+      & .and. all(self%activation >= 0.0_wp .and. self%activation <= 1.0_wp))
+   if (allocated(self%fraction)) call need('fraction', all(shape(self%fraction) &
+      & == [size(self%fraction_label), np]) .and. all(abs(self%fraction) <= huge(1.0_wp)))
+   if (allocated(self%voxels%index)) then
+      associate (voxels => self%voxels)
+         call need('voxels/index', all(shape(voxels%index) == [3, np]) &
+            & .and. all(voxels%index >= -max_index .and. voxels%index <= max_index))
+         call need('voxels/size', all(voxels%size > 0.0_wp .and. voxels%size <= huge(1.0_wp)))
+         call need('voxels/origin', all(abs(voxels%origin) <= huge(1.0_wp)))
+         if (allocated(error)) return
+         call need('voxels/origin', all([(maxval(abs(self%points(:, ip) - voxels%centre(ip))) &
+            & <= moved*maxval(voxels%size), ip=1, np)]))
+         n = maxval(voxels%index, dim=2) - minval(voxels%index, dim=2) + 1
+         if (voxel_bytes*product(n) > available_bytes()) call fatal_error(error, err_input, &
+            & "'voxels/index' spans a grid of "//to_text(nint(n(1)))//' x '//to_text(nint(n(2))) &
+            & //' x '//to_text(nint(n(3)))//' voxels, more than there is memory for')
+      end associate
    end if
-   if (allocated(self%voxels%index)) call check_voxels(self%voxels)
    if (allocated(error)) return
    self%boundary_point = self%boundary_point + 1
    self%boundary_set = self%boundary_set + 1
 
 contains
 
-   !> Three finite numbers for each of n entries
-   subroutine check_columns(name, values, n)
-      !> Component
-      character(len=*), intent(in) :: name
+   !> Whether an array has three finite numbers for each of n entries
+   logical function are_columns(values, n)
       real(wp), intent(in) :: values(:, :)
       !> Entries there must be
       integer, intent(in) :: n
 
-      call need_shape(name, shape(values), [3, n])
-      call need_finite(name, any(.not. abs(values) <= huge(1.0_wp), dim=1))
-   end subroutine check_columns
-
-   !> One number from 0 to a greatest one for each of n entries
-   subroutine check_numbers(name, values, n, most)
-      !> Component
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: values(:)
-      !> Entries there must be
-      integer, intent(in) :: n
-      !> Greatest number
-      real(wp), intent(in) :: most
-      character(len=:), allocatable :: range
-      integer :: at
-
-      call need_shape(name, shape(values), [n])
-      if (allocated(error)) return
-      at = findloc(values >= 0.0_wp .and. values <= most, .false., dim=1)
-      if (at == 0) return
-      range = 'finite numbers not below 0'
-      if (most < huge(1.0_wp)) range = 'numbers from 0 to '//to_text(most)
-      call complain("'"//name//"' must contain "//range//', but entry '//to_text(at - 1)//' is ' &
-         & //to_text(values(at)))
-   end subroutine check_numbers
-
-   !> One index from 0 to below a count for each of n entries
-   subroutine check_indices(name, indices, n, count)
-      !> Component
-      character(len=*), intent(in) :: name
-      integer, intent(in) :: indices(:)
-      !> Entries there must be, and the count
-      integer, intent(in) :: n, count
-      integer :: at
-
-      call need_shape(name, shape(indices), [n])
-      if (allocated(error)) return
-      at = findloc(indices >= 0 .and. indices < count, .false., dim=1)
-      if (at > 0) call complain("'"//name//"' must contain indices from 0 to "//to_text(count - 1) &
-         & //', but entry '//to_text(at - 1)//' is '//to_text(indices(at)))
-   end subroutine check_indices
-
-   !> A voxel about each collocation point, in a grid that fits into memory
-   subroutine check_voxels(voxels)
-      type(voxels_type), intent(in) :: voxels
-      real(wp) :: far, n(3)
-      integer :: at
-
-      call need_shape('voxels/index', shape(voxels%index), [3, np])
-      if (allocated(error)) return
-      at = findloc(all(voxels%index >= -max_index .and. voxels%index <= max_index, dim=1), &
-         & .false., dim=1)
-      if (at > 0) then
-         call complain("'voxels/index' has an index beyond any image in entry "//to_text(at - 1))
-         return
-      end if
-      if (.not. all(voxels%size > 0.0_wp .and. voxels%size <= huge(1.0_wp) &
-         & .and. abs(voxels%origin) <= huge(1.0_wp))) &
-         & call complain("'voxels/size' must be positive and finite, 'voxels/origin' finite")
-      do at = 1, np
-         far = maxval(abs(self%points(:, at) - voxels%centre(at)))
-         if (far <= moved*maxval(voxels%size)) cycle
-         call complain("'voxels/index', 'voxels/size' and 'voxels/origin' put the voxel of point " &
-            & //to_text(at - 1)//' at a distance of '//to_text(far)//' from it')
-         return
-      end do
-      n = maxval(voxels%index, dim=2) - minval(voxels%index, dim=2) + 1
-      if (voxel_bytes*product(n) > available_bytes()) call complain("'voxels/index' spans a grid " &
-         & //'of '//to_text(nint(n(1)))//' x '//to_text(nint(n(2)))//' x '//to_text(nint(n(3))) &
-         & //' voxels, more than there is memory for')
-   end subroutine check_voxels
-
-   !> An array must have a shape
-   subroutine need_shape(name, found, wanted)
-      !> Component
-      character(len=*), intent(in) :: name
-      !> Its shape, and the one that is needed
-      integer, intent(in) :: found(:), wanted(:)
-
-      ! in the order of files and of Python
-      if (any(found /= wanted)) call complain("'"//name//"' has shape " &
-         & //to_text(found(size(found):1:-1))//', but '//to_text(wanted(size(wanted):1:-1)) &
-         & //' is needed')
-   end subroutine need_shape
-
-   subroutine need_finite(name, bad)
-      !> Component
-      character(len=*), intent(in) :: name
-      !> Whether an entry is not finite
-      logical, intent(in) :: bad(:)
-      integer :: at
-
-      at = findloc(bad, .true., dim=1)
-      if (at > 0) call complain("'"//name//"' must contain finite numbers, but entry " &
-         & //to_text(at - 1)//' does not')
-   end subroutine need_finite
+      are_columns = all(shape(values) == [3, n]) .and. all(abs(values) <= huge(1.0_wp))
+   end function are_columns
 
    !> The first complaint is kept
-   subroutine complain(what)
-      character(len=*), intent(in) :: what
+   subroutine need(name, right)
+      !> Array, and whether it is what it must be
+      character(len=*), intent(in) :: name
+      logical, intent(in) :: right
 
-      if (.not. allocated(error)) call fatal_error(error, err_input, what)
-   end subroutine complain
+      if (.not. (right .or. allocated(error))) call fatal_error(error, err_input, "'"//name &
+         & //"' does not have the numbers of a model: one for each point, finite and in range")
+   end subroutine need
 
 end subroutine take_arrays
 

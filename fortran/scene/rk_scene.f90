@@ -70,8 +70,6 @@ module rk_scene
    type, extends(probe_keys) :: probe_type
       !> Boundary set that it is taken of, 0 for a point or a plane
       integer :: set = 0
-      !> What is measured, of quantity = expression
-      type(expression_type) :: expression
    contains
       procedure :: of_body, at_a_place
    end type probe_type

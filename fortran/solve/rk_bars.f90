@@ -13,7 +13,7 @@ module rk_bars
    use rk_error, only : error_type
    use rk_coefficients, only : coefficient_at
    use rk_precision, only : wp
-   use rk_probes, only : expression_slopes, kind_of_probe, local_value, new_probes, place_state, &
+   use rk_probes, only : quantity_kind, quantity, new_probes, place_state, &
       & probe_value, probes_type, quantity_size
    use rk_equation, only : solution_at
    use rk_scene, only : probe_type, scene_type
@@ -59,6 +59,8 @@ module rk_bars
    !> one, of solids below .81. By the order of the basis, of one where a wall is held up to a free
    !> end
    real(wp), parameter :: factor_farther(2) = [0.7_wp, 0.5_wp]
+   !> Times the factor from more points at the surface
+   real(wp), parameter :: factor_outside = 1.5_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
    real(wp), parameter :: factor_fine = 2.0_wp
    !> Times as much where two materials meet: the interface lies elsewhere between the points of
@@ -187,9 +189,11 @@ subroutine new_bars(self, problem, load, x, error)
       self%size = self%peak
       self%kind = peak
    end if
-   self%read = [(maxval(norm2(self%values, dim=1), mask=spread([(kind_of_probe( &
-      & problem%scene%probe(i)) == kind_of_probe(problem%scene%probe(k)), i=1, n)], 2, &
-      & size(load))), k=1, n)]
+   associate (probe => problem%scene%probe)
+      self%read = [(maxval(norm2(self%values, dim=1), mask=spread([(quantity_kind( &
+         & probe(i)%quantity) == quantity_kind(probe(k)%quantity), i=1, n)], 2, size(load))), &
+         & k=1, n)]
+   end associate
    where (self%read < near_zero*self%kind) self%read = max(self%size, self%peak)
 end subroutine new_bars
 
@@ -210,7 +214,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
    type(point_state) :: local
    real(wp), dimension(size(problem%scene%cloud%points, 2)) :: stresses, strains
    real(wp) :: displacement, stress, force, share, &
-      & own, kind, slope(3)
+      & own, kind
    integer :: e, i, set
 
    displacement = 0.0_wp
@@ -236,7 +240,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
       do i = 1, size(value, 2)
          call probe_value(problem, probes, i, state, value(:, i), whole(i), apart(i))
          share = share_of_kind
-         select case (kind_of_probe(scene%probe(i)))
+         select case (quantity_kind(scene%probe(i)%quantity))
          case ('force')
             kind = force
          case ('torque')
@@ -264,12 +268,6 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
                apart(i) = max(apart(i), off_free(problem, i, probes%nearest(i), local))
             end if
          end select
-         if (scene%probe(i)%expression%given()) then
-            call place_state(problem, probes, i, state, local)
-            call expression_slopes(problem, scene%probe(i), probes%nearest(i), local, &
-               & displacement, stress, slope)
-            kind = norm2(slope*[displacement, 1.0_wp, stress])
-         end if
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
          ! stairs turn what they err by
          if (allocated(scene%cloud%block)) own = max(own, whole(i))
@@ -363,19 +361,21 @@ subroutine bars_by_other(self, problem, other, kind, around)
          left = 0.0_wp
          factor = factor_of(smooth, problem%scene%probe(i), self%at_surface(i))
          beside = around(:, i, :)
-         if (kind == another_form .or. smooth .and. kind_of_probe(problem%scene%probe(i)) &
+         if (kind == another_form .or. smooth .and. quantity_kind(problem%scene%probe(i)%quantity) &
             & == 'length') beside = -1.0_wp
          if (.not. allocated(problem%scene%cloud%lattice)) factor = factor_stairs
          if (blocks) then
             factor = factor_blocks
             ! others are of the order of one, or without a size
-            if (all(['ratio', 'angle'] /= kind_of_probe(problem%scene%probe(i)))) left = open
+            if (all(['ratio', 'angle'] /= quantity_kind(problem%scene%probe(i)%quantity))) &
+               & left = open
          end if
          if (kind == twice_fewer .and. problem%scene%galerkin%essential == 'transformation' .and. &
             & (smooth .and. self%at_surface(i) &
-            & .or. kind_of_probe(problem%scene%probe(i)) /= 'stress')) &
+            & .or. quantity_kind(problem%scene%probe(i)%quantity) /= 'stress')) &
             & factor = factor_farther(order)*factor
          if (kind == more_points) factor = factor_fine
+         if (kind == more_points .and. self%at_surface(i)) factor = factor_outside*factor
          if (singular) factor = merge(factor_between, factor_layers, problem%mixture%meets())*factor
          if (kind == another_form) then
             factor = factor_forms
@@ -453,9 +453,9 @@ real(wp) function factor_of(smooth, probe, at_surface) result(factor)
    if (at_surface) then
       factor = factor_surface
    else if (smooth) then
-      factor = merge(factor_place, factor_polar, kind_of_probe(probe) == 'length')
+      factor = merge(factor_place, factor_polar, quantity_kind(probe%quantity) == 'length')
    else
-      factor = merge(factor_inside, factor_coarse, kind_of_probe(probe) == 'stress')
+      factor = merge(factor_inside, factor_coarse, quantity_kind(probe%quantity) == 'stress')
    end if
 end function factor_of
 
@@ -498,7 +498,7 @@ subroutine bars_by_solution(self, problem, error)
             do k = 1, size(self%load)
                if (probe%set == 0) then
                   call exact_state(probe%point(:nd))
-                  exact(:, k) = local_value(problem, probe, 1, local)
+                  exact(:, k) = quantity(probe%quantity, local)
                   cycle
                end if
                exact(:, k) = 0.0_wp
@@ -557,8 +557,10 @@ subroutine set_bar(self, i, n, other, around, left, from)
    last = size(self%load)
    self%source(i) = from
    if (maxval(around(:n, last)) > maxval(difference(:, last))) self%source(i) = 'points around'
-   ! two clouds may agree where their difference changes sign
-   where (around(:n, :) >= 0.0_wp) difference = sqrt(0.5_wp*(difference**2 + around(:n, :)**2))
+   ! two clouds may agree where their difference changes sign; points around one at the surface
+   ! are mostly inside, where stresses are more accurate
+   where (around(:n, :) >= 0.0_wp .and. .not. (self%at_surface(i) .and. around(:n, :) &
+      & < difference)) difference = sqrt(0.5_wp*(difference**2 + around(:n, :)**2))
    do k = 1, size(self%load)
       if (self%moves) difference(:, k) = maxval(difference(:, :k), dim=2)
       self%bars(:n, i, k) = max(self%factor(i)*difference(:, k) &
@@ -731,8 +733,8 @@ real(wp) function off_free(problem, i, ip, local) result(off)
                   & *traction(b) + dot_product(normal, traction)*normal(a)*normal(b)
             end do
          end do
-         off = max(off, norm2(local_value(problem, probe, ip, free) &
-            & - local_value(problem, probe, ip, local)))
+         off = max(off, norm2(quantity(probe%quantity, free) &
+            & - quantity(probe%quantity, local)))
       end do
    end associate
 end function off_free

@@ -18,7 +18,7 @@ module rk_companion
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
-   use rk_probes, only : kind_of_probe, local_value
+   use rk_probes, only : quantity_kind, quantity
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_run, only : solve_problem
    use rk_scene, only : scene_type
@@ -441,8 +441,8 @@ subroutine look(self, problem, run, answer, error)
                & size(nearest))] < vicinity*cloud%mean_spacing() .and. probe%at_a_place()
             ! nodal cells have one stress each: halfway between two it is that of either one, and
             ! of the other in a mirror
-            if (first%scene%method /= 'rkpm-gauss' .and. kind_of_probe(probe) /= 'length') &
-               & near(:, i) = .false.
+            if (first%scene%method /= 'rkpm-gauss' &
+               & .and. quantity_kind(probe%quantity) /= 'length') near(:, i) = .false.
          end associate
       end do
       call first%scene%shape_at(cloud%points, shape, error, first=.true.)
@@ -465,8 +465,8 @@ subroutine look(self, problem, run, answer, error)
                & here)
             do i = 1, size(near, 2)
                if (near(ip, i)) self%around(:, i, k) = self%around(:, i, k) + cloud%volume(ip) &
-                  & *(local_value(problem, problem%scene%probe(i), ip, local) &
-                  & - local_value(first, first%scene%probe(i), nearest(ip), here))**2
+                  & *(quantity(problem%scene%probe(i)%quantity, local) &
+                  & - quantity(first%scene%probe(i)%quantity, here))**2
                if (near(ip, i)) apart(i) = apart(i) + cloud%volume(ip) &
                   & *sum((here%cauchy - local%cauchy)**2)
             end do

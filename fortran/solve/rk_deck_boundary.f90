@@ -6,11 +6,10 @@ module rk_deck_boundary
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice
    use rk_named_sets, only : add_set, extent_of
-   use rk_neighbours, only : nearest_points
    use rk_precision, only : pi, wp
    use rk_programme, only : programme_type, rotation_type
    use rk_region, only : region_type
-   use rk_scene, only : condition_type, probe_type, scene_type
+   use rk_scene, only : condition_type, scene_type
    use rk_text, only : to_text
    implicit none
    private
@@ -102,9 +101,6 @@ subroutine read_probes(scene, deck, error)
       at = 'probe.'//to_text(k)
       associate (probe => scene%probe(k))
          call probe%read(deck, at)
-         call deck%get(at//'.expression', probe%expression)
-         if (probe%expression%uses('fiber_stretch')) &
-            & call check_fibers(scene, probe, deck, at, error)
          if (deck%has(at//'.normal')) probe%normal = probe%normal/norm2(probe%normal)
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
@@ -137,29 +133,6 @@ subroutine read_probes(scene, deck, error)
       end associate
    end do
 end subroutine read_probes
-
-!> A stretch of fibers needs fibers at its place
-subroutine check_fibers(scene, probe, deck, at, error)
-   !> Scene with points and materials
-   type(scene_type), intent(in) :: scene
-   !> Probe of an expression
-   type(probe_type), intent(in) :: probe
-   type(deck_type), intent(in) :: deck
-   !> Its place in the deck
-   character(len=*), intent(in) :: at
-   !> Error handling, one line more where the material of the nearest point has no fibers
-   type(error_type), allocatable, intent(inout) :: error
-   integer :: near(1)
-
-   near = nearest_points(scene%cloud%points, reshape(probe%point(:scene%cloud%nd), &
-      & [scene%cloud%nd, 1]))
-   associate (tissue => scene%tissue(scene%tissue_of(near(1))))
-      if (.not. tissue%material%fibered) call deck%complain(at//'.expression', &
-         & "fiber_stretch: material '"//tissue%name//"' at " &
-         & //to_text(probe%point(:scene%cloud%nd))//' has no fibers: move the point, or use J ' &
-         & //'or F', error)
-   end associate
-end subroutine check_fibers
 
 !> Number of a boundary set that a key names
 subroutine find_named_set(cloud, deck, key, name, set, error)

@@ -11,7 +11,7 @@ module rk_run
    use rk_newton, only : newton_type
    use rk_newton_step, only : solve_linear
    use rk_precision, only : i8, wp
-   use rk_probes, only : kind_of_probe
+   use rk_probes, only : quantity_kind
    use rk_problem, only : problem_type
    use rk_recorder, only : iteration_type, recorder_type, start_type, step_type
    use rk_reduced, only : new_motion
@@ -287,7 +287,7 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
    high = maxval(scene%cloud%points, dim=2)
    do i = 1, size(scene%probe)
       if (.not. scene%probe(i)%at_a_place()) cycle
-      if (kind_of_probe(scene%probe(i)) == 'length') cycle
+      if (quantity_kind(scene%probe(i)%quantity) == 'length') cycle
       ! on a plane or a circle the material is the one beyond
       x = scene%probe(i)%point(:size(x))
       own = last_part(scene%tissue, merge(x*(1.0_wp + beside), x + reach, scene%cloud%polar), error)

@@ -14,7 +14,7 @@ module rk_verdict
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type
    use rk_precision, only : wp
-   use rk_probes, only : kind_of_probe, pressed_volume
+   use rk_probes, only : quantity_kind, pressed_volume
    use rk_recorder, only : recorder_type
    use rk_refine, only : limited_type, refinement_type
    use rk_run, only : outcome_type
@@ -607,7 +607,8 @@ subroutine describe_rim(problem, i, text)
 
    text = ''
    associate (scene => problem%scene, h => problem%scene%cloud%mean_spacing())
-      if (.not. scene%probe(i)%at_a_place() .or. kind_of_probe(scene%probe(i)) /= 'stress') return
+      if (.not. scene%probe(i)%at_a_place() &
+         & .or. quantity_kind(scene%probe(i)%quantity) /= 'stress') return
       of = rim_near(problem, scene%probe(i)%point(:scene%cloud%nd), rim_spacings(1)*h)
       if (of > 0) text = ': it lies at the rim of '//trim(scene%cloud%set_names(of)) &
          & //', where the stress is singular; move it inside the body, at least ' &

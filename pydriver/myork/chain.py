@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import deck_head, load_deck
+from myork.core.deck import load_deck
 from myork.errors import ConvergenceError, RefusedError
 from myork.summary import asked
 
@@ -53,8 +52,7 @@ def run_chain(
     station: dict[str, Callable[..., Any]] = {
         "segment": segment_and_draw, "build": build, "solve": run_deck,
     }  # fmt: skip
-    head = partial(deck_head, deck, overrides)
-    with asked(Path(out), head):
+    with asked(Path(out)):
         names = stations_of(load_deck(deck, overrides))
     ended = None
     for number, name in enumerate(names, start=1):
@@ -62,7 +60,7 @@ def run_chain(
         more = {"verbosity": verbosity, "error": error} if name == "solve" else {}
         try:
             # a solve writes itself why it ended
-            with nullcontext() if name == "solve" else asked(Path(out), head):
+            with nullcontext() if name == "solve" else asked(Path(out)):
                 station[name](
                     deck, out, overrides=overrides, threads=threads, progress=progress, **more
                 )

@@ -145,10 +145,7 @@ def _station(place: str, says: str = "", **more: str) -> _Run:
     def run(options: argparse.Namespace, console: Console) -> str:
         options.out.mkdir(parents=True, exist_ok=True)
 
-        def head() -> Any:
-            return _load("core.deck:deck_head")(options.deck, options.set)
-
-        with asked(options.out, head) if "verbosity" in more else nullcontext():
+        with asked(options.out) if "verbosity" in more else nullcontext():
             if options.deck.is_dir():
                 read = _load("stations.folder:deck_of_folder")
                 options.deck, lines = read(options.deck, options.out)

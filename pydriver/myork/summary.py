@@ -1,7 +1,7 @@
 """The file `summary.json` of an output folder, to which each station adds its part."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,15 @@ from myork.files import alone_in, read_json, write_json
 
 #: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
 _BEFORE = ("segmentation", "tissue", "model", "resampled", "damaged_slices")
-#: Files of a solution beside its summary (`system.c` has the same)
-SOLUTION = ("results.vtkhdf", "history.csv", "run.log", "report.html")
-#: Summary of these files while `summary.json` is that of a run that has none
+#: Summary of the last finished solution while a later run has none (`rk_summary` has the same)
 WAITING = "summary.json.previous"
 
 
 @contextmanager
-def asked(folder: Path, head: Callable[[], Mapping[str, Any]]) -> Iterator[None]:
+def asked(folder: Path) -> Iterator[None]:
     """Let the summary in a folder say why a run ended before its solve wrote it.
 
     - `folder`: output folder; what another process has is left alone
-    - `head`: gives what the summary says of the deck of the run, as `deck_head`
     """
     try:
         yield
@@ -31,45 +28,31 @@ def asked(folder: Path, head: Callable[[], Mapping[str, Any]]) -> Iterator[None]
         with suppress(FileError):
             if folder.is_dir():
                 with alone_in(folder):
-                    _write_refusal(folder, head(), str(reason) or type(reason).__name__)
+                    _write_refusal(folder, str(reason) or type(reason).__name__)
         raise
 
 
-def _write_refusal(folder: Path, head: Mapping[str, Any], message: str) -> None:
-    _set_aside(folder)
-    summary = readable_summary(folder)
-    waiting = folder / WAITING
-    if (folder / SOLUTION[0]).exists() and "converged" in summary and not waiting.exists():
-        (folder / "summary.json").rename(waiting)
+def _write_refusal(folder: Path, message: str) -> None:
+    summary = _set_aside(folder)
     verdict = {"state": "refused", "reasons": [message]}
     refusal = {
-        **head, "version": myork.__version__, "converged": False, "message": message,
+        "version": myork.__version__, "converged": False, "message": message,
         "verdict": verdict, "steps": [], "cpu_s": time.process_time(), "warnings": [],
     }  # fmt: skip
     write_json(folder / "summary.json", {**_before(summary), **refusal})
 
 
-def _set_aside(folder: Path) -> None:
-    """Move a finished solution to `previous`: what is asked now makes it that of another model."""
+def _set_aside(folder: Path) -> dict[str, Any]:
+    """Give the summary of a finished solution another name; returns what it was."""
     summary = readable_summary(folder)
     verdict = summary.get("verdict") or {}
-    if not summary.get("converged") or verdict.get("state") == "refused":
-        return
-    previous = folder / "previous"
-    try:
-        if previous.is_symlink():
-            raise FileError(f"{previous}: it is a symbolic link; remove it")
-        previous.mkdir(exist_ok=True)
-        for name in SOLUTION:
-            (previous / name).unlink(missing_ok=True)
-        (folder / "summary.json").rename(folder / WAITING)
-        for name in SOLUTION:
-            with suppress(FileNotFoundError):
-                (folder / name).rename(previous / name)
-        (folder / WAITING).rename(previous / "summary.json")
-    except OSError as reason:
-        raise FileError(f"{folder}: its results cannot be set aside: {reason}") from None
-    write_json(folder / "summary.json", _before(summary))
+    if summary.get("converged") and verdict.get("state") != "refused":
+        try:
+            (folder / "summary.json").rename(folder / WAITING)
+        except OSError as reason:
+            raise FileError(f"{folder}: its summary cannot be set aside: {reason}") from None
+        write_json(folder / "summary.json", _before(summary))
+    return summary
 
 
 def _before(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -80,8 +63,8 @@ def _before(summary: Mapping[str, Any]) -> dict[str, Any]:
 def renewing(folder: Path, *parts: str) -> Iterator[None]:
     """Have a folder alone while a station renews its parts of the summary.
 
-    A finished solution of what such a part was before is set aside. If the station fails, parts of
-    an earlier run stay and say so in an entry `failed`.
+    The summary of a finished solution of what such a part was before is set aside. If the station
+    fails, parts of an earlier run stay and say so in an entry `failed`.
 
     - `folder`: output folder; made if it is missing
     - `parts`: entries of `summary.json` that the station writes

@@ -70,7 +70,7 @@ def assert_whole(earlier: Path, out: Path) -> None:
     """Every file of the earlier result is there, as it was, set aside, or new and whole."""
     for path in sorted(path for path in earlier.iterdir() if path.is_file()):
         now = out / path.name
-        places = (now, out / "previous" / now.name, out / WAITING)
+        places = (now, out / WAITING)
         kept = [place.read_bytes() for place in places if place.is_file()]
         assert kept, now
         if path.name == ".lock" or ".part" in path.name or path.read_bytes() in kept:

@@ -38,13 +38,13 @@ def test_expressions_that_are_a_number(text: str) -> None:
 
 
 @pytest.mark.parametrize(("text", "what"), [
-    ("0.1*q", "unknown name 'q' at position 5; names are x, y, r, theta, pi; functions are"),
-    ("z", "unknown name 'z' at position 1"),
-    ("nx", "unknown name 'nx' at position 1"),
-    ("sin(3*)", "unexpected ')' at position 7"),
-    ("x**2", "unexpected '*' at position 3; a power is written x^2"),
+    ("0.1*q", "\"q\" found at position 4. Names are x, y, r, theta, pi; functions are"),
+    ("z", "\"z\" found"),
+    ("nx", "\"nx\" found"),
+    ("sin(3*)", "Unexpected parenthesis"),
+    ("x**2", "Unexpected operator"),
     ("x = 2", "= sets a value at position 3, == compares"),
-    ("1 +", "it ends where a value is missing"),
+    ("1 +", "Unexpected end of expression"),
     ("x, y", "several values with commas"),
     ('"x"', "a text in quotes at position 1"),
     ("1/x", "'1/x' is not finite at (0, 0)"),
@@ -52,7 +52,7 @@ def test_expressions_that_are_a_number(text: str) -> None:
 def test_what_is_no_expression_is_told_with_its_place(text: str, what: str) -> None:
     said = refused(plate([{"set": "x0", "u_x": 0, "u_y": text}]))
     assert "boundary.x0.u_y: " in said and what in said
-    if what.startswith("unknown name"):
+    if "found" in what:
         # an item of an array is named by its number
         said = refused(plate([{"set": "x0", "traction": [1, text]}]))
         assert f"traction: item 2, '{text}' is not an expression" in said

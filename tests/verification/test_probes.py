@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from myork import Results, Scene
 from myork.stations.solve import run_deck
 from myork.summary import printed
-from tests.scenes import MUSCLE, box, gripped, held, neo, probes, refused, scene, solved, tomllib
+from tests.scenes import box, gripped, held, neo, probes, refused, scene, solved, tomllib
 
 ABOUT = [0.3, 0.2, 0.1]
 PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
@@ -83,83 +83,17 @@ def test_the_executable_writes_them_with_error_bars(tmp_path):
     assert "torque" in json.dumps(summary["deck"]["probe"])
 
 
-#: Expressions and what they are in a body whose whole surface moves by u = (a x, b y, c z)
-STRETCHES = (0.1, -0.05, 0.2)
-PLACE = (0.3, 0.7, 1.1)
-EXPRESSIONS = {
-    "u_x^2 + u_y + x*u_z": (0.1 * 0.3) ** 2 - 0.05 * 0.7 + 0.3 * 0.2 * 1.1,
-    "0.5*(F_xx^2 - 1) + F_xy + F_zx": 0.5 * (1.1**2 - 1),
-    "J - F_xx*F_yy*F_zz": 0.0,
-    "J": 1.1 * 0.95 * 1.2,
-    "fiber_stretch": np.hypot(1.1 * 0.6, 1.2 * 0.8),
-    "pressure + (cauchy_xx + cauchy_yy + cauchy_zz)/3": 0.0,
-    "principal_max > cauchy_xx ? r : theta": np.hypot(0.3, 0.7),
-    **{
-        # of the characteristic polynomial of a stress whose only shear is xz, over its size cubed
-        f"((cauchy_xx - {s})*(cauchy_zz - {s}) - cauchy_xz^2)*(cauchy_yy - {s})/cauchy_yy^3": 0.0
-        for s in ("principal_max", "principal_min")
-    },
-}
-
-
-@pytest.mark.parametrize("method", ["rkpm-gauss", "rkcm-mixed"])
-def test_expressions_of_fields_have_their_values_in_a_uniform_extension(method):
-    """Of muscle whose whole surface moves affinely."""
-    motion = {f"u_{x}": f"{slope}*{x}" for x, slope in zip("xyz", STRETCHES, strict=True)}
-    own = {"quantity": "expression", "point": list(PLACE)}
-    tables = scene(
-        method, box(4, 4, 5, size=[1, 1.2, 2]),
-        material=[{**MUSCLE, "fiber": [0.6, 0, 0.8]}],
-        boundary=[{"set": side, **motion} for side in ("x0", "x1", "y0", "y1", "z0", "z1")],
-        probe=[own | {"name": f"p{k}", "expression": e} for k, e in enumerate(EXPRESSIONS)],
-    )  # fmt: skip
-    found = solved(tables).last()
-    size = abs(found["p0"]) + 1.0
-    for k, (text, value) in enumerate(EXPRESSIONS.items()):
-        # stresses of a bulk modulus of 500: what cancels leaves their rounding
-        assert_allclose(found[f"p{k}"], value, atol=1e-5 * size, err_msg=text)
-
-
-@pytest.mark.parametrize("quantity", ["cauchy_zz", "u_x", "J", "pressure", "principal_max"])
-def test_an_expression_of_one_field_has_the_bar_of_its_probe(quantity):
-    tables = block("rkpm-gauss", [4, 4, 5], 50.0)
-    own = {"quantity": "expression", "point": [0.4, 0.5, 0.6]}
-    tables["probe"] = probes(
-        f"plain {quantity} 0.4 0.5 0.6",
-        {"name": "own", "expression": quantity} | own,
-        {"name": "twice", "expression": f"2*{quantity}"} | own,
-    )  # fmt: skip
-    with Scene.from_tables(tables) as opened:
-        inside = solved(opened, error=True)
-        assert opened.probe_units["own"] == ""
-    assert_allclose(inside.last()["own"], inside.last()["plain"], rtol=1e-12)
-    assert inside.bar("plain") > 0
-    # beside the least share of a tensor's norm, which an expression does not have
-    bars = [inside.bar("own"), inside.bar("twice")]
-    assert_allclose(bars, inside.bar("plain") * np.array([1, 2]), rtol=1e-9)
-
-
 SHEET = scene(
     "rkpm-gauss", box(4, 4), boundary=[held("x0", 2), {"set": "x1", "u_y": 0.1}],
     material=[neo(1, 10)],
 )  # fmt: skip
-LINEAR = {key: SHEET[key] for key in ("scene", "geometry", "boundary")} | {
-    "linear": {"problem": "elasticity", "E": 10, "nu": 0.3}
-}
 CUT = {"quantity": "section_force", "normal": [0, 0, 1]}
-OF_FIELDS = {"quantity": "expression", "point": [0.5, 0.5, 1]}
 
 
 @pytest.mark.parametrize(("tables", "probe", "message"), [
     (BLOCK, {**CUT, "point": [0.5, 0.5, 3]}, "outside"),
-    (BLOCK, {"quantity": "expression", "expression": "J"}, "probe.p.point: missing"),
-    (BLOCK, {**OF_FIELDS, "expression": "u_w + 1"},
-     "unknown name 'u_w' at position 1; names are x, "),
-    (BLOCK, {**OF_FIELDS, "expression": "cauchy_xx -"}, "it ends where a value is missing"),
-    (BLOCK, {**OF_FIELDS, "expression": "fiber_stretch"}, "has no fibers"),
     (SHEET, {"quantity": "torque_x", "set": "x1"},
      "torque_x is only for scene.dimension = 3; here scene.dimension = 2: it is always zero"),
-    (LINEAR, {**OF_FIELDS, "expression": "cauchy_xx + J", "point": [0.5, 0.5]}, "unknown name 'J'"),
 ])  # fmt: skip
 def test_what_a_body_does_not_have_is_no_probe(tables, probe, message):
     assert message in refused(tables | {"probe": [{"name": "p", **probe}]})
@@ -169,9 +103,9 @@ def test_what_a_body_does_not_have_is_no_probe(tables, probe, message):
 
 ROOT = Path(__file__).parents[2]
 FORCE, LENGTH = 1000.0, 10.0
-#: All quantities of the schema whose units are known; that of an expression is what the deck says
+#: All quantities of the schema
 SCHEMA = tomllib.loads((ROOT / "fortran/deck/schema.toml").read_text(encoding="utf-8"))
-QUANTITIES = set(SCHEMA["probe"]["quantity"]["choices"]) - {"expression"}
+QUANTITIES = set(SCHEMA["probe"]["quantity"]["choices"])
 PULL = (("x", 0.1), ("y", 0.05), ("z", 0.05))
 PLANE = {q for q in QUANTITIES if not re.search(r"z|torque_[xy]", q)} | {"torque_z", "cauchy_zz"}
 UNITS = {"force": "N", "length": "cm"}

@@ -38,27 +38,6 @@ subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, len
    call pack_error(error, stat, message)
 end subroutine deck_json
 
-!> What a summary says of a deck, also of a refused one, as a JSON object; `deck_text` as above
-subroutine deck_head(path, deck_text, n, overrides, text)
-   use rk_deck, only : deck_type, open_deck
-   use rk_error, only : error_type
-   use rk_json, only : json_type
-   use rk_units, only : put_deck_head
-   implicit none
-   integer, intent(in) :: n
-   character(len=*), intent(in) :: path, deck_text, overrides(n)
-   character(len=16384), intent(out) :: text
-   type(deck_type) :: deck
-   type(error_type), allocatable :: refused
-   type(json_type) :: json
-
-   call open_deck(deck, path, deck_text, overrides, '', refused)
-   call json%begin_object()
-   call put_deck_head(json, deck)
-   call json%end_object()
-   text = json%text()
-end subroutine deck_head
-
 !> The key that an override would set, with the name of its entry; `deck_text` as above
 subroutine deck_key(path, deck_text, n, overrides, key, full, stat, message)
    use rk_deck, only : resolve_key

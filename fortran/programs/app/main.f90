@@ -10,8 +10,8 @@ program main
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
-   use rk_model_file, only : read_model_cloud
    use rk_journal, only : run_type
+   use rk_model_file, only : read_model_cloud
    use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
    use rk_output, only : output_type, search_type
@@ -21,10 +21,11 @@ program main
    use rk_resume, only : resume_points, resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
-   use rk_summary, only : earlier_entries, is_finished, set_aside, write_summary
-   use rk_system, only : catch_signals, cpu_seconds, drop_previous, lock_folder, make_folder, &
-      & peak_bytes, prepare_process, process_number, tell
+   use rk_summary, only : earlier_entries, set_aside, write_refusal, write_summary
+   use rk_system, only : catch_signals, cpu_seconds, lock_folder, make_folder, peak_bytes, &
+      & prepare_process, process_number, tell
    use rk_text, only : to_text
+   use rk_text_file, only : drop_file
    use rk_verdict, only : judge, refused, verdict_type
    implicit none
    type(config_type) :: config
@@ -57,7 +58,6 @@ program main
    if (.not. config%explain) then
       call make_folder(config%out, error)
       call leave_on(error)
-      call earlier_entries(config%out, earlier, damaged)
       call claim()
    end if
    call open_deck(deck, config%deck, '', config%overrides, 'solve', error)
@@ -111,7 +111,6 @@ contains
       end if
       if (allocated(refinement%start) .and. .not. allocated(start)) &
          & call move_alloc(refinement%start, start)
-      if (.not. allocated(before)) call put_aside(.true., .true.)
       output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, before, error)
       call leave_on(error)
@@ -134,8 +133,7 @@ contains
       type(outcome_type) :: outcome
       type(verdict_type) :: verdict
       type(error_type), allocatable :: failure
-      character(len=:), allocatable :: kept, message, sentence
-      logical :: finished
+      character(len=:), allocatable :: message, sentence
 
       call solve_scene(problem, '', output, outcome, failure, start)
       refinement%searched = deck%has('refine')
@@ -155,21 +153,16 @@ contains
       written = .true.
       call output%publish(error)
       call leave_on(error)
-      finished = .not. allocated(failure) .and. verdict%state /= refused
-      call drop_previous(config%out, all=finished)
-      kept = ''
-      if (is_finished(config%out//'/previous/summary.json')) kept = '; the finished results of ' &
-         & //'an earlier run are in '//config%out//'/previous'
       call verdict%get_sentence(sentence)
       if (allocated(failure)) then
-         failure%message = failure%message//' (written to '//config%out//kept//')'
+         failure%message = failure%message//' (written to '//config%out//')'
          call leave_on(failure)
       end if
       if (verdict%state == refused) then
-         call fatal_error(failure, err_convergence, sentence//' (results in '//config%out &
-            & //kept//')')
+         call fatal_error(failure, err_convergence, sentence//' (results in '//config%out//')')
          call leave_on(failure)
       end if
+      call drop_file(config%out//'/summary.json.previous')
       message = to_text(tick(clock), 3)//' s, '//to_text(cpu_seconds(), 3)//' CPU s, '
       if (verdict%companion%seconds > 0.0_wp) message = message//'error bars ' &
          & //to_text(verdict%companion%seconds, 3)//' s, '
@@ -181,21 +174,14 @@ contains
    subroutine claim()
       call lock_folder(config%out, error)
       call leave_on(error)
-      claimed = .true.
-      call put_aside(.not. (config%resume .or. config%start /= ''), .false.)
-   end subroutine claim
-
-   !> Set the solution in the output folder aside
-   subroutine put_aside(whole, begins)
-      !> All its files, not its summary alone
-      logical, intent(in) :: whole
-      !> A new solution begins
-      logical, intent(in) :: begins
-
-      call set_aside(config%out, whole, begins, deck, 'the run of process ' &
-         & //to_text(int(process_number()))//' has not ended, or was killed', error)
+      call earlier_entries(config%out, earlier, damaged)
+      call set_aside(config%out, earlier, error)
       call leave_on(error)
-   end subroutine put_aside
+      claimed = .true.
+      call write_refusal(config%out, 'the run of process '//to_text(int(process_number())) &
+         & //' has not ended, or was killed', earlier, error)
+      call leave_on(error)
+   end subroutine claim
 
    !> Print an error and leave with its exit status; the summary says why
    subroutine leave_on(error)
@@ -205,8 +191,8 @@ contains
 
       if (.not. allocated(error)) return
       write (error_unit, '(a)', iostat=ignored) error%message
-      if (claimed .and. .not. written) call set_aside(config%out, .not. (config%resume .or. &
-         & config%start /= ''), .false., deck, error%message, unwritten)
+      if (claimed .and. .not. written) call write_refusal(config%out, error%message, earlier, &
+         & unwritten)
       if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
       stop 2, quiet=.true.
    end subroutine leave_on

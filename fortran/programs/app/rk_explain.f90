@@ -64,7 +64,10 @@ subroutine explain(deck, model, scene)
    print '(a)', '  equations     '//to_text(nint(cost%equations))//' for ' &
       & //to_text(nint(cost%unknowns))//' unknowns'
    call explain_sets(scene)
-   call explain_tables(deck, scene)
+   do k = 1, size(scene%tissue)
+      print '(a)', '  material      '//scene%tissue(k)%name//': ' &
+         & //to_text(count(scene%tissue_of == k))//' points'
+   end do
    if (.not. allocated(scene%equation%problem)) call explain_load(scene)
    print '(a)', '  solver        '//cost%solver//', '//to_text(1.0e-9_wp*cost%flops, 3) &
       & //' Gflop per solution'
@@ -127,27 +130,6 @@ subroutine explain_sets(scene)
       end do
    end associate
 end subroutine explain_sets
-
-!> What the deck says of equation, materials and loads
-subroutine explain_tables(deck, scene)
-   type(deck_type), intent(in) :: deck
-   type(scene_type), intent(in) :: scene
-   character(len=*), parameter :: tables(*) = [character(len=9) :: 'linear', 'material', &
-      & 'boundary', 'amplitude']
-   character(len=:), allocatable :: table, text
-   integer :: k, n
-
-   do n = 1, size(tables)
-      do k = 1, deck%count(trim(tables(n)))
-         table = trim(tables(n))
-         if (table /= 'linear') table = table//'.'//to_text(k)
-         call deck%get_words(table, text)
-         if (tables(n) == 'material') text = text//': '//to_text(count(scene%tissue_of == k)) &
-            & //' points'
-         print '(a)', '  '//tables(n)//'     '//text
-      end do
-   end do
-end subroutine explain_tables
 
 !> Load steps, and where activation grows
 subroutine explain_load(scene)

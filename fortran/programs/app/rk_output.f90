@@ -53,9 +53,6 @@ module rk_output
       integer :: verbosity = 0
       !> Load steps of an earlier run that are recorded once more
       integer :: repeated = 0
-      !> Worst backward error, misfit and condition of that run up to each, that at load 0 first,
-      !> shape (3, repeated + 1) [-]
-      real(wp), allocatable :: worst(:, :)
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
       !> First error of writing
@@ -102,7 +99,6 @@ subroutine open_output(self, problem, folder, deck, run, error)
    if (allocated(error)) return
    if (allocated(run)) then
       self%repeated = size(run%step) - 1
-      self%worst = run%worst
       call self%history%line(run%history(:len(run%history) - 1), error)
       if (allocated(error)) return
    end if
@@ -110,7 +106,8 @@ subroutine open_output(self, problem, folder, deck, run, error)
    call self%results%open(folder//'/results.vtkhdf', problem%scene%cloud, deck, approximation, &
       & version_text(), error)
    if (allocated(error) .or. problem%linear) return
-   call self%journal%open(folder, run, deck, approximation, problem%scene%cloud, error)
+   call self%journal%open(folder, run, deck, approximation, problem%scene%cloud, &
+      & problem%n, error)
 end subroutine open_output
 
 !> Complete the files under their temporary names
@@ -199,22 +196,16 @@ subroutine step(self, st, x)
    call system_clock(clock)
    call self%problem%state(x, st%load, state)
    record%step = st
-   if (allocated(record%step%carried)) deallocate (record%step%carried)
    allocate (record%probe(3, size(self%problem%scene%probe)))
    do i = 1, size(record%probe, 2)
       call probe_value(self%problem, self%probes, i, state, record%probe(:, i))
    end do
    self%record = [self%record, record]
-   if (self%repeated > 0 .and. st%step <= self%repeated) then
-      self%backward_error = self%worst(1, st%step + 1)
-      self%misfit = self%worst(2, st%step + 1)
-      self%rcond = self%worst(3, st%step + 1)
-   end if
    call compute_fields(self%problem, state, fields)
    call self%results%add_step(st%load, self%problem%scene%common_activation(st%load), fields, x, &
       & error)
    call keep(self, error)
-   call self%journal%add_step(st, [self%backward_error, self%misfit, self%rcond], x)
+   call self%journal%add_step(st, x)
    self%seconds = self%seconds + tick(clock)
    if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
    if (allocated(self%problem%scene%motion)) then

@@ -42,7 +42,6 @@ subroutine resume_run(run, start, folder, deck, problem, error)
    allocate (start)
    start%first = run%x(:, 1)
    start%begin = run%step(1)
-   if (allocated(start%begin%carried)) deallocate (start%begin%carried)
    start%step = run%step(2:)
    start%x = run%x(:, 2:)
 end subroutine resume_run

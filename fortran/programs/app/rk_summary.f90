@@ -17,13 +17,14 @@ module rk_summary
    use rk_refine, only : refinement_type
    use rk_run, only : outcome_type
    use rk_scene, only : scene_type
-   use rk_system, only : cpu_seconds, move_solution, peak_bytes, version_text
-   use rk_units, only : get_set_unit, put_deck_head, put_probe_units
+   use rk_system, only : cpu_seconds, peak_bytes, version_text
+   use rk_text_file, only : move_file
+   use rk_units, only : get_set_unit, put_probe_units, put_units
    use rk_verdict, only : refused, verdict_names, verdict_type
    implicit none
    private
 
-   public :: write_summary, set_aside, earlier_entries, is_finished
+   public :: write_summary, write_refusal, set_aside, earlier_entries
 
    !> Entries of the stations before a solve, which hold whatever is solved; all others describe a
    !> solution, `rom` as well, and end with it
@@ -56,7 +57,11 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    associate (problem => output%problem, scene => output%problem%scene, &
       & converged => .not. allocated(outcome%ended))
       call json%begin_object()
-      call put_deck_head(json, deck)
+      call json%put('title', scene%title)
+      call json%put('deck_sha256', deck%sha256)
+      call put_units(json, 'units', deck)
+      call json%put('method', scene%method)
+      call json%put('dimension', scene%cloud%nd)
       call json%put('version', version_text())
       call json%begin_object('solver')
       call json%put('asked', scene%solver%linear)
@@ -130,55 +135,39 @@ subroutine write_sets(json, cloud, unit)
    call json%end_array()
 end subroutine write_sets
 
-!> Whether a summary is that of a solve that reached full load and was not refused
-logical function is_finished(path)
-   !> File; one that is not there is not finished
-   character(len=*), intent(in) :: path
-   type(json_entry), allocatable :: entries(:)
-   logical :: converged, damaged, was_refused
-   integer :: k
-
-   converged = .false.
-   was_refused = .false.
-   call read_entries(path, entries, damaged)
-   do k = 1, size(entries)
-      if (entries(k)%key == 'converged') converged = entries(k)%value == 'true'
-      ! a mark inside a text has a backslash before it
-      if (entries(k)%key == 'verdict') was_refused = index(entries(k)%value, &
-         & '"'//trim(verdict_names(refused))//'"') > 0
-   end do
-   is_finished = converged .and. .not. was_refused
-end function is_finished
-
-!> Set the solution in a folder aside (rk_system), and say in its place why there is none yet
-subroutine set_aside(folder, whole, begins, deck, message, error)
+!> Give the summary of a finished solution another name, under which it stays until a later run has
+!> finished: nobody shall take it for that of the run that was asked now
+subroutine set_aside(folder, earlier, error)
    !> Folder, claimed by this process
    character(len=*), intent(in) :: folder
-   !> Move all its files, not its summary alone
-   logical, intent(in) :: whole
-   !> A new solution begins: also what has not finished makes room
-   logical, intent(in) :: begins
-   !> Deck of the run, as far as it has been read
-   type(deck_type), intent(in) :: deck
-   !> Why there is no solution
-   character(len=*), intent(in) :: message
+   !> Entries of the summary in it
+   type(json_entry), intent(in) :: earlier(:)
    type(error_type), allocatable, intent(out) :: error
-   type(json_entry), allocatable :: earlier(:)
-   type(error_type), allocatable :: unwritten
-   type(json_type) :: json
-   character(len=:), allocatable :: path, reason
-   logical :: there
+   logical :: finished
+   integer :: k
 
-   call earlier_entries(folder, earlier)
-   path = folder//'/summary.json.previous'
-   inquire (file=path, exist=there)
-   if (.not. there) path = folder//'/summary.json'
-   call move_solution(folder, is_finished(path), is_finished(folder//'/previous/summary.json'), &
-      & whole, begins, error)
-   reason = message
-   if (allocated(error)) reason = error%message
+   finished = any([(earlier(k)%key == 'converged' .and. earlier(k)%value == 'true', &
+      & k=1, size(earlier))])
+   do k = 1, size(earlier)
+      ! a mark inside a text has a backslash before it
+      if (earlier(k)%key == 'verdict') finished = finished .and. index(earlier(k)%value, &
+         & '"'//trim(verdict_names(refused))//'"') == 0
+   end do
+   if (finished) call move_file(folder//'/summary.json', folder//'/summary.json.previous', error)
+end subroutine set_aside
+
+!> Write a summary that says why a run has no solution
+subroutine write_refusal(folder, reason, earlier, error)
+   !> Folder, claimed by this process
+   character(len=*), intent(in) :: folder
+   !> Why there is no solution
+   character(len=*), intent(in) :: reason
+   !> Entries of an earlier summary
+   type(json_entry), intent(in) :: earlier(:)
+   type(error_type), allocatable, intent(out) :: error
+   type(json_type) :: json
+
    call json%begin_object()
-   if (allocated(deck%sha256)) call put_deck_head(json, deck)
    call json%put('version', version_text())
    call json%put('converged', .false.)
    call json%put('message', reason)
@@ -192,27 +181,19 @@ subroutine set_aside(folder, whole, begins, deck, message, error)
    call json%put_lines('warnings', '')
    call put_kept(json, earlier)
    call json%end_object()
-   call json%save(folder//'/summary.json', unwritten)
-   if (allocated(unwritten) .and. .not. allocated(error)) call move_alloc(unwritten, error)
-end subroutine set_aside
+   call json%save(folder//'/summary.json', error)
+end subroutine write_refusal
 
-!> Entries of the summary in a folder; of that which was set aside where a run ended before it
-!> wrote one
+!> Entries of the summary in a folder; of that which was set aside where there is none
 subroutine earlier_entries(folder, entries, damaged)
    character(len=*), intent(in) :: folder
    type(json_entry), allocatable, intent(out) :: entries(:)
    !> The file is there and is not a JSON object
-   logical, intent(out), optional :: damaged
-   character(len=*), parameter :: names(*) = [character(len=22) :: 'summary.json', &
-      & 'summary.json.previous', 'previous/summary.json']
-   logical :: unread
-   integer :: k
+   logical, intent(out) :: damaged
 
-   do k = 1, size(names)
-      call read_entries(folder//'/'//trim(names(k)), entries, unread)
-      if (present(damaged)) damaged = unread
-      if (unread .or. size(entries) > 0) return
-   end do
+   call read_entries(folder//'/summary.json', entries, damaged)
+   if (.not. damaged .and. size(entries) == 0) call read_entries(folder &
+      & //'/summary.json.previous', entries, damaged)
 end subroutine earlier_entries
 
 !> Entries of earlier stations that hold whatever is solved

@@ -10,8 +10,7 @@ module rk_system
    private
 
    public :: catch_signals, prepare_process, interrupted, peak_bytes, cpu_seconds
-   public :: make_folder, lock_folder, move_solution, drop_previous, usage_text, version_text, tell
-   public :: process_number
+   public :: make_folder, lock_folder, usage_text, version_text, tell, process_number
 
    interface
       !> Install the handlers
@@ -26,18 +25,6 @@ module rk_system
          integer(c_int), intent(out) :: owner
          type(c_ptr) :: why
       end function c_lock_folder
-      function c_set_aside(path, finished, kept, whole, begins) result(why) &
-            & bind(c, name='rk_set_aside')
-         import :: c_char, c_int, c_ptr
-         character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: finished, kept, whole, begins
-         type(c_ptr) :: why
-      end function c_set_aside
-      subroutine c_drop_previous(path, all) bind(c, name='rk_drop_previous')
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: all
-      end subroutine c_drop_previous
       !> Number of this process
       function process_number() result(number) bind(c, name='getpid')
          import :: c_int
@@ -109,35 +96,6 @@ subroutine lock_folder(path, error)
          & //to_fortran(why))
    end if
 end subroutine lock_folder
-
-!> Set the solution in a folder aside: nobody shall take it for that of the run that was asked now
-subroutine move_solution(path, finished, kept, whole, begins, error)
-   !> Folder, claimed by this process
-   character(len=*), intent(in) :: path
-   !> Whether the solution in it has finished, and whether one that has is kept in `previous`
-   logical, intent(in) :: finished, kept
-   !> Move all its files, not its summary alone
-   logical, intent(in) :: whole
-   !> A new solution begins: also what has not finished makes room
-   logical, intent(in) :: begins
-   !> Error handling: a name that cannot be used
-   type(error_type), allocatable, intent(out) :: error
-   type(c_ptr) :: why
-
-   why = c_set_aside(path//c_null_char, merge(1, 0, finished), merge(1, 0, kept), &
-      & merge(1, 0, whole), merge(1, 0, begins))
-   if (c_associated(why)) call fatal_error(error, err_file, path//': the results in it cannot be ' &
-      & //'set aside: '//to_fortran(why))
-end subroutine move_solution
-
-!> Remove what was set aside for results that have their names now
-subroutine drop_previous(path, all)
-   character(len=*), intent(in) :: path
-   !> Also the last finished solution, not only the summary of what was replaced
-   logical, intent(in) :: all
-
-   call c_drop_previous(path//c_null_char, merge(1, 0, all))
-end subroutine drop_previous
 
 !> Print a line; a reader that has gone away is no reason to end
 subroutine tell(line)

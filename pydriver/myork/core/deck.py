@@ -81,17 +81,6 @@ def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: st
     return str(full.decode().rstrip())
 
 
-def deck_head(path: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """What a summary says of a deck file, also of one that is refused.
-
-    - returns `title`, `deck_sha256`, `units`, `method` and `dimension`; None, and no units, where
-      the deck does not say them
-    """
-    text = _core.deck_head(os.fsencode(path), b" ", as_texts(overrides))
-    head: dict[str, Any] = json.loads(text.decode("utf-8", "replace"))
-    return head
-
-
 def as_texts(words: Sequence[str]) -> NDArray[np.bytes_]:
     """Texts as Fortran has them: all of one length, filled with blanks instead of NULs."""
     items = np.array([word.encode() for word in words] or [b""])

@@ -11,7 +11,7 @@ from myork.errors import FileError, MyorkError
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
 from myork.results import Results
-from myork.summary import SOLUTION, WAITING, read_summary
+from myork.summary import WAITING, read_summary
 from myork.types import F64, I32
 
 T = TypeVar("T")
@@ -77,11 +77,9 @@ def read_folder(path: Path) -> RunFolder:
     if not path.is_dir():
         raise FileError(f"{path}: no such folder; give the output folder of a command")
     problems: list[str] = []
-    # of an earlier run than the one that the summary is about
-    others = SOLUTION if (path / WAITING).exists() else ()
 
     def read(name: str, reader: Callable[[Path], T]) -> T | None:
-        if name in others or not (path / name).exists():
+        if not (path / name).exists():
             return None
         try:
             return reader(path / name)
@@ -89,10 +87,13 @@ def read_folder(path: Path) -> RunFolder:
             problems.append(str(error))
             return None
 
+    summary = read("summary.json", lambda _: _known(read_summary(path))) or {}
+    # results of an earlier run than the one that the summary is about
+    own = summary.get("steps", not (path / WAITING).exists())
     folder = RunFolder(
         path=path,
-        summary=read("summary.json", lambda _: _known(read_summary(path))) or {},
-        deformation=read("results.vtkhdf", _read_deformation),
+        summary=summary,
+        deformation=read("results.vtkhdf", _read_deformation) if own else None,
         labels=read("segmentation.nii.gz", read_labels),
         tissue=read("tissue.nii.gz", read_labels),
         image=read("anatomy.nii.gz", read_image),

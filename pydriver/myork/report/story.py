@@ -66,7 +66,7 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
     if loads:
         yield "; ".join(loads)
     wanted = [
-        f"{probe['name']} ({probe.get('expression', probe['quantity'])}{_where(probe, length)})"
+        f"{probe['name']} ({probe['quantity']}{_where(probe, length)})"
         for probe in deck.get("probe", [])
         if probe.get("name") and probe.get("quantity")
     ]

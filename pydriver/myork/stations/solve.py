@@ -84,8 +84,7 @@ def run_deck(
     - `verbosity`: -1 no progress, 0 a line a load step, 1 a line an iteration
     - `error`: compute a second solution, which gives the probes their error bars
     - `resume`: continue from the last complete load step of an earlier run of this deck in the
-      folder; on one thread the result has the same bits as that of a run that was never ended.
-      Without such a run it begins at rest.
+      folder. Without such a run it begins at rest.
     - `start`: state at which the iteration begins instead of at rest: a result file, `"FILE"` for
       its last step or `"FILE:STEP"`, of the same points and approximation
     - returns content of `summary.json` in the folder
