@@ -18,8 +18,8 @@ module rk_weak_conditions
 
    public :: surface_type, set_conditions, prescribed_at, add_load, new_pins
 
-   !> Penalty of a source point that is held, in shear moduli times spacing^(nd-2): with 1e6 rounding
-   !> keeps a tube of 9x51 points from its end [-]
+   !> Penalty of a source point that is held, in shear moduli times spacing^(nd-2): with 1e6
+   !> rounding keeps a tube of 9x51 points from its end [-]
    real(wp), parameter :: firmly = 1.0e4_wp
 
    !> What holds at the surface points of integration cells
