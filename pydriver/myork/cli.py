@@ -143,8 +143,9 @@ def _station(place: str, says: str = "", **more: str) -> _Run:
     """Command that runs a function of the deck and its folder; `more` are options it takes."""
 
     def run(options: argparse.Namespace, console: Console) -> str:
-        options.out.mkdir(parents=True, exist_ok=True)
-
+        # a mistyped name leaves no folder
+        if options.deck.exists():
+            options.out.mkdir(parents=True, exist_ok=True)
         with asked(options.out) if "verbosity" in more else nullcontext():
             if options.deck.is_dir():
                 read = _load("stations.folder:deck_of_folder")

@@ -294,3 +294,15 @@ def test_a_station_that_fails_marks_what_it_leaves(tmp_path: Path) -> None:
     with renewing(tmp_path, "model"):
         update_summary(tmp_path, {"model": {"volume": 2.0}})
     assert not failures(read_summary(tmp_path))
+
+
+@pytest.mark.parametrize("command", ["solve", "build"])
+def test_a_mistyped_deck_changes_no_folder(command, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    for earlier in (False, True):
+        if earlier:
+            out.mkdir()
+            (out / "summary.json").write_text("{}")
+        assert main([command, str(tmp_path / "typo.toml"), "--out", str(out)]) == 2
+        assert "No such file" in capsys.readouterr().err
+        assert [path.name for path in out.glob("*")] == ["summary.json"] * earlier

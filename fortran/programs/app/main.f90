@@ -42,6 +42,8 @@ program main
    real(wp) :: shape_s
    !> Whether an earlier summary is damaged, and whether the points are those of an ended run
    logical :: damaged, resumed = .false.
+   !> Whether there is a deck of that name
+   logical :: found
    !> Whether the output folder is ours, and whether its summary is that of this run
    logical :: claimed = .false., written = .false.
    integer(i8) :: clock
@@ -55,7 +57,9 @@ program main
       stop
    end if
    if (config%threads > 0) call omp_set_num_threads(config%threads)
-   if (.not. config%explain) then
+   ! a mistyped name leaves no folder and no other summary
+   inquire (file=config%deck, exist=found)
+   if (found .and. .not. config%explain) then
       call make_folder(config%out, error)
       call leave_on(error)
       call claim()
