@@ -146,6 +146,9 @@ subroutine set_aside(folder, earlier, error)
    logical :: finished
    integer :: k
 
+   ! it may be there under its other name only
+   inquire (file=folder//'/summary.json', exist=finished)
+   if (.not. finished) return
    finished = any([(earlier(k)%key == 'converged' .and. earlier(k)%value == 'true', &
       & k=1, size(earlier))])
    do k = 1, size(earlier)
