@@ -7,6 +7,7 @@ module rk_run
    use rk_error, only : error_type, fatal_error, err_convergence
    use rk_error_norms, only : error_norms, norms_type
    use rk_force, only : own_work_mismatch, set_forces
+   use rk_fractions, only : parts_at
    use rk_motion, only : form_motion, march
    use rk_newton, only : newton_type
    use rk_newton_step, only : solve_linear
@@ -278,7 +279,8 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
    class(recorder_type), intent(inout) :: recorder
    type(error_type), allocatable :: error
    character(len=:), allocatable :: text
-   real(wp) :: high(scene%cloud%nd), low(scene%cloud%nd), reach, x(scene%cloud%nd)
+   real(wp), dimension(scene%cloud%nd) :: high, low, x
+   real(wp) :: part(size(scene%tissue)), reach
    integer :: d, found, i, other, own, side
 
    if (size(scene%tissue) < 2) return
@@ -288,9 +290,9 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
    do i = 1, size(scene%probe)
       if (.not. scene%probe(i)%at_a_place()) cycle
       if (quantity_kind(scene%probe(i)%quantity) == 'length') cycle
-      ! on a plane or a circle the material is the one beyond
-      x = scene%probe(i)%point(:size(x))
-      own = last_part(scene%tissue, merge(x*(1.0_wp + beside), x + reach, scene%cloud%polar), error)
+      call parts_at(scene, scene%probe(i)%point(:size(x)), part, error)
+      if (allocated(error)) return
+      own = findloc(part > 0.0_wp, .true., dim=1)
       other = own
       do d = 1, size(x)
          do side = -1, 1, 2
@@ -304,7 +306,8 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
       end do
       if (own == 0 .or. other == own) cycle
       text = 'between those of the two'
-      if (allocated(scene%approximation%kink)) text = 'that in '//scene%tissue(own)%name
+      if (allocated(scene%approximation%kink) .or. .not. scene%basis%interface > 0.0_wp) &
+         & text = 'that in '//scene%tissue(own)%name
       call outcome%warn('probe '//scene%probe(i)%name//' lies on the interface of ' &
          & //scene%tissue(own)%name//' and '//scene%tissue(other)%name//', across which it may ' &
          & //'jump: its value is '//text//'; move it into the material that is meant', recorder)

@@ -20,6 +20,7 @@ module rk_galerkin
    use rk_error, only : error_type
    use rk_free_faces, only : free_faces_type, new_free_faces
    use rk_follower, only : add_pressure, has_free_rim
+   use rk_fractions, only : parts_at
    use rk_gauss_cells, only : gauss_cells
    use rk_gradient, only : gradient_type, new_gradient
    use rk_group_stiffness, only : add_forces
@@ -29,7 +30,6 @@ module rk_galerkin
    use rk_multiplier, only : multiplier_type, new_multiplier
    use rk_neighbours, only : nearest_points
    use rk_nodal_cells, only : nodal_cells
-   use rk_place_shape, only : on_plane
    use rk_precision, only : wp
    use rk_pressure, only : new_pressure, pressure_type
    use rk_problem, only : evaluation_type, stage_type
@@ -762,46 +762,33 @@ subroutine at_place(self, state, ip, x, u, local)
    call self%faces%release(i, here, state%load, identity + slope, local)
 end subroutine at_place
 
-!> Place of the mixture whose material a place has: the collocation point nearest to it, or where a
-!> plane on which materials meet lies between them the nearest integration point on its own side
-pure integer function material_at(self, ip, x) result(at)
+!> Place of the mixture whose material a place has: the collocation point nearest to it, or where
+!> that has another material the nearest integration point that has its own
+integer function material_at(self, ip, x) result(at)
    class(galerkin_problem), intent(in) :: self
    !> Collocation point
    integer, intent(in) :: ip
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   logical, allocatable :: own_side(:)
-   real(wp) :: least, off
-   integer :: k
+   type(error_type), allocatable :: error
+   real(wp) :: least, off, part(size(self%scene%tissue))
+   integer :: k, nc, own
 
    at = ip
-   if (.not. allocated(self%scene%approximation%kink)) return
-   own_side = beyond(x)
-   if (all(own_side .eqv. beyond(self%scene%cloud%points(:, ip)))) return
+   if (.not. (allocated(self%scene%approximation%kink) .or. self%mixture%meets())) return
+   call parts_at(self%scene, x, part, error)
+   ! an expression without a value here is what it is near by
+   if (allocated(error)) return
+   own = maxloc(part, dim=1)
+   if (self%mixture%part_of(ip, own) > 0.0_wp) return
+   nc = size(self%scene%cloud%points, 2)
    least = huge(1.0_wp)
    do k = 1, size(self%cells%weight)
       off = sum((self%cells%point(:, k) - x)**2)
-      if (off >= least) cycle
-      if (any(own_side .neqv. beyond(self%cells%point(:, k)))) cycle
+      if (off >= least .or. .not. self%mixture%part_of(nc + k, own) > 0.0_wp) cycle
       least = off
-      at = size(self%scene%cloud%points, 2) + k
+      at = nc + k
    end do
-
-contains
-
-   !> Whether a place lies beyond each plane, on which it has the material there
-   pure function beyond(place)
-      real(wp), intent(in) :: place(:)
-      logical :: beyond(size(self%scene%approximation%kink))
-
-      integer :: k
-
-      associate (approximation => self%scene%approximation)
-         beyond = [(approximation%across(k, place) - approximation%kink(k) &
-            & > -on_plane*maxval(self%scene%cloud%spacing(:, 1)), k=1, size(beyond))]
-      end associate
-   end function beyond
-
 end function material_at
 
 !> Force through a plane section: that of its part behind the normal on the part before it, as the
