@@ -73,7 +73,7 @@ static std::string known(const mu::Parser &parser, const std::vector<std::string
 // What is seen before the parser reads a text; "" where it may read
 static std::string first_fault(const std::string &text) {
    const auto at = [](std::size_t position) {
-      return " at position " + std::to_string(position + 1);
+      return " at position " + std::to_string(position);
    };
    if (text.find('"') != std::string::npos)
       return "is not an expression: a text in quotes" + at(text.find('"'));

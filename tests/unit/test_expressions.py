@@ -43,10 +43,10 @@ def test_expressions_that_are_a_number(text: str) -> None:
     ("nx", "\"nx\" found"),
     ("sin(3*)", "Unexpected parenthesis"),
     ("x**2", "Unexpected operator"),
-    ("x = 2", "= sets a value at position 3, == compares"),
+    ("x = 2", "= sets a value at position 2, == compares"),
     ("1 +", "Unexpected end of expression"),
     ("x, y", "several values with commas"),
-    ('"x"', "a text in quotes at position 1"),
+    ('"x"', "a text in quotes at position 0"),
     ("1/x", "'1/x' is not finite at (0, 0)"),
 ])  # fmt: skip
 def test_what_is_no_expression_is_told_with_its_place(text: str, what: str) -> None:
