@@ -9,7 +9,6 @@
 !> carries none, P(F + (a - F N) N^T) N = 0: as many equations as unknowns, whose matrix is the
 !> acoustic tensor of the normal. Edges keep what they have.
 module rk_free_faces
-   use rk_cloud, only : cloud_type
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type
    use rk_lattice, only : lattice_frame
