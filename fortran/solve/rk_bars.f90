@@ -265,7 +265,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
             if (.not. self%at_surface(i)) share = share_inside
             if (self%at_surface(i) .and. scene%cloud%polar .and. .not. problem%linear) then
                call place_state(problem, probes, i, state, local)
-               apart(i) = max(apart(i), off_free(problem, i, probes%nearest(i), local))
+               apart(i) = max(apart(i), off_free(problem, i, local))
             end if
          end select
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
@@ -703,12 +703,10 @@ end subroutine look_at_face
 
 !> By how much a stress changes without the traction that it has on a face where nothing acts: that
 !> part of its error is known
-real(wp) function off_free(problem, i, ip, local) result(off)
+real(wp) function off_free(problem, i, local) result(off)
    class(discretisation_type), intent(in) :: problem
    !> Number of the probe
    integer, intent(in) :: i
-   !> Collocation point whose material holds there
-   integer, intent(in) :: ip
    !> State at its place
    type(point_state), intent(in) :: local
    type(point_state) :: free
