@@ -155,7 +155,7 @@ contains
          & shape_s, tick(clock), omp_get_max_threads(), earlier, error)
       call leave_on(error)
       written = .true.
-      call output%publish(error)
+      call output%publish(config%out, error)
       call leave_on(error)
       call verdict%get_sentence(sentence)
       if (allocated(failure)) then

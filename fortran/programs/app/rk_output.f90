@@ -17,7 +17,7 @@ module rk_output
    use rk_states, only : field_state
    use rk_system, only : interrupted, tell, version_text
    use rk_text, only : to_power, to_text
-   use rk_text_file, only : text_file
+   use rk_text_file, only : drop_file, text_file
    use rk_units, only : get_probe_unit
    use rk_verdict, only : verdict_type
    implicit none
@@ -129,13 +129,23 @@ subroutine close_output(self, error)
 end subroutine close_output
 
 !> Give the completed files their names, in place of those of an earlier run
-subroutine publish(self, error)
+subroutine publish(self, folder, error)
    !> Closed files, all of them whole
    class(output_type), intent(inout) :: self
+   !> Folder they are in
+   character(len=*), intent(in) :: folder
    type(error_type), allocatable, intent(out) :: error
+   logical :: earlier
 
-   call self%results%publish(error)
-   if (.not. allocated(error)) call self%history%publish(error)
+   inquire (file=folder//'/results.vtkhdf', exist=earlier)
+   if (earlier .and. self%loaded_states() == 0) then
+      ! a state at rest is no result: those of the earlier run are kept
+      call drop_file(folder//'/results.vtkhdf.part')
+      call drop_file(folder//'/history.csv.part')
+   else
+      call self%results%publish(error)
+      if (.not. allocated(error)) call self%history%publish(error)
+   end if
    if (.not. allocated(error)) call self%log%publish(error)
 end subroutine publish
 
