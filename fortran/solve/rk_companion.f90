@@ -158,7 +158,7 @@ subroutine solve_companion(self, answer, bars)
    end if
    if (.not. self%missed .or. words(size(words)) /= exactly) return
    if (answer%receiver%stopped()) return
-   ! sets that contradict each other where they meet, more unknowns than are factorised
+   ! points that hold did not converge: the penalty alone is compared
    self%missed = .false.
    deallocate (self%why_not)
    call solve_beside(self, answer, words(:size(words) - 1))
