@@ -14,7 +14,6 @@ module rk_material
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_precision, only : wp
-   use rk_tensor, only : add_cross_form, cofactor, cross, determinant
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
       & kind_i4, set_invariants
    implicit none
@@ -185,11 +184,11 @@ pure subroutine stress(self, at, p, c4)
 end subroutine stress
 
 !> Everything a row of the strong form needs: P, C4, the pull of fibers that converge or bend, and
-!> T(i,k,C) = C4_iAkC,A, the derivative of P_iA,A by F_kC.
+!> T(i,k,C) = C4_iAkC,A, the derivative of P_iA,A by F_kC, where it is wanted: a residual alone has
+!> no use for it, and it is most of the work.
 !>
 !> P and C4 depend on the place through F and through the fiber direction N. What they are a little
-!> to either side along both gives the slopes of what is without change of volume, K/2 (J-1)^2 is a
-!> polynomial in F.
+!> to either side along both gives the slopes.
 pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
@@ -207,17 +206,16 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    !> dP_iA/dN_k N_k,A [stress/length]
    real(wp), intent(out) :: pull(3)
    !> Divergence T(i,k,C); zero where an index is above nd [stress/length]
-   real(wp), intent(out) :: t(3, 3, 3)
+   real(wp), intent(out), optional :: t(3, 3, 3)
    type(material_point) :: beside
-   real(wp) :: along(3, 3), n(3), q(3, 3, 2), q4(3, 3, 3, 3, 2), bend(3, 3), cof(3, 3), rate
+   real(wp) :: along(3, 3), n(3), q(3, 3, 2), q4(3, 3, 3, 3, 2), rate
    integer :: a, c, way
 
    call self%stress(at, p, c4)
    pull = 0.0_wp
-   t = 0.0_wp
-   cof = cofactor(at%f)
+   if (present(t)) t = 0.0_wp
    do a = 1, nd
-      do way = 1, 2
+      do way = merge(1, 2, present(t)), 2
          along = 0.0_wp
          n = 0.0_wp
          if (way == 1) along(:nd, :nd) = h(:nd, :nd, a)
@@ -227,22 +225,18 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
          do c = 1, 2
             associate (aside => (2*c - 3)*step/rate)
                beside = material_point(at%f + aside*along, at%fiber + aside*n, at%activation, &
-                  & .false.)
+                  & at%volumetric)
             end associate
-            call self%stress(beside, q(:, :, c), q4(:, :, :, :, c))
+            if (present(t)) then
+               call self%stress(beside, q(:, :, c), q4(:, :, :, :, c))
+            else
+               call self%stress(beside, q(:, :, c))
+            end if
          end do
          rate = 0.5_wp*rate/step
          if (way == 2) pull = pull + rate*(q(:, a, 2) - q(:, a, 1))
+         if (.not. present(t)) cycle
          t = t + rate*(q4(:, a, :, :, 2) - q4(:, a, :, :, 1))
-         if (way == 2 .or. .not. at%volumetric) cycle
-         bend = cross(at%f, along)
-         q4(:, :, :, :, 1) = 0.0_wp
-         call add_cross_form(self%bulk, sum(cof*along)*at%f + (determinant(at%f) - 1.0_wp)*along, &
-            & q4(:, :, :, :, 1))
-         do c = 1, 3
-            t(:, :, c) = t(:, :, c) + q4(:, a, :, c, 1) + self%bulk*(outer(bend(:, a), cof(:, c)) &
-               & + outer(cof(:, a), bend(:, c)))
-         end do
       end do
    end do
    do a = nd + 1, 3
@@ -250,20 +244,11 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
       c4(:, a, :, :) = 0.0_wp
       c4(:, :, a, :) = 0.0_wp
       c4(:, :, :, a) = 0.0_wp
+      if (.not. present(t)) cycle
       t(a, :, :) = 0.0_wp
       t(:, a, :) = 0.0_wp
       t(:, :, a) = 0.0_wp
    end do
-
-contains
-
-   pure function outer(x, y)
-      real(wp), intent(in) :: x(3), y(3)
-      real(wp) :: outer(3, 3)
-
-      outer = spread(x, 2, 3)*spread(y, 1, 3)
-   end function outer
-
 end subroutine strong
 
 !> Reduced invariants I J^(-n) of the invariants in use

@@ -400,7 +400,7 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
 end subroutine stress
 
 !> Divergence of the stress, and everything a row of the strong form needs
-pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetric)
+pure subroutine strong(self, ip, nd, f, h, load, volumetric, divergence, p, c4, t)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
    !> Space dimension: 3, or 2 for plane strain
@@ -409,52 +409,59 @@ pure subroutine strong(self, ip, nd, f, h, load, divergence, p, c4, t, volumetri
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
    real(wp), intent(in) :: load
+   !> Include K/2 (J-1)^2?
+   logical, intent(in) :: volumetric
    !> P_iA,A [stress/length]
    real(wp), intent(out) :: divergence(3)
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B), which is the divergence's derivative by H(j,B,A) [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
-   !> Derivative T(i,k,C) of the divergence by F(k,C) [stress/length]
-   real(wp), intent(out) :: t(3, 3, 3)
-   logical, intent(in) :: volumetric
-   real(wp) :: part(3, 3), part4(3, 3, 3, 3), part_t(3, 3, 3), pull(3)
+   !> Derivative T(i,k,C) of the divergence by F(k,C), where it is wanted [stress/length]
+   real(wp), intent(out), optional :: t(3, 3, 3)
+   real(wp) :: part(3, 3), part4(3, 3, 3, 3), slope(3, 3, 3), pull(3)
    real(wp) :: turn(3, nd)
    integer :: a, b, e
 
    divergence = 0.0_wp
    if (allocated(self%pair)) then
       ! (c u_k,B),A = c u_k,AB + c,A u_k,B
-      t = 0.0_wp
+      slope = 0.0_wp
       do a = 1, merge(nd, 0, self%scene%equation%varies())
          c4 = moduli(self%scene%equation, self%pair_slope(:, a, ip))
-         t = t + c4(:, a, :, :)
+         slope = slope + c4(:, a, :, :)
       end do
+      if (present(t)) t = slope
       c4 = moduli(self%scene%equation, self%pair(:, ip))
       p = 0.0_wp
       do b = 1, nd
          do a = 1, nd
             p = p + c4(:, :, a, b)*f(a, b)
-            divergence = divergence + t(:, a, b)*f(a, b)
+            divergence = divergence + slope(:, a, b)*f(a, b)
          end do
       end do
    else
       p = 0.0_wp
       c4 = 0.0_wp
-      t = 0.0_wp
+      if (present(t)) t = 0.0_wp
       turn = 0.0_wp
       do e = self%first(ip) + 1, self%first(ip + 1)
          if (allocated(self%fiber_gradient)) turn = self%fiber_gradient(:, :, e)
          associate (material => self%scene%tissue(self%tissue(e))%material)
-            call material%strong(nd, point_of(self, e, f, load, volumetric), h, turn, part, part4, &
-               & pull, part_t)
+            if (present(t)) then
+               call material%strong(nd, point_of(self, e, f, load, volumetric), h, turn, part, &
+                  & part4, pull, slope)
+               t = t + self%fraction(e)*slope
+            else
+               call material%strong(nd, point_of(self, e, f, load, volumetric), h, turn, part, &
+                  & part4, pull)
+            end if
          end associate
          p = p + self%fraction(e)*part
          c4 = c4 + self%fraction(e)*part4
-         t = t + self%fraction(e)*part_t
          divergence = divergence + self%fraction(e)*pull
          do a = 1, nd
             divergence = divergence + part(:, a)*self%slope(a, e)
-            t = t + part4(:, a, :, :)*self%slope(a, e)
+            if (present(t)) t = t + part4(:, a, :, :)*self%slope(a, e)
          end do
       end do
    end if

@@ -445,8 +445,11 @@ subroutine point_rows(self, ip, x, load, tangent, r, volume)
       end if
       return
    end if
-   call self%mixture%strong(ip, nd, f, h, load, divergence, p, c4, t, &
-      & volumetric=.not. self%has_pressure())
+   if (tangent) then
+      call self%mixture%strong(ip, nd, f, h, load, .not. self%has_pressure(), divergence, p, c4, t)
+   else
+      call self%mixture%strong(ip, nd, f, h, load, .not. self%has_pressure(), divergence, p, c4)
+   end if
    if (self%has_pressure()) call add_pressure(nd, u, f, tangent, p, divergence, t, c)
    if (self%linear) divergence(:nf) = divergence(:nf) + load*self%source(:, ip)
    if (allocated(self%scene%body_force)) divergence = divergence &
