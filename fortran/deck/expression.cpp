@@ -207,7 +207,8 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
 std::string names_in(const std::string &text) {
    std::string found = " ";
    try {
-      for (const auto &used : Compiled(text, expression_names()).parser.GetUsedVar())
+      Compiled compiled(text, expression_names()); // the names live as long as the parser
+      for (const auto &used : compiled.parser.GetUsedVar())
          found += used.first + " ";
    } catch (const mu::Parser::exception_type &) {
       // the check of the deck says why it is none
