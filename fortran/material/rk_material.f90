@@ -14,6 +14,7 @@ module rk_material
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_precision, only : wp
+   use rk_tensor, only : add_cross_form, cofactor, cross, determinant
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
       & kind_i4, set_invariants
    implicit none
@@ -188,7 +189,8 @@ end subroutine stress
 !> no use for it, and it is most of the work.
 !>
 !> P and C4 depend on the place through F and through the fiber direction N. What they are a little
-!> to either side along both gives the slopes.
+!> to either side along both gives the slopes of what is without change of volume. K/2 (J-1)^2 is a
+!> polynomial in F: differences times a large K would move the least squares of reduced models.
 pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
@@ -208,12 +210,13 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    !> Divergence T(i,k,C); zero where an index is above nd [stress/length]
    real(wp), intent(out), optional :: t(3, 3, 3)
    type(material_point) :: beside
-   real(wp) :: along(3, 3), n(3), q(3, 3, 2), q4(3, 3, 3, 3, 2), rate
+   real(wp) :: along(3, 3), n(3), q(3, 3, 2), q4(3, 3, 3, 3, 2), bend(3, 3), cof(3, 3), rate
    integer :: a, c, way
 
    call self%stress(at, p, c4)
    pull = 0.0_wp
    if (present(t)) t = 0.0_wp
+   cof = cofactor(at%f)
    do a = 1, nd
       do way = merge(1, 2, present(t)), 2
          along = 0.0_wp
@@ -225,7 +228,7 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
          do c = 1, 2
             associate (aside => (2*c - 3)*step/rate)
                beside = material_point(at%f + aside*along, at%fiber + aside*n, at%activation, &
-                  & at%volumetric)
+                  & .false.)
             end associate
             if (present(t)) then
                call self%stress(beside, q(:, :, c), q4(:, :, :, :, c))
@@ -237,6 +240,15 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
          if (way == 2) pull = pull + rate*(q(:, a, 2) - q(:, a, 1))
          if (.not. present(t)) cycle
          t = t + rate*(q4(:, a, :, :, 2) - q4(:, a, :, :, 1))
+         if (way == 2 .or. .not. at%volumetric) cycle
+         bend = cross(at%f, along)
+         q4(:, :, :, :, 1) = 0.0_wp
+         call add_cross_form(self%bulk, sum(cof*along)*at%f + (determinant(at%f) - 1.0_wp)*along, &
+            & q4(:, :, :, :, 1))
+         do c = 1, 3
+            t(:, :, c) = t(:, :, c) + q4(:, a, :, c, 1) + self%bulk*(outer(bend(:, a), cof(:, c)) &
+               & + outer(cof(:, a), bend(:, c)))
+         end do
       end do
    end do
    do a = nd + 1, 3
@@ -249,6 +261,16 @@ pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
       t(:, a, :) = 0.0_wp
       t(:, :, a) = 0.0_wp
    end do
+
+contains
+
+   pure function outer(x, y)
+      real(wp), intent(in) :: x(3), y(3)
+      real(wp) :: outer(3, 3)
+
+      outer = spread(x, 2, 3)*spread(y, 1, 3)
+   end function outer
+
 end subroutine strong
 
 !> Reduced invariants I J^(-n) of the invariants in use
