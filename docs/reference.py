@@ -116,8 +116,7 @@ def example(name: str, table: dict[str, Any]) -> str:
         tables = re.findall(rf"^{head}.*\n((?:[^\[\n].*\n)+)", path.read_text("utf-8"), re.M)
         counts = [len(re.findall(r"^\w+ = ", text, re.M)) for text in tables]
         keys_in[path.relative_to(ROOT).as_posix()] = max(counts, default=0)
-    deck = max(keys_in, key=lambda one: keys_in[one])
-    return f"Example: `{deck}`." if keys_in[deck] else ""
+    return f"Example: `{max(keys_in, key=lambda one: keys_in[one])}`."
 
 
 def section(name: str, table: dict[str, Any]) -> str:
@@ -141,7 +140,7 @@ def section(name: str, table: dict[str, Any]) -> str:
     if name and "example" not in table:
         sentences.append(example(name, table))
     lines = [f"\n## `{title}`\n\n" if name else "\n## Before the first table\n"]
-    lines.append(" ".join(filter(None, sentences)) + "\n\n" if name else "\n")
+    lines.append(" ".join(sentences) + "\n\n" if name else "\n")
     lines.append("| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
     for key, spec in table["keys"].items():
         kind = spec["type"]
