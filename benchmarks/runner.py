@@ -20,9 +20,9 @@ module's `PIVOTS` makes of them. `half` is `tuned`, the cases on which settings 
 `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
-its meshes is the truth, with what is not known of it. In `race` dolfinx runs as well, where it
-is installed (Debian: `apt install python3-dolfinx`). One thread; processor times include the set-up
-of a scene. Most tables take minutes.
+its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
+where they are installed (Debian: `apt install python3-dolfinx calculix-ccx`). One thread; processor
+times include the set-up of a scene. Most tables take minutes.
 """
 
 from __future__ import annotations
@@ -216,8 +216,8 @@ def rows_of(
 
 
 def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> list[dict[str, Any]]:
-    """Rows of dolfinx, or of its absence."""
-    progress(f"{problem.name}: dolfinx")
+    """Rows of dolfinx and CalculiX, or of their absence."""
+    progress(f"{problem.name}: dolfinx and CalculiX")
     deck = read_deck(sized_tables(problem.tables, problem.sizes[0]))
     return [
         {

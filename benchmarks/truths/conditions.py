@@ -56,7 +56,8 @@ class Ended(NamedTuple):
     moves: Any  #: Displacements, shape `(n, dim)` [length]
     #: Nodes of a set, and their forces, shape `(m, dim)` [force]
     pull: Callable[[str], tuple[Any, Any]]
-    stress: Callable[[int, str], float]  #: Component of the Cauchy stress at a node
+    #: Component of the Cauchy stress at a node; None where there is none
+    stress: Callable[[int, str], float] | None
     near: float  #: By how much nodes may miss the place of a probe [length]
 
     def probe(self, probe: Mapping[str, Any]) -> float | None:
@@ -79,4 +80,4 @@ class Ended(NamedTuple):
             return None
         if kind == "u":
             return float(self.moves[node, AXES.index(component)])
-        return self.stress(node, component) if kind == "cauchy" else None
+        return self.stress(node, component) if self.stress and kind == "cauchy" else None

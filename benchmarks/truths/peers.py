@@ -1,13 +1,14 @@
-"""Compiled finite elements beside MyoRK: dolfinx 0.5 in a process of its own.
+"""Compiled finite elements beside MyoRK: dolfinx 0.5 and CalculiX 2.20, as processes of their own.
 
-Debian's package `python3-dolfinx`; where it is missing a row says so. Boxes and annuli of one
-material.
+Debian's packages `python3-dolfinx` and `calculix-ccx`. What is not installed is a row that says so.
+Both take boxes and annuli of one material.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,8 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import BPoly, PPoly
+
+from benchmarks.truths.calculix import solve_calculix
 
 #: Python of the system, for which Debian installs dolfinx
 DOLFINX = "/usr/bin/python3"
@@ -27,7 +30,7 @@ _LIMIT = 150.0
 def compiled_peers(
     deck: Mapping[str, Any], elements: Sequence[Sequence[int]]
 ) -> list[dict[str, Any]]:
-    """Solve a deck on its meshes by every form of dolfinx.
+    """Solve a deck on its meshes by every compiled peer.
 
     - `deck`: all tables of the deck; a box or an annulus of one material
     - `elements`: elements along each edge, rising
@@ -38,6 +41,14 @@ def compiled_peers(
     for form in _FORMS:
         name = f"dolfinx {form}"
         rows += [{"form": name, **row} for row in solve_dolfinx(deck, elements, form)]
+    table = deck["material"][0]
+    if table["model"] == "muscle":
+        rows.append({"form": "CalculiX C3D20R", "outcome": "has no such material"})
+    elif not shutil.which("ccx"):
+        rows.append({"form": "CalculiX C3D20R", "outcome": "not installed: calculix-ccx"})
+    else:
+        found = (solve_calculix(deck, count) for count in elements)
+        rows += [{"form": "CalculiX C3D20R", **row} for row in found]
     return rows
 
 
