@@ -178,22 +178,20 @@ def rows_of(
       `outcome`, `verdict`, `reasons`, `peer` (`program`, `size` and `cpu_s` of the cheapest mesh
       with no larger error) and what `Truths.errors` returns; `rival` marks finite elements
     """
-    truths, rivals = solve_rivals(problem, progress)
+    truths, rivals = solve_rivals(problem, progress, timed=timed)
     if timed:
         truths = _exact(problem, truths)
-    rows = []
-    for mesh, rival in zip(problem.elements, rivals, strict=True):
-        seconds = rival["cpu_s"]
-        rows.append(
-            {
-                **_named(problem, "felupe", rival["size"]),
-                "rival": True,
-                "unknowns": rival["dofs"],
-                "outcome": rival["outcome"],
-                "cpu_s": _least_time(seconds, _peer_time(problem, mesh)) if timed else seconds,
-                **truths.errors(rival["probes"], {}),
-            }
-        )
+    rows = [
+        {
+            **_named(problem, "felupe", rival["size"]),
+            "rival": True,
+            "unknowns": rival["dofs"],
+            "outcome": rival["outcome"],
+            "cpu_s": rival["cpu_s"],
+            **truths.errors(rival["probes"], {}),
+        }
+        for rival in rivals
+    ]
     meshes = list(rows)
     if timed and isinstance(problem, Problem):
         rows += _compiled(problem, truths, progress)
@@ -208,7 +206,7 @@ def rows_of(
             if timed:
                 solve = _timed_solve(tables, words, cloud)
                 case = solve()
-                case["cpu_s"] = _least_time(case["cpu_s"], partial(_own_time, solve))
+                case["cpu_s"] = _least_time(case, solve)
             else:
                 case = record_of(solve_case(tables, words, cloud=cloud, limit=_LIMIT))
             found = truths.errors(case.pop("probes"), case.pop("bars", {}))
@@ -256,11 +254,16 @@ def _cheapest(
 
 
 def solve_rivals(
-    problem: Problem | Body, progress: ProgressCallback, warp: Warp | None = None
+    problem: Problem | Body,
+    progress: ProgressCallback,
+    warp: Warp | None = None,
+    *,
+    timed: bool = False,
 ) -> tuple[Truths, list[dict[str, Any]]]:
     """Solve a problem on all its meshes.
 
     - `warp`: moves the nodes of a box within it
+    - `timed`: short solves are repeated, and the least time counts
     - returns `truths`: limit of the meshes
     - returns `rivals`: of each mesh `size`, `probes` (empty where the iteration failed), `dofs`,
       `cpu_s` and `outcome`
@@ -274,7 +277,10 @@ def solve_rivals(
     rivals = []
     for count in problem.elements:
         progress(f"{problem.name}: finite elements, {lattice_text(count)}")
-        found = _finite_elements(problem, deck, count, warp)
+        solve = partial(_finite_elements, problem, deck, count, warp)
+        found = solve()
+        if timed:
+            found["cpu_s"] = _least_time(found, solve)
         rivals.append({**found, "size": lattice_text(count)})
     limits = _limits([rival["probes"] for rival in rivals if rival["probes"]])
     return Truths(kinds, limits), rivals
@@ -342,29 +348,12 @@ def _timed_solve(
     return solve
 
 
-def _own_time(solve: Callable[[], Mapping[str, Any]]) -> float | None:
-    """CPU time of a solve [s]."""
-    seconds: float | None = solve()["cpu_s"]
-    return seconds
-
-
-def _least_time(first: float | None, again: Callable[[], float | None]) -> float | None:
-    """Least time of a solve after some repeats [s]."""
-    times = [] if first is None else [first]
+def _least_time(first: Mapping[str, Any], again: Callable[[], Mapping[str, Any]]) -> float | None:
+    """Least CPU time of a solve after some repeats [s]."""
+    times = [] if first["cpu_s"] is None else [first["cpu_s"]]
     while times and sum(times) < _ENOUGH and len(times) < _MOST:
-        times.append(again() or times[0])
+        times.append(again()["cpu_s"] or times[0])
     return min(times, default=None)
-
-
-def _peer_time(problem: Problem | Body, mesh: tuple[int, ...]) -> Callable[[], float | None]:
-    """CPU time of one mesh, solved again [s]."""
-    one: Problem | Body = problem._replace(elements=(mesh,))  # type: ignore[arg-type]
-
-    def solve() -> float | None:
-        seconds: float | None = solve_rivals(one, lambda line: None)[1][0]["cpu_s"]
-        return seconds
-
-    return solve
 
 
 def _finite_elements(

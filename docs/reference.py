@@ -109,20 +109,14 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
 
 
 def example(name: str, table: dict[str, Any]) -> str:
-    """The table as the deck of inputs/ with most of its keys has it, or as the schema says."""
+    """The deck of inputs/ in which the table has most keys, in words."""
     head = rf"\[\[{name}\]\]" if table.get("many") else rf"\[{name}\]"
-    found = "", table.get("example", "")
-    folder = ROOT / "inputs"
-    for path in sorted([*folder.glob("*.toml"), *folder.glob("images/*.toml")]):
-        text = path.read_text(encoding="utf-8")
-        for block in re.findall(rf"^{head}[^\n]*\n(?:[^\[\s][^\n]*\n| [^\n]*\n)+", text, re.M):
-            keys, best = (len(re.findall(r"^\w+ = ", own, re.M)) for own in (block, found[1]))
-            if keys > best and block.count("\n") < 17 and "example" not in table:
-                found = f"inputs/{path.relative_to(folder).as_posix()}", block
-    where, text = found
-    if not text:
-        return ""
-    return f"\n```toml\n{text}```\n" + (f"\nFrom `{where}`.\n" if where else "")
+    keys_in: dict[str, int] = {}
+    for path in sorted([*ROOT.glob("inputs/*.toml"), *ROOT.glob("inputs/images/*.toml")]):
+        tables = re.findall(rf"^{head}.*\n((?:[^\[\n].*\n)+)", path.read_text("utf-8"), re.M)
+        counts = [len(re.findall(r"^\w+ = ", text, re.M)) for text in tables]
+        keys_in[path.relative_to(ROOT).as_posix()] = max(counts, default=0)
+    return f"Example: `{max(keys_in, key=lambda one: keys_in[one])}`."
 
 
 def section(name: str, table: dict[str, Any]) -> str:
@@ -143,6 +137,8 @@ def section(name: str, table: dict[str, Any]) -> str:
         sentences.append(f"There may be {most(table):,} at most.")
     if "at_least" in table:
         sentences.append(f"At least one of {code(table['at_least'])}.")
+    if name and "example" not in table:
+        sentences.append(example(name, table))
     lines = [f"\n## `{title}`\n\n" if name else "\n## Before the first table\n"]
     lines.append(" ".join(sentences) + "\n\n" if name else "\n")
     lines.append("| key | type | default | allowed | unit | meaning |\n|---|---|---|---|---|---|\n")
@@ -155,7 +151,9 @@ def section(name: str, table: dict[str, Any]) -> str:
             kind += "" if "expression" in kind else " or expression"
         cells = [f"`{key}`", kind, needed(spec), allowed(spec), spec.get("unit", ""), spec["help"]]
         lines.append("| " + " | ".join(cells) + " |\n")
-    return "".join(lines) + (example(name, table) if name else "")
+    if "example" in table:
+        lines.append(f"\n```toml\n{table['example']}```\n")
+    return "".join(lines)
 
 
 def reference(tables: dict[str, dict[str, Any]]) -> str:

@@ -80,8 +80,8 @@ def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
     `data` contains the files named in the decks of inputs/images, at any depth; `out` gets one
     folder per deck with its report (figures). Volumes and Dice coefficients with the manual labels
     of the calf are printed before the table. The table has the mean and least coefficient for
-    displaced references, like those of a neighbouring slice or an earlier visit: as given, moved
-    onto edges, and registered by the image of that visit.
+    displaced references, like those of a neighbouring slice or an earlier visit: as given, and
+    registered by the image of that visit.
     """
     for path in sorted(DECKS.glob("*.toml")):
         print(f"{path.stem}:")

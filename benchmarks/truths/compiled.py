@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from myork import _core, errors
+from myork import _core
 from myork.core.calls import called
 from myork.core.deck import table_defaults
 
@@ -38,20 +38,10 @@ def shape_functions(
     - `place`: places, shape `(nplace, ndim)` [length]
     - `order`: order of the basis, 0 to 6; decks' default where absent, as of kernel and window
     - `kernel`, `window`: names in decks: `quintic` (5.6), `cubic`; `product`, `radial`
-    - raises InputError: wrong shapes, or a place with a singular moment matrix; the message names
-      it
+    - raises InputError: a place with a singular moment matrix; the message names it
     """
-    source = as_points("source", source)
-    place = as_points("place", place)
-    ndim = source.shape[1]
-    if place.shape[1] != ndim:
-        raise errors.InputError(f"place has {place.shape[1]} coordinates, source has {ndim}")
-    try:
-        support = np.broadcast_to(np.asarray(support, float), source.shape)
-    except ValueError:
-        raise errors.InputError(
-            f"support of shape {np.shape(support)} does not fit source {source.shape}"
-        ) from None
+    source, place = np.ascontiguousarray(source, float), np.ascontiguousarray(place, float)
+    support = np.broadcast_to(np.asarray(support, float), source.shape)
     default = table_defaults("approximation")
     args = (
         default["order"] if order is None else order,
@@ -59,17 +49,10 @@ def shape_functions(
         (window or default["window"]).encode(),
     )
     points = (source.T, np.asfortranarray(support.T), place.T)
+    ndim = source.shape[1]
     nq = 1 + ndim + ndim * (ndim + 1) // 2
     counts, *_ = called(_core.shape_values, *args, nq, 1, *points)
     offset = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     found = called(_core.shape_values, *args, nq, int(offset[-1]), *points)
     _, stencils, neighbour, value = found
     return ShapeFunctions(offset, neighbour, value.T, int(stencils))
-
-
-def as_points(name: str, points: ArrayLike) -> NDArray[np.float64]:
-    """Points as a C-ordered float array of shape `(n, ndim)`, or an InputError with the name."""
-    array = np.ascontiguousarray(points, dtype=float)
-    if array.ndim != 2 or array.shape[1] not in (1, 2, 3) or len(array) == 0:
-        raise errors.InputError(f"{name} must have shape (n, 1..3), not {array.shape}")
-    return array

@@ -180,9 +180,6 @@ REFUSALS = {
     "far away": ({"place": [[0.5, 0.5], [7.0, 7.0]]}, "point 2 at (7, 7)"),
     "unknown kernel": ({"kernel": "sextic"}, "quintic cubic"),
     "unknown window": ({"window": "round"}, "product radial"),
-    "three coordinates": ({"place": [[0.5, 0.5, 0.5]]}, "3 coordinates"),
-    "no places": ({"place": np.zeros((0, 2))}, "(0, 2)"),
-    "support shape": ({"support": np.ones(7)}, "(7,)"),
 }
 
 
