@@ -203,6 +203,18 @@ def test_a_penalty_that_agrees_by_chance_is_seen() -> None:
         assert abs(found.last()[name] - truth) <= found.bar(name) <= 0.02 * abs(truth)
 
 
+@pytest.mark.parametrize("points", [5, 6])
+def test_a_glued_cube_of_few_points_is_doubted(points: int) -> None:
+    """The force creeps with the points: 40 with 5^3, 38.0 with 9^3, 37.3 with 13^3."""
+    rubber = {"name": "it", "model": "neo-hookean", "mu": 20.0, "K": 2000.0}
+    tables = gripped(
+        "rkpm-gauss", box(points, points, points), rubber, "z0 z1", "force force_z z1", u_z=-0.35
+    )
+    states, found = solved(tables)
+    assert states.verdict == "doubtful"
+    assert abs(found.last()["force"] + 37.3) < found.bar("force")
+
+
 def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
     """The second half acts on a set of its own, which is the same side."""
     wanted = "u u_y 2 0.5", "s cauchy_xx 1 0.25"
